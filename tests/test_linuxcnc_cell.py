@@ -57,7 +57,7 @@ def person() -> Iterator[Person]:
 
 
 def page_command(word: str, directory: Path) -> list[str]:
-    """Return the command of the page that starts with `rig WORD`, for files in a directory."""
+    """Command of the page that starts with `rig WORD`, for files in a directory."""
     line = re.search(rf"^(rig {word} .*)$", PAGE, re.M)
     assert line
     return [str(BIN / "rig"), *shlex.split(line[1].replace("cell.yaml", str(directory / "cell.yaml")))[1:]]

@@ -43,7 +43,7 @@ def angles_deg(work: Path) -> tuple[float, float]:
 
 
 def readings(work: Path) -> int:
-    """Return the number of g1 readings in the store of the run."""
+    """Number of g1 readings in the store of the run."""
     return sum(pq.read_metadata(chunk).num_rows for chunk in (work / "runs" / "monday-acw").glob("g1-*.parquet"))
 
 

@@ -18,7 +18,7 @@ _NUMBER = r"\d+(?:\.\d+)?"
 
 
 def _words(text: str) -> str:
-    """Return the text with single blanks and without the borders of tables."""
+    """Text with single blanks and without the borders of tables."""
     return " ".join(text.replace("│", " ").split())
 
 

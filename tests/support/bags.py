@@ -59,7 +59,7 @@ def number(mm: float) -> bytes:
 
 
 def bag(*messages: tuple[str, str, float, bytes], compression: CompressionType = CompressionType.ZSTD) -> bytes:
-    """Return an MCAP file with messages, each given as topic, type, time in ms and data."""
+    """An MCAP file with messages, each given as topic, type, time in ms and data."""
     out = io.BytesIO()
     writer = Writer(out, compression=compression)
     writer.start(profile="ros2")

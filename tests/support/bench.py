@@ -44,7 +44,7 @@ class ByHand:
 
 
 def rig_text(gauges: str = "sylvac", timeout_s: float = 0.3) -> str:
-    """Return a rig file with short time-outs for a kind of gauge: continuous Sylvac, polled, Keyence, Modbus RTU or
+    """A rig file with short time-outs for a kind of gauge: continuous Sylvac, polled, Keyence, Modbus RTU or
     TCP.
     """
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())

@@ -72,7 +72,7 @@ def table(lines: list[Line]) -> str:
 
 
 def page_with(page: str, measured: str) -> str:
-    """Return the page with the text between its markers replaced by the results. Raises ValueError if there are no
+    """Page with the text between its markers replaced by the results. Raises ValueError if there are no
     markers.
     """
     before, mark, rest = page.partition(BEGIN)
@@ -83,7 +83,7 @@ def page_with(page: str, measured: str) -> str:
 
 
 def beside(ours: Callable[[], object], peer: Peer, count: int, turns: int = TURNS) -> tuple[float, float]:
-    """Return the CPU time in microseconds per item of rig and of the alternative, each the best of alternating turns.
+    """CPU time in microseconds per item of rig and of the alternative, each the best of alternating turns.
 
     count: number of items processed by one call of either program. The time of a missing alternative is nan.
     """
@@ -99,7 +99,7 @@ def beside(ours: Callable[[], object], peer: Peer, count: int, turns: int = TURN
 
 
 def _turn(call: Callable[[], object]) -> float:
-    """Return the CPU time in seconds of one call, averaged over as many calls as the clock resolution requires."""
+    """CPU time in seconds of one call, averaged over as many calls as the clock resolution requires."""
     calls, begin = 0, time.process_time()
     while (spent := time.process_time() - begin) < _LEAST_S:
         call()

@@ -84,7 +84,7 @@ class Browser:
         self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
     def named(self, *methods: str) -> list[dict[str, Any]]:
-        """Return the parameters of all events named in `methods`."""
+        """Parameters of all events named in `methods`."""
         return [event["params"] for event in self.events if event.get("method") in methods]
 
 

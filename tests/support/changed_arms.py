@@ -15,7 +15,7 @@ from rigs.schema.robot import Pose, Rail
 
 
 def changed(name: str, seed: int = 0, *, rail: bool = False) -> Rig:
-    """Return a rig with a library arm, a random base and tool, and an optional rail in a random direction.
+    """A rig with a library arm, a random base and tool, and an optional rail in a random direction.
 
     Each zero and each link constant is changed by two effects.
     """

@@ -21,7 +21,7 @@ def until(condition: Callable[[], bool], seconds: float = 60.0) -> bool:
 
 
 def is_gone(pid: int) -> bool:
-    """Return whether a process has ended, including a zombie whose parent has not called wait."""
+    """True if a process has ended, including a zombie whose parent has not called wait."""
     try:
         return (
             Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()[0] == "Z"
@@ -36,7 +36,7 @@ def sign_in(directory: Path) -> None:
 
 
 def signed_in(directory: Path) -> list[int]:
-    """Return the process ids written to a directory by `sign_in`."""
+    """Process ids written to a directory by `sign_in`."""
     return [int(file.name) for file in directory.iterdir() if file.name.isdecimal()]
 
 

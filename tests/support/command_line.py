@@ -26,7 +26,7 @@ typer.main.get_params_from_function = cache(typer.main.get_params_from_function)
 
 
 def all_imported() -> TyperGroup:
-    """Return the group `rig` with every command and group as declared in its module."""
+    """Group `rig` with every command and group as declared in its module."""
     program = typer.main.get_group(app)
     program.commands = {name: imported(name) for name in program.commands}
     return program

@@ -43,7 +43,7 @@ _WHITE_MM = 0.001
 
 
 def rig_of(name: str) -> Rig:
-    """Return the model of a rig file for one of the five arms."""
+    """Model of a rig file for one of the five arms."""
     rig, arm = load("paper-fanuc")[0], ARMS[name]
     axes = tuple(
         axis.model_copy(
@@ -91,7 +91,7 @@ def poses(name: str, rng: np.random.Generator, count: int = 60) -> Measured:
 
 @cache
 def scene(robot: str) -> tuple[Sight, Rig, list[Motion], list[Trace]]:
-    """Return a cell: its instrument, its rig, and the motions and traces of yaw and roll laps in both directions and
+    """A cell: its instrument, its rig, and the motions and traces of yaw and roll laps in both directions and
     of a radial and a repeatability program.
     """
     sight = sight_of(robot)
@@ -140,7 +140,7 @@ def _table(k: int, motion: Motion, t_s: Array, q: Array, g_mm: Array) -> Table:
 
 
 def play(rng: np.random.Generator) -> Fault:
-    """Return a backlash of a random joint, 0.01 to 0.05 degrees."""
+    """A backlash of a random joint, 0.01 to 0.05 degrees."""
     return Fault("backlash", {"axis": int(rng.integers(1, 7))}, float(rng.uniform(0.01, 0.05)))
 
 

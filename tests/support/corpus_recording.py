@@ -126,7 +126,7 @@ class BadCable:
 
 
 def told(capture: Capture, rig: Rig) -> Iterator[Piece]:
-    """Yield the pieces of a capture from time zero, with the port names of the rig file."""
+    """Pieces of a capture from time zero, with the port names of the rig file."""
     begin_ns = capture.pieces[0].at_ns
     ports = {stream.name: stream.port for stream in streams_of(rig)}
     for piece in capture.pieces:
@@ -135,7 +135,7 @@ def told(capture: Capture, rig: Rig) -> Iterator[Piece]:
 
 
 def heard(rig: Rig, capture: Capture) -> dict[str, dict[str, Any]]:
-    """Return the result of decoding a capture by stream: counts, first sample and last sample."""
+    """Result of decoding a capture by stream: counts, first sample and last sample."""
     return {stream.name: _told(_items(stream.host, capture.of(stream.name))) for stream in streams_of(rig)}
 
 

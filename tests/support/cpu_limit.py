@@ -26,7 +26,7 @@ class OverCpuLimitError(BaseException):
 
 
 def cpu_s() -> float:
-    """Return the processor time of this process and of its finished children."""
+    """Processor time of this process and of its finished children."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime
 

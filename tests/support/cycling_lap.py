@@ -24,7 +24,7 @@ HARSH = Unsteady(ppm=500.0, jitter=0.05, missed=0.005)
 
 
 def lap_rig(cycle_ms: float, mode: str = "polled") -> tuple[Rig, str]:
-    """Return the rig of a UR10e with two Sylvac cables of this cycle time, and its text."""
+    """Rig of a UR10e with two Sylvac cables of this cycle time, and its text."""
     data = yaml.safe_load(load("ur10e")[1])
     for name, offset_mm in (("g1", 25), ("g2", -25)):
         data["gauges"][name] = {

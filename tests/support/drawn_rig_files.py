@@ -28,7 +28,7 @@ class DrawnFile:
 
     @property
     def title(self) -> str:
-        """Return a description of the mistake."""
+        """A description of the mistake."""
         return f"{'.'.join(map(str, self.place))} {self.how}"
 
 
@@ -49,7 +49,7 @@ def _touch() -> dict[str, Any]:
 
 
 def drawn(seed: int) -> DrawnFile:
-    """Return the file for a seed. All keys of a valid file and all possible mistakes are equally likely."""
+    """File for a seed. All keys of a valid file and all possible mistakes are equally likely."""
     rng = random.Random(seed)
     data = copy.deepcopy(rng.choice(sound()))
     place = rng.choice(sorted(_places(data), key=str))
@@ -70,7 +70,7 @@ def drawn(seed: int) -> DrawnFile:
 
 
 def _places(data: Any, place: Place = ()) -> Iterator[Place]:
-    """Yield the path of every key."""
+    """Path of every key."""
     pairs = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
     for key, value in pairs:
         if isinstance(data, dict):

@@ -91,7 +91,7 @@ class _Table:
 
 
 def constants(arm: str) -> Constants:
-    """Return the constants of a library arm for the independent kinematics."""
+    """Constants of a library arm for the independent kinematics."""
     robot = yaml.safe_load(f"name: arm\n{load_arm(arm).text}")["robot"]
     keys = ("a_mm", "alpha_deg", "d_mm", "offset_deg")
     a, alpha, d, offset = (np.array([float(axis.get(key, 0.0)) for axis in robot["axes"]]) for key in keys)
@@ -383,7 +383,7 @@ def _abb(t: _Table, rng: np.random.Generator) -> _Files:
 
 
 def _by_name(t: _Table) -> tuple[list[str], list[int]]:
-    """Return the joint names of a ROS driver, and the alphabetical order of the joints."""
+    """Joint names of a ROS driver, and the alphabetical order of the joints."""
     called = list(_UR) if t.arm.startswith("ur") else [f"joint_{k}" for k in range(1, 7)]
     return called, sorted(range(6), key=lambda k: called[k])
 
@@ -523,7 +523,7 @@ NEW_EXPORTERS = {"units by column": _units_by_column, "a controller beside": _co
 
 
 def drawn(seed: int, *, new: bool = False) -> Drawn:
-    """Return the table for a seed; every fifteenth is a path. new: choose from the added defects and formats too."""
+    """Table for a seed; every fifteenth is a path. new: choose from the added defects and formats too."""
     rng = np.random.default_rng([87 if new else 54, seed])
     if seed % 15 == 14 and not new:
         return _path(rng)
@@ -546,7 +546,7 @@ def drawn(seed: int, *, new: bool = False) -> Drawn:
 
 
 def _path(rng: np.random.Generator) -> Drawn:
-    """Return a circle of a tracker at 1 kHz: with an outlier, with a repeated position, or correct."""
+    """A circle of a tracker at 1 kHz: with an outlier, with a repeated position, or correct."""
     t_s = np.arange(8000) / 1000
     angle = 2 * np.pi * 0.25 * t_s
     xyz = 150 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) @ Rotation.random(rng=rng).as_matrix()
@@ -591,7 +591,7 @@ def _command(drawn: Drawn) -> list[str]:
 
 
 def _asked(drawn: Drawn, folder: Path) -> Outcome:
-    """Return whether the most likely answer to a question of the import gives the true joints, if a correct answer
+    """True if the most likely answer to a question of the import gives the true joints, if a correct answer
     exists.
     """
     if drawn.sound and ran(*_command(drawn), "-o", "assumed", "--yes", cwd=folder).returncode == 0:
@@ -606,12 +606,12 @@ def _asked(drawn: Drawn, folder: Path) -> Outcome:
 
 
 def _turned(q: Array, q_true: Array) -> float:
-    """Return the largest difference between angles (n, 6) rad, modulo a full turn."""
+    """Largest difference between angles (n, 6) rad, modulo a full turn."""
     return float(np.abs((q - q_true + np.pi) % (2 * np.pi) - np.pi).max())
 
 
 def _wrong(drawn: Drawn, run: Path, doubts: str) -> str:
-    """Return a description of the unreported errors in an imported run."""
+    """A description of the unreported errors in an imported run."""
     table = load_run(run).table
     if drawn.says:
         return "" if re.search(drawn.says, doubts) else f"says nothing of {drawn.trouble}"
@@ -635,7 +635,7 @@ def _wrong(drawn: Drawn, run: Path, doubts: str) -> str:
 
 
 def _has_wrong_controller(drawn: Drawn, run: Path) -> bool:
-    """Return whether the run has places of the controller that are not those of the table."""
+    """True if the run has places of the controller that are not those of the table."""
     table, names = load_measured(run).run.table, [f"controller_{axis}_mm" for axis in "xyz"]
     if table is None or names[0] not in table.column_names:
         return False

@@ -44,7 +44,7 @@ def header(at_s: float, frame: str) -> object:
 
 
 def message(kind: str, at_s: float, place: Array, turn: Rotation) -> object:
-    """Return a message with a pose in the frame of the instrument."""
+    """A message with a pose in the frame of the instrument."""
     new = {name.rpartition("/")[2]: one for name, one in STORE.types.items() if name.startswith("geometry_msgs/")}
     quaternion = new["Quaternion"](*turn.as_quat())
     if kind == POSE:

@@ -68,7 +68,7 @@ class Chain:
         return turn.as_matrix(), place
 
     def angles_at(self, turn: Array, place: Array, q: Array) -> Array | None:
-        """Return the angles (6,) rad near q for a tool pose: rotation (3, 3), position (3,) mm. None if Newton does
+        """Angles (6,) rad near q for a tool pose: rotation (3, 3), position (3,) mm. None if Newton does
         not converge.
         """
         for _ in range(20):
@@ -84,7 +84,7 @@ class Chain:
 
 
 def drawn(seed: int, kind: Kind) -> Motion:
-    """Return the motion for a seed: an arc of 40° to 300°, one or two laps, continuous or with returns, or a series
+    """Motion for a seed: an arc of 40° to 300°, one or two laps, continuous or with returns, or a series
     of stops.
     """
     for again in range(100):
@@ -187,7 +187,7 @@ def _jogged(rng: np.random.Generator, exact: CubicSpline, t_s: Array, direction:
 
 
 def noise(rng: np.random.Generator, t_s: Array) -> Array:
-    """Return the error of the reported angles (n, 6) rad: white noise, one of four kinds of slow noise, and encoder
+    """Error of the reported angles (n, 6) rad: white noise, one of four kinds of slow noise, and encoder
     steps.
     """
     white = rng.uniform(0.1, 1.0, 6) * np.radians(np.exp(rng.uniform(np.log(2e-4), np.log(2e-3))))

@@ -103,7 +103,7 @@ def _solved(arm: Constants, circle: _Circle, phi: float, q: Array) -> Array:
 
 @cache
 def _track(name: str, sense: int, laps: int) -> CubicSpline:
-    """Return the joints over the circle angle as a spline, from the lead-in to the lead-out of the laps."""
+    """Joints over the circle angle as a spline, from the lead-in to the lead-out of the laps."""
     arm, circle = independent_arm.constants_of(name), _circle(name)
     step = 2 * np.pi / _NODES
     before = int(np.ceil(np.radians(LEAD_DEG) / step)) + 2
@@ -117,7 +117,7 @@ def _track(name: str, sense: int, laps: int) -> CubicSpline:
 
 
 def winds(name: str) -> Array:
-    """Return the full turns (6,) of each joint per acw lap."""
+    """Full turns (6,) of each joint per acw lap."""
     track = _track(name, 1, 1)
     return np.round((track(2 * np.pi) - track(0)) / (2 * np.pi))
 

@@ -107,7 +107,7 @@ def j519(**changes: object) -> FANUCStreamMotion:
 
 
 def joints(**changes: object) -> ModbusJoints:
-    """Return a register map with six float32 joints from register 100 and the program state in register 112."""
+    """A register map with six float32 joints from register 100 and the program state in register 112."""
     fields = {
         "interface": "modbus_joints",
         "port": TCP,

@@ -36,14 +36,14 @@ class Durations:
     nightly: set[str] = field(default_factory=set)
 
     def by_file(self) -> dict[str, float]:
-        """Return the total time of each test file."""
+        """Total time of each test file."""
         files: defaultdict[str, float] = defaultdict(float)
         for test, seconds in self.tests.items():
             files[file_of(test)] += seconds
         return dict(files)
 
     def by_fixture(self) -> dict[str, list[float]]:
-        """Return the times of all set-ups of each fixture."""
+        """Times of all set-ups of each fixture."""
         made: defaultdict[str, list[float]] = defaultdict(list)
         for fixtures in self.fixtures.values():
             for name, seconds in fixtures.items():

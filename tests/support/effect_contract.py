@@ -39,7 +39,7 @@ TIMES = 20.0
 
 
 def word_for(name: str) -> str:
-    """Return the command-line word for an effect, on axis 2 (moved by every test) if the effect has an axis."""
+    """Command-line word for an effect, on axis 2 (moved by every test) if the effect has an axis."""
     place = VOCABULARY[name].PLACE
     where = "2" if place is AT_AXIS else place.example.partition(" ")[0]
     return f"{name}:{where}" if where else name
@@ -52,7 +52,7 @@ def fault(name: str) -> Effect:
 
 
 def size_of(effect: Effect) -> float:
-    """Return the size parameter of an effect in its own unit."""
+    """Size parameter of an effect in its own unit."""
     return float(getattr(effect, size_field(effect)))
 
 

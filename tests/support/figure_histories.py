@@ -40,7 +40,7 @@ class Growth:
     visits: int
 
     def of(self, visit: Array) -> Array:
-        """Return the backlash (n,) in degrees above BEFORE_DEG at visits (n,)."""
+        """Backlash (n,) in degrees above BEFORE_DEG at visits (n,)."""
         grown: Array = (AFTER_DEG - BEFORE_DEG) * np.clip((visit - self.begin + 1) / self.visits, 0.0, 1.0)
         return grown
 
@@ -78,7 +78,7 @@ def drawn_world(rng: np.random.Generator) -> World:
 def drawn_history(
     seed: int, visits: int, tests: Sequence[tuple[str, str]] = CIRCLES, growth: Growth | None = None, **world: float
 ) -> list[RunRecord]:
-    """Return the runs of a robot in order of time, with one run of each test per visit. world: fields of `World`
+    """Runs of a robot in order of time, with one run of each test per visit. world: fields of `World`
     with fixed values.
     """
     rng = np.random.default_rng((seed, visits, len(tests)))
@@ -108,7 +108,7 @@ def collected(runs: Sequence[RunRecord], limits: Limits | None = None) -> Collec
 
 
 def _weather(days: Array, rng: np.random.Generator) -> Array:
-    """Return a temperature (n,) with a correlation time of some days and standard deviation 1."""
+    """A temperature (n,) with a correlation time of some days and standard deviation 1."""
     kept = np.exp(-np.diff(days, prepend=-1e9) / rng.uniform(2.0, 10.0))
     level, found = 0.0, []
     for share in kept:
@@ -126,7 +126,7 @@ def _figure(
     grown: Array,
     rng: np.random.Generator,
 ) -> tuple[Array, float]:
-    """Return a figure over the visits (n,), and its standard uncertainty in each run."""
+    """A figure over the visits (n,), and its standard uncertainty in each run."""
     visits = len(grown)
     size = math.exp(rng.uniform(*np.log(limits)))
     share = math.exp(rng.uniform(math.log(0.01), math.log(0.1)))  # 1 to 10 % of a band

@@ -53,7 +53,7 @@ class Opw:
     tool: Pose = HERE
 
     def arm(self) -> Arm:
-        """Return the arm in modified Denavit-Hartenberg parameters."""
+        """Arm in modified Denavit-Hartenberg parameters."""
         signs = np.array(self.signs, dtype=float)
         return Arm(
             a=np.array([0, self.a1, self.c2, -self.a2, 0, 0], dtype=float),
@@ -69,7 +69,7 @@ class Opw:
         )
 
     def upright(self, angles: Array) -> Array:
-        """Return the joint angles q (n, 6) rad for rotations (n, 6) rad from the upright posture."""
+        """Joint angles q (n, 6) rad for rotations (n, 6) rad from the upright posture."""
         u = (angles + np.radians(self.offsets)) * self.signs
         return u @ np.linalg.inv(self.coupling).T
 
@@ -92,7 +92,7 @@ class PeerArm:
         return transform(self.opw.base) @ flange @ transform(self.opw.tool)
 
     def jacobian(self, q: Array) -> Array:
-        """Return the geometric Jacobian (n, 6, 6) of the tool in the world, from the joint frames of the reference
+        """Geometric Jacobian (n, 6, 6) of the tool in the world, from the joint frames of the reference
         solver.
         """
         frames = self._robot.batch_joint_poses(self._u(q)).as_matrix().reshape(len(q), 6, 4, 4)
@@ -105,7 +105,7 @@ class PeerArm:
         return np.einsum("nik,ij->nkj", np.concatenate([linear, axes], axis=2), self.opw.coupling)
 
     def inverse(self, poses: Array) -> Array:
-        """Return all branches (n, 8, 6) rad found by the reference solver, nan for missing branches."""
+        """All branches (n, 8, 6) rad found by the reference solver, nan for missing branches."""
         flange = np.linalg.inv(transform(self.opw.base)) @ poses @ np.linalg.inv(transform(self.opw.tool))
         u = np.radians(self._robot.reach(RigidTransform.from_matrix(flange)).joints)
         return u @ np.linalg.inv(self.opw.coupling).T
@@ -155,7 +155,7 @@ ARMS: dict[str, Arm] = {
 
 
 def calibrated(arm: Arm, seed: int) -> Arm:
-    """Return the arm with random errors of every constant, as after a calibration: 0.5 mm and 0.05° (1 sigma)."""
+    """Arm with random errors of every constant, as after a calibration: 0.5 mm and 0.05° (1 sigma)."""
     rng = np.random.default_rng(seed)
     return replace(
         arm,
@@ -168,13 +168,13 @@ def calibrated(arm: Arm, seed: int) -> Arm:
 
 
 def apart(arm: Arm, q: Array, p: Array) -> Array:
-    """Return the largest difference (…) rad between joint angles q and p (…, 6), ignoring full turns."""
+    """Largest difference (…) rad between joint angles q and p (…, 6), ignoring full turns."""
     difference = (q - p) @ arm.coupling.T
     return np.abs(difference - 2 * np.pi * np.rint(difference / (2 * np.pi))).max(axis=-1)
 
 
 def pose_apart(T: Array, target: Array) -> tuple[float, float]:
-    """Return the largest differences between poses (n, 4, 4): position in mm, rotation in rad as the chord of the
+    """Largest differences between poses (n, 4, 4): position in mm, rotation in rad as the chord of the
     matrices.
     """
     off = T - target

@@ -77,7 +77,7 @@ class Foreign:
         return all(not isinstance(one, Path) or one.is_file() for one in self.files.values())
 
     def written(self, folder: Path) -> list[Path]:
-        """Return the paths of the files, after writing simulated files into a directory."""
+        """Paths of the files, after writing simulated files into a directory."""
         paths = []
         for name, content in self.files.items():
             paths.append(content if isinstance(content, Path) else folder / name)
@@ -134,7 +134,7 @@ def poses() -> Poses:
 
 
 def drawn(seed: int) -> tuple[str, Poses]:
-    """Return a rig, and a random number of poses in a random part of the joint ranges, with some joints nearly
+    """A rig, and a random number of poses in a random part of the joint ranges, with some joints nearly
     constant.
     """
     rng = np.random.default_rng(seed)
@@ -369,7 +369,7 @@ def _computed(p: Poses, rig: str) -> bytes:
 
 
 def foreign_tables() -> list[Foreign]:
-    """Return all tables: measured ones first, then simulated ones."""
+    """All tables: measured ones first, then simulated ones."""
     return [*_measured(), *in_format(poses())]
 
 

@@ -33,7 +33,7 @@ SMALL: tuple[tuple[Effect, float], ...] = (
 
 
 def calibrated_model(small: Sequence[tuple[Effect, float]] = SMALL, **changed: Any) -> CalibratedModel:
-    """Return a calibrated model with a named backlash and small terms that are individually not certain."""
+    """A calibrated model with a named backlash and small terms that are individually not certain."""
     terms = (Term(effect=NAMED, times=1.0, named=True), *(Term(effect=one, times=times) for one, times in small))
     parameters = [CovarianceParameter(term=0, field="width_deg")]
     parameters += [CovarianceParameter(term=k, field=TIMES) for k in range(1, len(terms))]

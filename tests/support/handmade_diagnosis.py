@@ -73,7 +73,7 @@ _TURNS = ((105.2, 1), (237.0, 1), (20.0, 2), (24.0, 3), (31.0, 5), (200.0, 4), (
 
 
 def curve(test: Any, direction: Any, seed: int) -> Curve:
-    """Return a residual curve: a step between two reversals before the model is extended, noise after."""
+    """A residual curve: a step between two reversals before the model is extended, noise after."""
     rng = np.random.default_rng(seed)
     noise = rng.normal(0, 0.5, (len(_PHI), 2))
     step = np.where((_PHI > 105) & (_PHI < 237), 7.0, -7.0)
@@ -154,7 +154,7 @@ ACTS: dict[Condition, tuple[Act, ...]] = {
 
 
 def diagnosis(condition: Condition = "named", **changed: Any) -> Diagnosis:
-    """Return a diagnosis with a condition and all optional parts, with fields replaced by `changed`."""
+    """A diagnosis with a condition and all optional parts, with fields replaced by `changed`."""
     known: dict[Condition, tuple[Named, ...]] = {
         "named": (PLAY,), "ambiguous": (ZERO,), "out_of_range": (FAR,), "outside_library": (PLAY, ZERO)
     }  # fmt: skip

@@ -115,7 +115,7 @@ def checked(tree: Path, files: list[str]) -> None:
 
 
 def commands(page: str, program: str) -> str:
-    """Return the single code block of a page that uses a program, without the line that changes PATH."""
+    """Single code block of a page that uses a program, without the line that changes PATH."""
     (block,) = (
         block for block in blocks(page, "sh") if f"{program} " in block and not block.startswith(("cp ", "scripts"))
     )

@@ -58,12 +58,12 @@ class Numbered:
         return [(len(self.taken_ns) - 1) * STEP_MM] * self._heads
 
     def took_ns(self, sample: Sample) -> int:
-        """Return the time at which the reading of a sample was taken."""
+        """Time at which the reading of a sample was taken."""
         return self.taken_ns[round(sample.values[0] / STEP_MM)]
 
 
 def polled() -> dict[str, Gauge]:
-    """Return a gauge of each polled kind, in mm, by the name of its interface."""
+    """A gauge of each polled kind, in mm, by the name of its interface."""
     kinds = {name: gauges[0] for name, gauges, _ in GAUGES if len(gauges) == 1 and gauges[0].units == "mm"}
     quick = {name: type(gauge).model_validate({**dict(gauge), "timeout_s": TIMEOUT_S}) for name, gauge in kinds.items()}
     return {name: gauge for name, gauge in quick.items() if isinstance(daq.gauges.host([gauge]), Polled)}

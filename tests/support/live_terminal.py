@@ -87,5 +87,5 @@ class Terminal:
         return self.process.returncode
 
     def is_as_before(self) -> bool:
-        """Return whether the terminal settings are the same as before the program ran."""
+        """True if the terminal settings are the same as before the program ran."""
         return termios.tcgetattr(self._slave) == self.before

@@ -58,7 +58,7 @@ def _file(make: Callable[..., object], arguments: object) -> Path:
 
 @cache
 def _folder() -> Path:
-    """Return the cache directory for the current sources, and delete caches that have been unused for long."""
+    """Cache directory for the current sources, and delete caches that have been unused for long."""
     folder = KEPT / source_hash(ROOT)
     folder.mkdir(parents=True, exist_ok=True)
     os.utime(folder)
@@ -69,7 +69,7 @@ def _folder() -> Path:
 
 
 def source_hash(root: Path) -> str:
-    """Return a hash of everything that determines a cached value: names and contents of the sources at `root`, and
+    """A hash of everything that determines a cached value: names and contents of the sources at `root`, and
     Python.
     """
     found = hashlib.sha256(sys.version.encode())

@@ -47,12 +47,12 @@ class Mastered:
         return (np.linalg.solve(self.shown, reading_deg) - self.at_zero) * self.per_deg + self.zero
 
     def stands(self, reading_deg: Array) -> tuple[Array, Array]:
-        """Return the true pose of the flange for joint readings in degrees."""
+        """True pose of the flange for joint readings in degrees."""
         link_deg = (self.counts_at(reading_deg) - self.true_zero) / self.per_deg + self.true_at_zero
         return self.true(np.radians(link_deg))
 
     def sent_to(self, R: Array, p: Array, near_deg: Array) -> tuple[Array, Array]:
-        """Return the true pose of the flange when the controller believes to have reached a pose."""
+        """True pose of the flange when the controller believes to have reached a pose."""
         return self.stands(np.degrees(solved(self.model, R, p, np.radians(near_deg))))
 
 
@@ -89,7 +89,7 @@ class UniversalRobots:
         return self.stands(np.degrees(q))
 
     def with_added(self, name: str, index: int, value: float) -> UniversalRobots:
-        """Return the controller with a value added to an entry of calibration.conf; index from 1."""
+        """Controller with a value added to an entry of calibration.conf; index from 1."""
         changed = self.delta[name].copy()
         changed[index - 1] += value
         return replace(self, delta={**self.delta, name: changed})

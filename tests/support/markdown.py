@@ -12,7 +12,7 @@ _KEPT = ("|", "#", "!", "<")
 
 
 def wrapped(page: str) -> str:
-    """Return a page with its long paragraphs and list items wrapped; code and tables are unchanged."""
+    """A page with its long paragraphs and list items wrapped; code and tables are unchanged."""
     lines: list[str] = []
     in_code = False
     for line in page.split("\n"):

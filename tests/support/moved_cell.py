@@ -19,7 +19,7 @@ from tests.worlds import moved as world
 
 
 def rig_text(kind: world.Kind) -> str:
-    """Return the rig file of the nominal arm of a kind."""
+    """Rig file of the nominal arm of a kind."""
     axes = "\n".join(
         f"    - {{name: J{k}, a_mm: {a}, alpha_deg: {alpha}, d_mm: {d}, limits_deg: [-360, 360], speed_deg_s: 120}}"
         for k, (a, alpha, d) in enumerate(zip(kind.a, kind.alpha_deg, kind.d, strict=True), start=1)
@@ -99,7 +99,7 @@ class Case:
 
 
 def label(cause: Cause | None) -> str:
-    """Return a cause as the world names it."""
+    """A cause as the world names it."""
     if cause is None:
         return "open"
     if cause.members:
@@ -125,7 +125,7 @@ def write_touches(folder: Path, name: str, sockets: list[str], q: np.ndarray) ->
 
 
 def touch_near(case: Case, joints_deg: list[float]) -> np.ndarray:
-    """Return the joint angles in degrees of a touch after the movement, near a proposed posture of the reference."""
+    """Joint angles in degrees of a touch after the movement, near a proposed posture of the reference."""
     row = int(np.abs(case.before - np.radians(joints_deg)).max(axis=1).argmin())
     _, q = case.touch([case.sockets[row]], case.q[row : row + 1])
     return np.asarray(np.degrees(q[0]))

@@ -37,7 +37,7 @@ class Mutant:
         return f"{self.path}:{self.line}: {self.kind}: {before} -> {after or 'nothing'}"
 
     def applied(self, text: str) -> str:
-        """Return the text of the file with the change. Raises ValueError if the file has different text at this
+        """Text of the file with the change. Raises ValueError if the file has different text at this
         position.
         """
         end = self.begin + len(self.before)
@@ -46,7 +46,7 @@ class Mutant:
         return text[: self.begin] + self.after + text[end:]
 
     def to_dict(self) -> dict[str, str | int]:
-        """Return the fields as plain types."""
+        """Fields as plain types."""
         return asdict(self)
 
 
@@ -61,7 +61,7 @@ def drawn(root: Path, count: int, seed: int) -> list[Mutant]:
 
 
 def mutants_of(text: str, path: str) -> list[Mutant]:
-    """Return all mutants of a file: changes of computations in functions and of named constants."""
+    """All mutants of a file: changes of computations in functions and of named constants."""
     source, tree = _Source(text, path), ast.parse(text)
     found = []
     for node in _code(tree):
@@ -70,7 +70,7 @@ def mutants_of(text: str, path: str) -> list[Mutant]:
 
 
 def _code(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes that compute something: no annotations, texts, decorators or error messages."""
+    """Nodes that compute something: no annotations, texts, decorators or error messages."""
     yield node
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list") or isinstance(node, ast.Raise | ast.JoinedStr):
@@ -104,7 +104,7 @@ class _Source:
         return Mutant(self.path, node.lineno, begin, self.text[begin:end], after, kind)
 
     def sign(self, left: ast.expr, right: ast.expr, before: str, after: str, kind: str) -> Iterator[Mutant]:
-        """Yield the mutant of an operator between two nodes, if only brackets surround it."""
+        """Mutant of an operator between two nodes, if only brackets surround it."""
         begin = self.end(left)
         between = self.text[begin : self.begin(right)]
         pattern = r"\s+".join(map(re.escape, before.split()))
@@ -150,7 +150,7 @@ def _is_of_types(node: ast.expr) -> bool:
 
 
 def files_for(root: Path, path: str) -> list[str]:
-    """Return the test files for a mutant of a module, most specific first: the module's own tests, tests that import
+    """Test files for a mutant of a module, most specific first: the module's own tests, tests that import
     it, other tests of the folder, and tests that import anything from the folder.
     """
     module = path.removesuffix(".py").replace("/", ".").removesuffix(".__init__")

@@ -41,19 +41,19 @@ def examples(of_commit: int, of_night: int) -> pytest.MarkDecorator:
 
 @cache
 def moved() -> tuple[dict[str, Any], ...]:
-    """Return the entries of the table: file or folder `of` tests, their names, cases to `keep`, and the tests that
+    """Entries of the table: file or folder `of` tests, their names, cases to `keep`, and the tests that
     `stay`.
     """
     return tuple(tomllib.loads(TABLE.read_text(encoding="utf-8"))["moved"])
 
 
 def is_moved(nodeid: str) -> bool:
-    """Return whether a test runs only at night, according to the table of nightly tests."""
+    """True if a test runs only at night, according to the table of nightly tests."""
     return any(nodeid.startswith(entry["of"]) and _names(entry, nodeid) for entry in moved())
 
 
 def unmatched(nodeids: Collection[str]) -> Iterator[str]:
-    """Yield the names and cases in the table that match no existing test."""
+    """Names and cases in the table that match no existing test."""
     for entry in moved():
         there = [nodeid.partition("::")[2] for nodeid in nodeids if nodeid.startswith(entry["of"])]
         yield from (name for name in entry["tests"] if not any(_is_of(test, name) for test in there))
@@ -68,7 +68,7 @@ def _names(entry: dict[str, Any], nodeid: str) -> bool:
 
 
 def _case(test: str) -> str:
-    """Return the part of a test name in brackets."""
+    """Part of a test name in brackets."""
     return test.partition("[")[2].removesuffix("]")
 
 

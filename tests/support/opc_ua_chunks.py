@@ -35,7 +35,7 @@ ENDED = _packed(ERROR, ua.ErrorMessage(ua.StatusCode(ua.StatusCodes.BadTcpEndpoi
 
 
 def requests_in(sent: bytes) -> list[tuple[int, bytes]]:
-    """Return all requests sent by a client in order: request number and content."""
+    """All requests sent by a client in order: request number and content."""
     own, found = Channel(), list[tuple[int, bytes]]()
     while sent:
         size = int.from_bytes(sent[4:8], "little")

@@ -98,5 +98,5 @@ async def _end_what_is_left() -> None:
 
 
 def now() -> datetime:
-    """Return the time of this computer, used as the controller's timestamp."""
+    """Time of this computer, used as the controller's timestamp."""
     return datetime.now(UTC)

@@ -77,7 +77,7 @@ class Case:
     begun: dict[str, SetUp]
 
     def predicted(self, effects: Sequence[Effect], setup: SetUp) -> Array:
-        """Return the positions (n, 3) mm predicted by the forward model."""
+        """Positions (n, 3) mm predicted by the forward model."""
         model = replace(self.run.model, effects=tuple(effects))
         return predict(model, self.run.table, self.run.path, setup)[:, [3, 7, 11]]
 
@@ -119,18 +119,18 @@ class Stated:
 
     @property
     def mean(self) -> Array:
-        """Return the mean (d,) of all values, including the last step of the fit."""
+        """Mean (d,) of all values, including the last step of the fit."""
         fitted = self.refined.values
         return np.concatenate([fitted + self.posterior.term_means[: len(fitted)], self.posterior.mean])
 
     @property
     def u(self) -> Array:
-        """Return the standard uncertainties (d,) of all values."""
+        """Standard uncertainties (d,) of all values."""
         return np.sqrt(np.concatenate([np.diag(self.refined.covariance), self.posterior.variance]))
 
     @property
     def left(self) -> Array:
-        """Return the remaining step (d,), in standard uncertainties, that the fit rejected because the gain was too
+        """Remaining step (d,), in standard uncertainties, that the fit rejected because the gain was too
         small.
         """
         return (
@@ -140,18 +140,18 @@ class Stated:
 
     @cached_property
     def covariance(self) -> Array:
-        """Return the covariance (d, d) of all values."""
+        """Covariance (d, d) of all values."""
         return self.posterior.joint_covariance(len(FURTHER_EFFECTS) + 9, len(self.refined.values))
 
     @cached_property
     def limits(self) -> Array:
-        """Return the lower and upper limits (2, d)."""
+        """Lower and upper limits (2, d)."""
         return np.array(
             [*map(self._limits_of, self.refined.unknowns), *[(-np.inf, np.inf)] * (len(FURTHER_EFFECTS) + 9)]
         ).T
 
     def _limits_of(self, unknown: UnknownParameter) -> tuple[float, float]:
-        """Return the bounds of a parameter in the vocabulary; for a size also those of a fit."""
+        """Bounds of a parameter in the vocabulary; for a size also those of a fit."""
         effect, field = self.refined.effects[unknown.effect], unknown.field
         if field == PHASE:
             return -np.inf, np.inf
@@ -166,7 +166,7 @@ class Stated:
         return np.array(mean), np.array(sd)
 
     def log_density(self, values: Array) -> float:
-        """Return the log of the posterior density of all values (d,), up to a constant, by the forward model."""
+        """Log of the posterior density of all values (d,), up to a constant, by the forward model."""
         if not ((values >= self.limits[0]) & (values <= self.limits[1])).all():
             return -np.inf
         effects = list(self.refined.effects)
@@ -183,7 +183,7 @@ class Stated:
 
 
 def stated(one: Case) -> Stated:
-    """Return the result of the engine, relinearised repeatedly at the previous placement and effects."""
+    """Result of the engine, relinearised repeatedly at the previous placement and effects."""
     setups, known, effects = one.begun, (), BEGUN
     for _ in range(_TURNS):
         blocks = [replace(b, sd_mm=np.full(len(b.sd_mm), NOISE_MM)) for b in blocks_of([one.run], setups, known)]
@@ -198,7 +198,7 @@ def stated(one: Case) -> Stated:
 
 
 def _columns(linear: Linearisation) -> Columns:
-    """Return the columns (N, p) of all unknowns except the named effects: other effects and placement."""
+    """Columns (N, p) of all unknowns except the named effects: other effects and placement."""
     forms = forms_of([Candidate(name_of(one), (one,)) for one in FURTHER_EFFECTS])
     share = healthy_shares(forms)
     return Columns(

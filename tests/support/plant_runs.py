@@ -57,7 +57,7 @@ class Robot:
     noise_mm: float
 
     def plays_on(self, day: float) -> Array:
-        """Return the backlashes (5,) in degrees on a day after the start of the plant."""
+        """Backlashes (5,) in degrees on a day after the start of the plant."""
         grown = np.zeros(_AXES)
         grown[self.axis] = self.grown_deg * (day >= self.grows_on_day)
         return self.plays_deg + grown
@@ -87,7 +87,7 @@ def robot_of(number: int, seed: int, days: float) -> Robot:
 
 
 def known_robot(number: int, days: float, grown_deg: float) -> Robot:
-    """Return a robot with backlashes of 0.003° in all axes. The third grows by `grown_deg` after half of the days."""
+    """A robot with backlashes of 0.003° in all axes. The third grows by `grown_deg` after half of the days."""
     drawn = robot_of(number, 0, days)
     plays_deg = np.full(_AXES, 0.003)
     return replace(drawn, plays_deg=plays_deg, axis=2, grown_deg=grown_deg, grows_on_day=days / 2)

@@ -13,7 +13,7 @@ from tests.worlds.arms.independent_arm import Array
 
 
 def pose_run(rig_name: str, q: Array, xyz_mm: Array, name: str = "poses", placement: str = "door") -> Measured:
-    """Return a run of a shipped rig with joint angles q (n, 6) rad and positions xyz_mm (n, 3), measured at a
+    """A run of a shipped rig with joint angles q (n, 6) rad and positions xyz_mm (n, 3), measured at a
     placement.
     """
     run = table_run(

@@ -61,10 +61,10 @@ def _ur_singular(n: int) -> dict[str, Array]:
 
 
 def everywhere(name: str) -> Array:
-    """Return the angles (n, 6) rad of all functions above: random, at the limits and near singularities."""
+    """Angles (n, 6) rad of all functions above: random, at the limits and near singularities."""
     return np.concatenate([random_angles(11), at_limits(name), *singular(name).values()])
 
 
 def rows(found: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return the row of each solution of a stack found (n, k)."""
+    """Row of each solution of a stack found (n, k)."""
     return np.nonzero(found)[0]

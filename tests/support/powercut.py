@@ -92,7 +92,7 @@ class IoWorker:
 
     @classmethod
     def read(cls, root: Path) -> IoWorker:
-        """Return the current content of a directory."""
+        """Current content of a directory."""
         disk = cls()
         places = {root: ROOT}
         for number, path in enumerate(sorted(root.rglob("*")), start=1):
@@ -124,7 +124,7 @@ class IoWorker:
                 (root / name).write_bytes(self.data[node])
 
     def tree(self, directory: int = ROOT) -> dict[str, Any]:
-        """Return the contents of a directory as nested dictionaries: bytes by file name, and directories by name."""
+        """Contents of a directory as nested dictionaries: bytes by file name, and directories by name."""
         return {
             name: self.tree(node) if node in self.names else bytes(self.data[node])
             for name, node in self.names[directory].items()
@@ -157,7 +157,7 @@ class Watched:
 
     @property
     def used(self) -> int:
-        """Return the used bytes in complete blocks."""
+        """Used bytes in complete blocks."""
         return sum(self._blocks.values()) * BLOCK
 
     def mark(self, said: Any) -> None:
@@ -244,7 +244,7 @@ def watched(root: Path, capacity: int = 1 << 40) -> Iterator[Watched]:
 
 
 def survivors(before: IoWorker, log: list[Change], random: Random | None) -> IoWorker:
-    """Return a state after a power cut that follows these changes; with random=None, the state without any loss."""
+    """A state after a power cut that follows these changes; with random=None, the state without any loss."""
     synced = {change.node: index for index, change in enumerate(log) if isinstance(change, Sync)}
     keep_names, keep_bytes = (random.choice(_KEPT), random.choice(_KEPT)) if random else (1.0, 1.0)
     disk, pending = before.copy(), dict[int, list[Write | Cut]]()

@@ -166,7 +166,7 @@ def _starve(path: Path, random: Random) -> None:
 
 
 def held_to(path: Path, promised: dict[str, int], *, may_miss: bool) -> tuple[int, int]:
-    """Return the number of promised rows and of additional rows, after comparing every row with the recorded one.
+    """Number of promised rows and of additional rows, after comparing every row with the recorded one.
 
     may_miss: a run ended by a full disk counts rows that were written but never synced; rows lost by the power cut are
     then reported as missing.

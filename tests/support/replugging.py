@@ -50,14 +50,14 @@ class Clockwork:
         return (now_ns - self.start_ns) // STEP_NS
 
     def taken_ns(self, column: str, values: Any) -> Any:
-        """Return the times at which readings of a column were taken, rounded down to STEP_NS."""
+        """Times at which readings of a column were taken, rounded down to STEP_NS."""
         steps = np.round(values / STEP) * (-1 if column == "g2_mm" else 1)
         axis = int(column[1]) - 1 if column.startswith("q") else 0
         return self.start_ns + (steps - axis * STEPS_APART).astype(np.int64) * STEP_NS
 
 
 def rig_of(kind: str) -> str:
-    """Return a rig that together with the other covers every kind of link: `serial` (polled and continuous) or
+    """A rig that together with the other covers every kind of link: `serial` (polled and continuous) or
     `modbus` (TCP and RTU).
     """
     data = yaml.safe_load(rig_text("polled" if kind == "serial" else "modbus"))
@@ -162,7 +162,7 @@ class _Hand(threading.Thread):
 
 
 def wrong(run: Run, stream: str, motion: Clockwork) -> list[str]:
-    """Return a line for each kind of error in the readings of a stream."""
+    """A line for each kind of error in the readings of a stream."""
     rows = run.streams[stream]
     columns = run.manifest.streams[stream]
     taken = motion.taken_ns(columns[0], rows[columns[0]])
@@ -183,7 +183,7 @@ def wrong(run: Run, stream: str, motion: Clockwork) -> list[str]:
 
 
 def _held(bench: Bench) -> str:
-    """Return the open resources of the daemon, excluding files of the run, after the served clients have
+    """Open resources of the daemon, excluding files of the run, after the served clients have
     disconnected.
     """
     assert bench.daemon is not None

@@ -66,7 +66,7 @@ class Chain:
         return T @ _frame(*self.tool)
 
     def urdf(self, limit: str = '<limit lower="-3" upper="2.5" velocity="3.5" effort="0"/>') -> str:
-        """Return the chain as a URDF file, from the link `base_link` to `tool0`."""
+        """Chain as a URDF file, from the link `base_link` to `tool0`."""
         links = ["base_link", *(f"link_{one}" for one in range(1, len(self.joints) + 1)), "tool0"]
         parts = [f'<link name="{name}"/>' for name in links]
         for one, (xyz, rpy, axis) in enumerate(self.joints):
@@ -94,20 +94,20 @@ def _upright(
     base_m: float = 0.0,
     j3_counts_j2: bool = False,
 ) -> Chain:
-    """Return a chain whose frames are all parallel to the base at zero."""
+    """A chain whose frames are all parallel to the base at zero."""
     joints = tuple((xyz, O, axis) for xyz, axis in zip(places, axes, strict=True))
     return Chain(joints, tool, base_m, j3_counts_j2)
 
 
 def _fanuc(j1: float, j2: float, j3: float, j4: float, j5: float, j6: float) -> Chain:
-    """Return a chain of ros-industrial/fanuc: positions of the joints along z, x, z, z, x, x."""
+    """A chain of ros-industrial/fanuc: positions of the joints along z, x, z, z, x, x."""
     places = [(0, 0, j1), (j2, 0, 0), (0, 0, j3), (0, 0, j4), (j5, 0, 0), (j6, 0, 0)]
     axes = [Z, Y, _minus(Y), _minus(X), _minus(Y), _minus(X)]
     return _upright(places, axes, (O, (pi, -pi / 2, 0)), base_m=j1, j3_counts_j2=True)
 
 
 def _yaskawa(j1: float, j2: float, j3: float, j4: tuple[float, float], tool: float) -> Chain:
-    """Return a chain of ros-industrial/motoman: positions along z, x, z, (x, z), and the tool along x."""
+    """A chain of ros-industrial/motoman: positions along z, x, z, (x, z), and the tool along x."""
     places = [(0, 0, j1), (j2, 0, 0), (0, 0, j3), (j4[0], 0, j4[1]), O, O]
     axes = [Z, Y, _minus(Y), _minus(X), _minus(Y), _minus(X)]
     return _upright(places, axes, ((tool, 0, 0), (3.1415926, -1.570796, 0)), base_m=j1)
@@ -118,13 +118,13 @@ def _abb(places: Sequence[Numbers]) -> Chain:
 
 
 def _kuka(*places: Numbers) -> Chain:
-    """Return a chain of ros-industrial/kuka_experimental."""
+    """A chain of ros-industrial/kuka_experimental."""
     axes = [_minus(Z), Y, Y, _minus(X), Y, _minus(X)]
     return _upright(places, axes, (O, (0, pi / 2, 0)))
 
 
 def _kawasaki(j3: float, j5: float) -> Chain:
-    """Return a chain of Kawasaki-Robotics/khi_robot."""
+    """A chain of Kawasaki-Robotics/khi_robot."""
     turn, back = (0, -pi / 2, 0), (0, pi / 2, 0)
     down = _minus(Z)
     joints = (
@@ -139,7 +139,7 @@ def _kawasaki(j3: float, j5: float) -> Chain:
 
 
 def _ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float) -> Chain:
-    """Return a chain of ros-industrial/universal_robot, default_kinematics.yaml, with right angles given to nine
+    """A chain of ros-industrial/universal_robot, default_kinematics.yaml, with right angles given to nine
     decimals.
     """
     right, slip = 1.570796327, 2.05103e-10
@@ -190,7 +190,7 @@ _DOOSAN = Chain(
 
 
 def catalogue(rows: Sequence[Numbers], senses: Numbers = (), j3_counts_j2: bool = False) -> Source:
-    """Return the source for rows of alpha (degrees), a, d (mm), theta (degrees). A third joint relative to J2 is
+    """Source for rows of alpha (degrees), a, d (mm), theta (degrees). A third joint relative to J2 is
     converted.
     """
 
@@ -208,7 +208,7 @@ def catalogue(rows: Sequence[Numbers], senses: Numbers = (), j3_counts_j2: bool 
 
 
 def classic(rows: Sequence[Numbers], j3_counts_j2: bool = False) -> Source:
-    """Return the source for rows of theta (degrees), d, a (mm), alpha (degrees): RotZ TransZ TransX RotX."""
+    """Source for rows of theta (degrees), d, a (mm), alpha (degrees): RotZ TransZ TransX RotX."""
 
     def poses(q: Array) -> Array:
         turns = q.copy()
@@ -257,7 +257,7 @@ def _catalogue_kawasaki(a2: float, d4: float) -> Source:
 
 
 def _classic_fanuc(d4: float, d5: float, d6: float, a1: float, a2: float, a3: float) -> Source:
-    """Return a FANUC arm with lengths of underautomation/Fanuc.NET and the angles of FANUC's own classic rows."""
+    """A FANUC arm with lengths of underautomation/Fanuc.NET and the angles of FANUC's own classic rows."""
     rows = [(0, 0, a1, -90), (-90, 0, a2, 180), (0, 0, a3, -90), (0, d4, 0, 90), (0, d5, 0, -90), (0, d6, 0, 180)]
     return classic(rows, j3_counts_j2=True)
 
@@ -311,7 +311,7 @@ _SO_101 = Chain(
 
 
 def quaternions(bodies: Sequence[tuple[Numbers, Numbers]]) -> Source:
-    """Return the source for MuJoCo bodies with position (m) and quaternion (w, x, y, z), whose joints turn about z."""
+    """Source for MuJoCo bodies with position (m) and quaternion (w, x, y, z), whose joints turn about z."""
 
     def poses(q: Array) -> Array:
         T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
@@ -334,7 +334,7 @@ _SO_101_BODIES = [
 
 
 def screws(rows: Sequence[Numbers], home: Numbers) -> Source:
-    """Return the source for screw axes (rotation, then moment, m) in the base and the home position (m) of the tool.
+    """Source for screw axes (rotation, then moment, m) in the base and the home position (m) of the tool.
 
     The tool is rotated so that its z axis points along the x axis of the base (K. M. Lynch, F. C. Park, Modern
     Robotics, 2017).
@@ -564,7 +564,7 @@ arm.
 
 
 def differences(robot: Robot, source: Source, number: int) -> tuple[float, float]:
-    """Return the largest flange differences between a robot and a source, in mm and rad, on random postures within
+    """Largest flange differences between a robot and a source, in mm and rad, on random postures within
     the limits.
     """
     low, high = np.radians([axis.limits_deg for axis in robot.axes]).T

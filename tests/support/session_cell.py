@@ -68,7 +68,7 @@ def cell_file(directory: Path) -> Path:
 
 @made_once
 def _model_files() -> dict[str, bytes]:
-    """Return the rig file and the calibration written by a diagnosis."""
+    """Rig file and the calibration written by a diagnosis."""
     import tempfile  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as scratch:
@@ -88,7 +88,7 @@ def _model_files() -> dict[str, bytes]:
 
 
 def _of_few_terms(model: CalibratedModel) -> CalibratedModel:
-    """Return the model with its named terms and only six others.
+    """Model with its named terms and only six others.
 
     A correction evaluates the effect of each parameter on every pose, which takes most of the time of a session. A
     model with all terms is a nightly test.
@@ -181,7 +181,7 @@ class Simulated(RealCell):
         pass
 
     def _run_of(self, program: SessionProgram) -> Path:
-        """Return a simulated run of a program. Each repetition is created once, with different noise."""
+        """A simulated run of a program. Each repetition is created once, with different noise."""
         is_corrected = program.name.endswith(FIXED) or bool(self.entered)
         repeat = len(list((self.directory / "runs").glob(f"*_{program.name}*")))
         kept = self.directory.parent / ("corrected" if is_corrected else "nominal") / str(repeat) / program.name
@@ -268,5 +268,5 @@ def gone_on(
 
 
 def asked_for(session: Session) -> SessionOptions:
-    """Return the options of a session of an emulated cell without an operator."""
+    """Options of a session of an emulated cell without an operator."""
     return SessionOptions(session.rig_file, session.aim, session.minutes, session.maker, Emulated(), "ada", 1.0)

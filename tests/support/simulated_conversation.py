@@ -38,13 +38,13 @@ class Script:
         return self._keep(self.conversation.tick(self.now_ns))
 
     def taken(self) -> list[Item]:
-        """Return the items since the previous call."""
+        """Items since the previous call."""
         items, self.items = self.items, []
         return items
 
 
 def asked(conversation: Conversation) -> Script:
-    """Return a polled conversation just after its first request."""
+    """A polled conversation just after its first request."""
     script = Script(conversation)
     script.wake()
     script.sent = b""
@@ -108,7 +108,7 @@ def simulate(
 
 
 def held(thing: object, depth: int = 5) -> int:
-    """Return the total length of all buffers of a conversation."""
+    """Total length of all buffers of a conversation."""
     total = len(thing) if isinstance(thing, bytearray | list | dict | deque) else 0
     for value in vars(thing).values() if hasattr(thing, "__dict__") and depth else ():
         total += held(value, depth - 1)

@@ -17,7 +17,7 @@ def lap_run(directory: Path, rig: str = "ur10e", direction: Direction = "acw", s
 
 
 def watched(run: PlayedRun, until_s: float = 1e9, view: LiveView | None = None) -> LiveView:
-    """Return a live view that has followed a replayed run up to a time, in steps of a tenth of a second."""
+    """A live view that has followed a replayed run up to a time, in steps of a tenth of a second."""
     view = view or run.begun()
     while run.at_s < until_s and not run.ended:
         run, update = run.after(0.1)
@@ -26,5 +26,5 @@ def watched(run: PlayedRun, until_s: float = 1e9, view: LiveView | None = None) 
 
 
 def watched_lap(path: Path, until_s: float = 1e9) -> LiveView:
-    """Return a live view that has followed a run on disk up to a time."""
+    """A live view that has followed a run on disk up to a time."""
     return watched(played_run(path, 1.0), until_s)

@@ -46,7 +46,7 @@ class Held:
 
 
 def held(pid: int, minutes: float, samples: int) -> Held:
-    """Return the current resources."""
+    """Current resources."""
     process = Path(f"/proc/{pid}")
     rss_mb = int((process / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
     return Held(
@@ -114,7 +114,7 @@ def _deliver(buffers: dict[str, StreamBuffer], paces: dict[str, SteadyRate], unt
 
 
 def wrong(rows: list[Held]) -> list[str]:
-    """Return a line for each resource that grew from the second third to the last.
+    """A line for each resource that grew from the second third to the last.
 
     The first third is the warm-up: each stream closes its first chunks, and the allocator reserves memory for that.
     """

@@ -62,12 +62,12 @@ class Errors:
 
     @property
     def within_2u(self) -> float:
-        """Return the share of aligned timestamps within two standard uncertainties."""
+        """Share of aligned timestamps within two standard uncertainties."""
         return float(np.mean(np.abs(self.aligned) <= 2 * self.u))
 
 
 def errors_of(stamped: Stamped, found: Instants) -> Errors:
-    """Return the errors. Without alignment, a reading has the arrival time of its last byte."""
+    """Errors. Without alignment, a reading has the arrival time of its last byte."""
     arrival = stamped.columns["last_byte_ns"] - stamped.truth_ns
     u = 1e3 * np.hypot(found.u_s, found.own_u_s)
     return Errors((found.ns - stamped.truth_ns) / 1e6, arrival / 1e6, np.broadcast_to(u, len(arrival)))
@@ -114,7 +114,7 @@ def robot_errors(seconds: float, seed: int = 1) -> Errors:
 
 
 def own_cycle(cycle_ms: float, filter_ms: float = 0.0) -> Timing:
-    """Return the timing of the latest reading of an internal cycle, or of the mean of the last few."""
+    """Timing of the latest reading of an internal cycle, or of the mean of the last few."""
     return Timing(latch="own_cycle", cycle_ms=cycle_ms, filter_ms=filter_ms)
 
 

@@ -42,7 +42,7 @@ class Latched:
         return [self._number(len(self.at_ns)) * self.step] * self.width
 
     def truth_ns(self, values: Array) -> Array:
-        """Return the latching times (n,) ns of readings (n,); for a mean of several, the middle time."""
+        """Latching times (n,) ns of readings (n,); for a mean of several, the middle time."""
         numbers = [self._number(count) for count in range(1, len(self.at_ns) + 1)]
         place = np.searchsorted(numbers, np.round(values / self.step).astype(int))
         return np.asarray(self.at_ns, dtype=np.int64)[place]
@@ -94,7 +94,7 @@ def serial(
     slow: float = 1.003,
     latched_ms: float | None = None,
 ) -> Wire:
-    """Return a realistic serial line.
+    """A realistic serial line.
 
     The baud rate of the instrument is 0.3 % low, the answer starts within `answer_ms`, the reading is latched at a
     random time before or within `latched_ms`, and the host is about 0.1 ms late.
@@ -115,5 +115,5 @@ def serial(
 
 
 def network(rng: np.random.Generator, jitter_ms: float) -> Wire:
-    """Return a network with an average packet delay of `jitter_ms`, at least 0.2 ms."""
+    """A network with an average packet delay of `jitter_ms`, at least 0.2 ms."""
     return Wire(late_ns=lambda: round(200_000 + float(rng.exponential(jitter_ms * 1e6))))

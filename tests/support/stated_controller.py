@@ -8,7 +8,7 @@ from rigs.rig import Rig
 
 
 def load(name: str) -> tuple[Rig, str]:
-    """Return a shipped rig and the text of its file, with `controller: data_sheet`."""
+    """A shipped rig and the text of its file, with `controller: data_sheet`."""
     rig, text = load_shipped(name)
     if rig.robot.controller:
         return rig, text

@@ -58,7 +58,7 @@ def start(runs: Path, chunk_rows: int = 1000, rig_text: str = RIG_TEXT) -> RunWr
 
 
 def record(runs: Path, batches: int = 3, chunk_rows: int = 1000) -> RunWriter:
-    """Return an open run with some synced batches of 4 samples and a fault each."""
+    """An open run with some synced batches of 4 samples and a fault each."""
     writer = start(runs, chunk_rows)
     for i in range(batches):
         writer.append("g1", samples(4, 1, 4 * i))
@@ -82,7 +82,7 @@ def finished(runs: Path, batches: int = 5, chunk_rows: int = 8) -> Path:
 
 
 def crash(writer: RunWriter) -> Path:
-    """Return a run as left by a killed process: unfinished files and a released lock."""
+    """A run as left by a killed process: unfinished files and a released lock."""
     # private _writers, _ledger, _lock: given up as the system does it when a process is killed
     for stream_writer in writer._writers.values():
         stream_writer.release()

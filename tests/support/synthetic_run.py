@@ -69,7 +69,7 @@ def main(runs: Path, rows: int) -> None:
 
 
 def _batches(table: CircleTable, stream: str, count: int, rate: int) -> Iterator[Columns]:
-    """Yield the columns of a stream chunk by chunk, with the lap of the table stretched over all rows."""
+    """Columns of a stream chunk by chunk, with the lap of the table stretched over all rows."""
     rng = np.random.default_rng(len(stream) + count)
     for first in range(0, count, CHUNK_ROWS):
         number = np.arange(first, min(first + CHUNK_ROWS, count))

@@ -45,7 +45,7 @@ def circle_values(test: TestName, direction: Direction) -> tuple[Array, Array, A
 
 
 def rows_of(test: TestName, direction: Direction = "acw") -> Rows:
-    """Return a valid table as text columns by name, with additional columns between the others, and times if
+    """A valid table as text columns by name, with additional columns between the others, and times if
     possible.
     """
     if test in ("yaw", "roll"):
@@ -65,7 +65,7 @@ def rows_of(test: TestName, direction: Direction = "acw") -> Rows:
 
 
 def _targets(test: TestName, n: int, rng: np.random.Generator) -> Rows:
-    """Return the first n readings of a radial program; of a repeatability program three at each of some targets."""
+    """First n readings of a radial program; of a repeatability program three at each of some targets."""
     program = radial_program(rig())
     row = np.arange(n) if test == "radial" else 3 * (np.arange(n) // 3) + 1
     numbers, q, g_mm = [str(target) for target in program.target[row]], program.q[row], texts(rng.normal(0, 0.1, n))
@@ -117,5 +117,5 @@ def csv_text(rows: Rows) -> str:
 
 
 def plain(test: TestName, direction: Direction = "acw") -> Rows:
-    """Return a valid table without additional columns."""
+    """A valid table without additional columns."""
     return {name: cells for name, cells in rows_of(test, direction).items() if name not in ("notes, if any", "7", "")}

@@ -25,12 +25,12 @@ KNOWN = f"    distances: [{{between: [C, D], distance_mm: {KNOWN_MM:.4f}, u_mm: 
 
 
 def rig_of(kind: world.Kind, name: str, ball: tuple[float, float, float], more: str = "") -> Rig:
-    """Return the rig with the data-sheet constants of an arm."""
+    """Rig with the data-sheet constants of an arm."""
     return parse(rig_text(kind, name, ball, more), name)
 
 
 def rig_text(kind: world.Kind, name: str, ball: tuple[float, float, float], more: str = "") -> str:
-    """Return the text of the rig file of an arm, with additional lines for the touch test."""
+    """Text of the rig file of an arm, with additional lines for the touch test."""
     lines = [f"name: {name}", "robot:", f"  name: {kind.name}", f"  build: {kind.build}", "  axes:"]
     constants = zip(kind.a, kind.alpha, kind.d, kind.limit, kind.mass, kind.centre, strict=True)
     for k, (a, alpha, d, limit, mass, centre) in enumerate(constants, start=1):
@@ -91,7 +91,7 @@ def fitted(first: Rig, second: Rig, table: PairTable) -> FittedPair:
 
 
 def deviations(cell: world.Cell, fit: FittedPair, rng: np.random.Generator, *, alone: bool = False) -> Deviations:
-    """Return the errors of a fit; for an arm fitted on its own, only those of the first arm."""
+    """Errors of a fit; for an arm fitted on its own, only those of the first arm."""
     z: dict[str, list[float]] = {"zeros": [], "lengths": [], "twists": [], "base": []}
     error: dict[str, float] = {}
     sd, first = np.sqrt(np.diag(fit.posterior.cov)), 0
@@ -136,7 +136,7 @@ def _constants(arm: PairArm, true: world.TrueArm, mean: Array, sd: Array) -> dic
 
 
 def _place_error(arm: PairArm, true: world.TrueArm, times: Array, rng: np.random.Generator, count: int = 300) -> float:
-    """Return the rms position error in mm of the tool in random postures.
+    """Rms position error in mm of the tool in random postures.
 
     The base frame and the ball position are fitted first, because joint tables do not contain them.
     """

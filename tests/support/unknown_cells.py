@@ -52,7 +52,7 @@ if OPC_UA:
 
 
 def cell_text(gauges: str, robot: str, speed_mm_s: float = 25) -> str:
-    """Return the rig file of a cell with a circle speed, as ground truth for `rig init`."""
+    """Rig file of a cell with a circle speed, as ground truth for `rig init`."""
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     data["name"] = "unknown"
     data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": speed_mm_s}
@@ -65,7 +65,7 @@ def cell_text(gauges: str, robot: str, speed_mm_s: float = 25) -> str:
 
 
 def named_robot(kind: str) -> list[str]:
-    """Return the options that name the interface of a robot that is identifiable only by its port."""
+    """Options that name the interface of a robot that is identifiable only by its port."""
     return (
         ["--key", f"feedback.interface={ROBOTS[kind]['interface']}"]
         if kind in ("ur", "stream motion", "opc ua")
@@ -97,7 +97,7 @@ class UnknownCell:
 
     @property
     def gauge_ports(self) -> list[str]:
-        """Return the distinct ports of the gauges."""
+        """Distinct ports of the gauges."""
         return list(dict.fromkeys(port for name, port in self.cell.ports.items() if name != "feedback"))
 
     @property
@@ -106,7 +106,7 @@ class UnknownCell:
 
     @property
     def robot_is_named(self) -> list[str]:
-        """Return the options that name the interface. An emulated robot does not have its standard port."""
+        """Options that name the interface. An emulated robot does not have its standard port."""
         return named_robot(self.robot_kind)
 
 

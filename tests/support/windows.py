@@ -105,7 +105,7 @@ class Served:
         return answer
 
     def raw(self, data: bytes = b"") -> socket.socket:
-        """Return a connection on which data have been sent."""
+        """A connection on which data have been sent."""
         sock = socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
         sock.sendall(data)
         return sock
@@ -149,6 +149,6 @@ def served(
 
 
 def told(data: str, kind: str) -> list[str]:
-    """Return the data of all events of a kind in an event stream."""
+    """Data of all events of a kind in an event stream."""
     events = (block.split("\n") for block in data.split("\n\n"))
     return [lines[1].removeprefix("data: ") for lines in events if lines[0] == f"event: {kind}" and len(lines) > 1]

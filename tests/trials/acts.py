@@ -124,7 +124,7 @@ class Scored:
 
     @property
     def is_right(self) -> bool:
-        """Return whether the first action addresses the largest cause, or removes most of its error."""
+        """True if the first action addresses the largest cause, or removes most of its error."""
         taken = self.before_um**2 - self.after_um**2
         return self.served[:1] == ("first",) or taken >= _TAKEN_AWAY * self.makes_um**2
 

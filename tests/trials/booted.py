@@ -131,7 +131,7 @@ def until(what: Callable[[], _T], words: str, patience_s: float = PATIENCE_S) ->
 
 
 def scenario(machine: Machine, hangs: int) -> Iterator[str]:
-    """Yield the observations during the life of a cell's computer. Raises AssertionError for unexpected behaviour."""
+    """Observations during the life of a cell's computer. Raises AssertionError for unexpected behaviour."""
     yield f"booted: {machine.run('systemctl', '--version').stdout.splitlines()[0]} is the first process"
     yield from _started(machine)
     yield from _used_by_the_group(machine)

@@ -75,7 +75,7 @@ def rig_text(name: str) -> str:
 
 
 def features(name: str, q: Array, xyz_mm: Array, count: int, rng: np.random.Generator) -> Iterator[Judged]:
-    """Yield the features of the poses that a calibration by `count` poses has not seen."""
+    """Features of the poses that a calibration by `count` poses has not seen."""
     order, text = rng.permutation(len(q)), rig_text(name)
     used, out = np.sort(order[:count]), order[count:]
     rig = calibrated([run_of(parse(text, "cell.yaml"), PoseTable(q[used], xyz_mm[used], None), "used", "cell")], text)

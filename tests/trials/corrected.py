@@ -32,7 +32,7 @@ JOINTS = tuple(f"q{k}_deg" for k in range(1, 7))
 
 
 def asked(rng: np.random.Generator) -> Array:
-    """Return the joint angles (n, 6) rad of the targets, the last of them singular and outside."""
+    """Joint angles (n, 6) rad of the targets, the last of them singular and outside."""
     q = rng.uniform(LOW_DEG, HIGH_DEG, (TARGETS, 6))
     for axis, value in ((2, 70.0), (4, 60.0)):
         near = np.abs(q[:, axis]) < 15

@@ -122,7 +122,7 @@ def _distances(found: dict[str, Any]) -> str:
 
 
 def _scored(case: Case, found: dict[str, Any] | str, *, with_file: bool) -> Iterator[str]:
-    """Yield the counters that a diagnosis increases."""
+    """Counters that a diagnosis increases."""
     kind = case.fault.effect if case.fault else "sound"
     where = f"{kind}, {case.by}, {'with' if with_file else 'without'} file"
     yield f"{where}: diagnoses"

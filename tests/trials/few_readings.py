@@ -39,7 +39,7 @@ def rows_of(poses: Integers) -> Integers:
 
 
 def errors(pool: Pool, T: Array, xyz_mm: Array, read: Integers, out: Integers) -> tuple[float, float]:
-    """Return the rms error in mm at the poses left out after some readings, and the share of errors within 2 u."""
+    """Rms error in mm at the poses left out after some readings, and the share of errors within 2 u."""
     setup = fit_setup(T[read], xyz_mm[read])
     to_base = np.linalg.inv(setup.T_world_base)
     off = xyz_mm @ to_base[:3, :3].T + to_base[:3, 3] - (T @ setup.T_flange_tool)[:, :3, 3]

@@ -71,11 +71,11 @@ class Fitted:
 
     @property
     def of_arm(self) -> int:
-        """Return the number of parameters of the arm."""
+        """Number of parameters of the arm."""
         return (5 if self.gravity else 4) * self.arm.axes
 
     def places(self, poses: Poses, values: Array | None = None) -> Array:
-        """Return the places (m, 3) mm of poses of the placements that were fitted."""
+        """Places (m, 3) mm of poses of the placements that were fitted."""
         values = self.values if values is None else values
         constants, count = 4 * self.arm.axes, self.of_arm
         arm, found, q = self.arm.changed(values[:constants]), np.zeros((len(poses.q), 3)), poses.q
@@ -87,13 +87,13 @@ class Fitted:
         return found
 
     def u(self, poses: Poses) -> Array:
-        """Return the standard uncertainty (m,) in mm of the distance, from the fitted parameters and the residual."""
+        """Standard uncertainty (m,) in mm of the distance, from the fitted parameters and the residual."""
         columns = jacobian(lambda values: self.places(poses, values).ravel(), self.values).reshape(len(poses.q), 3, -1)
         own = np.einsum("mij,jk,mik->m", columns, self.covariance, columns)
         return np.sqrt(own + 3 * self.variance)
 
     def turns(self, poses: Poses) -> Array:
-        """Return the rotation (m, 3, 3) from the base to the instrument of each pose."""
+        """Rotation (m, 3, 3) from the base to the instrument of each pose."""
         found = np.tile(np.eye(3), (len(poses.q), 1, 1))
         for k, placement in enumerate(self.placements):
             turn = self.values[self.of_arm + 9 * k :][:3] / 1e3

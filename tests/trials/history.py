@@ -99,7 +99,7 @@ def through_files(seed: int, begin: int) -> str:
 
 
 def alarms_of(layout: str, world: dict[str, float], seed: int) -> int:
-    """Return the number of changes reported for a robot that does not change."""
+    """Number of changes reported for a robot that does not change."""
     visits, tests = LAYOUTS[layout]
     return len(history_of(collected(drawn_history(seed, visits, tests, **world))).changed)
 

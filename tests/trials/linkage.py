@@ -42,7 +42,7 @@ _ALMOST = 0.15
 
 
 def rig_for(name: str) -> Rig:
-    """Return the rig of an arm: that of the library, with masses, or with the linkage of a palletiser."""
+    """Rig of an arm: that of the library, with masses, or with the linkage of a palletiser."""
     shape = world.SHAPES[name]
     robot = load_arm("fanuc-m-10ia" if shape.drive == "crank" else name).robot
     upper = {"mass_kg": 12.0, "centre_mm": (shape.upper / 2, 0.0, 0.0)}
@@ -68,7 +68,7 @@ def drawn(
 
 
 def diagnosed(name: str, kind: str, axis: int, seed: int) -> tuple[str, list[str]]:
-    """Return whether a fault is `right`, of the wrong `size` or `missing` in a diagnosis, and the other names."""
+    """True if a fault is `right`, of the wrong `size` or `missing` in a diagnosis, and the other names."""
     _, arm, size, rng = drawn(name, kind, axis, seed, FAULTS[kind][1])
     rig = rig_for(name)
     q, came_from, xyz = world.tracked(arm, POSTURES, rng, NOISE_MM)
@@ -86,7 +86,7 @@ def diagnosed(name: str, kind: str, axis: int, seed: int) -> tuple[str, list[str
 
 
 def moved(name: str, kind: str, axis: int, seed: int) -> tuple[str, list[str]]:
-    """Return whether a moved zero is `right`, of the wrong `size` or `missing` in `rig moved`, and another cause."""
+    """True if a moved zero is `right`, of the wrong `size` or `missing` in `rig moved`, and another cause."""
     before, after, size, rng = drawn(name, kind, axis, seed, MOVED_DEG)
     model = model_of(rig_for(name))
     sockets = ["A", "B"] * 14

@@ -103,7 +103,7 @@ def plan(needed: Sequence[list[tuple[int, bool]]]) -> str:
 
 
 def _touches_needed(case: Case, cause: str, most: int, *, planned: bool) -> tuple[int, bool]:
-    """Return the number of touches after which the right cause is named, and whether a false one was named first.
+    """Number of touches after which the right cause is named, and whether a false one was named first.
 
     The number is one more than the most if neither is named, or if a false one is.
     """

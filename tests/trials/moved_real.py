@@ -58,7 +58,7 @@ def _rows(table: PoseTable | TouchTable, rows: NDArray[np.int64]) -> PoseTable |
 def changed(
     model: Model, table: PoseTable | TouchTable, cause: str, rng: np.random.Generator
 ) -> PoseTable | TouchTable:
-    """Return a table after a movement; a touch of a moved arm has other angles, by the nominal arm."""
+    """A table after a movement; a touch of a moved arm has other angles, by the nominal arm."""
     what, _, axis = cause.partition(" ")
     if what == "nothing":
         return table
@@ -80,7 +80,7 @@ def changed(
 
 
 def _seen_shift(T: Array, xyz_mm: Array, what: str, direction: Array, turn: Array) -> Array:
-    """Return the apparent displacement (n, 3) in mm of the target, in the frame of the instrument."""
+    """Apparent displacement (n, 3) in mm of the target, in the frame of the instrument."""
     if what == "base":
         return np.asarray(_SHIFT_MM * direction + np.cross(_TURN * turn, xyz_mm - xyz_mm.mean(axis=0)))
     R = fit_setup(T, xyz_mm).T_world_base[:3, :3]

@@ -172,7 +172,7 @@ def driver_poses(rig: Rig, driver: str, q: Array) -> Array:
 
 
 def traits_of(rig: Rig) -> str:
-    """Return the limits of the hinge of a backlash, and the deflection of a compliance under a static torque."""
+    """Limits of the hinge of a backlash, and the deflection of a compliance under a static torque."""
     import mujoco  # noqa: PLC0415
 
     model = mujoco_model(rig)

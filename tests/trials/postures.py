@@ -59,7 +59,7 @@ class Ranked:
     compared: Integers
 
     def better(self, key: Array) -> NDArray[np.bool_]:
-        """Return a mask of the better half of each compared set by a key (m,)."""
+        """A mask of the better half of each compared set by a key (m,)."""
         chosen = np.zeros(len(key), dtype=bool)
         for number in np.unique(self.compared):
             rows = np.flatnonzero(self.compared == number)
@@ -67,7 +67,7 @@ class Ranked:
         return chosen
 
     def ratio(self, key: Array) -> tuple[float, float, float]:
-        """Return the error of the better half over that of all, with the 95 % interval of the bootstrap."""
+        """Error of the better half over that of all, with the 95 % interval of the bootstrap."""
         chosen, square = self.better(key), self.measured_mm**2
         groups = np.unique(self.group)
         sums = np.array([
@@ -85,12 +85,12 @@ def _ratio_of(sums: Array) -> Array:
 
 
 def groups_of(places: Array) -> Integers:
-    """Return the neighbourhood (n,) of each row (n, k)."""
+    """Neighbourhood (n,) of each row (n, k)."""
     return np.asarray(kmeans2(places, GROUPS, minit="++", rng=np.random.default_rng(0))[1], dtype=np.int64)
 
 
 def calibrated(runs: Sequence[Measured], text: str) -> Rig:
-    """Return the rig file that `rig calibrate` writes for runs, as it is read again."""
+    """Rig file that `rig calibrate` writes for runs, as it is read again."""
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "found.yaml"
         write_model(calibrate(runs), text, path)
@@ -98,7 +98,7 @@ def calibrated(runs: Sequence[Measured], text: str) -> Rig:
 
 
 def with_tool(rig: Rig, xyz_mm: Array) -> Rig:
-    """Return a rig with its tool at the target (3,) mm on the flange."""
+    """A rig with its tool at the target (3,) mm on the flange."""
     x, y, z = (float(value) for value in xyz_mm)
     return rig.model_copy(
         update={"robot": rig.robot.model_copy(update={"tool": Pose(xyz_mm=(x, y, z))})}
@@ -106,7 +106,7 @@ def with_tool(rig: Rig, xyz_mm: Array) -> Rig:
 
 
 def tracked(data: Path, series: str) -> Iterator[tuple[str, Ranked]]:
-    """Yield the rankings of a series of the UR10: neighbourhoods of the work left out, and among these the postures of
+    """Rankings of a series of the UR10: neighbourhoods of the work left out, and among these the postures of
     each target that has several."""
     file = data / "ipa-ur10" / f"series_{series.lower()}.csv"
     q, xyz_mm = ur10(file)
@@ -143,7 +143,7 @@ def tracked_ranks(q: Array, xyz_mm: Array, group: Integers) -> Ranked:
 
 
 def touched(data: Path, name: str) -> Iterator[tuple[str, Ranked]]:
-    """Yield the ranking of the touches of an arm: neighbourhoods left out, frame and tool taught at each placement."""
+    """Ranking of the touches of an arm: neighbourhoods left out, frame and tool taught at each placement."""
     text = (
         f'name: {name.replace("_", "-")}\n{load_arm(MUKCA_ARMS[name]).text}tests: {{touch: {{sockets: ["0", "1"]}}}}\n'
     )
@@ -172,7 +172,7 @@ def touched(data: Path, name: str) -> Iterator[tuple[str, Ranked]]:
 
 
 def touch_errors(rig: Rig, q: Array, socket: NDArray[np.str_], given: Integers, asked: Integers) -> tuple[Array, Array]:
-    """Return the ball (3,) mm on the flange by the given touches of one placement and the nominal arm, and by how far
+    """Ball (3,) mm on the flange by the given touches of one placement and the nominal arm, and by how far
     (m,) mm the nominal arm misses the sockets at the touches asked."""
     names, T = np.unique(socket[given]).tolist(), forward(arm_of(rig.robot), q)
     unknown = np.zeros((len(given), 3, 3 + 3 * len(names)))

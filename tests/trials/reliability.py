@@ -29,7 +29,7 @@ def judged(case: tuple[list[Path], Path | None]) -> str:
 
 
 def kept_cases(root: Path) -> list[RealCase]:
-    """Return the cases of a directory that were answered."""
+    """Cases of a directory that were answered."""
     answers = {file.parent.name: _read(file) for file in sorted(root.glob("cases/*/answer.json"))}
     truths = [_read(root / "truth" / f"{name}.json") for name in answers]
     return real_cases_of(truths, answers)

@@ -157,7 +157,7 @@ def _posed(model: Model, table: PoseTable | TouchTable) -> Array:
 
 
 def _squares(rig: Rig, run: Measured) -> list[Effect]:
-    """Return a least-squares fit of all zeros, lengths and twists with the set-up, as in an ordinary calibration, by
+    """A least-squares fit of all zeros, lengths and twists with the set-up, as in an ordinary calibration, by
     singular values; barely visible combinations stay zero.
     """
     table = run.table

@@ -71,7 +71,7 @@ def plain_of(run: ObservedRun) -> Peer:
 
 
 def in_own_setup(run: ObservedRun, name: str) -> ObservedRun:
-    """Return a run of another series as a separate set-up, because the instrument was moved."""
+    """A run of another series as a separate set-up, because the instrument was moved."""
     return replace(run, setup=f"{run.setup} of {name}")
 
 

@@ -58,7 +58,7 @@ class FactoryArm:
         return frames
 
     def flange(self, q: Array) -> Array:
-        """Return the flange poses (n, 4, 4) mm at angles q (n, 6) rad, counted as in the data sheet."""
+        """Flange poses (n, 4, 4) mm at angles q (n, 6) rad, counted as in the data sheet."""
         T = np.tile(np.eye(4), (len(q), 1, 1))
         for frame, angle in zip(self.frames, (q + self.counted).T, strict=True):
             turn = np.tile(np.eye(4), (len(q), 1, 1))
@@ -104,7 +104,7 @@ def write_poses(
 
 
 def cell_for(arm: FactoryArm) -> Cell:
-    """Return a cell of the data sheet with a circle and a hemisphere at the same postures for every model."""
+    """A cell of the data sheet with a circle and a hemisphere at the same postures for every model."""
     data: dict[str, Any] = yaml.safe_load((RIGS / "ur10e.yaml").read_text(encoding="utf-8"))
     library = yaml.safe_load((RIGS / "arms" / f"{arm.model}.yaml").read_text(encoding="utf-8"))
     data |= {"name": arm.model, "robot": library["robot"] | {"tool": _TOOL, "payload_kg": 2}, "effects": []}
@@ -152,7 +152,7 @@ def write_circles(
 
 
 def _screws(arm: FactoryArm, nominal: Arm, tool: Array) -> Arm:
-    """Return the screws of the real arm; masses and their centres are those of the data sheet."""
+    """Screws of the real arm; masses and their centres are those of the data sheet."""
     T, point, axis = np.eye(4), [], []
     for frame in arm.frames:
         T = T @ frame

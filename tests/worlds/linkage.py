@@ -66,7 +66,7 @@ class MotorErrors:
     soft: Array
 
     def of(self, motors: Array, came_from: Array, torque: Callable[[Array], Array]) -> Array:
-        """Return the errors (n, 6) of the outputs at counted angles (n, 6), after a move from other angles."""
+        """Errors (n, 6) of the outputs at counted angles (n, 6), after a move from other angles."""
         errors = self.zero - self.play / 2 * np.sign(motors - came_from)
         errors = errors + self.wave * np.sin(_WAVES * motors + self.phase)
         return np.asarray(errors + self.soft * torque(motors) if self.soft.any() else errors)
@@ -82,23 +82,23 @@ class LinkedArm:
     tool_mm: Array
 
     def zero_deg(self, axis: int) -> float:
-        """Return the zero error of motor 2 or 3 in degrees, including the twist of the link before its axis."""
+        """Zero error of motor 2 or 3 in degrees, including the twist of the link before its axis."""
         twist = self.links[axis - 2, 1] * (1 if axis == 2 else -1)
         return float(np.degrees(self.errors.zero[axis - 1] + twist))
 
     def displayed(self, motors: Array) -> Array:
-        """Return the displayed angles (n, 6) rad of a controller that takes its zeros for correct."""
+        """Displayed angles (n, 6) rad of a controller that takes its zeros for correct."""
         shown = motors.copy()
         if self.shape.elevation:
             shown[:, 2] = _elevation(self.shape, motors)
         return shown
 
     def tips(self, motors: Array, came_from: Array) -> Array:
-        """Return the places (n, 3) mm of the ball for counted angles (n, 6) rad of the motors."""
+        """Places (n, 3) mm of the ball for counted angles (n, 6) rad of the motors."""
         return self._points(motors + self.errors.of(motors, came_from, self._torque))[-1]
 
     def _torque(self, motors: Array) -> Array:
-        """Return the torque (n, 6) Nm of gravity on each motor: the loss of potential energy per angle."""
+        """Torque (n, 6) Nm of gravity on each motor: the loss of potential energy per angle."""
         step = 1e-5 * np.eye(6)
         energy = [self._energy(motors + one) - self._energy(motors - one) for one in step]
         return -np.stack(energy, axis=1) / 2e-5
@@ -109,7 +109,7 @@ class LinkedArm:
         return np.asarray(1e-3 * _G * heights[:, 2])
 
     def _points(self, motors: Array) -> tuple[Array, Array, Array, Array]:
-        """Return the middle of upper arm and forearm, the flange and the ball (n, 3) mm at true motor angles."""
+        """Middle of upper arm and forearm, the flange and the ball (n, 3) mm at true motor angles."""
         s = self.shape
         links = [(Rotation.from_rotvec(row[:3]), row[3:]) for row in self.links]
         # Angle of the elbow about y: the forearm is level if the upper arm leans by as much as the elbow opens.
@@ -131,7 +131,7 @@ class LinkedArm:
 
 
 def _elevation(shape: Shape, motors: Array) -> Array:
-    """Return the elevation (n,) rad of the forearm above the horizontal, for angles (n, 6) of the motors."""
+    """Elevation (n,) rad of the forearm above the horizontal, for angles (n, 6) of the motors."""
     if shape.drive == "elbow":
         return np.asarray(motors[:, 2] - motors[:, 1])
     lean, crank = motors[:, 1], motors[:, 2]
@@ -166,7 +166,7 @@ def drawn_arm(shape: Shape, rng: np.random.Generator) -> LinkedArm:
 
 
 def with_fault(arm: LinkedArm, kind: str, axis: int, size: float) -> LinkedArm:
-    """Return an arm with an additional error of a motor: zero, play, wave or soft, in deg, soft in deg/Nm."""
+    """An arm with an additional error of a motor: zero, play, wave or soft, in deg, soft in deg/Nm."""
     field = getattr(arm.errors, kind).copy()
     field[axis - 1] += size * _DEG
     return replace(arm, errors=replace(arm.errors, **{kind: field}))

@@ -57,11 +57,11 @@ class TrueArm:
     base: Array = field(default_factory=lambda: np.eye(4))
 
     def tips(self, q: Array) -> Array:
-        """Return the positions (n, 3) mm of the ball on the tool at reported angles q (n, axes) rad."""
+        """Positions (n, 3) mm of the ball on the tool at reported angles q (n, axes) rad."""
         return self.tips_and_slopes(q)[0]
 
     def tips_and_slopes(self, q: Array) -> tuple[Array, Array]:
-        """Return the ball positions (n, 3) mm and their derivatives (n, 3, axes) mm/rad for the rigid arm."""
+        """Ball positions (n, 3) mm and their derivatives (n, 3, axes) mm/rad for the rigid arm."""
         reach = np.linalg.norm(self._rigid(q)[0][:, :2], axis=1) / 1000
         error = self.zero + self.wave[:, 0] * np.sin(q) + self.wave[:, 1] * np.cos(q)
         tips, slopes = self._rigid(q + error + self.sag * reach[:, None])
@@ -88,7 +88,7 @@ def drawn_arm(kind: Kind, rng: np.random.Generator) -> TrueArm:
 
 
 def nominal_arm(kind: Kind) -> TrueArm:
-    """Return the arm of the data sheet."""
+    """Arm of the data sheet."""
     zero = np.zeros(len(kind.a))
     wave = np.zeros((len(kind.a), 2))
     return TrueArm(kind, np.array(kind.a, float), np.radians(kind.alpha_deg), np.array(kind.d, float), zero, wave, zero,
@@ -96,7 +96,7 @@ def nominal_arm(kind: Kind) -> TrueArm:
 
 
 def _step(arm: TrueArm, q: Array, place: Array) -> Array:
-    """Return the damped step (n, axes) rad that moves the balls to a place (3,) or places (n, 3) mm."""
+    """Damped step (n, axes) rad that moves the balls to a place (3,) or places (n, 3) mm."""
     tips, J = arm.tips_and_slopes(q)
     inner = J @ J.transpose(0, 2, 1) + np.eye(3)
     return np.asarray(np.einsum("nji,nj->ni", J, np.linalg.solve(inner, (place - tips)[..., None])[..., 0]))
@@ -133,7 +133,7 @@ class Change:
 
 
 def no_change(axes: int) -> Change:
-    """Return a change without any movement."""
+    """A change without any movement."""
     return Change(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(axes), {})
 
 
@@ -143,7 +143,7 @@ def _direction(rng: np.random.Generator) -> Array:
 
 
 def drawn_change(cause: str, axes: int, rng: np.random.Generator) -> Change:
-    """Return a random change for a cause: nothing, base, tool, socket, `zero 3`, or two of them joined by a plus."""
+    """A random change for a cause: nothing, base, tool, socket, `zero 3`, or two of them joined by a plus."""
     change = no_change(axes)
     for one in cause.split("+"):
         what, _, axis = one.partition(" ")
@@ -179,7 +179,7 @@ SOCKETS = {"A": np.array([600.0, -150.0, 250.0]), "B": np.array([420.0, 420.0, 4
 def touched(
     arm: TrueArm, q: Array, sockets: Sequence[str], change: Change, scatter_mm: float, rng: np.random.Generator
 ) -> Array:
-    """Return the reported angles (n, axes) rad with the ball in sockets, guided by hand near angles q (n, axes).
+    """Reported angles (n, axes) rad with the ball in sockets, guided by hand near angles q (n, axes).
 
     The ball is exactly in the socket, except for the seating scatter.
     """

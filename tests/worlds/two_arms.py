@@ -94,7 +94,7 @@ class TrueArm:
         return link_frames(self.a, self.alpha, self.beta, self.d, theta)
 
     def true_angles(self, q: Array) -> Array:
-        """Return the true joint angles (n, axes) rad for reported ones."""
+        """True joint angles (n, axes) rad for reported ones."""
         orders = np.arange(1, self.wave.shape[1] + 1)
         turn = q[:, :, None] * orders
         waves = (self.wave[:, :, 0] * np.sin(turn) + self.wave[:, :, 1] * np.cos(turn)).sum(axis=2)
@@ -102,7 +102,7 @@ class TrueArm:
         return q + self.zero + waves + self.soft * torque / (1 + self.stiffens * np.abs(torque) / 100)
 
     def tip_and_slope(self, q: Array) -> tuple[Array, Array, Array]:
-        """Return the point (n, 3) mm in the base, its derivative (n, 3, axes) mm/rad for a rigid arm, and the flange
+        """Point (n, 3) mm in the base, its derivative (n, 3, axes) mm/rad for a rigid arm, and the flange
         z axis (n, 3).
         """
         R, p = self.links(self.true_angles(q))
@@ -111,7 +111,7 @@ class TrueArm:
         return tip, slope, R[:, -1, :, 2]
 
     def base_frame(self) -> Array:
-        """Return the frame (4, 4) that the constants of axis 1 add to the base of the nominal arm."""
+        """Frame (4, 4) that the constants of axis 1 add to the base of the nominal arm."""
         nominal = nominal_arm(self.kind, self.point)
         return _first_link(self) @ np.linalg.inv(_first_link(nominal))
 
@@ -134,7 +134,7 @@ def _about(axis: str, angle: Array | float) -> Array:
 
 
 def nominal_arm(kind: Kind, point: Array, up: Array | None = None) -> TrueArm:
-    """Return the arm of the data sheet."""
+    """Arm of the data sheet."""
     zero = np.zeros(kind.axes)
     return TrueArm(
         kind, np.array(kind.a, float), np.radians(kind.alpha), zero, np.array(kind.d, float), zero,
@@ -144,7 +144,7 @@ def nominal_arm(kind: Kind, point: Array, up: Array | None = None) -> TrueArm:
 
 
 def drawn_arm(kind: Kind, point: Array, rng: np.random.Generator, up: Array | None = None) -> TrueArm:
-    """Return an arm of a kind with random errors; those of axis 1 belong to its base."""
+    """An arm of a kind with random errors; those of axis 1 belong to its base."""
     n = kind.axes
     nominal = nominal_arm(kind, point, up)
     parallel = np.abs(np.sin(nominal.alpha)) < 1e-3
@@ -175,7 +175,7 @@ class Cell:
 
     @property
     def known_base(self) -> Array:
-        """Return the transform (4, 4) between the frames of axis 1, the observable part."""
+        """Transform (4, 4) between the frames of axis 1, the observable part."""
         return np.linalg.inv(self.first.base_frame()) @ self.base @ self.second.base_frame()
 
 
@@ -231,7 +231,7 @@ def pair_postures(cell: Cell, count: int, rng: np.random.Generator) -> tuple[Arr
 def touched(
     cell: Cell, q: Array, p: Array, scatter_mm: float, rng: np.random.Generator, socket_mm: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the reported angles of both arms with the ball in the socket, near postures q and p.
+    """Reported angles of both arms with the ball in the socket, near postures q and p.
 
     The second arm is guided until the ball is seated, with a scatter. socket_mm (n, 3): socket on the second flange, if
     there are several.
@@ -243,5 +243,5 @@ def touched(
 
 
 def touched_fixed(arm: TrueArm, q: Array, place: Array, scatter_mm: float, rng: np.random.Generator) -> Array:
-    """Return the reported angles with the ball in fixed sockets at places (n, 3) mm in the base of an arm."""
+    """Reported angles with the ball in fixed sockets at places (n, 3) mm in the base of an arm."""
     return reached(arm, q, place + scatter_mm * rng.normal(size=place.shape), 40)

@@ -15,7 +15,7 @@ from tests.support.table_cases import csv_text, plain
 
 @pytest.fixture
 def runs(tmp_path: Path) -> list[Path]:
-    """Return a complete run, a directory that is not a run, and another complete run."""
+    """A complete run, a directory that is not a run, and another complete run."""
     whole = finished(tmp_path / "runs")
     return [whole, tmp_path / "nothing", Path(shutil.copytree(whole, tmp_path / "copy"))]
 

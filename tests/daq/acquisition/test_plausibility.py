@@ -29,7 +29,7 @@ def _sample(values: Sequence[float], at_ns: int) -> Sample:
 def _seen(
     seconds: int, reads: Callable[[float], float], turns: Callable[[float], float], *, touching: bool = True
 ) -> list[Fault]:
-    """Return the faults of a gauge at 10 Hz next to a robot, checked twice per second like the recorder."""
+    """Faults of a gauge at 10 Hz next to a robot, checked twice per second like the recorder."""
     plausibility, told = PlausibilityCheck(touching), list[Fault]()
     for half in range(2 * seconds):
         times_s = [(half + k / 5) / 2 for k in range(5)]

@@ -60,7 +60,7 @@ class RealCase:
         return next(iter(very + [one for one in hidden if name in one["class"]]), None)
 
     def said(self, name: str) -> str:
-        """Return the fault to which a name belongs, or the name itself."""
+        """Fault to which a name belongs, or the name itself."""
         fault = self.fault_of(name)
         return name if fault is None else str(fault["name"])
 

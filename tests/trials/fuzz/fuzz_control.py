@@ -40,7 +40,7 @@ Control = Callable[[Random], int]
 
 
 def control() -> dict[str, list[Control]]:
-    """Return the functions that send input to the socket."""
+    """Functions that send input to the socket."""
     return {"control": [_bytes, _values]}
 
 

@@ -76,7 +76,7 @@ class Change:
 
 
 def made(case: Case, directory: Path, data: Path = DATA) -> dict[str, Any] | None:
-    """Return the normalised output of all commands of a case; None if the data are missing."""
+    """Normalised output of all commands of a case; None if the data are missing."""
     directory.mkdir(parents=True)
     if not case.make(directory, data):
         return None

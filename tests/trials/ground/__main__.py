@@ -116,19 +116,19 @@ def run(given: argparse.Namespace) -> None:
 
 
 def path_outside() -> str:
-    """Return the path without this environment: an entry makes its own by the python that has pip."""
+    """Path without this environment: an entry makes its own by the python that has pip."""
     own = str(Path(sys.executable).parent)
     return os.pathsep.join(place for place in os.environ["PATH"].split(os.pathsep) if place != own)
 
 
 def children_s() -> float:
-    """Return the processor time in s of all entries that have ended."""
+    """Processor time in s of all entries that have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def as_json(found: dict[str, Scores]) -> str:
-    """Return the figures in plain types, by entry, row and figure."""
+    """Figures in plain types, by entry, row and figure."""
     plain = {
         entry: {row: {name: figure.to_dict() for name, figure in own.items()} for row, own in scores.items()}
         for entry, scores in found.items()

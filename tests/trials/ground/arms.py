@@ -131,7 +131,7 @@ def truth_of(
 
 
 def sizes_of(truth: Truth) -> dict[str, float]:
-    """Return the true size of each part by its name, in deg, mm and deg/Nm."""
+    """True size of each part by its name, in deg, mm and deg/Nm."""
     off, found = truth.off, {"link_geometry 3.beta": 0.0}
     for k in range(len(off.a)):
         found |= {
@@ -184,7 +184,7 @@ def effects_of(robot: Robot, q: Array, before: Array, ball_mm: Array) -> Iterato
 
 
 def waves_of(robot: Robot, truth: Truth, q: Array, ball_mm: Array) -> Array:
-    """Return the curves of the joints as rows (waves, 3 m) mm: sine and cosine of each, at its standard deviation."""
+    """Curves of the joints as rows (waves, 3 m) mm: sine and cosine of each, at its standard deviation."""
     turning, rows = turning_of(robot, q, ball_mm), []
     for joint, order, amplitude, _ in truth.waves:
         for wave in (np.sin, np.cos):

@@ -112,7 +112,7 @@ def named_in_cell(here: Path) -> Rows:
 
 
 def changed(arm: PlainArm, x: Array, coupling: Array | None = None) -> PlainArm:
-    """Return an arm with its constants changed by the first of x, in mm and degrees, zeros through a coupling."""
+    """An arm with its constants changed by the first of x, in mm and degrees, zeros through a coupling."""
     change = x[: 4 * arm.axes].reshape(4, -1).copy()
     if coupling is not None:
         change[3] = coupling @ change[3]
@@ -121,7 +121,7 @@ def changed(arm: PlainArm, x: Array, coupling: Array | None = None) -> PlainArm:
 
 
 def named(axes: int, left: Callable[[Array], Array], setup: Array) -> Rows:
-    """Return the constants that are off by residuals (mm) of a vector of constants and set-up, the surest first."""
+    """Constants that are off by residuals (mm) of a vector of constants and set-up, the surest first."""
     count = 4 * axes
     usual = np.repeat([size for *_, size in NAMES], axes)
     found = least_squares(
@@ -143,7 +143,7 @@ def named(axes: int, left: Callable[[Array], Array], setup: Array) -> Rows:
 
 
 def arm_of(robot: dict[str, Any]) -> tuple[PlainArm, Array, Array]:
-    """Return the arm of a cell, and the frames (4, 4) of base and tool."""
+    """Arm of a cell, and the frames (4, 4) of base and tool."""
 
     def of(key: str) -> Array:
         return np.array([axis.get(key, 0.0) for axis in robot["axes"]], dtype=float)

@@ -37,14 +37,14 @@ class PlainArm:
         return len(self.a)
 
     def changed(self, change: Array) -> PlainArm:
-        """Return the arm with a, alpha, d and offset changed by (4 n,), in mm and mrad."""
+        """Arm with a, alpha, d and offset changed by (4 n,), in mm and mrad."""
         a, alpha, d, offset = change.reshape(4, -1)
         return replace(
             self, a=self.a + a, alpha=self.alpha + alpha / 1e3, d=self.d + d, offset=self.offset + offset / 1e3
         )
 
     def flange(self, q: Array) -> tuple[Array, Array]:
-        """Return the rotation (m, 3, 3) and place (m, 3) mm of the flange at joint angles q (m, n) rad."""
+        """Rotation (m, 3, 3) and place (m, 3) mm of the flange at joint angles q (m, n) rad."""
         R, p = self.frames(q)
         return R[:, -1], p[:, -1]
 
@@ -91,7 +91,7 @@ class Poses:
 
 
 def joints(count: int) -> list[str]:
-    """Return the names of the columns of joint angles."""
+    """Names of the columns of joint angles."""
     return [f"q{k}_deg" for k in range(1, count + 1)]
 
 
@@ -139,7 +139,7 @@ def read_touches(path: Path, axes: int) -> Touches:
 
 
 def came_from(count: int) -> list[str]:
-    """Return the names of the columns of the angles that joints came from."""
+    """Names of the columns of the angles that joints came from."""
     return [f"q{k}_from_deg" for k in range(1, count + 1)]
 
 

@@ -69,7 +69,7 @@ def answer(task: Task, here: Path, path: Path, work: Path) -> None:
 
 
 def placed(arm: PlainArm, given: Poses, asked: Poses, work: Path) -> tuple[Array, Array]:
-    """Return the places (m, 3) mm of the poses asked, and u (m,) mm of each distance."""
+    """Places (m, 3) mm of the poses asked, and u (m,) mm of each distance."""
     rig_file = write_rig(rig_of(arm), work)
     runs = [run_of(given, str(placement), rig_file, work) for placement in np.unique(given.placement)]
     found = calibrate(runs)
@@ -165,12 +165,12 @@ def touch_runs(here: Path, work: Path) -> list[Measured]:
 
 
 def bare(data: dict[str, Any]) -> dict[str, Any]:
-    """Return a rig file with nothing that hangs at the flange."""
+    """A rig file with nothing that hangs at the flange."""
     return data | {"robot": data["robot"] | {"payload_kg": 0}}
 
 
 def faults(runs: list[Measured]) -> list[list[str]]:
-    """Return a row for each fault by which the diagnosis of runs stands, the surest first."""
+    """A row for each fault by which the diagnosis of runs stands, the surest first."""
     rows = []
     for named in diagnose(runs).standing:
         field = size_field(named.effect)

@@ -46,7 +46,7 @@ Scores = dict[str, dict[str, Figure]]
 
 
 def scored(directory: Path, answers: Path) -> Scores:
-    """Return the figures of a directory of answers, beside the truth of a directory of tasks.
+    """Figures of a directory of answers, beside the truth of a directory of tasks.
 
     The figures of a row of poses: `error_um` rms of the distance, `nominal_um` that of the nominal arm, `removed` the
     share of it that is gone, `answered` the share of poses that were, and `error_over_u` rms, `within_2u` share, `u_um`
@@ -99,7 +99,7 @@ def judged(task: Task, truth: Path, answers: Path) -> Judged:
 
 
 def pose_figures(parts: Sequence[Judged]) -> dict[str, Figure]:
-    """Return the figures of all poses of a row."""
+    """Figures of all poses of a row."""
     error, nominal, u, answered = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("error", "nominal", "u", "answered")
     )
@@ -138,7 +138,7 @@ def pose_figures(parts: Sequence[Judged]) -> dict[str, Figure]:
 
 
 def case_of(task: Task, truth: Path, answers: Path) -> RealCase:
-    """Return a cell with the named faults. A missing file names no fault, and does not count as "healthy"."""
+    """A cell with the named faults. A missing file names no fault, and does not count as "healthy"."""
     true: dict[str, Any] = json.loads((truth / f"{task.name}.json").read_text(encoding="utf-8"))
     path = answers / f"{task.name}.csv"
     sizes = {one["name"]: one["size"] for one in true["hidden"]}
@@ -152,12 +152,12 @@ def case_of(task: Task, truth: Path, answers: Path) -> RealCase:
 
 
 def sound(case: RealCase) -> bool:
-    """Return whether a sound arm was called so: nothing is named of which it has no five usual sizes."""
+    """True if a sound arm was called so: nothing is named of which it has no five usual sizes."""
     return case.answer.condition == "nothing_unusual" or (case.answer.condition == "named" and not case.wrong)
 
 
 def fault_figures(cases: Sequence[RealCase], _: str = "") -> Scores:
-    """Return the rows of cells: what is asked of healthy arms, of one fault and of several, and of sizes."""
+    """Rows of cells: what is asked of healthy arms, of one fault and of several, and of sizes."""
     whole = [case for case in cases if not case.truth["two_runs"]]
     short = [case for case in cases if case.truth["two_runs"]]
 
@@ -181,7 +181,7 @@ def fault_figures(cases: Sequence[RealCase], _: str = "") -> Scores:
 
 
 def arm_figures(cases: Sequence[RealCase], what: str) -> Scores:
-    """Return the rows of arms with faults in poses or touches, each fault that shows by itself."""
+    """Rows of arms with faults in poses or touches, each fault that shows by itself."""
     rows = {
         f"{what}, sound: no part named": [sound(case) for case in cases if not case.truth["hidden"]],
         f"{what}, one or two faults: those that show are named": [
@@ -197,13 +197,13 @@ def arm_figures(cases: Sequence[RealCase], what: str) -> Scores:
 
 
 def shares(rows: dict[str, list[bool]], cases: Sequence[RealCase]) -> Scores:
-    """Return each row as a share, with that of the cases that were answered."""
+    """Each row as a share, with that of the cases that were answered."""
     entered = share([case.answer.condition != "none" for case in cases])
     return {row: {"share": share(hits), "answered": entered} for row, hits in rows.items()}
 
 
 def sizes_within(cases: Sequence[RealCase]) -> list[bool]:
-    """Return whether each size that was told of a hidden fault, by its very name, lies within 2 u of the truth."""
+    """True if each size that was told of a hidden fault, by its very name, lies within 2 u of the truth."""
     found = []
     for case in cases:
         for named in case.standing:
@@ -215,14 +215,14 @@ def sizes_within(cases: Sequence[RealCase]) -> list[bool]:
 
 
 def share(hits: Sequence[bool]) -> Figure:
-    """Return a share with Wilson's interval."""
+    """A share with Wilson's interval."""
     if not hits:
         return Figure(math.nan, math.nan, math.nan, 0)
     return Figure(sum(hits) / len(hits), *wilson(sum(hits), len(hits)), len(hits))
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
-    """Return the rows of an answer; none where the file is missing or empty."""
+    """Rows of an answer; none where the file is missing or empty."""
     if not path.is_file():
         return []
     with path.open(encoding="utf-8", errors="replace", newline="") as file:

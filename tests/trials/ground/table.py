@@ -15,7 +15,7 @@ COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:
 
 
 def markdown(entries: Entries) -> str:
-    """Return the tables of accuracy, uncertainty and faults, an entry a column."""
+    """Tables of accuracy, uncertainty and faults, an entry a column."""
     poses = [row for row in rows_of(entries) if "error_um" in any_scores(entries)[row]]
     faults = [row for row in rows_of(entries) if row not in poses]
     parts = []
@@ -34,7 +34,7 @@ def markdown(entries: Entries) -> str:
 
 
 def any_scores(entries: Entries) -> Scores:
-    """Return the scores of one entry; all have the same rows."""
+    """Scores of one entry; all have the same rows."""
     return next(iter(entries.values()))
 
 
@@ -43,7 +43,7 @@ def rows_of(entries: Entries) -> list[str]:
 
 
 def accuracy(entries: Entries, rows: list[str]) -> str:
-    """Return the table of errors, with that of the nominal arm."""
+    """Table of errors, with that of the nominal arm."""
     lines = []
     for row in rows:
         nominal = any_scores(entries)[row]["nominal_um"]
@@ -52,7 +52,7 @@ def accuracy(entries: Entries, rows: list[str]) -> str:
 
 
 def erred(own: Mapping[str, Figure]) -> str:
-    """Return the error of an entry; what it did not answer counts as the nominal arm's, and is told."""
+    """Error of an entry; what it did not answer counts as the nominal arm's, and is told."""
     if own["answered"].value == 0:
         return "not entered"
     left = "" if own["answered"].value == 1 else f", {100 * own['answered'].value:.0f} % answered"
@@ -68,7 +68,7 @@ def honesty(own: Mapping[str, Figure]) -> str:
 
 
 def shared(scores: Scores, row: str) -> str:
-    """Return a share with the number of cases."""
+    """A share with the number of cases."""
     one = scores[row]["share"]
     if scores[row]["answered"].value == 0:
         return "not entered"

@@ -171,7 +171,7 @@ def write_split(split: Split, tasks: Path, truth: Path) -> Task:
 
 
 def groups_of(q: Array) -> NDArray[np.int64]:
-    """Return the neighbourhood of each posture (m,) at joint angles q (m, n) rad; few postures stand for themselves."""
+    """Neighbourhood of each posture (m,) at joint angles q (m, n) rad; few postures stand for themselves."""
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415 - slow to import
 
     if len(q) < 3 * GROUPS:
@@ -181,7 +181,7 @@ def groups_of(q: Array) -> NDArray[np.int64]:
 
 
 def simulated_splits(seed: int, size: Size) -> Iterator[Split]:
-    """Yield the tasks of arms with joint curves, long and short calibrations of one arm and the same poses asked."""
+    """Tasks of arms with joint curves, long and short calibrations of one arm and the same poses asked."""
     for number in range(1, size.arms + 1):
         rng = np.random.default_rng([seed, number])
         nominal = soft_arm.nominal("ur10")
@@ -195,7 +195,7 @@ def simulated_splits(seed: int, size: Size) -> Iterator[Split]:
 
 
 def measured_splits(data: Path | None, seed: int, size: Size) -> tuple[list[Split], list[str]]:
-    """Return the tasks of measured series, and what was left out because its files are not there."""
+    """Tasks of measured series, and what was left out because its files are not there."""
     found: list[Split] = []
     left_out = []
     for what, files, splits in (
@@ -217,7 +217,7 @@ def some(poses: Poses, count: int) -> Poses:
 
 
 def ur10_splits(b: Path, d: Path) -> list[Split]:
-    """Return the tasks of the UR10: a fifth of the neighbourhoods of each series left out, with all the others given
+    """Tasks of the UR10: a fifth of the neighbourhoods of each series left out, with all the others given
     and with 30 poses; and one series from the other, of which 30 poses tell the placement."""
     from analysis.diagnosis.evidence.setups import folds_of  # noqa: PLC0415 - the split of docs/trials.md
 
@@ -245,7 +245,7 @@ def joined(one: Poses, other: Poses) -> Poses:
 
 
 def arm_of_rig(name: str) -> PlainArm:
-    """Return the nominal arm of a shipped rig file."""
+    """Nominal arm of a shipped rig file."""
     text = (Path(__file__).parents[3] / "rigs" / f"{name}.yaml").read_text(encoding="utf-8")
     axes = yaml.safe_load(text)["robot"]["axes"]
 
@@ -263,7 +263,7 @@ def poses_of(placement: str, q: Array, xyz_mm: Array) -> Poses:
 
 
 def ur5_splits(grid: Path, random: Path) -> list[Split]:
-    """Return the tasks of the UR5: 20 random poses, from the whole grid and from 30 poses of it."""
+    """Tasks of the UR5: 20 random poses, from the whole grid and from 30 poses of it."""
     given, asked = (poses_of("tracker", *jacobi(path)) for path in (grid, random))
     arm = PlainArm(
         np.array(UR5["a_mm"], dtype=float),
@@ -283,7 +283,7 @@ def ur5_splits(grid: Path, random: Path) -> list[Split]:
 
 
 def wam_splits(grid: Path, random: Path) -> list[Split]:
-    """Return the task of the WAM, seven axes driven by cables."""
+    """Task of the WAM, seven axes driven by cables."""
     given, asked = (poses_of("tracker", *jacobi(path)) for path in (grid, random))
     arm = PlainArm(
         np.array([0.0, 0, 0, 45, -45, 0, 0]),

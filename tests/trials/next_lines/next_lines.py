@@ -75,7 +75,7 @@ _RIGD = typer.main.get_command(rigd_app)
 
 
 def hints_of(text: str, place: Path) -> list[Hint]:
-    """Return the commands that a text names, each once; files that it names lie in `place`."""
+    """Commands that a text names, each once; files that it names lie in `place`."""
     found: dict[tuple[str, ...], Hint] = {}
     for line in text.splitlines():
         tokens = _TOKENS.findall(line)
@@ -88,7 +88,7 @@ def hints_of(text: str, place: Path) -> list[Hint]:
 
 
 def _command_at(tokens: Sequence[str], place: Path) -> Iterator[str]:
-    """Yield the words of the command with which tokens begin, up to the sentence that goes on after it."""
+    """Words of the command with which tokens begin, up to the sentence that goes on after it."""
     program = tokens[0].lstrip("(`'")
     yield program
     command: Any = _RIG if program == "rig" else _RIGD
@@ -154,7 +154,7 @@ def follow(text: str, place: Place, scratch: Path) -> Followed:
 def _followed(
     hint: Hint, place: Place, scratch: Path, numbers: itertools.count[int], seen: set[tuple[str, ...]], depth: int = 0
 ) -> str:
-    """Return the error in which a hint ends, empty where it, or a remedy of its error, comes to an end."""
+    """Error in which a hint ends, empty where it, or a remedy of its error, comes to an end."""
     if hint.words in seen:
         return f"names itself again: {hint}" if depth else ""
     seen.add(hint.words)
@@ -174,7 +174,7 @@ def _followed(
 
 
 def _filled(words: Sequence[str], place: Place, copy: Path) -> list[str]:
-    """Return the arguments after expansion of placeholders and file patterns."""
+    """Arguments after expansion of placeholders and file patterns."""
     filled: list[str] = []
     for word in shlex.split(" ".join(words)):
         meant = _STANDS_FOR.get(word, word).format(runs=place.runs, rig=place.rig)
@@ -183,13 +183,13 @@ def _filled(words: Sequence[str], place: Place, copy: Path) -> list[str]:
 
 
 def matching(directory: Path, word: str) -> list[str]:
-    """Return the files of a directory that match a pattern, as a shell gives them; any other word as it is."""
+    """Files of a directory that match a pattern, as a shell gives them; any other word as it is."""
     there = directory.glob(word) if "*" in word and not word.startswith("/") else ()
     return sorted(str(file.relative_to(directory)) for file in there) or [word]
 
 
 def _wrong_use(hint: Hint) -> str | None:
-    """Return the reason why a command rejects these arguments; None if it accepts them."""
+    """Reason why a command rejects these arguments; None if it accepts them."""
     program, *words = shlex.split(" ".join(hint.words))
     command: Any = _RIG if program == "rig" else _RIGD
     context: Any = None

@@ -48,7 +48,7 @@ _PORT_BYTES = 3 * 18_000
 
 
 def numbers_of(values_mm: np.ndarray) -> np.ndarray:
-    """Return the numbers from the readings of a gauge in order, counted on where they begin again."""
+    """Numbers from the readings of a gauge in order, counted on where they begin again."""
     codes = np.round((values_mm / _RANGE_MM * 100 + 1) * 65520 / 102).astype(int) - _FIRST_CODE
     return codes[0] + np.concatenate([[0], np.cumsum(np.diff(codes) % SPAN)])
 

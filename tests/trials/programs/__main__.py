@@ -95,7 +95,7 @@ def _keep(verdict: Verdict, seed: int, keep: Path) -> None:
 
 
 def _counts(table: Table) -> tuple[int, int, int, int, int]:
-    """Return the numbers of targets with a larger error, of short and of silent results, of changed bytes, and of other
+    """Numbers of targets with a larger error, of short and of silent results, of changed bytes, and of other
     problems.
     """
     faults = table.faults

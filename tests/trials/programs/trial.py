@@ -139,7 +139,7 @@ def judge(draft: Draft, correction: Callable[[Draft], Corrected] = correct) -> V
 
 
 def _bytes(draft: Draft, corrected: Corrected) -> list[Fault]:
-    """Return a fault for each file of which more than numbers changed."""
+    """A fault for each file of which more than numbers changed."""
     return [
         Fault("bytes", (name, 0))
         for name, data in draft.files.items()
@@ -148,7 +148,7 @@ def _bytes(draft: Draft, corrected: Corrected) -> list[Fault]:
 
 
 def _touched(draft: Draft, corrected: Corrected) -> list[Fault]:
-    """Return a fault for each target that is listed as uncorrected although its line changed and contains no other
+    """A fault for each target that is listed as uncorrected although its line changed and contains no other
     target.
     """
     before, after = _texts(draft.files), _texts(corrected.files)
@@ -242,7 +242,7 @@ GRAVE = ("farther off", "another posture", "bytes", "another way", "left, yet ch
 
 
 def grave(fault: Fault) -> bool:
-    """Return whether a fault is one that must never be."""
+    """True if a fault is one that must never be."""
     return fault.kind.startswith(GRAVE) and not fault.kind.endswith("listed")
 
 

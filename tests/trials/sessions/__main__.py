@@ -131,7 +131,7 @@ def _run(trial: Drawn, place: Path, request: str) -> None:
 
 
 def outcome(trial: Drawn, directory: Path, came: dict[str, Any]) -> dict[str, Any]:
-    """Return the result of a session. came: kind of ending; empty if the process was killed."""
+    """Result of a session. came: kind of ending; empty if the process was killed."""
     session = SessionDirectory(directory).read()
     found: dict[str, Any] = {
         "number": trial.number,
@@ -206,7 +206,7 @@ def _invented(session: Session, directory: Path, hidden: set[str]) -> list[str]:
 
 
 def _off_u(trial: Drawn, session: Session, directory: Path) -> list[float]:
-    """Return the distance of each named hidden effect from the truth, in u."""
+    """Distance of each named hidden effect from the truth, in u."""
     off: list[float] = []
     for effect in _standing(session, directory):
         hidden = next((one for one in trial.effects if _name(one) == _name(effect)), {})

@@ -109,7 +109,7 @@ class Instruments:
         return self.program
 
     def is_reading(self, stream: str) -> bool:
-        """Return whether the instrument currently sends valid readings."""
+        """True if the instrument currently sends valid readings."""
         return bool(self._pending[stream])
 
     def drive(self, on: bool) -> None:
@@ -148,7 +148,7 @@ class Instruments:
 
 
 def place_of(number: int) -> int:
-    """Return the position of a gauge at a reading number: a triangular wave."""
+    """Position of a gauge at a reading number: a triangular wave."""
     place = number % (2 * _PLACES - 2)
     return min(place, 2 * _PLACES - 2 - place)
 
@@ -238,7 +238,7 @@ def _near(name: str, code: int, pieces: Sequence[Piece], place: int, last: tuple
 
 
 def _spoilt(pieces: Sequence[Piece], place: int) -> bool:
-    """Return whether a message received or completed at this time has changed bytes. Without a checksum such a message
+    """True if a message received or completed at this time has changed bytes. Without a checksum such a message
     may
     have any content.
     """

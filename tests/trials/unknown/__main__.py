@@ -72,7 +72,7 @@ def _judged(cell: Cell, directory: Path) -> Row:
 
 
 def row_text(row: Row) -> str:
-    """Return the lines of one cell."""
+    """Lines of one cell."""
     head = f"{row['seed']} {row['arm']} {row['test']}, {row['kind']} ({row['cause']})"
     head += f"; foreign {row['foreign_um']:.0f}, healthy {row['healthy_um']:.0f}, noise {row['noise_um']:.0f} µm"
     said = row["with"]
@@ -92,7 +92,7 @@ def _um(value: float | None) -> str:
 
 
 def ratio(row: Row) -> float | None:
-    """Return the processor time as a multiple of the sound cell's; None without a sound one."""
+    """Processor time as a multiple of the sound cell's; None without a sound one."""
     sound, said = row.get("sound", {}), row["with"]
     return said["cpu_s"] / sound["cpu_s"] if sound.get("cpu_s") and said.get("cpu_s") else None
 
@@ -102,7 +102,7 @@ COLUMNS = ("cause", "cells", "told", "imitated, not told", "wrong fault", "wrong
 
 
 def counts_text(rows: Sequence[Row]) -> str:
-    """Return the table of counts, by cause, over all, and of the sound cells."""
+    """Table of counts, by cause, over all, and of the sound cells."""
     lines = []
     for kind in dict.fromkeys(row["kind"] for row in rows):
         lines.append(_counts(kind, [row for row in rows if row["kind"] == kind]))

@@ -89,7 +89,7 @@ def judge(cell: Cell, answer: Mapping[str, Any], found: Path) -> Verdict:
 
 
 def was_told(answer: Mapping[str, Any]) -> bool:
-    """Return whether the answer reports an unknown cause: an unexplained error, a movement, or unusual scatter."""
+    """True if the answer reports an unknown cause: an unexplained error, a movement, or unusual scatter."""
     unexplained, remainder = answer.get("unexplained") or {}, answer.get("remainder") or {}
     unusual = any(unexplained.get(name) for name in ("visits_um", "unrepeated_um", "gauges_um", "scatter_um"))
     if unusual or remainder.get("is_material"):
@@ -102,7 +102,7 @@ def was_told(answer: Mapping[str, Any]) -> bool:
 
 
 def is_certain(effect: Mapping[str, Any]) -> bool:
-    """Return whether a name is a fault or has odds of at least 95 %."""
+    """True if a name is a fault or has odds of at least 95 %."""
     return bool(effect.get("stands")) or float(effect.get("posterior") or 0.0) >= CERTAIN
 
 
@@ -139,7 +139,7 @@ def _kind_of(cell: Cell, effect: Mapping[str, Any]) -> str:
 
 
 def _size_of(effect: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the main size of an effect and its standard uncertainty."""
+    """Main size of an effect and its standard uncertainty."""
     for key, given in (effect.get("parameters") or {}).items():
         if isinstance(given, Mapping) and given.get("sd") is not None and "phase" not in key and "order" not in key:
             return float(given["value"]), float(given["sd"])
@@ -157,7 +157,7 @@ def _label(effect: Mapping[str, Any]) -> str:
 
 
 def first_act_um(cell: Cell, answer: Mapping[str, Any], found: Path) -> tuple[float, float, float]:
-    """Return the error (µm rms) elsewhere now, after the first act, and with the calibrated model."""
+    """Error (µm rms) elsewhere now, after the first act, and with the calibrated model."""
     motion = elsewhere(cell)
     truth = points_elsewhere(cell, motion)
     before = _error_um(cell, truth, forward(cell.nominal, motion.q_read).flange)
@@ -174,7 +174,7 @@ def first_act_um(cell: Cell, answer: Mapping[str, Any], found: Path) -> tuple[fl
 
 
 def after_repair(cell: Cell, kind: str | None, effect: str, answer: Mapping[str, Any]) -> Cell:
-    """Return the cell after a repair or a new zero of the named part; the same cell if that changes nothing in it."""
+    """Cell after a repair or a new zero of the named part; the same cell if that changes nothing in it."""
     name, _, axis = effect.partition(" ")
     if kind == "remaster" and name == "joint_offset":
         named: Mapping[str, Any] = next((one for one in answer.get("effects") or [] if one.get("name") == effect), {})
@@ -195,7 +195,7 @@ def after_repair(cell: Cell, kind: str | None, effect: str, answer: Mapping[str,
 
 
 def calibrated_um(cell: Cell, q: Array, truth: Array, found: Path) -> float:
-    """Return the error of the calibrated model, µm rms; NaN without one."""
+    """Error of the calibrated model, µm rms; NaN without one."""
     from analysis import RigError, calibrated_arm  # noqa: PLC0415 - the one place that asks rig's Python API
 
     files = sorted(found.glob("*.yaml")) if found.exists() else []
@@ -211,7 +211,7 @@ def calibrated_um(cell: Cell, q: Array, truth: Array, found: Path) -> float:
 
 
 def _error_um(cell: Cell, truth: Array, flange: Array) -> float:
-    """Return the rms distance (µm) of the true points from those of a model, frame and tool's point fitted."""
+    """Rms distance (µm) of the true points from those of a model, frame and tool's point fitted."""
     at = np.einsum("nij,j->ni", flange[:, :3, :3], tool_point(cell)) + flange[:, :3, 3]
     error = truth - at
     columns = [np.broadcast_to(np.eye(3)[k], at.shape) for k in range(3)]

@@ -33,14 +33,14 @@ EFFECTS: tuple[Effect, ...] = (
 
 
 def known(rig: Rig) -> Rig:
-    """Return the rig with the hidden errors written in its file, and a controller that computes with the data sheet."""
+    """Rig with the hidden errors written in its file, and a controller that computes with the data sheet."""
     return rig.model_copy(
         update={"effects": EFFECTS, "robot": rig.robot.model_copy(update={"controller": "data_sheet"})}
     )
 
 
 def hidden() -> Wrong:
-    """Return the hidden errors in the notation of the independent arm."""
+    """Hidden errors in the notation of the independent arm."""
     wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
     wrong.offset[[2, 4]] = np.radians([_ZERO_3_DEG, _ZERO_5_DEG])
     wrong.a[2] = _A2_MM
@@ -49,7 +49,7 @@ def hidden() -> Wrong:
 
 
 def flange_at(rig: Rig, q: Array, wrong: Wrong | None = None) -> Array:
-    """Return the frame (4, 4) in mm of the flange in the base at joint angles q (6,) rad, of the nominal or an
+    """Frame (4, 4) in mm of the flange in the base at joint angles q (6,) rad, of the nominal or an
     erroneous arm.
     """
     axes = rig.robot.axes
@@ -68,7 +68,7 @@ def flange_at(rig: Rig, q: Array, wrong: Wrong | None = None) -> Array:
 
 
 def joints_of(rig: Rig, T: Array, near: Array) -> Array:
-    """Return the joint angles (6,) rad that the controller chooses for a flange (4, 4) in the base, in the posture
+    """Joint angles (6,) rad that the controller chooses for a flange (4, 4) in the base, in the posture
     of `near`.
     """
     arm = arm_of(rig.robot)
@@ -78,7 +78,7 @@ def joints_of(rig: Rig, T: Array, near: Array) -> Array:
 
 
 def frame(place: Array | tuple[float, ...], turn: Rotation) -> Array:
-    """Return a frame (4, 4) in mm."""
+    """A frame (4, 4) in mm."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = turn.as_matrix(), place
     return T

@@ -79,7 +79,7 @@ def flange(arm: Constants, wrong: Wrong, q: Array) -> tuple[Array, Array]:
 
 
 def none() -> Wrong:
-    """Return an arm without errors."""
+    """An arm without errors."""
     return Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
 
 
@@ -167,7 +167,7 @@ class Peer:
     frame: Array
 
     def held_out_mm(self, arm: Constants, poses: Seen, *, again: bool) -> float:
-        """Return the rms distance; again: fit frame and tool to these poses first, as for a new placement."""
+        """Rms distance; again: fit frame and tool to these poses first, as for a new placement."""
         frame = _framed(arm, self.wrong, poses) if again else self.frame
         left = _placed(arm, self.wrong, frame, poses.q) - poses.xyz_mm
         return float(np.sqrt((left**2).sum(axis=1).mean()))

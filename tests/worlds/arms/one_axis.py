@@ -18,7 +18,7 @@ BALL_MM = np.array([40.0, 0.0, 120.0])
 
 
 def driven(name: str, number: int, poses: int = 150) -> tuple[Rig, Truth, PoseTable]:
-    """Return an arm with backlash of a joint, its true errors, and its poses with one moving axis, measured by a
+    """An arm with backlash of a joint, its true errors, and its poses with one moving axis, measured by a
     tracker.
     """
     rig, rng = parse(f"name: x\n{load_arm(name).text}", "x"), np.random.default_rng(100 + number)
@@ -30,7 +30,7 @@ def driven(name: str, number: int, poses: int = 150) -> tuple[Rig, Truth, PoseTa
 
 
 def true_curve(truth: Truth, table: PoseTable, curve: AxisCurve) -> tuple[Array, Array, Array, Array]:
-    """Return the true joint errors (k,) deg by direction at the angles of a curve, the error (m,) of the curve, and its
+    """True joint errors (k,) deg by direction at the angles of a curve, the error (m,) of the curve, and its
     u (m,).
 
     A constant and a wave of one per turn are removed from all, because the fitted circle absorbs them.

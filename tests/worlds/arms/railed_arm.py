@@ -28,7 +28,7 @@ class RailTruth:
     waves: tuple[tuple[int, float, float, float], ...]
 
     def base_mm(self, e1_mm: Array) -> Array:
-        """Return the base positions (n, 3) mm on a rail along x."""
+        """Base positions (n, 3) mm on a rail along x."""
         there = np.outer(e1_mm / 1000.0, [1000.0 + self.along, self.sideways, self.height])
         for way, per_m, amplitude, phase in self.waves:
             there[:, way] += amplitude * np.sin(2 * np.pi * per_m * e1_mm / 1000.0 + phase)
@@ -36,7 +36,7 @@ class RailTruth:
 
 
 def draw_rail(rng: np.random.Generator, along: float, sideways: float, height: float) -> RailTruth:
-    """Return a rail with two straightness waves of 0.01 to 0.03 mm in each direction."""
+    """A rail with two straightness waves of 0.01 to 0.03 mm in each direction."""
     waves = tuple(
         (way, rng.uniform(0.3, 1.5), rng.uniform(0.01, 0.03), rng.uniform(0, 2 * np.pi)) for way in (0, 1, 2, 0, 1, 2)
     )
@@ -44,7 +44,7 @@ def draw_rail(rng: np.random.Generator, along: float, sideways: float, height: f
 
 
 def railed_places(arm: Truth, rail: RailTruth, q: Array, came: Array, e1_mm: Array, ball_mm: Array) -> Array:
-    """Return the positions (n, 3) mm of a ball at ball_mm on the tool."""
+    """Positions (n, 3) mm of a ball at ball_mm on the tool."""
     return np.asarray(arm.places(q, came, ball_mm) + rail.base_mm(e1_mm))
 
 

@@ -64,7 +64,7 @@ Backlash: 0.87 to 1.49 degrees were measured on new Feetech STS3215, specified a
 
 
 def sizes_of(robot: Robot) -> Sizes:
-    """Return the error sizes for the build of an arm."""
+    """Error sizes for the build of an arm."""
     return HOBBY if robot.design == "servo" else INDUSTRY
 
 
@@ -81,7 +81,7 @@ class Fault:
 
     @property
     def name(self) -> str:
-        """Return the name of the fault in rig."""
+        """Name of the fault in rig."""
         effects = {"zero": "joint_offset", "play": "backlash", "compliance": "compliance"}
         effect = effects.get(self.kind, "link_geometry")
         return f"{effect} {self.axis}.{self.field}" if self.field else f"{effect} {self.axis}"
@@ -104,12 +104,12 @@ class Truth:
     counts: int = 0
 
     def reported(self, q: Array) -> Array:
-        """Return the angles reported at joint angles q, rounded to encoder counts."""
+        """Angles reported at joint angles q, rounded to encoder counts."""
         count = 2 * np.pi / self.counts if self.counts else 0.0
         return np.asarray(np.round(q / count) * count if count else q)
 
     def size_of(self, fault: Fault) -> float:
-        """Return the true size at the seat of a fault, in its unit: the fault plus the error of a sound arm."""
+        """True size at the seat of a fault, in its unit: the fault plus the error of a sound arm."""
         k = fault.axis - 1
         sizes = {"zero": self.off.zero, "twist": self.off.alpha, "play": self.play, "compliance": self.soft}
         if fault.kind == "length":
@@ -127,7 +127,7 @@ class Truth:
         return out + self._lag(q, came_from)
 
     def _lag(self, q: Array, came_from: Array) -> Array:
-        """Return the backlash deviation: the link stays at the flank of the departure until the motion takes up the
+        """Backlash deviation: the link stays at the flank of the departure until the motion takes up the
         backlash.
         """
         lag, at = np.zeros_like(q), np.zeros(q.shape[1])
@@ -137,7 +137,7 @@ class Truth:
         return lag
 
     def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
-        """Return the positions (n, 3) mm of a ball at ball_mm on the tool."""
+        """Positions (n, 3) mm of a ball at ball_mm on the tool."""
         posed = pose(self.arm, self.link_q(q, came_from))
         return np.asarray(posed.p + np.einsum("nij,j->ni", posed.R, ball_mm))
 
@@ -150,14 +150,14 @@ class Seen(Protocol):
         """Standard deviation of a coordinate."""
 
     def reported(self, q: Array) -> Array:
-        """Return the angles (n, axes) rad recorded by the controller."""
+        """Angles (n, axes) rad recorded by the controller."""
 
     def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
-        """Return the positions (n, 3) mm of a ball at ball_mm on the tool."""
+        """Positions (n, 3) mm of a ball at ball_mm on the tool."""
 
 
 def constants_of(robot: Robot) -> Constants:
-    """Return the constants of a rig file's robot, excluding base and tool."""
+    """Constants of a rig file's robot, excluding base and tool."""
     column = {key: np.array([getattr(axis, key) for axis in robot.axes], dtype=float) for key in _KEYS}
     return Constants(
         column["a_mm"], np.radians(column["alpha_deg"]), np.radians(column["beta_deg"]), column["d_mm"],
@@ -259,7 +259,7 @@ def seated(robot: Robot, rng: np.random.Generator, socket_mm: Array, ball_mm: Ar
 
 
 def corrected(robot: Robot, truth: Seen, q: Array, came_from: Array, socket_mm: Array, ball_mm: Array) -> Array:
-    """Return the reported angles (n, axes) rad with the ball exactly in the socket, as if guided by hand into a
+    """Reported angles (n, axes) rad with the ball exactly in the socket, as if guided by hand into a
     magnet.
     """
     nominal, q = arm_from(constants_of(robot)), q.copy()
@@ -273,7 +273,7 @@ def corrected(robot: Robot, truth: Seen, q: Array, came_from: Array, socket_mm: 
 
 
 def came_from(table: PoseTable | TouchTable) -> Array:
-    """Return the angles (n, axes) rad from which each joint arrived: those given for a touch, or those of the
+    """Angles (n, axes) rad from which each joint arrived: those given for a touch, or those of the
     previous pose.
     """
     if isinstance(table, TouchTable) and table.came_from is not None:
@@ -290,12 +290,12 @@ def pose_table(robot: Robot, truth: Seen, rng: np.random.Generator, ball_mm: Arr
 
 
 def reach_mm(robot: Robot) -> float:
-    """Return the largest horizontal reach of an arm."""
+    """Largest horizontal reach of an arm."""
     return float(sum(np.hypot(axis.a_mm, axis.d_mm) for axis in robot.axes[1:]))
 
 
 def somewhere(rng: np.random.Generator, reach: float = np.inf) -> Array:
-    """Return a random socket place (3,) mm, 350 to 600 mm from the base; scaled down for arms with a reach below 800
+    """A random socket place (3,) mm, 350 to 600 mm from the base; scaled down for arms with a reach below 800
     mm.
     """
     around, away, high = rng.uniform(-2, 2), rng.uniform(350, 600), rng.uniform(50, 450)

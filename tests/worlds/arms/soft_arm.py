@@ -45,14 +45,14 @@ class Arm:
     wave: tuple[Array, Array, Array]
 
     def frames(self, q: Array) -> Array:
-        """Return the frames (n, 6, 4, 4) of the links at joint angles q (n, 6) rad: modified Denavit-Hartenberg."""
+        """Frames (n, 6, 4, 4) of the links at joint angles q (n, 6) rad: modified Denavit-Hartenberg."""
         R, p = link_frames(self.a, self.alpha, self.beta, self.d, q + self.offset)
         T = np.tile(np.eye(4), (*p.shape[:2], 1, 1))
         T[:, :, :3, :3], T[:, :, :3, 3] = R, p
         return T
 
     def tool_mm(self, q: Array, point: Array | None = None) -> Array:
-        """Return the positions (n, 3) mm of the tool, or of another point (3,) mm of the flange, at commanded angles
+        """Positions (n, 3) mm of the tool, or of another point (3,) mm of the flange, at commanded angles
         q (n, 6) rad.
         """
         amplitude, order, phase = self.wave
@@ -62,7 +62,7 @@ class Arm:
         return np.asarray(T[:, :3, :3] @ (self.tool if point is None else point) + T[:, :3, 3])
 
     def _torques(self, q: Array) -> Array:
-        """Return the gravity torques (n, 6) Nm on each joint at joint angles q (n, 6) rad."""
+        """Gravity torques (n, 6) Nm on each joint at joint angles q (n, 6) rad."""
         mass, centre = self.mass[:6].copy(), self.centre[:6].copy()
         mass[5] += self.mass[6]  # the payload hangs at the flange, the last link
         if mass[5]:
@@ -71,7 +71,7 @@ class Arm:
 
 
 def nominal(name: str) -> Arm:
-    """Return the arm of a shipped rig file."""
+    """Arm of a shipped rig file."""
     robot = yaml.safe_load((RIGS / f"{name}.yaml").read_text(encoding="utf-8"))["robot"]
 
     def of(key: str) -> Array:

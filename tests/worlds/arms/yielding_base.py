@@ -57,7 +57,7 @@ def turn(v: Array, p: Array) -> Array:
 
 
 def _base(robot: Robot) -> Array:
-    """Return the base frame (4, 4) with rotations about the fixed x, y and z axes in this order."""
+    """Base frame (4, 4) with rotations about the fixed x, y and z axes in this order."""
     T = np.eye(4)
     for k, angle in enumerate(np.radians(robot.base.rpy_deg)):
         T[:3, :3] = np.array([turn(angle * np.eye(3)[k], column) for column in T[:3, :3].T]).T
@@ -65,7 +65,7 @@ def _base(robot: Robot) -> Array:
 
 
 def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
-    """Return the link frames (axes, n, 4, 4) of an arm with the errors `truth.off`, relative to the origin of its
+    """Link frames (axes, n, 4, 4) of an arm with the errors `truth.off`, relative to the origin of its
     base.
     """
 
@@ -83,7 +83,7 @@ def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
 
 
 def moment_nm(robot: Robot, links: Array) -> Array:
-    """Return the moment (n, 2) Nm of links and payload about the x and y axes at the origin of the base."""
+    """Moment (n, 2) Nm of links and payload about the x and y axes at the origin of the base."""
     total = np.zeros((links.shape[1], 2))
     weights = [(axis.mass_kg, np.append(axis.centre_mm, 1.0), k) for k, axis in enumerate(robot.axes)]
     for mass, centre, k in [*weights, (robot.payload_kg, np.array([0.0, 0.0, 0.0, 1.0]), len(robot.axes) - 1)]:
@@ -106,18 +106,18 @@ class OnStand:
         return self.arm.scatter_mm
 
     def reported(self, q: Array) -> Array:
-        """Return the angles (n, axes) rad reported by the arm."""
+        """Angles (n, axes) rad reported by the arm."""
         return self.arm.reported(q)
 
     def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
-        """Return the positions (n, 3) mm of a ball at ball_mm on the tool."""
+        """Positions (n, 3) mm of a ball at ball_mm on the tool."""
         theta = self.arm.link_q(q, came_from) @ np.array(self.robot.coupling).T
         links = frames(self.arm, self.robot, theta)
         bare = (links[-1] @ np.append(ball_mm, 1.0))[:, :3]
         return self.stand.moved(bare, moment_nm(self.robot, links))
 
     def tensor_deg(self) -> dict[str, float]:
-        """Return the tilt of this stand in the terms of rig, in deg/Nm at 200 Nm.
+        """Tilt of this stand in the terms of rig, in deg/Nm at 200 Nm.
 
         The isotropic part is equal in all directions. Parts about the two lines next to the soft axis represent the
         additional compliance about it.

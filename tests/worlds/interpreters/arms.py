@@ -90,7 +90,7 @@ wrist.
 
 @lru_cache
 def rig_of(name: str) -> Rig:
-    """Return the rig of an arm whose controller computes with the data sheet."""
+    """Rig of an arm whose controller computes with the data sheet."""
     if name == "kuka-hanging":
         robot, tests = yaml.safe_load(_KUKA), yaml.safe_load(_TESTS)
     elif name in LIBRARY:

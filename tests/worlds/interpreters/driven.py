@@ -38,7 +38,7 @@ def along(pieces: list[LinearMove | Round], distance_mm: Array) -> tuple[Array, 
 
 
 def paths(events: list[Event]) -> list[LinearMove | Round]:
-    """Return the lines and arcs longer than zero."""
+    """Lines and arcs longer than zero."""
     return [event for event in events if isinstance(event, LinearMove | Round) and event.length_mm > ROUNDING]
 
 

@@ -19,14 +19,14 @@ _ARM_MM = 500.0
 
 
 def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, PostureFlags]]:
-    """Return the joint angles (6,) rad at the end of each move, with the posture flags of its position; q (6,):
+    """Joint angles (6,) rad at the end of each move, with the posture flags of its position; q (6,):
     start angles.
     """
     found = []
     flange, tool = flange_of(rig), pose_of(rig.robot.tool)
 
     def missing(q: Array, pose: ToolPose) -> Array:
-        """Return the pose error (6,) of the tool: translation in units of the lever arm, and rotation in rad."""
+        """Pose error (6,) of the tool: translation in units of the lever arm, and rotation in rad."""
         matrix, place = flange(q)
         turn = Rotation.from_matrix(matrix)
         away = place + turn.apply(tool.place) - pose.place

@@ -86,20 +86,20 @@ class Cell:
 
     @cached_property
     def steps(self) -> list[list[float]]:
-        """Return the frames of the links in the controller, each as twelve numbers by rows."""
+        """Frames of the links in the controller, each as twelve numbers by rows."""
         return self.links[:, :3].reshape(6, 12).tolist()
 
     @cached_property
     def sheet(self) -> Cell:
-        """Return the cell with a controller that computes with the data sheet."""
+        """Cell with a controller that computes with the data sheet."""
         return replace(self, links=links_of(self.nominal), offset=self.nominal.offset, controller="data_sheet")
 
     def allows(self, q: Array) -> bool:
-        """Return whether joint angles (6,) rad are within the limits."""
+        """True if joint angles (6,) rad are within the limits."""
         return bool((q >= self.limits[:, 0]).all() and (q <= self.limits[:, 1]).all())
 
     def flanges(self, q: Array) -> Array:
-        """Return the real flange frames (n, 4, 4) in the base at reported angles q (n, 6) rad."""
+        """Real flange frames (n, 4, 4) in the base at reported angles q (n, 6) rad."""
         errors = np.tile(np.radians(_ZEROS_DEG), (len(q), 1))
         errors[:, 0] += np.radians(_GEAR_DEG) * np.sin(2 * q[:, 0])
         motors = np.diag(self.nominal.coupling)  # Each motor sits in the joint that it turns.
@@ -117,7 +117,7 @@ class Cell:
 
 
 def links_of(arm: Constants, beta: Array | None = None) -> Array:
-    """Return the frames (6, 4, 4) of the links at zero; beta (6,) rad: Hayati's angle after alpha."""
+    """Frames (6, 4, 4) of the links at zero; beta (6,) rad: Hayati's angle after alpha."""
     T = np.tile(np.eye(4), (6, 1, 1))
     for k in range(6):
         T[k, :3, :3] = Rotation.from_euler("XY", [arm.alpha[k], 0.0 if beta is None else beta[k]]).as_matrix()
@@ -187,7 +187,7 @@ def _own(here: Cell, dialect: str) -> tuple[tuple[LinkConstants, ...], Cell]:
 
 
 def _differences(rig: Rig, own: tuple[LinkConstants, ...]) -> list[LinkGeometry | JointOffset]:
-    """Return the effects that turn the axes of the data sheet into others."""
+    """Effects that turn the axes of the data sheet into others."""
     effects: list[LinkGeometry | JointOffset] = []
     turns = np.array([row.offset_deg - axis.offset_deg for row, axis in zip(own, rig.robot.axes, strict=True)])
     for k, deg in enumerate((turns / np.diag(rig.robot.coupling)).tolist(), start=1):
@@ -200,7 +200,7 @@ def _differences(rig: Rig, own: tuple[LinkConstants, ...]) -> list[LinkGeometry 
 
 
 def _walked(here: Cell, q: Array) -> list[tuple[float, ...]]:
-    """Return the frames of the six links at q (6,) rad, each as twelve numbers by columns: three axes, position.
+    """Frames of the six links at q (6,) rad, each as twelve numbers by columns: three axes, position.
 
     Plain floats are five times as fast as products of small arrays, and a trial needs thousands per program.
     """
@@ -227,7 +227,7 @@ def _as_frame(columns: tuple[float, ...]) -> Array:
 
 
 def chain(here: Cell, q: Array) -> tuple[Array, Array]:
-    """Return the flange (4, 4) that the controller computes at q (6,) rad, and its derivatives (6, 6) per rad of each
+    """Flange (4, 4) that the controller computes at q (6,) rad, and its derivatives (6, 6) per rad of each
     reported angle in mm and rad.
     """
     frames = _walked(here, q)
@@ -240,12 +240,12 @@ def chain(here: Cell, q: Array) -> tuple[Array, Array]:
 
 
 def links(here: Cell, q: Array) -> list[Array]:
-    """Return the frames (4, 4) of the six links at q (6,) rad; the last one is the flange."""
+    """Frames (4, 4) of the six links at q (6,) rad; the last one is the flange."""
     return [_as_frame(columns) for columns in _walked(here, q)]
 
 
 def turn_of(R: Array) -> Array:
-    """Return the rotation vector (3,) rad of a rotation matrix (3, 3)."""
+    """Rotation vector (3,) rad of a rotation matrix (3, 3)."""
     (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = R.tolist()
     x, y, z = (yz - zy) / 2, (zx - xz) / 2, (xy - yx) / 2
     sine, cosine = math.sqrt(x * x + y * y + z * z), (xx + yy + zz - 1) / 2
@@ -272,7 +272,7 @@ def solved(here: Cell, F: Array, q: Array) -> Array | None:
 
 
 def branches(dialect: str) -> Array:
-    """Return all postures (n, 6) rad of the arm in the controller with the flange in the middle of the work, the middle
+    """All postures (n, 6) rad of the arm in the controller with the flange in the middle of the work, the middle
     posture first.
 
     The closed form of rig gives the start values; the solutions are refined here.
@@ -291,12 +291,12 @@ def _branches(dialect: str, controller: str) -> Array:
 
 
 def placed(place: Array, R: Array) -> Array:
-    """Return the frame (4, 4) with a position (3,) mm and a rotation (3, 3)."""
+    """Frame (4, 4) with a position (3,) mm and a rotation (3, 3)."""
     T = _EYE.copy()
     T[:3, :3], T[:3, 3] = R, place
     return T
 
 
 def frame(place: Array | tuple[float, ...], turn: Rotation) -> Array:
-    """Return a frame (4, 4) in mm."""
+    """A frame (4, 4) in mm."""
     return placed(np.asarray(place), turn.as_matrix())

@@ -156,7 +156,7 @@ class Writer:
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
     def _ends(self) -> tuple[str, str, str]:
-        """Return a tool, a work object, and the remaining arguments of a move."""
+        """A tool, a work object, and the remaining arguments of a move."""
         pen = self.pen
         tool, wobj = pen.pick(list(self.tools)), pen.pick(list(self.wobjs))
         if pen.plain:
@@ -166,7 +166,7 @@ class Writer:
         return tool, wobj, rest
 
     def target(self, tool: str, wobj: str, scope: _Scope) -> str:
-        """Return a robtarget near the middle of the work area."""
+        """A robtarget near the middle of the work area."""
         pen = self.pen
         q = pen.near()
         X = np.linalg.inv(self.wobjs[wobj] @ scope.displaced) @ pen.flange(q) @ self.tools[tool]
@@ -177,7 +177,7 @@ class Writer:
         return pose(X, 4)[:-1] + f",{conf},{external}]"
 
     def _point(self, tool: str, wobj: str, scope: _Scope, *, named: bool = False) -> str:
-        """Return the name of a declared point, or its numbers."""
+        """Name of a declared point, or its numbers."""
         text = self.target(tool, wobj, scope)
         if self.pen.maybe(0.25) and not named:
             return text
@@ -210,7 +210,7 @@ class Writer:
         return [f"MoveC {self._point(tool, wobj, scope)},{self._point(tool, wobj, scope)}{rest}"]
 
     def approach(self, scope: _Scope) -> list[str]:
-        """Return an approach to a point from above or along the tool, with retraction."""
+        """An approach to a point from above or along the tool, with retraction."""
         pen = self.pen
         tool, wobj, rest = self._ends()
         name = self._point(tool, wobj, scope, named=True)
@@ -220,7 +220,7 @@ class Writer:
         return [f"{first} {how}{rest}", f"MoveL {name}{rest}", *([f"MoveL {how}{rest}"] if pen.maybe(0.5) else [])]
 
     def track(self, scope: _Scope) -> list[str]:
-        """Return a move of the track, alone or together with the arm."""
+        """A move of the track, alone or together with the arm."""
         pen = self.pen
         alone = f"MoveExtJ [{_EXTERNAL},[150,9E9,9E9,9E9,9E9,9E9]],vrot10,fine;"
         together = f"MoveAbsJ [{_text(np.degrees(pen.near()), 4)},[150,9E9,9E9,9E9,9E9,9E9]],v200,fine,tGrip;"
@@ -358,5 +358,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a random program."""
+    """A random program."""
     return Writer(Pen("abb", seed, plain=plain)).draft()

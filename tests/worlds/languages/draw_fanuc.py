@@ -194,7 +194,7 @@ class Writer:
         return [f"C P[{a}]    \n  P[{b}] 100mm/sec FINE    "]
 
     def joint(self, text: _Text, scope: _Scope, q: Array) -> list[str]:
-        """Return a move to joint angles (6,) rad."""
+        """A move to joint angles (6,) rad."""
         return [f"J P[{self.position(text, scope, q, joints=True)}] 20% FINE    "]
 
     def harmless(self) -> list[str]:
@@ -234,7 +234,7 @@ class Writer:
         return [*literal, *before, f"L P[{k}] 100mm/sec FINE {how}    ", *again]
 
     def approach(self, text: _Text, scope: _Scope) -> list[str]:
-        """Return an approach from above, using a position register set by the program."""
+        """An approach from above, using a position register set by the program."""
         pen = self.pen
         k = self.position(text, scope, pen.near())
         zeros = [f"  PR[12,{axis}]=0" for axis in (1, 2, 4, 5, 6)]
@@ -292,5 +292,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a random program."""
+    """A random program."""
     return Writer(Pen("fanuc", seed, plain=plain)).draft()

@@ -130,7 +130,7 @@ class Writer:
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
     def target(self, scope: _Scope, q: Array | None = None) -> str:
-        """Return the components of a position near the middle of the work area."""
+        """Components of a position near the middle of the work area."""
         pen = self.pen
         q = pen.near() if q is None else q
         X = np.linalg.inv(scope.base) @ pen.flange(q) @ scope.tool
@@ -165,7 +165,7 @@ class Writer:
         return name
 
     def form(self, scope: _Scope, text: str) -> list[str]:
-        """Return an inline form as the pendant writes it, with its tool and base by number."""
+        """An inline form as the pendant writes it, with its tool and base by number."""
         pen = self.pen
         tool = base = 1
         if not pen.plain and pen.maybe(0.3):
@@ -207,7 +207,7 @@ class Writer:
         return ",".join(f"A{k + 1} {value:.4f}" for k, value in enumerate(np.degrees(q)))
 
     def literal(self, q: Array) -> list[str]:
-        """Return a move to joint angles (6,) rad."""
+        """A move to joint angles (6,) rad."""
         typed = self.pen.pick(["", "AXIS: "])
         return [f"PTP {{{typed}{self._axes(q)}}}"]
 
@@ -288,7 +288,7 @@ class Writer:
         return [*lines, *self.move(scope)]
 
     def track(self, scope: _Scope) -> list[str]:
-        """Return a move of the track that carries the arm, and poses with or without its position."""
+        """A move of the track that carries the arm, and poses with or without its position."""
         pen = self.pen
         there = pen.pick(
             [
@@ -352,5 +352,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a random module."""
+    """A random module."""
     return Writer(Pen("kuka", seed, plain=plain)).draft()

@@ -203,7 +203,7 @@ class Writer:
         return [*lines, pen.pick([f"movel({name}_p, a=1.2, v=0.25)"] * 2 + [f"movej({name}_p, a=1.4, v=1.05)"])]
 
     def turning_arc(self, scope: _Scope) -> list[str]:
-        """Return an arc of mode 1, with orientations as required by the mode or random."""
+        """An arc of mode 1, with orientations as required by the mode or random."""
         pen = self.pen
         q = pen.near()
         begin = pen.flange(q) @ scope.tool
@@ -222,7 +222,7 @@ class Writer:
         return [*before, f"movec({ends[0]}, {ends[1]}, a=1.2, v=0.25, {mode})", *after]
 
     def to_joints(self) -> list[str]:
-        """Return a straight line to joint angles, which uses only their pose."""
+        """A straight line to joint angles, which uses only their pose."""
         pen = self.pen
         before = [f"movej([{_numbers(pen.astray())}], a=1.4, v=1.05)"] if pen.maybe(0.4) else []
         return [*before, f"movel([{_numbers(pen.near())}], a=1.2, v=0.25)"]
@@ -423,5 +423,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a random program."""
+    """A random program."""
     return Writer(Pen("ur", seed, plain=plain)).draft()

@@ -151,7 +151,7 @@ class Writer:
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
     def move(self, job: _Job, q: Array, word: str = "") -> list[str]:
-        """Return a move to a new position."""
+        """A move to a new position."""
         pen = self.pen
         name = f"C{len(job.positions):05d}"
         job.positions.append((name, q))
@@ -224,7 +224,7 @@ class Writer:
         return ["IFTHENEXP IN#(7)=ON", line, "ENDIF"] if pen.maybe(0.3) else [line]
 
     def _place(self, job: _Job) -> str:
-        """Return a position variable that contains a place of the work."""
+        """A position variable that contains a place of the work."""
         k, q = len(job.variables) + 1, self.pen.near()
         X = self.pen.flange(q) @ self.tools[job.tool]
         turns = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True)
@@ -271,5 +271,5 @@ class Writer:
 
 
 def draw(seed: int, *, plain: bool) -> Draft:
-    """Return a random job."""
+    """A random job."""
     return Writer(Pen("yaskawa", seed, plain=plain)).draft()

@@ -49,7 +49,7 @@ class Pen:
         self._names: set[str] = set()
 
     def maybe(self, share: float) -> bool:
-        """Return True with this probability."""
+        """True with this probability."""
         return bool(self.rng.random() < share)
 
     def pick(self, items: Sequence[_Any]) -> _Any:
@@ -69,27 +69,27 @@ class Pen:
         return np.clip(q, self.here.limits[:, 0] + 0.02, self.here.limits[:, 1] - 0.02)
 
     def flange(self, q: Array) -> Array:
-        """Return the nominal flange (4, 4)."""
+        """Nominal flange (4, 4)."""
         return chain(self.here, q)[0]
 
     def tool(self) -> Array:
-        """Return a gripper (4, 4)."""
+        """A gripper (4, 4)."""
         place = self.rng.uniform((-60, -60, 40), (60, 60, 220)).round(1)
         return frame(place, Rotation.from_euler("xyz", self.rng.uniform(-40, 40, 3).round(1), degrees=True))
 
     def user_frame(self) -> Array:
-        """Return a work frame (4, 4)."""
+        """A work frame (4, 4)."""
         place = self.rng.uniform((-300, -300, -100), (300, 300, 150)).round(1)
         return frame(
             place, Rotation.from_euler("xyz", [0, 0, round(float(self.rng.uniform(-60, 60)), 1)], degrees=True)
         )
 
     def small(self) -> Array:
-        """Return a shift (3,) mm between stations."""
+        """A shift (3,) mm between stations."""
         return self.rng.uniform(-40, 40, 3).round(1)
 
     def name(self, join: str = "_", *, upper: bool = False, title: bool = False) -> str:
-        """Return a new routine name that resembles a built-in name."""
+        """A new routine name that resembles a built-in name."""
         while True:
             words = [self.pick(PREFIXES), self.pick(NOUNS)]
             text = join.join(words)
@@ -115,7 +115,7 @@ class Pen:
 
 
 def drawn(pen: Pen, kinds: Sequence[tuple[float, Callable[[], list[str]]]]) -> list[str]:
-    """Return the lines of a randomly chosen kind, by weight."""
+    """Lines of a randomly chosen kind, by weight."""
     weights = np.array([weight for weight, _ in kinds])
     return kinds[int(pen.rng.choice(len(kinds), p=weights / weights.sum()))][1]()
 

@@ -76,7 +76,7 @@ class Ways:
     counts: list[int] = field(default_factory=list)
 
     def choose(self, count: int) -> int:
-        """Return the choice among `count` alternatives."""
+        """Choice among `count` alternatives."""
         k = len(self.taken)
         if k < len(self.given):
             one = min(self.given[k], count - 1)
@@ -125,7 +125,7 @@ def _shift(seed: int, name: str) -> Array:
 
 
 def copied(value: Any) -> Any:
-    """Return a copy of a value whose lists and records are not shared with another variable."""
+    """A copy of a value whose lists and records are not shared with another variable."""
     if isinstance(value, list | tuple):
         return type(value)(map(copied, value))
     return {key: copied(item) for key, item in value.items()} if isinstance(value, dict) else value
@@ -147,7 +147,7 @@ class World:
         return _number(self.seed, name, low, high)
 
     def shift(self, name: str) -> Array:
-        """Return a random frame (4, 4) near the identity for a name: some centimetres and degrees."""
+        """A random frame (4, 4) near the identity for a name: some centimetres and degrees."""
         return _shift(self.seed, name)
 
 
@@ -215,16 +215,16 @@ class Robot:
         return self._once(key, lambda: self._solved(F, near, chosen))
 
     def flange(self, q: Array) -> Array:
-        """Return the flange (4, 4) that the controller computes at joint angles q (6,) rad."""
+        """Flange (4, 4) that the controller computes at joint angles q (6,) rad."""
         return self._once((self._cell, q.tobytes()), lambda: chain(self.here, q)[0])
 
     def meant(self, q: Array) -> Array:
-        """Return the flange (4, 4) that a joint target q (6,) rad means: of the data sheet."""
+        """Flange (4, 4) that a joint target q (6,) rad means: of the data sheet."""
         key = (self.dialect, "data_sheet")
         return self._once((key, q.tobytes()), lambda: chain(self.here.sheet, q)[0])
 
     def _once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the cached value for a key, because execution paths repeat positions."""
+        """Cached value for a key, because execution paths repeat positions."""
         if key not in self._cache:
             if len(self._cache) > _MOST_KEPT:
                 self._cache.clear()
@@ -252,7 +252,7 @@ class Robot:
         return min(ways, key=lambda way: float(np.abs(way - near).max())) if ways else None
 
     def _line(self, F: Array) -> Array | None:
-        """Return the cached result of `_along` for a line."""
+        """Cached result of `_along` for a line."""
         return self._once((self._cell, F.tobytes(), self.q.tobytes(), "line"), lambda: self._along(F))
 
     def _along(self, F: Array) -> Array | None:
@@ -282,7 +282,7 @@ class Robot:
         self.q = others[int(self.world.rng(name).integers(len(others)))].copy()
 
     def pose_now(self, tool: Array) -> Array:
-        """Return the tool pose (4, 4) in the base as computed by the controller."""
+        """Tool pose (4, 4) in the base as computed by the controller."""
         return self.flange(self.q) @ tool
 
 
@@ -340,7 +340,7 @@ class Goto:
 
 
 def steps_of(nodes: Sequence[Any]) -> list[Step]:
-    """Return the flat steps of nested instructions."""
+    """Flat steps of nested instructions."""
     steps: list[Step] = []
     labels: dict[str, int] = {}
     jumps: list[tuple[int, Goto]] = []

@@ -70,7 +70,7 @@ class Syntax:
         return left
 
     def term(self, tokens: Tokens) -> Tree:
-        """Return the tree of an operand with signs, components and indices."""
+        """Tree of an operand with signs, components and indices."""
         if tokens.peek() in self.unary:
             return ("unary", tokens.take(), self.term(tokens))
         tree = self._atom(tokens)
@@ -137,7 +137,7 @@ class Syntax:
         return ("aggregate", kind, pairs)
 
     def items(self, tokens: Tokens, end: str) -> list[tuple[str, Tree]]:
-        """Return the arguments or elements up to an end token, each with its keyword or an empty string."""
+        """Arguments or elements up to an end token, each with its keyword or an empty string."""
         items: list[tuple[str, Tree]] = []
         while tokens.peek() != end:
             if tokens.peek() == ",":

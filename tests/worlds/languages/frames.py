@@ -27,7 +27,7 @@ def _made(rows: list[list[float]], place: tuple[float, ...]) -> Array:
 
 @lru_cache(maxsize=_MOST)
 def of_angles(x: float, y: float, z: float, roll: float, pitch: float, yaw: float) -> Array:
-    """Return a frame (4, 4) from mm and degrees, by rotations about fixed x, y, z (or about z, new y, new x)."""
+    """A frame (4, 4) from mm and degrees, by rotations about fixed x, y, z (or about z, new y, new x)."""
     (cr, sr), (cp, sp), (cy, sy) = (
         (math.cos(angle), math.sin(angle)) for angle in (math.radians(deg) for deg in (roll, pitch, yaw))
     )
@@ -50,12 +50,12 @@ def angles_of(T: Array) -> tuple[float, ...]:
 
 @lru_cache(maxsize=_MOST)
 def of_quaternion(x: float, y: float, z: float, q1: float, q2: float, q3: float, q4: float) -> Array:
-    """Return a frame (4, 4) from mm and a quaternion, scalar first. Raises ValueError for a zero quaternion."""
+    """A frame (4, 4) from mm and a quaternion, scalar first. Raises ValueError for a zero quaternion."""
     return _made(Rotation.from_quat([q1, q2, q3, q4], scalar_first=True).as_matrix().tolist(), (x, y, z))
 
 
 def quaternion_of(T: Array) -> list[float]:
-    """Return the quaternion of a frame (4, 4), the scalar first."""
+    """Quaternion of a frame (4, 4), the scalar first."""
     return list(_quaternion(T[:3, :3].tobytes()))
 
 
@@ -67,23 +67,23 @@ def _quaternion(R: bytes) -> tuple[float, ...]:
 
 @lru_cache(maxsize=_MOST)
 def of_vector(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> Array:
-    """Return a frame (4, 4) of mm and a rotation vector in rad."""
+    """A frame (4, 4) of mm and a rotation vector in rad."""
     return _made(Rotation.from_rotvec([rx, ry, rz]).as_matrix().tolist(), (x, y, z))
 
 
 def vector_of(T: Array) -> list[float]:
-    """Return the rotation vector in rad of a frame (4, 4)."""
+    """Rotation vector in rad of a frame (4, 4)."""
     return turn_of(T[:3, :3]).tolist()  # type: ignore[no-any-return]
 
 
 def inverted(T: Array) -> Array:
-    """Return the inverse (4, 4) of a frame."""
+    """Inverse (4, 4) of a frame."""
     R = T[:3, :3].T
     return placed(-R @ T[:3, 3], R)
 
 
 def shifted(F: Array, y: float) -> Array:
-    """Return a frame (4, 4) moved along y by mm, as by a rail; for 0 the same object."""
+    """A frame (4, 4) moved along y by mm, as by a rail; for 0 the same object."""
     if not y:
         return F
     moved = np.array(F)

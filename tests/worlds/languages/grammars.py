@@ -9,5 +9,5 @@ _GRAMMARS = {"ur": draw_ur, "kuka": draw_kuka, "abb": draw_abb, "fanuc": draw_fa
 
 
 def draw(dialect: str, seed: int, *, plain: bool) -> Draft:
-    """Return the program for a seed, with all features of the grammar, or a plain one with a single tool and frame."""
+    """Program for a seed, with all features of the grammar, or a plain one with a single tool and frame."""
     return _GRAMMARS[dialect].draw(seed, plain=plain)

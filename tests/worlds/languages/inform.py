@@ -312,7 +312,7 @@ class Rconf:
 
 
 def rconf(q: Array) -> tuple[int, ...]:
-    """Return 0 for a flipped wrist, the upper elbow and the front, and 1 for R, T, S of at least 180 degrees."""
+    """0 for a flipped wrist, the upper elbow and the front, and 1 for R, T, S of at least 180 degrees."""
     first, shoulder, elbow, _, wrist, *_ = links(cell("yaskawa"), q)
     reach, bend = wrist[:3, 3] - shoulder[:3, 3], elbow[:3, 3] - shoulder[:3, 3]
     above = bend - (bend @ reach) / (reach @ reach) * reach

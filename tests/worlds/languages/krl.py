@@ -245,7 +245,7 @@ def _assignment(text: str) -> tuple[Tree, Tree | None] | None:
 
 @lru_cache(maxsize=4096)
 def _move_of(word: str, text: str) -> tuple[list[Tree], dict[str, Tree], bool]:
-    """Return the points of a move, its own settings, and whether it is relative to the tool."""
+    """Points of a move, its own settings, and whether it is relative to the tool."""
     text, _, settings = re.sub(r"\s+", " ", text).partition(" WITH ")
     found = {name: re.search(re.escape(name) + r"\s*=\s*([^,]+(?:\([^)]*\))?)", settings, re.I) for name in _STATE}
     tokens = KRL.tokens(text)
@@ -423,7 +423,7 @@ class Machine:
         return as_frame(inverted(base) @ self.robot.pose_now(tool))
 
     def evaluate(self, tree: Tree, line: _Line) -> Value:
-        """Return a value and the lines of its numbers."""
+        """A value and the lines of its numbers."""
         here = frozenset({line.place})
         match tree:
             case ("number", value) | ("text", value):
@@ -596,7 +596,7 @@ def status_turn(q: Array) -> tuple[int, int]:
 
 
 def as_matrix(value: Any) -> Array:
-    """Return the frame (4, 4) of an aggregate."""
+    """Frame (4, 4) of an aggregate."""
     if not isinstance(value, dict):
         raise Ended
     x, y, z, a, b, c = (float(value.get(name, 0.0)) for name in "XYZABC")
@@ -604,7 +604,7 @@ def as_matrix(value: Any) -> Array:
 
 
 def as_frame(T: Array) -> dict[str, Any]:
-    """Return the aggregate of a frame (4, 4)."""
+    """Aggregate of a frame (4, 4)."""
     x, y, z, c, b, a = angles_of(T)
     return {"X": x, "Y": y, "Z": z, "A": a, "B": b, "C": c}
 

@@ -29,7 +29,7 @@ FRAMES = {
 
 
 def ur_frames() -> NDArray[np.float64]:
-    """Return the frames (6, 4, 4) of the links in mm; each joint turns about z of its frame."""
+    """Frames (6, 4, 4) of the links in mm; each joint turns about z of its frame."""
     T = np.tile(np.eye(4), (6, 1, 1))
     rows = np.array(list(FRAMES.values()))
     T[:, :3, :3] = Rotation.from_euler("xyz", rows[:, 3:]).as_matrix()
@@ -44,7 +44,7 @@ def write_ur_calibration(path: Path) -> None:
 
 
 def ur_constants(robot: Robot) -> tuple[LinkConstants, ...]:
-    """Return the constants that rig reads from the file of the user."""
+    """Constants that rig reads from the file of the user."""
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "my_robot_calibration.yaml"
         write_ur_calibration(path)

@@ -237,7 +237,7 @@ class Machine:
         return [*_pose_of(T), [0.0, 0.0, 0.0, 0.0], [9e9] * 6]
 
     def evaluate(self, tree: Tree, where: frozenset[Place]) -> Value:
-        """Return a value and the lines of its numbers."""
+        """A value and the lines of its numbers."""
         match tree:
             case ("number", value) | ("text", value):
                 return value, _NOWHERE
@@ -417,7 +417,7 @@ class Conf:
 
 
 def confdata(q: Array) -> list[float]:
-    """Return the quadrants of axes 1, 4 and 6, and cfx of an IRB 120, whose arm is stretched at -77 degrees of axis
+    """Quadrants of axes 1, 4 and 6, and cfx of an IRB 120, whose arm is stretched at -77 degrees of axis
     3.
     """
     here = cell("abb")
@@ -435,7 +435,7 @@ def _binary(operator: str, a: Any, b: Any) -> Any:
 
 
 def _frame(pose: Any) -> Array:
-    """Return the frame (4, 4) of a pose or robtarget."""
+    """Frame (4, 4) of a pose or robtarget."""
     try:
         return of_quaternion(*map(float, pose[0]), *map(float, pose[1]))
     except (TypeError, ValueError, IndexError):

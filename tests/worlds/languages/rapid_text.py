@@ -23,17 +23,17 @@ class Lined(Tokens):
         self.lines, self.name = lines, name
 
     def here(self) -> int:
-        """Return the line of the next token."""
+        """Line of the next token."""
         return self.lines[min(self.at, len(self.lines) - 1)]
 
     def span(self, begin: int) -> frozenset[Place]:
-        """Return the lines of the tokens from `begin` to the last one consumed."""
+        """Lines of the tokens from `begin` to the last one consumed."""
         rows = self.lines[begin : max(self.at, begin + 1)]
         return frozenset((self.name, row) for row in range(rows[0], rows[-1] + 1)) if rows else _NOWHERE
 
 
 def lined(name: str, text: str) -> Lined:
-    """Return the tokens of a module; a comment runs from ! to the end of its line."""
+    """Tokens of a module; a comment runs from ! to the end of its line."""
     text = re.sub(r"\r\n|\r", "\n", text)
     starts = [0, *(one.end() for one in re.finditer("\n", text))]
     items, lines, at = [], [], 0

@@ -52,7 +52,7 @@ class Pose(list[float]):
     """Six numbers of a pose: metres and a rotation vector."""
 
     def matrix(self) -> Array:
-        """Return the frame (4, 4) in mm."""
+        """Frame (4, 4) in mm."""
         x, y, z, *vector = map(float, self)
         return of_vector(1e3 * x, 1e3 * y, 1e3 * z, *vector)
 
@@ -62,7 +62,7 @@ class Solved(list[float]):
 
 
 def as_pose(T: Array) -> Pose:
-    """Return the pose of a frame (4, 4)."""
+    """Pose of a frame (4, 4)."""
     return Pose([*(T[:3, 3] / 1e3).tolist(), *vector_of(T)])
 
 
@@ -79,7 +79,7 @@ class _Routine:
 
 
 def logical_lines(name: str, text: str) -> list[_Line]:
-    """Return the statements of a text with their lines, without comments."""
+    """Statements of a text with their lines, without comments."""
     lines, open_, places, words = [], 0, [], ""  # type: ignore[var-annotated]
     for number, raw in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
         bare = ""
@@ -246,14 +246,14 @@ class Machine:
         return self._outside(name), _NOWHERE
 
     def _outside(self, name: str) -> Any:
-        """Return a variable of the installation, with a kind determined by its name."""
+        """A variable of the installation, with a kind determined by its name."""
         if re.search(r"(_p|pose|plane|frame|tcp)", name):
             near = self.robot.pose_now(self.tool) if "tcp" not in name else np.eye(4)
             return as_pose(near @ self.world.shift(name) if "tcp" in name else near)
         return self.world.number(name)
 
     def evaluate(self, tree: Tree, line: _Line) -> Value:
-        """Return a value and the lines of its numbers."""
+        """A value and the lines of its numbers."""
         here = frozenset(line.places)
         match tree:
             case ("number", value) | ("text", value):
@@ -394,7 +394,7 @@ class Machine:
 
 
 def turned_on_arc(begin: Array, poses: list[Array], tool: Array) -> list[Array]:
-    """Return the flanges (4, 4) at the points of an arc in mode 1, with the tool fixed to the arc like a rigid body."""
+    """Flanges (4, 4) at the points of an arc in mode 1, with the tool fixed to the arc like a rigid body."""
     if len(poses) != 2:
         raise Ended
     a, b, c = begin[:3, 3], poses[0][:3, 3], poses[1][:3, 3]

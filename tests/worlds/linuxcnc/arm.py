@@ -45,7 +45,7 @@ class Arm:
     _lag: Array | None = None
 
     def links(self, motors_deg: Array) -> Array:
-        """Return the angles of the links (n, 6) in degrees at successive motor angles (n, 6) in degrees."""
+        """Angles of the links (n, 6) in degrees at successive motor angles (n, 6) in degrees."""
         joints = motors_deg + HOME_DEG
         half = self.faults.play_deg / 2
         if self._lag is None:
@@ -87,7 +87,7 @@ class SetUp:
     offsets_mm: tuple[float, float] = (25.0, -25.0)
 
     def readings(self, R: Array, p: Array) -> Array:
-        """Return the readings (n, 2) mm of both gauges for tool frames."""
+        """Readings (n, 2) mm of both gauges for tool frames."""
         to_ball = self.ball_mm - p
         distance = np.linalg.norm(to_ball, axis=1)
         if self.test not in ("yaw", "roll"):
@@ -99,7 +99,7 @@ class SetUp:
 
 
 def circle_error_um(p: Array, centre_mm: Array, radius_mm: float) -> tuple[float, float]:
-    """Return the rms distance in µm of tool positions (n, 3) mm from a horizontal circle, and the same if the place and
+    """Rms distance in µm of tool positions (n, 3) mm from a horizontal circle, and the same if the place and
     tilt of the circle are taught with the robot."""
     away = p - centre_mm
     phi, height = np.arctan2(away[:, 1], away[:, 0]), away[:, 2]

@@ -73,7 +73,7 @@ class Motion:
             self.tools.popleft()
 
     def at(self, at_s: float) -> tuple[Array, Array] | None:
-        """Return the tool at a time, None if its sample is not there (yet)."""
+        """Tool at a time, None if its sample is not there (yet)."""
         if not self.numbers:
             return None
         place = round((at_s - self.offset_s) / _PERIOD_S) - self.numbers[0]
@@ -136,7 +136,7 @@ def _follow(user: str, motion: Motion, lock: threading.Lock) -> None:
 
 
 def circle_in(p: Array, set_up: SetUp) -> Array:
-    """Return the part of a path (n, 3) mm that is the circle: of the moves between rests, the one that turns farthest
+    """Part of a path (n, 3) mm that is the circle: of the moves between rests, the one that turns farthest
     around the ball. A move to the start passes near the circle, too."""
     speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / _PERIOD_S
     moving = np.flatnonzero(speed > 2.0)

@@ -89,7 +89,7 @@ def write_configuration(directory: Path, home_deg: Array = HOME_DEG, extra: tupl
 
 
 def add_motors(rig_hal: str) -> str:
-    """Return the HAL file of rig with a second channel of the sampler for the motors, of which rig knows nothing."""
+    """HAL file of rig with a second channel of the sampler for the motors, of which rig knows nothing."""
     both = rig_hal.replace("depth=8000 cfg=ffffffbfs", "depth=8000,8000 cfg=ffffffbfs,ffffffs")
     nets = [f"net J{k}:pos-fb => sampler.1.pin.{k}" for k in range(6)]
     nets.append("net motors-lost sampler.1.overruns => sampler.1.pin.6")
@@ -137,7 +137,7 @@ class Controller:
 
 
 def _threads() -> set[int]:
-    """Return the processes of the real-time threads, which leave the process group of their controller."""
+    """Processes of the real-time threads, which leave the process group of their controller."""
     listed = subprocess.run(["ps", "-eo", "pid,comm"], capture_output=True, text=True, check=True).stdout
     rows = [line.split(None, 1) for line in listed.splitlines()[1:]]
     return {int(pid) for pid, name in rows if name.startswith("rtapi_app")}
@@ -149,7 +149,7 @@ def _session(pid: int) -> set[int]:
 
 
 def as_user(user: str) -> list[str]:
-    """Return the words that start a command as an ordinary user."""
+    """Words that start a command as an ordinary user."""
     return [] if os.geteuid() != 0 else ["runuser", "-u", user, "--"]
 
 

@@ -28,19 +28,19 @@ _READY_S = 60.0
 
 
 def rig(*words: object) -> str:
-    """Return the output of a command of rig."""
+    """Output of a command of rig."""
     done = subprocess.run([str(_BIN / "rig"), *map(str, words)], capture_output=True, text=True, check=False)
     return done.stdout + done.stderr
 
 
 def robot_columns(run: Path) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the columns of the joints of a recorded run, in order of the recording."""
+    """Columns of the joints of a recorded run, in order of the recording."""
     tables = [pq.read_table(file) for file in sorted(run.glob("robot-*.parquet"))]
     return {name: np.concatenate([table[name].to_numpy() for table in tables]) for name in tables[0].column_names}
 
 
 def counted(clock_s: np.ndarray[Any, Any]) -> dict[str, int]:
-    """Return the recorded samples, and the servo periods that are missing or repeated between them."""
+    """Recorded samples, and the servo periods that are missing or repeated between them."""
     steps = np.rint(np.diff(clock_s) / _PERIOD_S).astype(int)
     restarts = int((steps < -1000).sum())
     forward = steps[steps >= -1000]

@@ -43,7 +43,7 @@ class Noise:
 
 
 def between(rng: np.random.Generator, low: float, high: float) -> float:
-    """Return a log-uniform random number."""
+    """A log-uniform random number."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
@@ -86,7 +86,7 @@ def draw_cell(rng: np.random.Generator, kind: str) -> Noise:
 
 
 def draw_run(rng: np.random.Generator, cell: Noise, kind: str) -> Noise:
-    """Return the noise of a run. With the table, the levels of each gauge and run differ by up to LEVELS_APART."""
+    """Noise of a run. With the table, the levels of each gauge and run differ by up to LEVELS_APART."""
     if kind != "table":
         return cell
     apart = LEVELS_APART ** rng.uniform(-0.5, 0.5, 5)
@@ -99,14 +99,14 @@ def draw_run(rng: np.random.Generator, cell: Noise, kind: str) -> Noise:
 
 
 def rows(rng: np.random.Generator, noise: Noise, end_s: float, row_s: float) -> np.ndarray:
-    """Return the times (n,) s of rows from 0 to end_s, at an average interval row_s."""
+    """Times (n,) s of rows from 0 to end_s, at an average interval row_s."""
     count = int(end_s / row_s)
     even = np.arange(count) * row_s
     return np.sort(even + noise.uneven * rng.uniform(-0.5, 0.5, count) * row_s)
 
 
 def gauge_times(rng: np.random.Generator, noise: Noise, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the true reading times (n, 2) s of both gauges, the row (n, 2) of the displayed noise (an earlier one
+    """True reading times (n, 2) s of both gauges, the row (n, 2) of the displayed noise (an earlier one
     if a gauge repeats its value), and the standard uncertainty (n,) s of each row's time.
     """
     here = np.tile(np.arange(len(t_s))[:, None], (1, 2))

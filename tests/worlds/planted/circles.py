@@ -58,7 +58,7 @@ class Errors:
     cw: np.ndarray
 
     def at(self, phi: np.ndarray, sense: float) -> np.ndarray:
-        """Return the errors (n,) mm at phi (n,) rad of any lap."""
+        """Errors (n,) mm at phi (n,) rad of any lap."""
         return np.interp(phi, FINE, self.acw if sense > 0 else self.cw, period=2 * np.pi)
 
 
@@ -81,7 +81,7 @@ def draw_errors(rng: np.random.Generator) -> Errors:
 
 
 def _play(ahead: np.ndarray, inside: float, transit: float) -> np.ndarray:
-    """Return a backlash of width 1 (n,): +1/2 for `inside` rad after the zero of `ahead` (n,) rad, -1/2 elsewhere.
+    """A backlash of width 1 (n,): +1/2 for `inside` rad after the zero of `ahead` (n,) rad, -1/2 elsewhere.
 
     It is crossed over `transit` after each reversal, which is on the other side for cw.
     """
@@ -128,7 +128,7 @@ def draw_set_up(rng: np.random.Generator) -> SetUp:
 
 
 def true_figures(set_up: SetUp, sense: float, test: str) -> tuple[Truth, Truth]:
-    """Return the true figures of the angle and of the distance, each with its reported names."""
+    """True figures of the angle and of the distance, each with its reported names."""
     angle, distance = set_up.curves(sense, test)
     of_angle = (Yaw() if test == "yaw" else Roll()).plain_figures(FINE, angle, RADIUS_MM)
     plain = circularity.plain_figures(FINE, distance, RADIUS_MM)
@@ -146,7 +146,7 @@ def true_pair(set_up: SetUp, lag_s: float) -> Truth:
 
 @cache
 def cell_rig() -> tuple[Rig, np.ndarray]:
-    """Return a rig with a circle of RADIUS_MM, and the joints (721, 6) rad of a lap in steps of half a degree."""
+    """A rig with a circle of RADIUS_MM, and the joints (721, 6) rad of a lap in steps of half a degree."""
     rig, _ = load("paper-fanuc")
     circle = circle_of(rig)
     assert (circle.radius_mm, rig.gauges.baseline_mm, circle.start_deg) == (RADIUS_MM, BASELINE_MM, 0.0)
@@ -156,7 +156,7 @@ def cell_rig() -> tuple[Rig, np.ndarray]:
 
 @cache
 def _joint_wave() -> tuple[Any, np.ndarray]:
-    """Return a periodic spline of the joints without their full turns, and these turns (6,) rad per lap."""
+    """A periodic spline of the joints without their full turns, and these turns (6,) rad per lap."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import
 
     lap = cell_rig()[1]
@@ -184,7 +184,7 @@ class Size:
 def circle_table(
     rng: np.random.Generator, set_up: SetUp, noise: Noise, test: str, direction: Direction, size: Size
 ) -> CircleTable:
-    """Return a run: consecutive laps between lead-in and lead-out."""
+    """A run: consecutive laps between lead-in and lead-out."""
     sense, lead = SENSE[direction], np.radians(circle_of(cell_rig()[0]).lead_deg)
     t_s = rows(rng, noise, size.laps * LAP_S + 2 * lead / SPEED_RAD_S, LAP_S / size.rows)
     true_s, shown, u_t_s = gauge_times(rng, noise, t_s)
@@ -278,7 +278,7 @@ def repeated_runs(
 
 
 def mean_figures(rng: np.random.Generator, set_up: SetUp, differs: Between, draws: int = 150) -> Truth:
-    """Return the expected yaw figures over all possible runs."""
+    """Expected yaw figures over all possible runs."""
     every = [true_figures(differs.another(rng, set_up), 1.0, "yaw") for _ in range(draws)]
     angle, distance = ({name: np.array([e[k][name] for e in every]) for name in every[0][k]} for k in (0, 1))
     return {name: _mean(name, values) for name, values in (angle | distance).items()}
@@ -291,7 +291,7 @@ def _mean(name: str, values: np.ndarray) -> float:
 
 
 def repeated_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
-    """Return the pooled figures of two, three or five runs: mean ± standard uncertainty of the mean."""
+    """Pooled figures of two, three or five runs: mean ± standard uncertainty of the mean."""
     count = int(rng.choice([2, 3, 5]))
     tables, cell, set_up, differs = repeated_runs(rng, kind, size, count)
     (together,) = pooled([circle_result(table, cell.u_lag_s) for table in tables])

@@ -41,7 +41,7 @@ def link_readings(
 
 
 def wrong_angle(phi: np.ndarray, sense: float) -> np.ndarray:
-    """Return the orientation error (n,) rad: harmonics, and backlash jumps near 105° and 237° with a sign given by
+    """Orientation error (n,) rad: harmonics, and backlash jumps near 105° and 237° with a sign given by
     sense.
 
     A jump extends over some degrees, because a joint crosses its backlash slowly at a reversal.
@@ -54,12 +54,12 @@ def wrong_angle(phi: np.ndarray, sense: float) -> np.ndarray:
 
 
 def wrong_distance(phi: np.ndarray, sense: float) -> np.ndarray:
-    """Return the radial error (n,) mm."""
+    """Radial error (n,) mm."""
     return np.asarray(0.03 * np.sin(3 * phi) + 0.02 * np.cos(2 * phi + 1) + 0.01 * sense * np.sin(phi + 0.3) ** 2)
 
 
 def circle_readings(phi: np.ndarray, sense: float, test: str) -> np.ndarray:
-    """Return the readings (n, 2) mm of this robot around BALL."""
+    """Readings (n, 2) mm of this robot around BALL."""
     return link_readings(phi, BALL, test, wrong_angle(phi, sense), wrong_distance(phi, sense))
 
 
@@ -67,7 +67,7 @@ def circle_readings(phi: np.ndarray, sense: float, test: str) -> np.ndarray:
 
 
 def hemisphere(visits: int = 1) -> RadialTable:
-    """Return 37 targets in steps of 30° with three orientations, without readings."""
+    """37 targets in steps of 30° with three orientations, without readings."""
     places = [(0.0, 0.0)] + [(polar, azimuth) for polar in (30.0, 60.0, 90.0) for azimuth in range(0, 360, 30)]
     rows = [(k + 1, *place, o) for k, place in enumerate(places) for o in (1, 2, 3) for _ in range(visits)]
     target, polar, azimuth, orientation = (np.array(column) for column in zip(*rows, strict=True))
@@ -82,7 +82,7 @@ def with_readings(table: RadialTable, g_mm: np.ndarray) -> RadialTable:
 
 
 def directions(table: RadialTable) -> np.ndarray:
-    """Return the unit vectors (n, 3) from the ball to the target of each row, with z towards polar angle 0."""
+    """Unit vectors (n, 3) from the ball to the target of each row, with z towards polar angle 0."""
     s = np.sin(table.polar)
     return np.stack([s * np.cos(table.azimuth), s * np.sin(table.azimuth), np.cos(table.polar)], axis=1)
 
@@ -97,7 +97,7 @@ def true_radial(table: RadialTable) -> np.ndarray:
 
 
 def repeatability_table(g: np.ndarray) -> RepeatabilityTable:
-    """Return a table of readings g (targets, rounds, 2): out, then in."""
+    """A table of readings g (targets, rounds, 2): out, then in."""
     targets, rounds, _ = g.shape
     rows = [(t + 1, side, r + 1) for t in range(targets) for r in range(rounds) for side in ("out", "in")]
     target, approach, round_ = zip(*rows, strict=True)
@@ -108,7 +108,7 @@ def repeatability_table(g: np.ndarray) -> RepeatabilityTable:
 
 
 def ur10() -> Arm:
-    """Return the nominal UR10 from the README of the data set, converted from standard DH to Craig's convention."""
+    """Nominal UR10 from the README of the data set, converted from standard DH to Craig's convention."""
     ninety = np.pi / 2
     return Arm(
         a=np.array([0, 0, -612.0, -572.3, 0, 0]),

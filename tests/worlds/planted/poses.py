@@ -70,7 +70,7 @@ class Cell:
 
 
 def draw_cell(rng: np.random.Generator, visits: Visits) -> Cell:
-    """Return a UR10 with joint errors of some hundredths of a degree and length errors of some tenths of a mm."""
+    """A UR10 with joint errors of some hundredths of a degree and length errors of some tenths of a mm."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     arm = dataclasses.replace(arm_of(load("ur10")[0].robot), T_world_base=np.eye(4), T_flange_tool=np.eye(4))
@@ -100,7 +100,7 @@ def _places(rng: np.random.Generator, visits: Visits, sigma_mm: np.ndarray, shap
 
 
 def true_errors(cell: Cell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the errors (p, 3) mm and (p, 3) rad in the base after base and tool are fitted to noise-free poses, and
+    """Errors (p, 3) mm and (p, 3) rad in the base after base and tool are fitted to noise-free poses, and
     an orthonormal basis (3 p, 9) of the fitted position components.
     """
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import
@@ -112,7 +112,7 @@ def true_errors(cell: Cell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     base = turn.as_matrix()
 
     def left(x: np.ndarray) -> np.ndarray:
-        """Return the residual in the base. x: rotation x[:3] / 1000 mm, base position x[3:6], tool position x[6:]."""
+        """Residual in the base. x: rotation x[:3] / 1000 mm, base position x[3:6], tool position x[6:]."""
         back = Rotation.from_rotvec(x[:3] / 1000).as_matrix() @ base.T
         return np.asarray(((seen - seen.mean(axis=0)) @ back.T - x[3:6] - place - rotation @ x[6:]).ravel())
 
@@ -125,7 +125,7 @@ def true_errors(cell: Cell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def true_figures(rng: np.random.Generator, cell: Cell, visits: Visits, count: int) -> Truth:
-    """Return the expected value of every figure for poses visited `count` times. The standards do not correct
+    """Expected value of every figure for poses visited `count` times. The standards do not correct
     figures for noise.
     """
     place, turned, basis = true_errors(cell)

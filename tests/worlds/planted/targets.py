@@ -40,7 +40,7 @@ class Stops:
 
     @property
     def u_gauge_mm(self) -> float:
-        """Return the standard uncertainty of a reading, including rounding."""
+        """Standard uncertainty of a reading, including rounding."""
         return float(np.hypot(self.white_mm, self.step_mm / np.sqrt(12)))
 
 
@@ -73,7 +73,7 @@ def draw_stops(rng: np.random.Generator, kind: str) -> Stops:
 
 
 def sigmas(rng: np.random.Generator, stops: Stops, count: int) -> np.ndarray:
-    """Return the standard deviations (t,) of the stops at each target."""
+    """Standard deviations (t,) of the stops at each target."""
     low, high = np.log(stops.scatter_mm)
     return np.exp(rng.uniform(low, high, count))
 
@@ -122,7 +122,7 @@ def rp(x: np.ndarray) -> np.ndarray:
 
 @cache
 def one_visit() -> RadialTable:
-    """Return the hemisphere program of the rig without readings."""
+    """Hemisphere program of the rig without readings."""
     rig, _ = cell_rig()
     once = hemisphere_of(rig).model_copy(update={"visits": 1})
     program = radial_program(rig.model_copy(update={"tests": rig.tests.model_copy(update={"hemisphere": once})}))
@@ -131,7 +131,7 @@ def one_visit() -> RadialTable:
 
 
 def visited(visits: int, g_mm: np.ndarray) -> RadialTable:
-    """Return the complete program repeated `visits` times, with readings (visits · n,)."""
+    """Complete program repeated `visits` times, with readings (visits · n,)."""
     once, time_s = one_visit(), STOP_S * np.arange(len(g_mm))
     again = {f.name: np.concatenate([getattr(once, f.name)] * visits) for f in dataclasses.fields(once)}
     return RadialTable(**again | {"t_s": time_s, "g_mm": g_mm})
@@ -149,7 +149,7 @@ def draw_errors(rng: np.random.Generator) -> np.ndarray:
 
 
 def true_radial(g_mm: np.ndarray) -> Truth:
-    """Return the true figures for expected readings (n,) mm of the program."""
+    """True figures for expected readings (n,) mm of the program."""
     once, radius = one_visit(), hemisphere_of(cell_rig()[0]).radius_mm
     by_target = [once.target == target for target in np.unique(once.target)]
     mean = np.array([g_mm[rows].mean() for rows in by_target])

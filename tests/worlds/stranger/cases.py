@@ -50,7 +50,7 @@ class Lap:
 
 
 def energy_of(laps: Sequence[Lap], parts: Sequence[Array]) -> float:
-    """Return the energy in mm² of changes (m, 2) mm per lap that the set-up cannot absorb."""
+    """Energy in mm² of changes (m, 2) mm per lap that the set-up cannot absorb."""
     A = np.concatenate([lap.by_setup for lap in laps])
     x = np.concatenate([part.ravel() for part in parts])
     return float(np.sum((x - A @ np.linalg.lstsq(A, x, rcond=None)[0]) ** 2))
@@ -103,7 +103,7 @@ def generate(
 
 
 def _begun(kind: str, seed: int, scale: str) -> tuple[_Session, dict[str, Any]]:
-    """Return the session of a case before effects are hidden, and a description of its unseen place."""
+    """Session of a case before effects are hidden, and a description of its unseen place."""
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), SCALES.index(scale)])
     robot = ROBOTS[rng.integers(len(ROBOTS))]
     sight, noise = sight_of(robot), drawn_noise(rng)
@@ -112,7 +112,7 @@ def _begun(kind: str, seed: int, scale: str) -> tuple[_Session, dict[str, Any]]:
 
 
 def _shares(scales: Scales, kind: str, scale: str) -> dict[str, float]:
-    """Return the largest size of each background effect in healthy sizes, by name."""
+    """Largest size of each background effect in healthy sizes, by name."""
     part = DENSE if kind == "dense" else SCATTERED
     tops = {name: min(1.0, limit) if scale == "limits" else 1.0 for name, limit in scales.limits().items()}
     return {name: part * top for name, top in tops.items()}
@@ -134,7 +134,7 @@ def _drawn(
 
 
 def elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Track], dict[str, Any]]:
-    """Return the cell with a circle at a different place or of a different radius, and the change."""
+    """Cell with a circle at a different place or of a different radius, and the change."""
     circle = sight.cell.circle
     for _ in range(30):
         if rng.uniform() < 0.5:
@@ -178,7 +178,7 @@ class _Session:
         return Link(place.centre + off, self.rng.uniform(-0.3, 0.3, gauges), cell.gauge_at)
 
     def order(self) -> list[_Run]:
-        """Return the runs in random order of the set-ups and within each set-up."""
+        """Runs in random order of the set-ups and within each set-up."""
         yaw = [_Run("yaw", way, "train") for way in ("acw", "cw") for _ in range(REPEATS)]
         yaw += [_Run("yaw", way, "held_out") for way in ("acw", "cw")]
         roll = [_Run("roll", way, "train") for way in ("acw", "cw") for _ in range(REPEATS)]
@@ -207,7 +207,7 @@ class _Session:
         return g + added(noise, motion.t[motion.rows], g.shape[1], rng)
 
     def gaps(self, secret: list[Fault]) -> dict[str, float]:
-        """Return the rms in µm of the hidden effects after fitting the set-up, for held-out runs and the unseen
+        """Rms in µm of the hidden effects after fitting the set-up, for held-out runs and the unseen
         place.
         """
         found = {}
@@ -260,7 +260,7 @@ def fault_json(fault: Fault) -> dict[str, Any]:
 
 
 def fault_from(one: Mapping[str, Any]) -> Fault:
-    """Return the fault described in the truth."""
+    """Fault described in the truth."""
     size = SIZE[one["effect"]]
     keys = {key: one[key] for key in ("axis", "field", "gauge", "from_axis", "to_axis") if key in one}
     shape = {key: value for key, value in one["parameters"].items() if key != size}

@@ -49,7 +49,7 @@ class Cell:
 
 
 def read_cell(robot: str) -> Cell:
-    """Return a shipped rig without the hidden effects and the eccentricity of its emulated cell."""
+    """A shipped rig without the hidden effects and the eccentricity of its emulated cell."""
     data = yaml.safe_load((RIGS / f"{robot}.yaml").read_text(encoding="utf-8"))
     data["effects"] = []
     data["tests"]["circle"].pop("eccentricity_mm", None)
@@ -57,7 +57,7 @@ def read_cell(robot: str) -> Cell:
 
 
 def cell_of(data: dict[str, Any]) -> Cell:
-    """Return the cell of a parsed rig file."""
+    """Cell of a parsed rig file."""
     axes = data["robot"]["axes"]
     constants = _constants(data["robot"])
     return Cell(
@@ -73,7 +73,7 @@ def cell_of(data: dict[str, Any]) -> Cell:
 
 
 def moved(cell: Cell, circle: Place) -> Cell:
-    """Return the cell with a circle at a different place or of a different radius, also changed in its rig file."""
+    """Cell with a circle at a different place or of a different radius, also changed in its rig file."""
     tests = dict(cell.data["tests"])
     tests["circle"] = tests["circle"] | {
         "centre_mm": [round(float(x), 3) for x in circle.centre],
@@ -105,7 +105,7 @@ def _constants(robot: dict[str, Any]) -> Constants:
 
 
 def _pose(pose: dict[str, Any]) -> Array:
-    """Return the pose (4, 4) of a position and rotations about the fixed x, then y, then z axis."""
+    """Pose (4, 4) of a position and rotations about the fixed x, then y, then z axis."""
     T = placed(2, np.radians(pose.get("rpy_deg", (0.0,) * 3))[2])
     T = T @ placed(1, np.radians(pose.get("rpy_deg", (0.0,) * 3))[1])
     T = T @ placed(0, np.radians(pose.get("rpy_deg", (0.0,) * 3))[0])

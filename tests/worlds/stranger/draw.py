@@ -63,7 +63,7 @@ class NothingToHideError(Exception):
 def background(
     names: Sequence[str], share: Mapping[str, float], rng: np.random.Generator, dense: Frame | None = None
 ) -> list[Fault]:
-    """Return a fault of each name with a random part, or all, of its share of the healthy size.
+    """A fault of each name with a random part, or all, of its share of the healthy size.
 
     dense: frame without background, to use the complete share. There a fault with a shape more visible than usual is
     limited to this share of its own limit.
@@ -85,7 +85,7 @@ def background(
 
 
 def candidate(rng: np.random.Generator, effects: Sequence[str] | None, rough: tuple[float, float]) -> Fault:
-    """Return a fault of healthy size at a random seat."""
+    """A fault of healthy size at a random seat."""
     every = everything()
     known = list(dict.fromkeys(effect for effect, _ in every)) if effects is None else list(effects)
     weights = np.array([WEIGHTS.get(effect, 1.0) for effect in known])
@@ -124,7 +124,7 @@ def hide(
 
 
 def _grown(frame: Frame, fault: Fault, rng: np.random.Generator, sizes: tuple[float, float] | None) -> Fault | None:
-    """Return the fault with a size drawn by its SNR; None if it is out of range."""
+    """Fault with a size drawn by its SNR; None if it is out of range."""
     unit = abs(fault.size)
     if sizes:
         fault = fault.sized(fault.size * float(np.exp(rng.uniform(*np.log(sizes)))))
@@ -138,7 +138,7 @@ def _grown(frame: Frame, fault: Fault, rng: np.random.Generator, sizes: tuple[fl
 
 
 def _apart(frame: Frame, faults: list[Fault]) -> bool:
-    """Return whether each fault has SNR 7 even if the sizes of the others are free."""
+    """True if each fault has SNR 7 even if the sizes of the others are free."""
     rows = np.array([frame.of([fault]) for fault in faults])
     if len(rows) == 1:
         return True
@@ -147,7 +147,7 @@ def _apart(frame: Frame, faults: list[Fault]) -> bool:
 
 
 def _looked_at(frame: Frame, quiet: Frame, fault: Fault) -> Hidden:
-    """Return the fault with its SNR and the names similar to it."""
+    """Fault with its SNR and the names similar to it."""
     x = quiet.of([fault])
     size, alike = float(np.linalg.norm(x)), quiet.likeness(x)
     away = {name: size * np.sqrt(max(0.0, 1 - c**2)) for name, c in alike.items() if name != fault.name}
@@ -167,7 +167,7 @@ class Foreign:
 
 
 def hide_foreign(scales: Scales, share: Mapping[str, float], rng: np.random.Generator) -> Foreign:
-    """Return an effect that no name of the vocabulary explains; the unexplained part has SNR 20 … 60."""
+    """An effect that no name of the vocabulary explains; the unexplained part has SNR 20 … 60."""
     frame, quiet = scales.frame(share), scales.frame({})
     for _ in range(_TRIES):
         fault, wanted = foreign(rng), float(np.exp(rng.uniform(np.log(OUTSIDE_SNR), np.log(MOST_SNR))))
@@ -190,7 +190,7 @@ def _left(x: Array, frame: Frame) -> float:
 
 
 def foreign(rng: np.random.Generator) -> Fault:
-    """Return a random effect of outside.py of size 0.005° or 0.005 mm."""
+    """A random effect of outside.py of size 0.005° or 0.005 mm."""
     effect = str(rng.choice(OUTSIDE))
     axis, other = (int(k) for k in rng.permutation(np.arange(1, 6))[:2])
     phase = float(rng.uniform(0, 360))

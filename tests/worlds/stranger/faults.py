@@ -89,7 +89,7 @@ class Fault:
 
     @property
     def name(self) -> str:
-        """Return the name, such as `backlash 1`, `link_geometry 5.a`, `wrist_coupling 4>5`, `gauge_scale g1` or
+        """Name, such as `backlash 1`, `link_geometry 5.a`, `wrist_coupling 4>5`, `gauge_scale g1` or
         `time_lag`.
         """
         return name_of(self.effect, self.keys)
@@ -112,7 +112,7 @@ def name_of(effect: str, keys: Mapping[str, Key]) -> str:
 
 
 def healthy_of(effect: str, keys: Mapping[str, Key]) -> float:
-    """Return the size for a good arm, in the unit of the size."""
+    """Size for a good arm, in the unit of the size."""
     if effect == "link_geometry":
         return 0.2 if keys["field"] in ("a", "d") else 0.02
     if effect == "compliance":

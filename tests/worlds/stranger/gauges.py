@@ -45,7 +45,7 @@ def raw_readings(posed: Posed, p: Array, link: Link, test: str, place: Place, fa
 
 
 def _form(contact: Array, faults: list[Fault]) -> Array:
-    """Return the change (n,) of the distance by the form of the ball."""
+    """Change (n,) of the distance by the form of the ball."""
     total = np.zeros_like(contact)
     for fault in faults:
         if fault.effect == "ball_form":
@@ -76,7 +76,7 @@ def own_errors(g: Array, t: Array, faults: list[Fault], phases: dict[str, float]
 
 
 def _wrong(fault: Fault, t: Array, g: Array) -> Array:
-    """Return the error of a gauge for its readings g (n,)."""
+    """Error of a gauge for its readings g (n,)."""
     size, rough = fault.size, fault.rough
     match fault.effect:
         case "gauge_scale":

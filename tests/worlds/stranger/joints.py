@@ -33,12 +33,12 @@ class Trace:
 
     @cached_property
     def per_kg(self) -> Array:
-        """Return the torques (n, 6) Nm per additional kilogram at the flange."""
+        """Torques (n, 6) Nm per additional kilogram at the flange."""
         return torque_nm(self.arm, self.q, 1.0) - self.torque
 
     @cached_property
     def rate(self) -> Array:
-        """Return the speeds of the motors (n, 6) rad/s."""
+        """Speeds of the motors (n, 6) rad/s."""
         return np.gradient(self.q, self.t, axis=0)
 
     @cached_property
@@ -50,17 +50,17 @@ Form = Callable[[Fault, Trace], Array]
 
 
 def joint_offset(fault: Fault, trace: Trace) -> Array:
-    """Return a constant."""
+    """A constant."""
     return np.full(len(trace.t), np.radians(fault.size))
 
 
 def joint_scale(fault: Fault, trace: Trace) -> Array:
-    """Return a share of the joint angle."""
+    """A share of the joint angle."""
     return fault.size * trace.q[:, int(fault.keys["axis"]) - 1]
 
 
 def backlash(fault: Fault, trace: Trace) -> Array:
-    """Return a rounded backlash, reduced in proportion to the gravity load that holds the flank."""
+    """A rounded backlash, reduced in proportion to the gravity load that holds the flank."""
     axis = int(fault.keys["axis"]) - 1
     half = np.radians(fault.size) / 2
     lag = lagging(trace.q[:, axis], half, fault.rough, fault.begin)
@@ -70,7 +70,7 @@ def backlash(fault: Fault, trace: Trace) -> Array:
 
 
 def transmission_error(fault: Fault, trace: Trace) -> Array:
-    """Return a sine of the joint angle; rough: with second and third harmonics."""
+    """A sine of the joint angle; rough: with second and third harmonics."""
     at = fault.shape["order"] * trace.q[:, int(fault.keys["axis"]) - 1] + np.radians(fault.shape["phase_deg"])
     third, second = 0.3 * fault.rough, 0.1 * fault.rough
     wave = np.sin(at) + third * np.sin(3 * at + fault.begin) + second * np.sin(2 * at + 2.0)
@@ -78,7 +78,7 @@ def transmission_error(fault: Fault, trace: Trace) -> Array:
 
 
 def compliance(fault: Fault, trace: Trace) -> Array:
-    """Return the twist by the gravity torque of links and an unrecorded payload; rough: with increasing stiffness."""
+    """Twist by the gravity torque of links and an unrecorded payload; rough: with increasing stiffness."""
     axis = int(fault.keys["axis"]) - 1
     torque = trace.torque[:, axis] + fault.shape.get("payload_kg", 0.0) * trace.per_kg[:, axis]
     if fault.rough:
@@ -88,7 +88,7 @@ def compliance(fault: Fault, trace: Trace) -> Array:
 
 
 def strain_wave(fault: Fault, trace: Trace) -> Array:
-    """Return a twist with three stiffness regions of the torque, after a hysteresis loss."""
+    """A twist with three stiffness regions of the torque, after a hysteresis loss."""
     torque, knee = trace.torque[:, int(fault.keys["axis"]) - 1], fault.shape["knee_Nm"]
     if loss := fault.shape.get("loss", 0.0):
         torque = torque + lagging(torque, loss * knee, 0.0, fault.begin)
@@ -98,7 +98,7 @@ def strain_wave(fault: Fault, trace: Trace) -> Array:
 
 
 def reversal_spike(fault: Fault, trace: Trace) -> Array:
-    """Return a deflection against the new direction after each reversal; rough: with two decays and a finite rise
+    """A deflection against the new direction after each reversal; rough: with two decays and a finite rise
     time.
     """
     decay, share = fault.shape["decay_s"], 0.4 * fault.rough
@@ -113,13 +113,13 @@ def reversal_spike(fault: Fault, trace: Trace) -> Array:
 
 
 def wrist_coupling(fault: Fault, trace: Trace) -> Array:
-    """Return a share of another axis; rough: with a slightly eccentric shared gear."""
+    """A share of another axis; rough: with a slightly eccentric shared gear."""
     q = trace.q[:, int(fault.keys["from_axis"]) - 1]
     return fault.size * (q + 0.1 * fault.rough * np.sin(q + fault.begin))
 
 
 def servo_lag(fault: Fault, trace: Trace) -> Array:
-    """Return the difference to an earlier angle of the joint; rough: averaged over a time interval."""
+    """Difference to an earlier angle of the joint; rough: averaged over a time interval."""
     t, q = trace.t, trace.q[:, int(fault.keys["axis"]) - 1]
     spread = 1.0 * fault.rough
     ago = [np.interp(t - fault.size * (1 + share), t, q) for share in (-spread, 0.0, spread)]
@@ -144,7 +144,7 @@ def joint_of(fault: Fault) -> int:
 
 
 def thermal_growth(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
-    """Return the growth of all lengths away from the base; rough: with a second, faster time constant."""
+    """Growth of all lengths away from the base; rough: with a second, faster time constant."""
     tau = fault.shape["time_constant_s"]
     quick = 0.3 * fault.rough
     grown = -(1 - quick) * np.expm1(-trace.t / tau) - quick * np.expm1(-trace.t / (tau / 5))
@@ -152,7 +152,7 @@ def thermal_growth(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
 
 
 def link_bending(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
-    """Return the bending of the link end across the link, about the joint axis; rough: also sideways."""
+    """Bending of the link end across the link, about the joint axis; rough: also sideways."""
     axis = int(fault.keys["axis"]) - 1
     along = (at.end[:, axis + 1] if axis < 5 else at.p) - at.end[:, axis]
     across = np.cross(at.axis[:, axis], along)

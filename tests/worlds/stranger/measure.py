@@ -16,7 +16,7 @@ from tests.worlds.stranger.screws import Array, Posed, arm_from, pose
 
 
 def trace_of(cell: Cell, motion: Motion) -> Trace:
-    """Return the motion in the form required by joint effects; cache it for many faults of one motion."""
+    """Motion in the form required by joint effects; cache it for many faults of one motion."""
     return Trace(cell.arm, motion.t, motion.q)
 
 
@@ -56,7 +56,7 @@ def read(
 def tool_of(
     cell: Cell, motion: Motion, faults: Sequence[Fault], trace: Trace, scatter: Array | None = None
 ) -> tuple[Posed, Array]:
-    """Return the postures and the tool positions (n, 3) mm with faults, including growth and bending."""
+    """Postures and the tool positions (n, 3) mm with faults, including growth and bending."""
     joints = np.zeros_like(motion.q) if scatter is None else np.tile(scatter, (len(motion.q), 1))
     for fault in faults:
         form = ON_JOINT.get(fault.effect) or OUT_JOINT.get(fault.effect)
@@ -73,7 +73,7 @@ def tool_of(
 
 
 def _stamped(g: Array, motion: Motion, faults: list[Fault]) -> Array:
-    """Return the readings at the timestamps of the rows. A late or fast clock stamps the time t - lag - ppm t with
+    """Readings at the timestamps of the rows. A late or fast clock stamps the time t - lag - ppm t with
     t.
     """
     stamp = motion.t[motion.rows]

@@ -36,7 +36,7 @@ class Motion:
 
 
 def circle_frames(place: Place, phi: Array) -> tuple[Array, Array]:
-    """Return the tool frames R (n, 3, 3), p (n, 3) according to measurement.md: P = C + R r, z = -r, x = n, y = z ×
+    """Tool frames R (n, 3, 3), p (n, 3) according to measurement.md: P = C + R r, z = -r, x = n, y = z ×
     x.
     """
     r = np.cos(phi)[:, None] * place.u + np.sin(phi)[:, None] * place.v
@@ -93,13 +93,13 @@ def lap(cell: Cell, track: Track, test: str, sense: int, stamps: Array, fine_s: 
 
 
 def _way(t: Array, length: float, speed: float) -> Array:
-    """Return the arc (n,) rad driven at times t (n,) s, from rest to rest."""
+    """Arc (n,) rad driven at times t (n,) s, from rest to rest."""
     arc: Array = speed * (_soft(t) - _soft(t - length / speed))
     return arc
 
 
 def _soft(t: Array) -> Array:
-    """Return the time integral of the relative speed, which rises as (1 - cos)/2 over the start ramp."""
+    """Time integral of the relative speed, which rises as (1 - cos)/2 over the start ramp."""
     s = np.clip(t, 0.0, _RAMP_S)
     return s / 2 - _RAMP_S / (2 * np.pi) * np.sin(np.pi * s / _RAMP_S) + np.maximum(t - _RAMP_S, 0.0)
 
@@ -178,7 +178,7 @@ def visits(cell: Cell, at: dict[str, Array], order: Rows, dwell_s: Array) -> Mot
 
 
 def approaches(cell: Cell, at: dict[str, Array], numbers: list[int], step_mm: float, rounds: int) -> Motion:
-    """Return a repeatability test: at each target a reading, then `rounds` times one after an approach from outside
+    """A repeatability test: at each target a reading, then `rounds` times one after an approach from outside
     and one from inside, over `step_mm` along the radius, in the middle orientation.
     """
     q, labels, read = [], [], []

@@ -44,7 +44,7 @@ def stamps(noise: Noise, seconds: float, rng: np.random.Generator) -> Array:
 
 
 def added(noise: Noise, t: Array, gauges: int, rng: np.random.Generator) -> Array:
-    """Return the noise (m, gauges) mm of readings at t (m,)."""
+    """Noise (m, gauges) mm of readings at t (m,)."""
     kept = np.exp(-np.diff(t, prepend=-1e9) / noise.wander_s)
     kicks = noise.wander * np.sqrt(1 - kept**2)[:, None] * rng.standard_normal((len(t), gauges + 1))
     level, walks = np.zeros(gauges + 1), np.empty((len(t), gauges + 1))

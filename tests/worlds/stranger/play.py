@@ -12,7 +12,7 @@ _SHARES = np.array([0.14, 0.22, 0.28, 0.22, 0.14])
 
 
 def lagging(x: Array, half: float, rounded: float = 0.0, begin: float = 0.0) -> Array:
-    """Return the lag (n,) of a follower of x (n,): -half while x rises, +half while it falls.
+    """Lag (n,) of a follower of x (n,): -half while x rises, +half while it falls.
 
     rounded 0: a single sharp backlash (measurement.md). Up to 1: parallel backlashes (Prandtl and Ishlinskii), and
     partly exponential friction (Dahl). begin (-1 … 1): start position of the follower in the gap.
@@ -28,7 +28,7 @@ def lagging(x: Array, half: float, rounded: float = 0.0, begin: float = 0.0) -> 
 
 
 def _plays(x: Array, half: Array, begin: float) -> Array:
-    """Return the lags (n, k) of k followers that move only when pushed."""
+    """Lags (n, k) of k followers that move only when pushed."""
     return np.stack([_follower(x.tolist(), h, x[0] + begin * h) for h in half.tolist()], axis=1) - x[:, None]
 
 
@@ -44,7 +44,7 @@ def _follower(x: list[float], half: float, y: float) -> list[float]:
 
 
 def _dahl(x: Array, half: float, begin: float) -> Array:
-    """Return the lag of Dahl's friction, which approaches ∓half exponentially along the path with length `half`."""
+    """Lag of Dahl's friction, which approaches ∓half exponentially along the path with length `half`."""
     step = np.diff(x, prepend=x[0])
     keep = np.exp(-np.abs(step) / half)
     lag, now = [], begin * half
@@ -55,7 +55,7 @@ def _dahl(x: Array, half: float, begin: float) -> Array:
 
 
 def reversals(t: Array, x: Array, swing: float = np.radians(0.02)) -> list[tuple[float, float]]:
-    """Return the reversals of x (n,) by more than a swing: time and new direction (±1). After a rest, the time of
+    """Reversals of x (n,) by more than a swing: time and new direction (±1). After a rest, the time of
     departure.
     """
     extreme, direction, at, found = x[0], 0.0, t[0], []

@@ -55,7 +55,7 @@ def walk(arm: Arm, R: Array, p: Array, posture: Array, every: int) -> Array:
 
 
 def _turn(now: Array, wanted: Array) -> Array:
-    """Return the rotation vector (n, 3) between two orientations, for small rotations."""
+    """Rotation vector (n, 3) between two orientations, for small rotations."""
     skew = np.cross(now, wanted, axisa=1, axisb=1, axisc=1).sum(axis=2) / 2
     cosine = (np.einsum("nij,nij->n", now, wanted) - 1) / 2
     sine = np.linalg.norm(skew, axis=1)

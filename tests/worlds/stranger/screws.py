@@ -62,7 +62,7 @@ class Posed:
 
 
 def placed(axis: int, angle: float, along: float = 0.0) -> Array:
-    """Return a transform (4, 4): a rotation about x, y or z (0, 1, 2) and a translation along the same axis."""
+    """A transform (4, 4): a rotation about x, y or z (0, 1, 2) and a translation along the same axis."""
     T = np.eye(4)
     T[:3, :3] = _turned(np.eye(3)[None], np.eye(3)[axis], np.array([angle]))[0]
     T[axis, 3] = along
@@ -70,7 +70,7 @@ def placed(axis: int, angle: float, along: float = 0.0) -> Array:
 
 
 def arm_from(c: Constants) -> Arm:
-    """Return the screws of an arm, computed from link to link at θ = 0."""
+    """Screws of an arm, computed from link to link at θ = 0."""
     T, point, axis, end, hung = c.base, [], [], [], []
     for k in range(len(c.a)):
         T = T @ placed(0, c.alpha[k], c.a[k]) @ placed(1, c.beta[k])
@@ -84,7 +84,7 @@ def arm_from(c: Constants) -> Arm:
 
 
 def pose(arm: Arm, q: Array) -> Posed:
-    """Return all screws and the tool at controller angles q (n, axes)."""
+    """All screws and the tool at controller angles q (n, axes)."""
     theta = q @ arm.coupling.T + arm.zero
     n, joints = theta.shape
     point, axis, end = (np.empty((n, joints, 3)) for _ in range(3))
@@ -99,7 +99,7 @@ def pose(arm: Arm, q: Array) -> Posed:
 
 
 def torque_nm(arm: Arm, q: Array, extra_kg: float = 0.0) -> Array:
-    """Return the gravity torque (n, axes) Nm on the controller joints by virtual work: -d(potential)/dq.
+    """Gravity torque (n, axes) Nm on the controller joints by virtual work: -d(potential)/dq.
 
     The payload at the flange is `extra_kg` more than in the rig file.
     """

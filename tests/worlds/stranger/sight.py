@@ -72,7 +72,7 @@ class Sight:
         return View(motion, link, trace, plain, np.stack(columns, axis=2))
 
     def placed(self, links: Mapping[str, Link]) -> Sight:
-        """Return the same programs with the set-ups of a day, by test.
+        """Same programs with the set-ups of a day, by test.
 
         The eccentricity of the ball determines the visibility of lags and gauge scales. Only these signatures are
         recomputed.
@@ -114,7 +114,7 @@ class Sight:
 
 @lru_cache(maxsize=4)
 def sight_of(robot: str) -> Sight:
-    """Return the cached visibility of a shipped robot on its own circle."""
+    """Cached visibility of a shipped robot on its own circle."""
     return Sight(read_cell(robot))
 
 
@@ -149,7 +149,7 @@ class Scales:
         }
 
     def frame(self, background: Mapping[str, float], apart: Sequence[str] = ()) -> Frame:
-        """Return the scales with a background that excludes the names `apart`.
+        """Scales with a background that excludes the names `apart`.
 
         background: standard deviation of the size by name, in healthy sizes.
         """
@@ -200,7 +200,7 @@ class Scales:
 
 
 def setup_rows(sight: Sight) -> Array:
-    """Return the changes (n, D) mm of the readings by the set-ups: a ball and gauge zeros for each test."""
+    """Changes (n, D) mm of the readings by the set-ups: a ball and gauge zeros for each test."""
     views, ball = sight.views, [by_ball(sight.cell, view) for view in sight.views]
     shapes = [np.zeros_like(view.plain) for view in views]
     setup = []
@@ -213,7 +213,7 @@ def setup_rows(sight: Sight) -> Array:
 
 
 def by_ball(cell: Cell, view: View) -> Array:
-    """Return the derivatives (m, k, 3) of the readings by the ball position."""
+    """Derivatives (m, k, 3) of the readings by the ball position."""
     columns = []
     for step in 1e-4 * np.eye(3):
         link = Link(view.link.ball + step, view.link.zeros, view.link.at)
@@ -239,7 +239,7 @@ class Frame:
         return rows - (rows @ self._U.T) @ self._middle @ self._U
 
     def of(self, faults: Sequence[Fault]) -> Array:
-        """Return the signature (D,) of faults in sigma."""
+        """Signature (D,) of faults in sigma."""
         scales = self.scales
         return self.seen(scales.whiten(flat(scales.sight.signature(faults, exact=True))[None]))[0]
 
@@ -264,7 +264,7 @@ def _looks(name: str, rows: Array) -> list[Array]:
 
 
 def _cosine(x: Array, rows: Array) -> float:
-    """Return the length of the projection of x onto the span of rows, using well-conditioned directions only."""
+    """Length of the projection of x onto the span of rows, using well-conditioned directions only."""
     gram = rows @ rows.T
     value, V = np.linalg.eigh(gram)
     good = value > 1e-8 * value[-1] + 1e-12

@@ -72,12 +72,12 @@ class Deviation:
         )
 
     def take(self, rows: NDArray[np.int64]) -> Deviation:
-        """Return the deviations at selected times."""
+        """Deviations at selected times."""
         return Deviation(self.joint[rows], self.before[rows], self.after[rows], self.tool[rows], self.gauge[rows])
 
 
 def no_deviation(count: int, axes: int) -> Deviation:
-    """Return the deviations of a perfect arm."""
+    """Deviations of a perfect arm."""
     twist = np.zeros((count, axes, 6))
     return Deviation(np.zeros((count, axes)), twist, twist.copy(), np.zeros((count, 3)), np.zeros((count, 2)))
 
@@ -124,7 +124,7 @@ def _row(theta: Array, d: float, a: float, alpha: float) -> Array:
 
 
 def small_motion(twist: Array) -> Array:
-    """Return the transforms (n, 4, 4) of small twists (n, 6), rotations by Rodrigues' formula."""
+    """Transforms (n, 4, 4) of small twists (n, 6), rotations by Rodrigues' formula."""
     rotation = twist[:, 3:]
     angle = np.linalg.norm(rotation, axis=1)
     x, y, z = (rotation / np.maximum(angle, 1e-15)[:, None]).T
@@ -178,7 +178,7 @@ def inverse(arm: Arm, target: Array, offset: Array, q: Array, rounds: int = 60) 
 
 
 def pose_error(now: Array, wanted: Array) -> Array:
-    """Return the error (n, 6) of poses: translation, and rotation times IK_ARM_MM."""
+    """Error (n, 6) of poses: translation, and rotation times IK_ARM_MM."""
     cross = np.cross(now[:, :3, :3], wanted[:, :3, :3], axisa=1, axisb=1, axisc=1).sum(axis=2) / 2
     cosine = (np.einsum("nij,nij->n", now[:, :3, :3], wanted[:, :3, :3]) - 1) / 2
     sine = np.linalg.norm(cross, axis=1)
@@ -202,7 +202,7 @@ def _arm(
 
 
 def ur10e() -> Arm:
-    """Return a Universal Robots UR10e: DH parameters, masses and centres of mass published by the maker (article
+    """A Universal Robots UR10e: DH parameters, masses and centres of mass published by the maker (article
     17264).
     """
     rows = [(180.7, 0, 90), (0, -612.7, 0), (0, -571.55, 0), (174.15, 0, 90), (119.85, 0, -90), (116.55, 0, 0)]
@@ -216,7 +216,7 @@ def ur10e() -> Arm:
 
 
 def elbow_arm() -> Arm:
-    """Return an industrial six-axis arm with the lengths of a KUKA KR 10 R1100 (data sheet: 25, 560, 35, 515, 80 mm).
+    """An industrial six-axis arm with the lengths of a KUKA KR 10 R1100 (data sheet: 25, 560, 35, 515, 80 mm).
 
     Link masses of such arms are not published; the 55 kg of the data sheet are distributed over the links.
     """
@@ -231,7 +231,7 @@ def elbow_arm() -> Arm:
 
 
 def seven_axis_arm() -> Arm:
-    """Return a seven-axis arm with the lengths of a KUKA LBR iiwa 14 (data sheet: 360, 420, 400, 126 mm; 29.9 kg)."""
+    """A seven-axis arm with the lengths of a KUKA LBR iiwa 14 (data sheet: 360, 420, 400, 126 mm; 29.9 kg)."""
     rows = [(360, 0, -90), (0, 0, 90), (420, 0, 90), (0, 0, -90), (400, 0, -90), (0, 0, 90), (126, 0, 0)]
     ranges = [(-80, 80), (5, 60), (-60, 60), (-110, -40), (-90, 90), (20, 90), (-150, 150)]
     centre = [[0, 0, 60], [0, 60, 40], [0, -60, 0], [0, -60, 40], [0, 0, 60], [0, 0, 0], [0, 0, -20]]

@@ -25,7 +25,7 @@ class Circle:
     posture: Array = field(default_factory=lambda: np.radians([2, -75.3, 101.4, 55.2, 84.6, 107.8]))
 
     def basis(self) -> tuple[Array, Array, Array]:
-        """Return the unit vectors u (towards x), v and the normal."""
+        """Unit vectors u (towards x), v and the normal."""
         n = self.normal / np.linalg.norm(self.normal)
         u = np.array([1.0, 0, 0]) - n[0] * n
         u /= np.linalg.norm(u)
@@ -59,7 +59,7 @@ def _frames(R: Array, p: Array) -> Array:
 
 
 def circle_path(arm: Arm, circle: Circle) -> tuple[Array, Array]:
-    """Return the joints (k, 6) of an anticlockwise circle with lead-in and lead-out, and their angles phi (k,)."""
+    """Joints (k, 6) of an anticlockwise circle with lead-in and lead-out, and their angles phi (k,)."""
     phi = np.linspace(-LEAD_RAD, 2 * np.pi + LEAD_RAD, KNOTS)
     frames = circle.frames(phi)
     q, now = [], circle.posture[None]
@@ -105,7 +105,7 @@ def hemisphere_targets(arm: Arm, place: Hemisphere) -> Targets:
 
 
 def _target_frame(place: Hemisphere, polar: float, azimuth: float, tilt: float) -> Array:
-    """Return the tool frame (4, 4) at a target: it leans halfway to the radius and is tilted about its x axis."""
+    """Tool frame (4, 4) at a target: it leans halfway to the radius and is tilted about its x axis."""
     out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     z = -(np.cos(polar / 2) * up + np.sin(polar / 2) * out)

@@ -36,11 +36,11 @@ class Cause:
         raise NotImplementedError
 
     def describe(self) -> str:
-        """Return a description with the main size."""
+        """A description with the main size."""
         raise NotImplementedError
 
     def resized(self, factor: float) -> Cause:
-        """Return the same cause, larger or smaller."""
+        """Same cause, larger or smaller."""
         return replace(self, scale=self.scale * factor)
 
 
@@ -49,7 +49,7 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def loaded_axis(rng: np.random.Generator, arm: Arm) -> int:
-    """Return a random joint that carries gravity: shoulder or elbow."""
+    """A random joint that carries gravity: shoulder or elbow."""
     return int(rng.choice([2, 3] if arm.axes == 6 else [2, 4]))
 
 
@@ -136,7 +136,7 @@ class TorsionHysteresis(Cause):
         return found
 
     def angle(self, torque: Array) -> Array:
-        """Return the angle (n,) rad for a sequence of torques."""
+        """Angle (n,) rad for a sequence of torques."""
         return np.asarray(torque / self.stiffness_nm_rad - self.half_loss_rad * self._bouc_wen(torque))
 
     def _bouc_wen(self, torque: Array) -> Array:
@@ -231,7 +231,7 @@ class OneSidedWarmth(Cause):
         )
 
     def warmth(self, t: Array) -> Array:
-        """Return the temperature difference (n,) K: it rises, and drops by half while the door is open."""
+        """Temperature difference (n,) K: it rises, and drops by half while the door is open."""
         open_share = 0.5 * (1 + np.tanh(4 * np.sin(2 * np.pi * t / self.door_s)))
         return np.asarray(self.difference_k * (1 - np.exp(-np.maximum(t, 0.0) / self.rise_s)) * (1 - 0.5 * open_share))
 
@@ -284,7 +284,7 @@ class CableDrag(Cause):
         )
 
     def pull(self, q: Array) -> Array:
-        """Return the torques (n, 2) Nm on the first two wrist joints."""
+        """Torques (n, 2) Nm on the first two wrist joints."""
         away = q[:, self.axis - 1 :] - self.rest
         bent = np.stack([away[:, 0] + self.twist * away[:, 2], away[:, 1] - 0.5 * self.twist * away[:, 0]], axis=1)
         reach = np.sqrt((bent**2).sum(axis=1))
@@ -371,7 +371,7 @@ class BallStickSlip(Cause):
         return found
 
     def _sawtooth(self, way_mm: Array, rng: np.random.Generator) -> Array:
-        """Return the deflection (n,) mm of the link end after each step of the cup on the ball."""
+        """Deflection (n,) mm of the link end after each step of the cup on the ball."""
         bent, now, limit = np.zeros(len(way_mm)), 0.0, self.height_mm
         slope = self.height_mm / self.tooth_mm
         for i, step in enumerate(way_mm):

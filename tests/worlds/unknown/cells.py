@@ -82,7 +82,7 @@ class Known:
     """Wave of one gear: axis, order per turn of the joint, amplitude in rad, phase in rad."""
 
     def arm(self, nominal: Arm) -> Arm:
-        """Return the nominal arm with these deviations added to its constants."""
+        """Nominal arm with these deviations added to its constants."""
         return replace(
             nominal,
             a=nominal.a + self.a,
@@ -92,7 +92,7 @@ class Known:
         )
 
     def deviation(self, arm: Arm, motion: Motion) -> Deviation:
-        """Return the deviations by backlash, gears and compliance along a motion."""
+        """Deviations by backlash, gears and compliance along a motion."""
         found = no_deviation(len(motion.t), arm.axes)
         if self.compliance.any():
             found.joint[:] += gravity_torque(arm, motion.q) * self.compliance
@@ -104,7 +104,7 @@ class Known:
         return found
 
     def names(self) -> dict[str, float]:
-        """Return the size of each error by its name in rig, in degrees, mm and degrees per Nm."""
+        """Size of each error by its name in rig, in degrees, mm and degrees per Nm."""
         found: dict[str, float] = {}
         for k in range(len(self.a)):
             found[f"joint_offset {k + 1}"] = float(np.degrees(self.zero[k]))
@@ -120,7 +120,7 @@ class Known:
 
 
 def _play(q: Array, width: float) -> Array:
-    """Return the deviation (n,) of a link with backlash: half the width behind the joint motion."""
+    """Deviation (n,) of a link with backlash: half the width behind the joint motion."""
     link = np.empty_like(q)
     link[0] = q[0]
     for i in range(1, len(q)):
@@ -148,7 +148,7 @@ def draw_known(rng: np.random.Generator, axes: int, rich: bool) -> Known:
 
 
 def no_known(axes: int) -> Known:
-    """Return an arm without any error."""
+    """An arm without any error."""
     zero = np.zeros(axes)
     return Known(zero, zero, zero, zero, zero, zero)
 
@@ -196,11 +196,11 @@ class Cell:
         return self.known.arm(self.nominal)
 
     def sound(self) -> Cell:
-        """Return the same cell without the unknown cause."""
+        """Same cell without the unknown cause."""
         return replace(self, cause=None)
 
     def deviation(self, motion: Motion) -> Deviation:
-        """Return all deviations along a motion, without scatter."""
+        """All deviations along a motion, without scatter."""
         found = self.known.deviation(self.nominal, motion)
         if self.cause is not None:
             found = found + self.cause.deviation(self.nominal, motion)
@@ -209,7 +209,7 @@ class Cell:
 
 @cache
 def nominal_arm(name: str, test: str) -> Arm:
-    """Return the nominal arm of a cell; with the ball link it carries 2 kg."""
+    """Nominal arm of a cell; with the ball link it carries 2 kg."""
     arm = ARMS[name]()
     return replace(arm, payload_kg=2.0) if test == "circle" else arm
 
@@ -219,7 +219,7 @@ def nominal_arm(name: str, test: str) -> Arm:
 
 @cache
 def ball_paths() -> tuple[tuple[Array, Array], Targets]:
-    """Return the joints of the circle and of the hemisphere targets of the nominal UR10e."""
+    """Joints of the circle and of the hemisphere targets of the nominal UR10e."""
     arm = nominal_arm("ur10e", "circle")
     return circle_path(arm, Circle()), hemisphere_targets(arm, Hemisphere())
 
@@ -310,7 +310,7 @@ def _pose_columns(cell: Cell, _: str, motion: Motion, deviation: Deviation, rng:
 
 
 def true_points(cell: Cell, q: Array, deviation: Deviation, target: Array | None = None) -> Array:
-    """Return the true target positions (n, 3) mm in the tracker frame."""
+    """True target positions (n, 3) mm in the tracker frame."""
     flange = forward(cell.arm, q, deviation).flange
     places = point(flange, (cell.target if target is None else target) + deviation.tool)
     return places @ cell.frame[:3, :3].T + cell.frame[:3, 3]
@@ -370,7 +370,7 @@ def true_gauges(cell: Cell, test: str, motion: Motion, deviation: Deviation) -> 
 
 
 def _wander(rng: np.random.Generator, t: Array, size: float) -> Array:
-    """Return a slow error (n,) common to the gauges: an Ornstein-Uhlenbeck process of 0.5 s."""
+    """A slow error (n,) common to the gauges: an Ornstein-Uhlenbeck process of 0.5 s."""
     kept = np.exp(-np.diff(t, prepend=t[0]) / 0.5)
     found, now = np.empty(len(t)), size * rng.normal()
     for i in range(len(t)):
@@ -383,7 +383,7 @@ def _wander(rng: np.random.Generator, t: Array, size: float) -> Array:
 
 
 def seen_without_noise(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return all readings as one column (n,) mm: gauges, target positions, or positions of the pointer's ball."""
+    """All readings as one column (n,) mm: gauges, target positions, or positions of the pointer's ball."""
     found = []
     for _, test, _, motion in planned:
         deviation = cell.deviation(motion).take(motion.rows)
@@ -409,7 +409,7 @@ class Sight:
     """Rms of the other errors of the arm after fitting the set-up."""
 
     def with_cause(self, cause: Cause) -> Cell:
-        """Return the cell with a cause, its rms, and its residual after fitting constants and set-up."""
+        """Cell with a cause, its rms, and its residual after fitting constants and set-up."""
         cell = replace(self.cell, cause=cause)
         change = seen_without_noise(cell, self.planned) - self.without
         rest = change - self.basis @ (self.basis.T @ change)
@@ -418,7 +418,7 @@ class Sight:
 
 
 def sight_of(cell: Cell) -> Sight:
-    """Return the readings that constants and set-up of a sound cell can imitate."""
+    """Readings that constants and set-up of a sound cell can imitate."""
     planned = motions(cell)
     without = seen_without_noise(cell, planned)
     perfect = seen_without_noise(replace(cell, known=no_known(cell.nominal.axes)), planned)
@@ -430,7 +430,7 @@ def sight_of(cell: Cell) -> Sight:
 
 
 def size_beside_setup_um(cell: Cell, sound: Cell) -> float:
-    """Return the rms (µm) difference between the readings of a cell and of a sound one, after fitting the set-up."""
+    """Rms (µm) difference between the readings of a cell and of a sound one, after fitting the set-up."""
     planned = motions(sound)
     change = seen_without_noise(cell, planned) - seen_without_noise(sound, planned)
     basis = _orthonormal(_by_setup(sound, planned))
@@ -443,7 +443,7 @@ def _orthonormal(A: Array) -> Array:
 
 
 def _by_constants(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return the derivatives (n, p) of all readings by the constants of the arm."""
+    """Derivatives (n, p) of all readings by the constants of the arm."""
     changed = []
     for name, step in (("a", 0.01), ("alpha", 1e-5), ("d", 0.01), ("zero", 1e-5)):
         for k in range(cell.nominal.axes):
@@ -454,7 +454,7 @@ def _by_constants(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -
 
 
 def _by_setup(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return the derivatives (n, p) of all readings by the fitted parameters of the set-up."""
+    """Derivatives (n, p) of all readings by the fitted parameters of the set-up."""
     changed = []
     for k in range(3):
         step, twist = 0.01 * np.eye(3)[k], np.zeros((2, 6))
@@ -466,7 +466,7 @@ def _by_setup(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Ar
 
 
 def _derivatives(cell: Cell, changed: Sequence[Cell], planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return the normalised change (n, p) of all readings for each small change, omitting changes without effect."""
+    """Normalised change (n, p) of all readings for each small change, omitting changes without effect."""
     begin = seen_without_noise(cell, planned)
     found = np.stack([seen_without_noise(one, planned) - begin for one in changed], axis=1)
     sizes = np.linalg.norm(found, axis=0)
@@ -474,7 +474,7 @@ def _derivatives(cell: Cell, changed: Sequence[Cell], planned: Sequence[tuple[st
 
 
 def _by_run(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
-    """Return the possible shifts (n, p) by each socket, or by the set-up of each ball link test."""
+    """Possible shifts (n, p) by each socket, or by the set-up of each ball link test."""
     if cell.test == "touch":
         socket = np.arange(TOUCHES) % 2
         return np.concatenate([np.kron((socket == k)[:, None], np.eye(3)) for k in (0, 1)], axis=1)
@@ -519,7 +519,7 @@ def draw_noise(rng: np.random.Generator, test: str) -> Noise:
 
 
 def places_of(kind: type[Cause]) -> list[tuple[str, str]]:
-    """Return the arms and set-ups in which a cause is visible."""
+    """Arms and set-ups in which a cause is visible."""
     every = [("ur10e", "pose"), ("elbow", "pose"), ("seven", "pose"), ("ur10e", "touch"), ("ur10e", "circle")]
     return [place for place in every if place[1] in kind.tests]
 
@@ -563,7 +563,7 @@ def _draw_sound(seed: int, arm_name: str, test: str, rng: np.random.Generator) -
 
 
 def noise_um(cell: Cell) -> float:
-    """Return the noise of one reading, µm."""
+    """Noise of one reading, µm."""
     gauges = np.hypot(cell.noise.reading_mm, cell.noise.wander_mm)
     stops_mm = np.hypot(cell.noise.reading_mm, cell.noise.stop_mm)
     return 1e3 * float(gauges if cell.test == "circle" else stops_mm)
@@ -613,13 +613,13 @@ def elsewhere(cell: Cell) -> Motion:
 
 
 def points_elsewhere(cell: Cell, motion: Motion) -> Array:
-    """Return the true tool positions (n, 3) mm at the stops, in the base frame."""
+    """True tool positions (n, 3) mm at the stops, in the base frame."""
     deviation = cell.deviation(motion).take(motion.rows)
     return point(forward(cell.arm, motion.q_read, deviation).flange, tool_point(cell) + deviation.tool)
 
 
 def tool_point(cell: Cell) -> Array:
-    """Return the tool's point (3,) in the flange frame."""
+    """Tool's point (3,) in the flange frame."""
     start = {"pose": np.zeros(3), "touch": BALL_MM, "circle": TOOL[:3, 3]}[cell.test]
     return np.asarray(start + cell.target)
 

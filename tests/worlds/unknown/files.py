@@ -19,7 +19,7 @@ _GAUGE = (
 
 
 def craig_table(arm: Arm) -> list[dict[str, object]]:
-    """Return the axes in modified Denavit-Hartenberg parameters (Craig), where a and alpha of a row lead to its own
+    """Axes in modified Denavit-Hartenberg parameters (Craig), where a and alpha of a row lead to its own
     axis.
 
     Centres of mass are converted to the frame before Tx(a) Rx(alpha) of their own row.
@@ -46,7 +46,7 @@ def craig_table(arm: Arm) -> list[dict[str, object]]:
 
 
 def rig_text(arm: Arm, test: str) -> str:
-    """Return the rig file of the nominal arm with the set-up of a test."""
+    """Rig file of the nominal arm with the set-up of a test."""
     lines = ["name: cell", "robot:", f"  name: {arm.name}", f"  build: {arm.build}", "  axes:"]
     for axis in craig_table(arm):
         lines.append("    - {" + ", ".join(f"{key}: {value}" for key, value in axis.items()) + "}")

@@ -51,7 +51,7 @@ class SingleCell:
 
 
 def draw_single(seed: int) -> SingleCell:
-    """Return the cell for a seed: even seeds have a gear error, odd ones the other effects in turn."""
+    """Cell for a seed: even seeds have a gear error, odd ones the other effects in turn."""
     rng = np.random.default_rng([seed, 10])
     sound = Cell(
         arm_name="ur10e",

@@ -34,7 +34,7 @@ URS = [name for name in PLAIN if name.startswith("ur")]
 
 
 def turn(axis: int, angle: float) -> np.ndarray:
-    """Return a rotation (4, 4) about x, y or z."""
+    """A rotation (4, 4) about x, y or z."""
     T = np.eye(4)
     i, k = (axis + 1) % 3, (axis + 2) % 3
     T[i, i] = T[k, k] = np.cos(angle)
@@ -44,14 +44,14 @@ def turn(axis: int, angle: float) -> np.ndarray:
 
 
 def origin(xyz: list[float], rpy: list[float]) -> np.ndarray:
-    """Return the frame (4, 4) of a URDF origin."""
+    """Frame (4, 4) of a URDF origin."""
     T = turn(2, rpy[2]) @ turn(1, rpy[1]) @ turn(0, rpy[0])
     T[:3, 3] = xyz
     return T
 
 
 def read(text: str, q: np.ndarray) -> np.ndarray:
-    """Return the poses (n, 4, 4) in mm of the last link in the first, by an independent product of matrices."""
+    """Poses (n, 4, 4) in mm of the last link in the first, by an independent product of matrices."""
     joints = ElementTree.fromstring(text.encode()).findall("joint")  # noqa: S314 - it is ours
     turning = sum(joint.get("type") == "revolute" for joint in joints)
     poses = []
@@ -157,7 +157,7 @@ def test_invalid_names_are_rejected(name: str) -> None:
 
 
 def driver_poses(text: str, q: np.ndarray) -> np.ndarray:
-    """Return the poses (n, 4, 4) in mm of tool0 in the frame `base`, as the xacro of ur_description computes them."""
+    """Poses (n, 4, 4) in mm of tool0 in the frame `base`, as the xacro of ur_description computes them."""
     kinematics = yaml.safe_load(text)["kinematics"]
     poses = []
     for angles in q:

@@ -59,7 +59,7 @@ def result() -> PairResult:
 
 
 def error_over_u(found: PairResult) -> Array:
-    """Return the deviation of the base (3,) in its standard uncertainties."""
+    """Deviation of the base (3,) in its standard uncertainties."""
     off = np.array(found.base.xyz_mm) - cell().known_base[:3, 3]
     return np.abs(off) / np.array(found.base.u_xyz_mm)
 

@@ -50,7 +50,7 @@ def _expected(tests: tuple[TestName, ...], runs: int = 3) -> ExpectedPosterior:
 
 @cache
 def _beside_a_hemisphere() -> list[PossibleTest]:
-    """Return the further tests possible for an arm whose rig file has a hemisphere but no circle."""
+    """Further tests possible for an arm whose rig file has a hemisphere but no circle."""
     return possible_tests(NO_CIRCLE, ("radial",), *planned_blocks(NO_CIRCLE, ("radial",), 3))[0]
 
 

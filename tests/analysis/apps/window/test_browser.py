@@ -93,7 +93,7 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture
 def chromium(started: Browser) -> Browser:
-    """Return a fresh browser without output or cookies."""
+    """A fresh browser without output or cookies."""
     started.send("Page.navigate", url="about:blank")
     started.send("Network.clearBrowserCookies")
     sized(started, SIZES["desk"])

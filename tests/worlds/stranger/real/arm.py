@@ -25,7 +25,7 @@ WAVES = ("transmission_error", "ball_form", "gauge_cyclic", "vibration")
 
 
 def healthy_arm(level: float, rng: np.random.Generator) -> list[Fault]:
-    """Return every effect at every seat, with a zero-mean normal size of standard deviation `level` times the healthy
+    """Every effect at every seat, with a zero-mean normal size of standard deviation `level` times the healthy
     size.
 
     One-sided sizes are the absolute value. A joint gear has two or three orders and the ball two or three lobes, which
@@ -56,7 +56,7 @@ def _apart(effect: str, parts: int, rng: np.random.Generator) -> list[dict[str, 
 
 
 def plant(healthy: Sequence[Fault], fault: Fault) -> tuple[Fault, list[Fault]]:
-    """Return the fault combined with the healthy size of the same parameter, and the other effects of the arm.
+    """Fault combined with the healthy size of the same parameter, and the other effects of the arm.
 
     Two waves of the same order are indistinguishable and combined. Waves of other orders stay among the other effects.
     """
@@ -77,7 +77,7 @@ def _without_phase(fault: Fault) -> dict[str, float]:
 
 
 def drawn_fault(rng: np.random.Generator, kind: str) -> Fault | None:
-    """Return a random fault with a size according to its kind; None if there is no such cell. An effect name is also
+    """A random fault with a size according to its kind; None if there is no such cell. An effect name is also
     a kind.
     """
     off_grid = kind == "off_grid"
@@ -106,7 +106,7 @@ def _off_grid(fault: Fault, rng: np.random.Generator) -> dict[str, float]:
 
 
 def drawn_foreign(rng: np.random.Generator) -> Fault:
-    """Return an effect outside the vocabulary; one that depends on two joint angles has any order up to 60."""
+    """An effect outside the vocabulary; one that depends on two joint angles has any order up to 60."""
     fault = foreign(rng)
     if fault.effect == "cross_term":
         fault = replace(fault, shape=dict(fault.shape) | {"order": float(np.round(log_uniform(2.0, 60.0, rng)))})

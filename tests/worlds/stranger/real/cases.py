@@ -191,7 +191,7 @@ def _rms(moves: Mapping[str, float]) -> float:
 
 
 def _runs(day: Day, rng: np.random.Generator) -> list[PlannedRun]:
-    """Return the runs in random order of set-ups and within each set-up, numbered within the set-up."""
+    """Runs in random order of set-ups and within each set-up, numbered within the set-up."""
     ways = [(way, k) for way in ("acw", "cw") for k in range(REPEATS)]
     blocks = []
     for test in ("yaw", "roll"):
@@ -207,7 +207,7 @@ def _runs(day: Day, rng: np.random.Generator) -> list[PlannedRun]:
 
 
 def placed_links(day: Day, faults: Sequence[Fault]) -> dict[str, Link]:
-    """Return the set-ups with the drawn eccentricity relative to the true path of this arm."""
+    """Set-ups with the drawn eccentricity relative to the true path of this arm."""
     sight, (there, track) = sight_of(day.robot), day.unseen
     found = {}
     for setup, link in day.links.items():
@@ -282,7 +282,7 @@ def write_readings(
 
 
 def _hidden_json(oracle: Oracle, whole: Fault, planted: Fault, seen: Seen) -> dict[str, Any]:
-    """Return the truth; `parameters` include the healthy size."""
+    """Truth; `parameters` include the healthy size."""
     return fault_json(whole) | {
         "size": SIZE[whole.effect],
         "planted": planted.size,

@@ -41,7 +41,7 @@ def gap_of_real(truth: Mapping[str, Any], case: Path, said: Collection[str]) -> 
 
 
 def _laps(cell: Cell, watches: Sequence[Watch], there: Link, faults: Sequence[Fault]) -> list[Lap]:
-    """Return every fifth reading of the changes by faults and the new ball position."""
+    """Every fifth reading of the changes by faults and the new ball position."""
     rows, found = slice(None, None, 5), []
     for watch in watches:
         added = measure(cell, watch.motion, faults, there, trace=watch.trace) - watch.plain

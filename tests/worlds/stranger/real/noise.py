@@ -144,7 +144,7 @@ def slow_noise(levels: Levels, run: int, t: Array, seconds: float, rng: np.rando
 
 
 def stop_scatter(levels: Levels, tail_df: float, target: Array, rng: np.random.Generator) -> Array:
-    """Return the displacements (m, 3) mm of stops from their average position.
+    """Displacements (m, 3) mm of stops from their average position.
 
     The level of a target is the rms distance of the normal core; a t distribution adds its tails.
     """

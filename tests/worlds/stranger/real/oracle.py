@@ -107,14 +107,14 @@ class Oracle(Scales):
         return {test: float(np.sqrt(np.mean(np.concatenate(parts)))) for test, parts in squares.items()}
 
     def look(self, faults: Sequence[Fault], level: float) -> list[Seen]:
-        """Return the visibility of each fault, with a healthy background of `level` times its standard deviation."""
+        """Visibility of each fault, with a healthy background of `level` times its standard deviation."""
         frame = self.frame(dict.fromkeys(self.names, level), [fault.name for fault in faults])
         rows = np.array([frame.of([fault]) for fault in faults])
         alone = 1 / np.sqrt(np.maximum(np.diag(np.linalg.pinv(rows @ rows.T)), 1e-30))
         return [_seen(frame, fault, x, float(sigma)) for fault, x, sigma in zip(faults, rows, alone, strict=True)]
 
     def unexplained(self, fault: Fault, level: float) -> tuple[float, str]:
-        """Return the sigma of a foreign fault unexplained by any single name, and the nearest name."""
+        """Sigma of a foreign fault unexplained by any single name, and the nearest name."""
         frame = self.frame(dict.fromkeys(self.names, level))
         x = frame.of([fault])
         alike = frame.likeness(x)
@@ -139,7 +139,7 @@ def _seen(frame: Frame, fault: Fault, x: Array, sigma: float) -> Seen:
 
 
 def _covariances(sight: Sight, view: View, noise: CellNoise, levels: Mapping[str, Levels], laps: int) -> list[Array]:
-    """Return the covariance (k m, k m) mm² of each run of a program in the order of `flat`: channels one after the
+    """Covariance (k m, k m) mm² of each run of a program in the order of `flat`: channels one after the
     other.
     """
     own = levels[view.motion.test]
@@ -182,7 +182,7 @@ def _in_channels(blocks: dict[tuple[int, int], Array]) -> Array:
 
 
 def slow_covariance(lag_s: Array, tau_s: float) -> Array:
-    """Return the covariance of slow noise of unit variance: AR(1), or the 1/f spectrum of `noise.slow` if tau_s is
+    """Covariance of slow noise of unit variance: AR(1), or the 1/f spectrum of `noise.slow` if tau_s is
     zero.
     """
     if tau_s:

@@ -49,7 +49,7 @@ class Program:
 
 
 def circle(cell: Cell, track: Track, test: str, sense: int, laps: int) -> Motion:
-    """Return a run of laps on a regular grid."""
+    """A run of laps on a regular grid."""
     return lap(cell, track, test, sense, np.arange(0.0, 3600.0, GRID_S), GRID_S, laps)
 
 

@@ -40,7 +40,7 @@ class Watch:
 
 
 def watched(cell: Cell, motion: Motion, trace: Trace, link: Link) -> Watch:
-    """Return a motion with this set-up and no faults."""
+    """A motion with this set-up and no faults."""
     tool = tool_of(cell, motion, [], trace)
     plain = read(motion, [], link, tool)
     shifted = [read(motion, [], replace(link, ball=link.ball + step), tool) for step in _STEP_MM * np.eye(3)]
@@ -48,14 +48,14 @@ def watched(cell: Cell, motion: Motion, trace: Trace, link: Link) -> Watch:
 
 
 def by_setup(watches: Sequence[Watch]) -> Array:
-    """Return the derivatives (D, 3 + k) of the readings of all motions, concatenated, by the ball and the zeros."""
+    """Derivatives (D, 3 + k) of the readings of all motions, concatenated, by the ball and the zeros."""
     ball = np.concatenate([watch.by_ball.reshape(-1, 3) for watch in watches])
     gauges = watches[0].plain.shape[1]
     return np.concatenate([ball, np.tile(np.eye(gauges), (len(ball) // gauges, 1))], axis=1)
 
 
 def centred(cell: Cell, watches: Sequence[Watch], link: Link, faults: Sequence[Fault]) -> Link:
-    """Return the link with its ball moved so that its eccentricity with a faulty arm equals that with a perfect arm.
+    """Link with its ball moved so that its eccentricity with a faulty arm equals that with a perfect arm.
 
     The centre of a circle follows the mean tool position. The remaining displacement, and that of a hemisphere, is
     fitted. A ball displacement along the normal of a circle is hardly visible and not fitted.
