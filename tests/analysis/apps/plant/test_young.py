@@ -84,16 +84,11 @@ def test_runs_of_one_moment_have_no_axis(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("simulated", "runs", "said"),
-    [
-        (0, 3, ""),
-        (1, 1, "This run"),
-        (3, 3, "All runs"),
-        (1, 3, "1 of 3 runs"),
-    ],
+    ("simulated", "runs", "begins"), [(0, 3, ""), (1, 1, "This run"), (3, 3, "All runs"), (1, 3, "1 of 3 runs")]
 )
-def test_simulated_runs_are_called_so(tmp_path: Path, simulated: int, runs: int, said: str) -> None:
-    assert simulated_runs(simulated, runs) == said
+def test_simulated_runs_are_called_so(tmp_path: Path, simulated: int, runs: int, begins: str) -> None:
+    said = simulated_runs(simulated, runs)
+    assert said.startswith(begins) and bool(said) == bool(begins)
     history = history_of(collected(runs_at(range(runs), simulated=simulated)))
     assert (origin(history), as_object(history)["origin"]) == (said, said)
     console = PlainConsole(width=100)
