@@ -10,6 +10,7 @@ import pytest
 
 from daq.store import recover
 from rigs.errors import CellError
+from tests.support.refusals import refused
 from tests.support.store_cases import crash, record, samples, start, sync
 
 REMEDY = r"Too many open files.*; close programs or connections with open files"
@@ -40,10 +41,10 @@ def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_
 
 def test_a_run_that_cannot_go_on_asks_for_descriptors(tmp_path: Path) -> None:
     writer = record(tmp_path)
-    with no_descriptor(), pytest.raises(CellError, match=REMEDY) as refused:
+    with no_descriptor(), pytest.raises(CellError, match=REMEDY) as error:
         writer.append("g1", samples(4))
         sync(writer)
-    assert "disk" not in str(refused.value)
+    assert "disk" not in str(error.value)
     left = crash(writer)
     with no_descriptor(), refused("run.not_recovered"):
         recover(left)
