@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +17,8 @@ import numpy as np
 from analysis.apps.certify.drift import Drift, Until, until
 from analysis.apps.certify.features import Feature
 from analysis.apps.certify.program import Listed
-from analysis.apps.planning.next_reading import NextReading, Reading, next_reading
+from analysis.apps.planning.next_reading import NextReading, ProgramReadings
+from analysis.apps.planning.possible_readings import poses_at
 from analysis.apps.postures.expected_error import knowledge_of
 from analysis.apps.postures.target_errors import Cause, Work, causes_of, taught_at
 from analysis.correction.pose_uncertainty import covered, pose_uncertainty, why_unknown
@@ -98,7 +99,7 @@ def certify(
         reasons |= {row: f"outside the measured region: {why}" for row, why in outside.items() if why}
     taught = taught or taught_at(rig, at, inside)
     causes = causes_of(rig, at, taught, rp_mm) if len(at.q) else []
-    reading = Reading.of(rig, taught) if not unmeasured and len(at.q) else None
+    readings = cache(partial(ProgramReadings.of, rig, at.q, taught[0]))  # only undecided features need them
 
     def judged(feature: Feature) -> Certified:
         why = next((reasons[row] for row in feature.rows.tolist() if row in reasons), "") or unmeasured
@@ -112,9 +113,9 @@ def certify(
         now, corrected = (_judged(feature, nominal, moved, why, is_known=is_known) for moved in (before, after))
         proposed = None
         if not is_known:
-            proposed = NextReading(q[~inside[rows]][0])
-        elif now.verdict == "undecided" and reading is not None:
-            proposed = next_reading(reading, q, poses, partial(feature.values, nominal), after - nominal)
+            proposed = NextReading(poses_at(q[~inside[rows]])[0])
+        elif now.verdict == "undecided" and not unmeasured:
+            proposed = readings().best_for(rows, nominal, partial(feature.values, nominal), after - nominal)
         of_feature, few = Work(q, poses, at.came_from[rows], at.load_kg[rows]), before[:_DRAWS_OF_CAUSE] - nominal
         days = (until(rig, drift, of_feature, few, partial(_inside, feature, nominal)) for drift in drifts if is_known)
         first = min(filter(None, days), key=lambda one: one.date, default=None)

@@ -139,11 +139,10 @@ def _say_next(rig: Rig, rig_file: str, program: Path, judged: Sequence[Certified
         line = f"rig correct {as_argument(rig_file)} {option} {as_argument(program)} -o corrected"
         say(f"next: {line}  # then {counted(gains, 'more feature')} within tolerance", err=True)
     undecided = [(one, one.next) for one in judged if one.next and one.corrected.verdict == "undecided"]
-    for one, reading in undecided[:1]:
-        angles = ", ".join(f"{angle:z.1f}" for angle in reading.to_dict()["q_deg"])
+    for one, proposed in undecided[:1]:
         gain = f"{one.feature.name} is outside the measured region"
-        if reading.u_mm is not None:
-            gain = f"u of {one.feature.name} falls from {reading.u_mm:.3f} to {reading.after_mm:.3f} mm"
-        say(f"next: measure at joint angles {angles}°  # {gain}", err=True)
+        if proposed.u_mm is not None:
+            gain = f"u of {one.feature.name} falls from {proposed.u_mm:.3f} to {proposed.after_mm:.3f} mm"
+        say(f"next: {proposed.reading.words}  # {gain}", err=True)
     if rig.calibrated is None and any(one.why for one in judged):
         say(f"next: rig plan {as_argument(rig_file)} --poses 40 -o poses  # measure this arm", err=True)

@@ -23,7 +23,7 @@ from rigs.files import read_bytes
 
 Kind = Literal["position", "distance", "flatness", "straightness"]
 _FEWEST: dict[str, int] = {"position": 1, "distance": 2, "flatness": 4, "straightness": 2}
-_TOLERANCE = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(mm|µm|um)")
+_TOLERANCE = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(mm|[µμ]m|um)")
 _SIGN = "FEATURE=0.2mm, such as hole1=0.2mm, distance:hole1,hole2=0.1mm or flatness:P1..P8=0.3mm"
 _COLUMNS = ("name", "kind", "targets", "tolerance_mm")
 _MOST_BYTES = 1_000_000
@@ -196,10 +196,10 @@ def _row_of(text: FeatureText, name: str, names: Sequence[str], lines: Sequence[
         of_name = [row for row, number in enumerate(lines) if number == int(line[1])]
     if len(of_name) == 1:
         return of_name[0]
-    problem, remedy = (
-        f"{name!r} names no target",
-        f"name a target ({', '.join(names[:6])}, …) or its line, such as line 6",
-    )
+    problem, remedy = f"{name!r} names no target", "the program has none that rig understands"
+    if names:
+        first = f"{', '.join(names[:6])}{', …' * (len(names) > 6)}"
+        remedy = f"name a target ({first}) or its line, such as line {lines[0]}"
     if of_name:
         problem = f"{name!r} names {len(of_name)} targets"
         remedy = f"name one by its line: {', '.join(f'line {lines[row]}' for row in of_name[:8])}"

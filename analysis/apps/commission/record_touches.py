@@ -74,8 +74,8 @@ def record_touches(
     try:
         with suppress(KeyboardInterrupt):
             for q_deg, came_deg in guided_joints(daemon, len(rig.robot.axes)):
-                if came_deg is not None:
-                    _take(guide, q_deg, came_deg, say)
+                if came_deg is not None and _take(guide, q_deg, came_deg, say) and guide.number > 1:
+                    _propose(rig, guide, say)
                 if not guide.socket:
                     break
     except RigError:
@@ -88,9 +88,11 @@ def record_touches(
     return save()
 
 
-def _take(guide: Touching, q_deg: Array, came_deg: Array, say: Callable[[str], None]) -> None:
+def _take(guide: Touching, q_deg: Array, came_deg: Array, say: Callable[[str], None]) -> bool:
+    """Process a standstill, and return whether it is a touch."""
     socket, number = guide.socket, guide.number
-    match guide.take(q_deg, came_deg):
+    seen = guide.take(q_deg, came_deg)
+    match seen:
         case "seated":
             say(f"{TONE}socket {socket}: touch {number} of {guide.each}")
             if guide.socket and guide.socket != socket:
@@ -99,6 +101,15 @@ def _take(guide: Touching, q_deg: Array, came_deg: Array, say: Callable[[str], N
             say(f"the robot is at rest, but by the arm the ball is not in socket {socket}: seat the ball, or continue")
         case "same posture":
             say("the posture is that of the previous touch: turn elbow or wrist and keep the ball in the socket")
+    return seen == "seated"
+
+
+def _propose(rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
+    """Say the next posture at the socket, or that further touches are not worth their time."""
+    from analysis.apps.planning.next_reading import next_touch  # noqa: PLC0415 - takes a second
+
+    if step := next_touch(rig, guide.table, guide.socket):
+        say(step.words)
 
 
 def guided_joints(daemon: SampleSource, axes: int) -> Iterator[tuple[Array, Array | None]]:

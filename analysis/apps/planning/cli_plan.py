@@ -77,7 +77,7 @@ def plan(
     ] = None,
     next_reading: Annotated[
         bool,
-        typer.Option("--next", help="Propose the next reading of a tracker, or state that it is not worth its time."),
+        typer.Option("--next", help="Propose the next pose, touch or circle, or state that it is not worth its time."),
     ] = False,
     targets: Annotated[
         Path | None,
@@ -229,11 +229,9 @@ def _plan_poses(
 
 def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, *, as_json: bool) -> None:
     """Print the act at the targets, and the next reading if it is worth its time."""
-    import numpy as np
-
-    from analysis.apps.planning.next_reading import MANY, next_step
+    from analysis.apps.planning.next_reading import next_step
     from analysis.cli.console import progress_of
-    from rigs.families import families
+    from analysis.correction.support import why_nothing
     from rigs.load import load, named_by
 
     rig, _ = load(rig_file)
@@ -242,19 +240,26 @@ def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, 
     if as_json:
         say_json(step.to_dict())
         return
-    now = "is unknown" if step.now_mm is None else f"is {step.now_mm:.3f} mm rms now"
-    say(f"The error at the targets {now}, and {step.corrected_mm:.3f} mm after a correction by the readings so far.")
-    later = f"{step.next_mm:.3f} mm after the next reading, {step.many_mm:.3f} mm after {MANY} more"
-    if step.act == "measure":
-        angles = ", ".join(f"{angle:z.1f}" for angle in np.degrees(step.q))
-        say(f"Measure at joint angles {angles}°: {later}.")
+    if why := why_nothing(rig):
+        say(f"{why[0].upper()}{why[1:]}.")
+    after = f"{step.corrected_mm:.3f} mm after a correction by the readings so far"
+    if step.now_mm is not None:
+        say(f"The error at the targets is {step.now_mm:.3f} mm rms now, and {after}.")
+    elif rig.calibrated is None or why:
+        say(f"The error at the targets is unknown; of a typical arm it is {step.corrected_mm:.3f} mm rms.")
     else:
-        change_mm = step.corrected_mm - step.many_mm
-        say(f"The readings decide: {_ACTS[step.act]}. {MANY} more would change {change_mm:.3f} mm.")
+        say("The error at the targets is unknown: they are outside the measured region.")
+    say(step.words)
     if step.now_mm is not None and step.of_family >= _SHOWN_OF_FAMILY:
-        family = next((one for one in families().families if one.maker == rig.maker), None)
-        arms = f"{max(row.arms for row in family.constants)} arms of {family.name}" if family else "arms of its design"
-        say(f"{step.of_family:.0%} of the mean square error is not determined by readings: typical sizes of {arms}.")
+        say(f"{step.of_family:.0%} of the mean square error is not known from readings: typical sizes of {_arms(rig)}.")
+
+
+def _arms(rig: Rig) -> str:
+    """Arms from which the typical sizes are known."""
+    from rigs.families import families
+
+    family = next((one for one in families().families if one.maker == rig.maker), None)
+    return f"{max(row.arms for row in family.constants)} arms of {family.name}" if family else "arms of its design"
 
 
 def _targets_of(rig: Rig, path: Path) -> tuple[Array, Array]:
@@ -273,11 +278,6 @@ def _targets_of(rig: Rig, path: Path) -> tuple[Array, Array]:
     return q[known], forward(arm_of(rig.robot), q[known]) if read.joints else read.poses()[known]
 
 
-_ACTS = {
-    "correct": "correct the targets",
-    "repair": "repair the arm, most of the error is backlash or another error that no target corrects",
-    "nothing": "do nothing, a correction would not reduce the error",
-}
 _SHOWN_OF_FAMILY = 0.1
 """Share of the mean square error that the readings leave unknown from which it is mentioned."""
 

@@ -1,110 +1,104 @@
-"""The next reading of a tracker: the posture at which a reading reduces the uncertainty of a figure most.
+"""The next reading, and whether it is worth its time: correct, repair, measure more, or do nothing.
 
-A reading is linear in the unknowns of the calibrated model, and its influence on the posterior is that of a Kalman
-update. A figure of targets, such as a distance, is linearised at draws of their errors.
+The loss of an act is the expected error at the targets after it, plus the price of its minutes. A reading is worth its
+time if the loss of the best act falls by more than the reading costs. A figure of targets, such as a distance, is
+linearised at draws of their errors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from analysis.apps.planning.pose_plan import Pool, pool_of
-from analysis.apps.planning.pose_pool import Sight, drawn_poses
+from analysis.apps.planning.pose_pool import Sight
+from analysis.apps.planning.possible_readings import (
+    TOUCH_MIN,
+    Reading,
+    pool_of_readings,
+    poses_at,
+    possible_readings,
+    touches_at,
+)
+from analysis.apps.planning.reading_pool import ReadingPool
 from analysis.correction.corrected_targets import corrected
-from analysis.correction.pose_uncertainty import PoseUncertainty, few_taught, pose_uncertainty
+from analysis.correction.pose_uncertainty import few_taught, pose_uncertainty
 from analysis.correction.support import supports, why_nothing
-from analysis.correction.work import TaughtFrame, work_or_spread
-from analysis.robot.kinematics.arm import Array, arm_of, forward
+from analysis.correction.work import FEWEST_TAUGHT, work_or_spread
+from analysis.procedures.shared.simulated_touches import touch_of, with_ball
+from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
+from analysis.runs.tables import TouchTable
 from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
 
-_CANDIDATES, _SEED = 150, 0
+Act = Literal["measure", "correct", "repair", "nothing"]
 _LINEARISED, _STEP_MM = 30, 1e-3
 """Number of draws at which a figure is linearised, and step of the slopes."""
-MANY, _GAIN_OF_MANY = 20, 0.1
-"""Number of further readings that are weighed, and the gain that is worth their time, relative to the error without a
-correction. Chosen: a reading takes a minute or two, so half an hour must remove a tenth of that error."""
+MANY = 20
+"""Largest number of further readings that are weighed."""
+_PRICE = 0.1 / 30
+"""Price of a minute, relative to the error now. Chosen: half an hour must remove a tenth of the error."""
+_CORRECT_MIN, _REPAIR_MIN = 30.0, 120.0
+"""Minutes to load and check corrected programs, and to repair a joint. Chosen."""
 _WORTHWHILE = 0.02
 """Smallest relative reduction of u by a reading that is proposed. Chosen: a tenth needs about five readings."""
-
 _MOST_TARGETS = 60
 """Number of targets that are weighed. Chosen: their mean hardly changes with more."""
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# The reading that reduces the uncertainty of a figure most.
+
+
 @dataclass(frozen=True)
 class NextReading:
-    """A posture (axes,) rad to measure, and the standard uncertainty in mm of the figure before and after; None outside
-    the measured region."""
+    """A reading to take, and the standard uncertainty in mm of the figure before and after; None outside the measured
+    region."""
 
-    q: Array
+    reading: Reading
     u_mm: float | None = None
     after_mm: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        return {"q_deg": np.degrees(self.q).round(3).tolist(), "u_mm": self.u_mm, "u_after_mm": self.after_mm}
+        return {**self.reading.to_dict(), "u_mm": self.u_mm, "u_after_mm": self.after_mm}
 
 
 @dataclass(frozen=True)
-class Reading:
-    """Candidate postures q (c, axes) rad with independent displacements of the tool (k, c, 3) mm in a taught frame, and
-    the standard deviation of a coordinate of a reading in mm."""
+class ProgramReadings:
+    """Readings that inform about the targets of a program, with their pool."""
 
-    uncertainty: PoseUncertainty
-    frame: TaughtFrame
-    motions: Array
-    q: Array
-    moves: Array
-    sd_mm: float
+    readings: tuple[Reading, ...]
+    pool: ReadingPool
 
     @classmethod
-    def of(cls, rig: Rig, taught: tuple[Array, Array]) -> Reading:
-        """Draw candidates of a calibrated rig. taught: postures and poses at which frame and tool are taught."""
-        uncertainty, arm = pose_uncertainty(rig, supports(rig)), arm_of(rig.robot)
-        few = few_taught(len(taught[0]))
-        frame = TaughtFrame(taught[1][few])
-        motions = frame.motions(uncertainty.pose_displacements(taught[0][few])[:, :, :3])
-        q = np.zeros((0, taught[0].shape[1]))
-        if rig.robot.rail is None:
-            q = drawn_poses(arm, _CANDIDATES, None, np.random.default_rng(_SEED))
-        judged = rig.calibrated.judged if rig.calibrated else None
-        sd_mm = float(np.hypot(judged.noise_um, judged.unexplained_um)) / 1e3 if judged else 0.0
-        moves = _moves(uncertainty, frame, motions, q, forward(arm, q))
-        return cls(uncertainty, frame, motions, q, moves, max(sd_mm, 1e-3))
+    def of(cls, rig: Rig, q: Array, taught: Array) -> ProgramReadings:
+        """Return the readings for targets at q (n, axes) rad in a frame taught at other postures (m, axes) rad.
 
-    def moves_at(self, q: Array, poses: Array) -> Array:
-        """Independent displacements (k, n, 3) mm at other postures q (n, axes) rad, in the same frame."""
-        return _moves(self.uncertainty, self.frame, self.motions, q, poses)
+        A tracker can also measure at the targets themselves.
+        """
+        readings = [] if rig.robot.rail else possible_readings(rig)
+        if all(reading.kind == "pose" for reading in readings):
+            readings = [*poses_at(q[:_MOST_TARGETS]), *readings]
+        return cls(tuple(readings), pool_of_readings(rig, readings, q, taught[few_taught(len(taught))]))
 
+    def best_for(
+        self, rows: Integers, places: Array, figure: Callable[[Array], Array], errors: Array
+    ) -> NextReading | None:
+        """Return the reading that reduces the variance of a figure most, None if none is worthwhile.
 
-def _moves(uncertainty: PoseUncertainty, frame: TaughtFrame, motions: Array, q: Array, poses: Array) -> Array:
-    return frame.remove_motions(uncertainty.pose_displacements(q)[:, :, :3], poses, motions)
-
-
-def next_reading(
-    reading: Reading, q: Array, poses: Array, figure: Callable[[Array], Array], errors: Array
-) -> NextReading | None:
-    """Return the reading that reduces the variance of a figure most, None if none is worthwhile.
-
-    q (m, axes) rad, poses (m, 4, 4): targets of the figure. figure: value (k,) mm for displaced positions (k, m, 3) mm.
-    errors (k, m, 3): draws of the target errors.
-    """
-    slopes = _slopes(figure, poses[:, :3, 3], errors[:_LINEARISED])
-    moves = reading.moves_at(q, poses)
-    postures, candidates = np.vstack([q, reading.q]), np.concatenate([moves, reading.moves], axis=1)
-    of_figure = slopes @ moves.reshape(len(moves), -1).T  # (draws, k)
-    across = np.einsum("dk,kci->cdi", of_figure, candidates)
-    seen = np.einsum("kci,kcj->cij", candidates, candidates) + reading.sd_mm**2 * np.eye(3)
-    gains = np.einsum("cdi,cid->c", across, np.linalg.solve(seen, across.transpose(0, 2, 1))) / len(slopes)
-    best, flat = int(np.argmax(gains)), (errors - errors.mean(axis=0)).reshape(len(errors), -1)
-    remaining = 1 - gains[best] / float(((flat @ slopes.T) ** 2).mean())
-    u_mm, after_mm = (
-        float(figure(poses[:, :3, 3] + errors).std() * np.sqrt(share)) for share in (1.0, max(remaining, 0.0))
-    )
-    return NextReading(postures[best], u_mm, after_mm) if after_mm < (1 - _WORTHWHILE) * u_mm else None
+        rows (m,): targets of the figure, at places (m, 3) mm. figure: value (k,) mm for displaced positions (k, m, 3)
+        mm. errors (k, m, 3): draws of the target errors.
+        """
+        slopes = _slopes(figure, places, errors[:_LINEARISED])
+        of_targets = self.pool.targets.reshape(-1, 3, self.pool.targets.shape[1])[rows]
+        gains = replace(self.pool, targets=slopes @ of_targets.reshape(slopes.shape[1], -1)).gains() / len(slopes)
+        best, flat = int(np.argmax(gains)), (errors - errors.mean(axis=0)).reshape(len(errors), -1)
+        remaining = 1 - gains[best] / float(((flat @ slopes.T) ** 2).mean())
+        u_mm, after_mm = (float(figure(places + errors).std() * np.sqrt(share)) for share in (1.0, max(remaining, 0.0)))
+        is_worthwhile = after_mm < (1 - _WORTHWHILE) * u_mm
+        return NextReading(self.readings[best], u_mm, after_mm) if is_worthwhile else None
 
 
 def _slopes(figure: Callable[[Array], Array], places: Array, errors: Array) -> Array:
@@ -115,71 +109,141 @@ def _slopes(figure: Callable[[Array], Array], places: Array, errors: Array) -> A
     )
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# The decision at targets.
+
+
 @dataclass(frozen=True)
 class NextStep:
     """Decision at targets, errors in mm rms.
 
-    act: `measure` if the next readings are worth their time, otherwise `correct`, `repair` if most of the error then
-    stays (backlash and other errors that no target corrects), or `nothing`. q (axes,): next posture in rad.
-    now_mm, corrected_mm: error now (None if not measured) and after a correction. next_mm, many_mm: the latter after
-    one and MANY further readings. of_family: share of the mean square error that the readings leave
-    unknown, for which the correction rests on the typical sizes of the family.
+    act: `measure` if further readings are worth their time, otherwise `correct`, `repair` if backlash and other errors
+    that no target corrects dominate, or `nothing`. reading: the most informative one. now_mm, corrected_mm: error now
+    (None if not measured) and after a correction. next_mm, many_mm: the latter after one and after `many` further
+    readings. worthwhile: number of readings that are worth their time, which take `minutes`. of_family: share of the
+    mean square error that the readings leave unknown. There the correction rests on the typical sizes of the family.
     """
 
-    act: Literal["measure", "correct", "repair", "nothing"]
-    q: Array
+    act: Act
+    reading: Reading
     now_mm: float | None
     corrected_mm: float
     next_mm: float
     many_mm: float
+    many: int
+    worthwhile: int
+    minutes: float
     of_family: float
+    taken: int = 0
+    """Number of readings that the decision is based on, if they are part of no calibration."""
 
     def to_dict(self) -> dict[str, Any]:
-        names = ("act", "now_mm", "corrected_mm", "next_mm", "many_mm", "of_family")
-        return {"q_deg": np.degrees(self.q).round(3).tolist()} | {name: getattr(self, name) for name in names}
+        names = (
+            "act", "now_mm", "corrected_mm", "next_mm", "many_mm", "many", "worthwhile", "minutes", "of_family",
+        )  # fmt: skip
+        return self.reading.to_dict() | {name: getattr(self, name) for name in names}
+
+    @property
+    def words(self) -> str:
+        """The next reading with its worth in two lines, or that further ones are not worth their time."""
+        if self.act != "measure":
+            change_mm = self.corrected_mm - self.many_mm
+            decided = f"These {self.taken} {self.reading.noun} decide" if self.taken > 1 else "The readings decide"
+            return f"{decided}: {_ACTS[self.act]}. {self.many} more would change {change_mm:.3f} mm."
+        words = self.reading.words
+        later = f"{self.next_mm:.3f} mm after it, {self.many_mm:.3f} mm after {self.many}"
+        worth = f"{self.worthwhile} readings are worth their" if self.worthwhile > 1 else "It is worth its"
+        return f"{words[0].upper()}{words[1:]}: {later}.\n{worth} {self.minutes:.0f} minutes."
+
+
+_ACTS = {
+    "correct": "correct the targets",
+    "repair": "repair the arm, most of the error is backlash or another error that no target corrects",
+    "nothing": "do nothing, a correction would not reduce the error",
+}
+
+
+@dataclass(frozen=True)
+class _Known:
+    """Errors in mm rms at targets by a calibration: now, the part that no target corrects, and the unexplained part."""
+
+    now: float
+    stays: float
+    unexplained: float
 
 
 def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None = None) -> NextStep:
-    """Decide between measuring, correcting, repairing and doing nothing, with the next reading of a tracker.
+    """Decide between measuring, correcting, repairing and doing nothing, with the next reading.
 
     targets: postures (n, axes) rad and poses (n, 4, 4), by default the work area.
 
-    Raises FileError for an arm on a rail, and for a calibration by touches, whose next reading must be at a socket.
+    Raises FileError for an arm on a rail.
     """
-    if rig.robot.rail or (rig.calibrated is not None and rig.calibrated.reach_mm is not None):
-        problem = "has a rail" if rig.robot.rail else "was calibrated by touches"
-        remedy = "measure poses with a tracker at a fixed base, or touch sockets in other postures: rig record touch"
-        problem += ", but readings are proposed for a tracker"
+    if rig.robot.rail:
+        problem, remedy = (
+            "has a rail, but readings are proposed for a fixed base",
+            "measure poses by a plan of your own",
+        )
         raise FileError(RigPlace.of(rig.name), problem, remedy, code="plan.next")
-    arm, supported = arm_of(rig.robot), supports(rig)
-    is_known = rig.calibrated is not None and not why_nothing(rig)
-    joints = pose_uncertainty(rig, supported).joints_rad if is_known else None
-    q = work_or_spread(rig, joints) if targets is None else targets[0]
+    supported, is_usable = supports(rig), rig.calibrated is not None and not why_nothing(rig)
+    joints = pose_uncertainty(rig, supported).joints_rad if is_usable else None
+    work = work_or_spread(rig, joints)
+    q = work if targets is None else targets[0]
     few = few_taught(len(q))[:_MOST_TARGETS]
     q, wanted = q[few], None if targets is None else targets[1][few]
-    candidates = drawn_poses(arm, _CANDIDATES, sight, np.random.default_rng(_SEED))
-    possible, of_targets = np.arange(len(candidates)), len(candidates) + np.arange(len(q))
-    both = np.vstack([candidates, q])
-    stays_mm, now_mm = 0.0, None
-    if not is_known:
-        pool = pool_of(rig.model_copy(update={"effects": ()}).with_calibration(None, None), both)
-    else:
-        taught = work_or_spread(rig, joints)
-        reading = Reading.of(rig, (taught, forward(arm, taught)))
-        flat = reading.moves_at(both, forward(arm, both)).reshape(-1, 3 * len(both)) / reading.sd_mm
-        pool = Pool(both, flat.T @ flat, np.full(3 * len(both), reading.sd_mm))
-        error = corrected(rig, supported, q, (), wanted).error
-        if error is not None:
-            now_mm = error.before_um / 1e3
-            stays_mm = float(np.sqrt(max(error.after_um**2 - error.u_um**2, 0.0))) / 1e3
-    chosen = pool.choose(MANY, of_targets, possible)
-    u_mm, next_mm, many_mm = (
-        float(np.hypot(stays_mm, pool.u_mm(chosen[:count], of_targets))) for count in (0, 1, MANY)
-    )
-    act: Literal["measure", "correct", "repair", "nothing"] = "correct"
-    if now_mm is None or u_mm - many_mm > _GAIN_OF_MANY * now_mm:
-        act = "measure"
-    elif u_mm > (1 - _GAIN_OF_MANY) * now_mm:
-        act = "repair" if stays_mm > u_mm / 2 else "nothing"
-    of_family = 1.0 if now_mm is None else min(1.0, (pool.u_mm(chosen[:0], of_targets) / now_mm) ** 2)
-    return NextStep(act, candidates[chosen[0]], now_mm, u_mm, next_mm, many_mm, of_family)
+    error = corrected(rig, supported, q, (), wanted).error if is_usable else None
+    known = None
+    if error is not None:
+        unexplained = pose_uncertainty(rig, supported).unexplained_mm
+        stays = float(np.sqrt(max(error.after_um**2 - error.u_um**2, 0.0))) / 1e3
+        known = _Known(error.before_um / 1e3, stays, unexplained)
+    measured = rig if is_usable else _uncalibrated(rig)
+    readings = possible_readings(rig, sight)
+    pool = pool_of_readings(measured, readings, q, q if len(q) >= FEWEST_TAUGHT else work)
+    return decide(pool, readings, known)
+
+
+def next_touch(rig: Rig, touches: TouchTable, socket: str) -> NextStep | None:
+    """Weigh another touch of a socket that was touched before, for the work area of an arm with typical errors.
+
+    None if the arm has no further posture there.
+    """
+    touch, nominal = touch_of(rig), _uncalibrated(rig)
+    balls = forward(with_ball(arm_of(rig.robot), touch), touches.q[touches.socket == socket])[:, :3, 3]
+    if not (possible := touches_at(rig, {socket: balls[0]})):
+        return None
+    taken = [Reading("touch", TOUCH_MIN, q, name) for q, name in zip(touches.q, touches.socket.tolist(), strict=True)]
+    work = work_or_spread(nominal, None)
+    readings = [*taken, *possible]
+    return decide(pool_of_readings(nominal, readings, work, work), readings, taken=len(taken))
+
+
+def _uncalibrated(rig: Rig) -> Rig:
+    return rig.model_copy(update={"effects": ()}).with_calibration(None, None)
+
+
+def decide(pool: ReadingPool, readings: Sequence[Reading], known: _Known | None = None, *, taken: int = 0) -> NextStep:
+    """Weigh the acts now and after each number of further readings.
+
+    known: errors by a calibration. taken: number of the first readings, which are taken and part of no calibration.
+    Without both, an arm must be measured first.
+    """
+    chosen = pool.choose(taken + MANY, range(taken))
+    base = np.hypot(known.stays, known.unexplained) if known else 0.0
+    counts = range(taken, len(chosen) + 1)
+    after = np.array([np.hypot(base, pool.u_mm(chosen[:count])) for count in counts])
+    minutes = np.concatenate([[0.0], np.cumsum(pool.minutes[chosen[taken:]])])
+    now = float(np.hypot(known.now, after[0])) if known else pool.u_mm(chosen[:0])
+    price = _PRICE * now
+    losses: dict[Act, Array] = {"correct": after + price * _CORRECT_MIN, "nothing": np.full_like(after, now)}
+    if known:
+        losses["repair"] = np.full_like(after, np.sqrt(max(now**2 - known.stays**2, 0.0)) + price * _REPAIR_MIN)
+    worthwhile = int(np.argmin(np.min(list(losses.values()), axis=0) + price * minutes))
+    if known is None and not taken:
+        worthwhile = max(worthwhile, 1)
+    act: Act = "measure" if worthwhile else min(losses, key=lambda one: losses[one][0])
+    of_family = min(1.0, (pool.u_mm(chosen[:0]) / max(known.now, 1e-9)) ** 2) if known else 1.0
+    return NextStep(
+        act, readings[chosen[taken]], known.now if known else None, float(after[0]), float(after[1]), float(after[-1]),
+        len(after) - 1, worthwhile, float(minutes[worthwhile]), of_family, taken,
+    )  # fmt: skip

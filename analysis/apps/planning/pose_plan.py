@@ -1,104 +1,31 @@
 """Pose planning: the poses after which the arm is known best over the workspace.
 
-A calibration has a normal prior for each reading: effects of an arm, set-up and noise, in the columns of a diagnosis.
-The information of a pose about all others is therefore predictable. Poses are chosen sequentially, each minimising the
-remaining variance of the tool position over the pool (I- or V-optimal design; Atkinson, Donev and Tobias, Optimum
-Experimental Designs, 2007, ch. 10). D-optimal poses would determine the constants best, but none of a thousand terms is
-of interest. Backlash is excluded, because it depends on the order of poses.
+Poses are chosen one at a time (`ReadingPool`), each minimising the remaining variance of the tool position over all
+candidates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from analysis.apps.planning.pose_pool import Sight, axes_in_turn, drawn_poses, in_order_of_ways, joint_ranges
-from analysis.diagnosis.evidence.blocks import blocks_of
-from analysis.diagnosis.evidence.observation import observe_run
-from analysis.diagnosis.fit.candidates import Columns, Level, candidates_for, columns_for
+from analysis.apps.planning.possible_readings import block_of, pose_table, typical_columns, typical_rows
+from analysis.apps.planning.reading_pool import ReadingPool
+from analysis.diagnosis.fit.candidates import Columns
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.plan.expected import without_bands
-from analysis.procedures.shared.test_kind import nominal_setup
-from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
-from analysis.robot.model.predict import model_of
+from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.runs.table_layout import came_from_columns, joint_columns
-from analysis.runs.tables import PoseTable
 from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
-from rigs.schema.effect import is_play
 
 _POOL = 400
 """Number of candidate poses; more would not improve the choice."""
 _SEED, _SHUFFLES = 0, 5
 """Seed of the draw, for reproducible plans, and number of random choices compared. Chosen."""
-_LEVEL = 5.0
-"""Level of the background, in healthy sizes: the angle errors of a real UR10 are five to eight times the usual
-(docs/trials.md).
-"""
-_SET_UP_SIGMA = 30.0
-"""Prior of instrument and target: their influence on a reading, in noise standard deviations. They are practically
-unknown; a larger value would only add rounding errors to the covariance of all positions.
-"""
-
-
-@dataclass(frozen=True)
-class Pool:
-    """Candidate poses with the prior: joints q (n, 6) rad; covariance (3 n, 3 n) of their positions in noise
-    standard deviations sd_mm (3 n,).
-    """
-
-    q: Array
-    covariance: Array
-    sd_mm: Array
-
-    def choose(
-        self,
-        count: int,
-        targets: Integers | None = None,
-        among: Integers | None = None,
-        first: Sequence[int] = (),
-    ) -> Integers:
-        """Return the indices (count,) of the poses to measure, most informative about the targets first.
-
-        targets, among: indices of the poses of interest and of those that can be measured, by default all. first: poses
-        that are measured already; they are the first of the result.
-        """
-        covariance, chosen, size = self.covariance.copy(), list[int](), len(self.q)
-        of_targets = _coordinates(np.arange(size) if targets is None else targets)
-        may = np.isin(np.arange(size), np.arange(size) if among is None else among)
-        for number in range(min(count, int(may.sum()))):
-            if number < len(first):
-                chosen.append(int(first[number]))
-            else:
-                # reduction of the total variance of the target positions by each pose (n,), mm²
-                rows = covariance[:, of_targets].reshape(-1, 3, len(of_targets))
-                seen = (rows * self.sd_mm[of_targets] ** 2) @ rows.transpose(0, 2, 1)
-                own = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, len(covariance), 3)])
-                gain = np.where(may, np.trace(np.linalg.solve(own + np.eye(3), seen), axis1=1, axis2=2), -np.inf)
-                gain[chosen] = -np.inf
-                chosen.append(int(np.argmax(gain)))
-            pose = slice(3 * chosen[-1], 3 * chosen[-1] + 3)
-            across = covariance[:, pose]
-            covariance -= across @ np.linalg.solve(across[pose] + np.eye(3), across.T)
-        return np.array(chosen, dtype=np.int64)
-
-    def u_mm(self, chosen: Integers, targets: Integers | None = None) -> float:
-        """Return the rms uncertainty in mm of the tool position at targets, by default the pool, after measuring the
-        chosen poses (k,)."""
-        rows, of_targets = _coordinates(chosen), _coordinates(np.arange(len(self.q)) if targets is None else targets)
-        across = self.covariance[np.ix_(rows, of_targets)]
-        within = self.covariance[np.ix_(rows, rows)] + np.eye(len(rows))
-        explained = (across * np.linalg.solve(within, across)).sum(axis=0)
-        variance = np.diagonal(self.covariance)[of_targets] - explained
-        return float(np.sqrt(3 * np.mean(variance * self.sd_mm[of_targets] ** 2)))
-
-
-def _coordinates(poses: Integers) -> Integers:
-    """Indices (3 k,) of the coordinates of poses (k,)."""
-    return np.asarray((3 * poses[:, None] + np.arange(3)).ravel(), dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -202,7 +129,7 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
         )
     driven = axes_in_turn(arm, count, sight, rng) if one_axis else None
     pool = pool_of(rig, q if driven is None else np.vstack([q, driven]))
-    chosen = pool.choose(count) if driven is None else np.arange(len(q), len(pool.q))
+    chosen = pool.choose(count) if driven is None else np.arange(len(q), len(pool.readings))
     u_mm = pool.u_mm(chosen)
     shuffled = [rng.permutation(len(q)) for _ in range(_SHUFFLES)]
 
@@ -218,23 +145,15 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
     return PlannedPoses(driven, places, u_mm, random(len(chosen)), as_good, asked, one_axis)
 
 
-def pool_of(rig: Rig, q: Array) -> Pool:
-    """Return the prior of poses q (n, 6) rad of a rig's arm measured by a tracker. Raises FileError."""
+def pool_of(rig: Rig, q: Array) -> ReadingPool:
+    """Return poses q (n, axes) rad of a tracker as possible readings and as targets. Raises FileError."""
     columns, sd_mm = pose_columns(rig, q)
-    variance = columns.variance(Level(_LEVEL))
-    of_set_ups = columns.X[:, columns.set_ups]
-    variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(of_set_ups**2, axis=0)
-    root = columns.X * np.sqrt(variance)
-    return Pool(q, root @ root.T, sd_mm)
+    rows = typical_rows(columns)
+    return ReadingPool(rows.reshape(len(q), 3, -1), rows * sd_mm[:, None], np.ones(len(q)))
 
 
 def pose_columns(rig: Rig, q: Array) -> tuple[Columns, Array]:
     """Return the columns of a diagnosis for tracker poses at q (n, axes) rad, without play, in standard deviations
     (3 n,) mm of the noise. Raises FileError."""
-    table = PoseTable(q, forward(arm_of(rig.robot), q)[:, :3, 3], None)
-    run = observe_run(model_of(rig), table, rig.name)
-    setups = {run.setup: nominal_setup(rig, table)}
-    (block,) = blocks = without_bands(blocks_of([run], setups))
-    linear = linearise(blocks, setups)
-    columns = columns_for(linear, [candidate for candidate in candidates_for(linear) if not is_play(candidate.effect)])
-    return columns, block.sd_mm
+    block, setup = block_of(rig, pose_table(rig, q))
+    return typical_columns(linearise(without_bands([block]), {block.setup: setup})), block.sd_mm

@@ -87,9 +87,13 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
         assert other_rig.tests.circle is not None  # noqa: S101 - each has one
         start_deg = np.degrees(program.q[0]).round(2).tolist()
         ready = with_circle(other_rig, other_rig.tests.circle, posture_deg=tuple(start_deg))
-        driven_min = len(tests) * 2 * runs * float(program.t_s[-1]) / 60
-        circles.append(CircleCandidate(ready, words, driven_min + SET_UP_MIN))
+        circles.append(CircleCandidate(ready, words, circle_minutes(float(program.t_s[-1]), tests, runs)))
     return CircleCandidates(tuple(circles), refused)
+
+
+def circle_minutes(lap_s: float, tests: Sequence[TestName], runs: int) -> float:
+    """Minutes to set up a circle and to drive laps of `tests` in both directions."""
+    return SET_UP_MIN + len(tests) * 2 * runs * lap_s / 60
 
 
 def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:

@@ -56,12 +56,10 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
     model = model_of(rig, effects)
     scatter = 0.0 if seed is None else float(np.hypot(SEAT_MM, STOPS_MM))
     places = sockets + rng.normal(0.0, 1.0, sockets.shape) * scatter
-    arm = _with_ball(model.arm, touch_of(rig))
+    arm = with_ball(model.arm, touch_of(rig))
     for _ in range(_STEPS):
-        # ball position (n, 3) mm of each touch in a model, on the tool
-        with_ball = replace(model, arm=arm)
         path = visits(table.q, table.came_from)
-        away = places - np.asarray(moved(with_ball, path).T[:, :3, 3])
+        away = places - np.asarray(moved(replace(model, arm=arm), path).T[:, :3, 3])
         if np.abs(away).max() < _THERE_MM:
             break
         _, jacobian = forward_and_jacobian(arm, table.q)
@@ -82,7 +80,7 @@ def _standing(rig: Rig, table: TouchTable) -> TouchTable:
 def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
     """Touches of the nominal arm, and the socket position (n, 3) mm of each."""
     touch, q, places, names = touch_of(rig), [], [], []
-    arm = _with_ball(arm_of(rig.robot), touch)
+    arm = with_ball(arm_of(rig.robot), touch)
     count = -(-touch.touches // len(touch.sockets))
     where: dict[str, Array] = {}
     for socket in touch.sockets:
@@ -119,7 +117,7 @@ def _somewhere(
         at = at[misses.max(axis=1) < _THERE_MM]
     share = np.linalg.norm(at - base, axis=1) / np.linalg.norm(free - base, axis=1).max()
     for place in at[(share > _REACHED[0]) & (share < _REACHED[1]) & (at[:, 2] > base[2])]:
-        postures = _postures_at(arm, place, count, rng)
+        postures = postures_at(arm, place, count, rng)
         if len(postures) == count:
             return place, postures
     remedy = "check tests.touch.distances, and limits_deg" if distances else "check limits_deg"
@@ -128,8 +126,8 @@ def _somewhere(
     )
 
 
-def _postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -> Array:
-    """Postures (at most count, axes) rad with the tool at a position (3,) mm in any orientation."""
+def postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -> Array:
+    """Return random postures (at most count, axes) rad with the tool at a position (3,) mm in any orientation."""
     low, high = arm.limits.T
     free = _OFF_LIMIT * (high - low)
     postures = np.empty((0, arm.axes))
@@ -147,6 +145,7 @@ def _postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -
     return postures[:count]
 
 
-def _with_ball(arm: Arm, touch: Touch) -> Arm:
+def with_ball(arm: Arm, touch: Touch) -> Arm:
+    """Return an arm with the ball as the tool."""
     ball = moved_by(np.eye(4), np.array(touch.ball_mm), np.zeros(3))
     return replace(arm, T_flange_tool=arm.T_flange_tool @ ball)

@@ -10,12 +10,26 @@ from analysis import load_run
 from analysis.apps.commission.record_touches import TONE, record_touches
 from analysis.procedures.results import result_of
 from analysis.procedures.shared.simulated_touches import planned_touches
+from analysis.runs.tables import TouchTable
 from rigs.arms import load_arm
 from rigs.errors import CellError, FileError
 from rigs.load import parse
+from rigs.rig import Rig
 from tests.analysis.apps.commission.test_touching import EVERY_S, guided
 
 TEXT = f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B], touches: 12}}}}\n"
+
+
+@pytest.fixture(autouse=True)
+def proposals(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, str]]:
+    """Number of touches and socket of each proposal, which takes a second."""
+    proposed = list[tuple[int, str]]()
+
+    def propose(_: Rig, touches: TouchTable, socket: str) -> None:
+        proposed.append((len(touches.q), socket))
+
+    monkeypatch.setattr("analysis.apps.planning.next_reading.next_touch", propose)
+    return proposed
 
 
 class Served:
@@ -38,10 +52,11 @@ class Served:
         return {"streams": {"robot": self._robot}}
 
 
-def test_the_touches_of_a_person_are_a_run(tmp_path: Path) -> None:
+def test_the_touches_of_a_person_are_a_run(tmp_path: Path, proposals: list[tuple[int, str]]) -> None:
     served, said = Served(), list[str]()
     run = record_touches(served, "monday", tmp_path / "monday", "ada", "left", None, said.append)
     assert sum(line.startswith(TONE) for line in said) == 12
+    assert proposals == [*((count, "A") for count in range(1, 6)), *((count, "B") for count in range(7, 12))]
     found = load_run(run)
     assert (found.run.manifest.test, found.run.manifest.placement, found.run.manifest.operator) == (
         "touch",

@@ -1,0 +1,288 @@
+"""Readings that a cell can take: poses of a tracker, touches of sockets, and circles at several places.
+
+`pool_of_readings` puts all of them into one pool: their simulated responses to everything unknown about the arm. For an
+arm without a usable calibration that is the typical size of every effect, and the place of every instrument. After a
+calibration it is the covariance of its parameters. The set-up of further readings is then the known one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from analysis.apps.planning.pose_pool import Sight, drawn_poses, joint_ranges
+from analysis.apps.planning.proposal import CircleCandidate, circle_candidates, circle_minutes
+from analysis.apps.planning.reading_pool import ReadingPool, as_readings
+from analysis.correction.support import why_nothing
+from analysis.correction.work import TaughtFrame
+from analysis.diagnosis.evidence.blocks import Block, blocks_of
+from analysis.diagnosis.evidence.observation import by_socket, observe_run, socket_of
+from analysis.diagnosis.fit.candidates import Columns, Level, candidates_for, columns_for
+from analysis.diagnosis.fit.responses import Linearisation, linearise
+from analysis.diagnosis.plan.expected import planned_blocks, without_bands
+from analysis.procedures.shared.simulated_touches import planned_touches, postures_at, with_ball
+from analysis.procedures.shared.test_kind import nominal_setup
+from analysis.robot.geometry.clearance import chain_points
+from analysis.robot.geometry.driven_programs import circle_program
+from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
+from analysis.robot.model.predict import SetUp, model_of
+from analysis.runs.tables import PoseTable, TouchTable
+from rigs.calibration import TIMES, CalibratedModel
+from rigs.effects import Effect, size_field
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.effect import healthy_size, is_play
+from rigs.schema.vocabulary import CIRCLES
+
+_POSES, _TOUCHES, _DRAWN, _SEED = 150, 60, 5, 0
+"""Number of possible poses, of possible touches of each socket, and of postures drawn for each of these."""
+_POSE_MIN, TOUCH_MIN, _CIRCLE_RUNS = 1.5, 0.5, 1
+"""Minutes of a pose and of a touch, and runs of each circle in each direction. Chosen: a tracker needs a minute or two
+for a pose, and forty touches take twenty minutes."""
+_ABOVE_MM = 50.0
+"""Least height of elbow and wrist above the mounting plane at a touch: sockets stand on the table."""
+_LEVEL = 5.0
+"""Size of unknown errors, in healthy sizes: the angle errors of a real UR10 are five to eight times the usual
+(docs/trials.md)."""
+_SET_UP_SIGMA = 30.0
+"""Prior of instrument and target: their influence on a reading, in noise standard deviations. They are practically
+unknown; a larger value would only add rounding errors to the covariance of all positions."""
+_SMALL = 1e-3
+"""Step of a parameter: share of a healthy size, or of a shape."""
+_MOST_ENTRIES = 60
+"""Number of combinations of the entries of a circle that are weighed. Chosen: the others show little."""
+_INDISTINCT = 1e-6
+"""Relative singular value below which readings do not determine a term of a set-up."""
+_SMOOTH = 5.0
+"""Standard deviation of an order of a circle, relative to that of an unexplained error at one angle: the error is
+smooth, so about 16 low orders contain the power of 360 angles."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A reading that can be taken, with its minutes: a pose or touch at joint angles q (axes,) rad, or a circle."""
+
+    kind: Literal["pose", "touch", "circle"]
+    minutes: float
+    q: Array | None = None
+    socket: str = ""
+    circle: CircleCandidate | None = None
+
+    @property
+    def words(self) -> str:
+        """What to do, as a command."""
+        if self.circle is not None:
+            return f"drive the circle: {self.circle.words}"
+        angles = ", ".join(f"{angle:z.1f}" for angle in self.q_deg or ())
+        return f"{f'touch socket {self.socket}' if self.socket else 'measure'} at joint angles {angles}°"
+
+    @property
+    def noun(self) -> str:
+        return {"pose": "poses", "touch": "touches", "circle": "circles"}[self.kind]
+
+    @property
+    def q_deg(self) -> list[float] | None:
+        return None if self.q is None else np.degrees(self.q).round(3).tolist()
+
+    def to_dict(self) -> dict[str, Any]:
+        circle = self.circle and self.circle.words
+        return {"reading": self.kind, "q_deg": self.q_deg, "socket": self.socket or None, "circle": circle}
+
+
+def possible_readings(rig: Rig, sight: Sight | None = None) -> list[Reading]:
+    """Return the readings that a cell can take, by its rig file and by the instruments that calibrated it.
+
+    Raises FileError if the arm has no posture for the sockets.
+    """
+    setups = rig.calibrated.setups.values() if rig.calibrated else ()
+    touched = rig.calibrated is not None and rig.calibrated.reach_mm is not None
+    has_tracker = sight is not None or (not touched and any(setup.T_instrument_world for setup in setups))
+    readings = list[Reading]()
+    if rig.tests.touch and not rig.robot.rail:
+        readings += touches_at(rig, _socket_places(rig))
+    if rig.gauges.recorded and rig.tests.circle and not rig.robot.rail:
+        readings += [Reading("circle", circle.minutes, circle=circle) for circle in _circles(rig)]
+    if has_tracker or not readings:
+        q = drawn_poses(arm_of(rig.robot), _POSES, sight, np.random.default_rng(_SEED))
+        readings += poses_at(q)
+    return readings
+
+
+def poses_at(q: Array) -> list[Reading]:
+    """Return poses of a tracker at joint angles q (n, axes) rad."""
+    return [Reading("pose", _POSE_MIN, posture) for posture in q]
+
+
+def _circles(rig: Rig) -> list[CircleCandidate]:
+    """Circles with the same link, tool and speed: those at other places and, before a calibration, that of the rig."""
+    circle = rig.tests.circle
+    assert circle is not None  # noqa: S101 - asked before
+    circles = [
+        one
+        for one in circle_candidates(rig, CIRCLES, _CIRCLE_RUNS).found
+        if one.rig.robot == rig.robot
+        and (other := one.rig.tests.circle)
+        and (other.radius_mm, other.speed_mm_s) == (circle.radius_mm, circle.speed_mm_s)
+    ]
+    if rig.calibrated is None:
+        with suppress(FileError):  # the arm cannot drive it
+            minutes = circle_minutes(float(circle_program(rig, "acw").t_s[-1]), CIRCLES, _CIRCLE_RUNS)
+            circles.insert(0, CircleCandidate(rig, "that of the rig file", minutes))
+    return circles
+
+
+def touches_at(rig: Rig, places: dict[str, Array]) -> list[Reading]:
+    """Return possible touches of sockets at places (3,) mm in the robot's world."""
+    touch, rng = rig.tests.touch, np.random.default_rng(_SEED)
+    assert touch is not None  # noqa: S101 - asked before
+    arm = with_ball(arm_of(rig.robot), touch)
+    low, high = joint_ranges(arm)
+    touches = []
+    for socket, place in places.items():
+        q = postures_at(arm, place, _DRAWN * _TOUCHES, rng)
+        q = (q + np.pi) % (2 * np.pi) - np.pi  # the same posture without turns of a cable
+        above_mm = chain_points(arm, q)[:, 2:-1, 2].min(axis=1)
+        q = q[((q >= low) & (q <= high)).all(axis=1) & (above_mm > _ABOVE_MM)]
+        touches += [Reading("touch", TOUCH_MIN, posture, socket) for posture in q[:_TOUCHES]]
+    return touches
+
+
+def _socket_places(rig: Rig) -> dict[str, Array]:
+    """Places (3,) mm of the sockets: the calibrated ones, otherwise within reach, as in a simulation."""
+    if rig.calibrated and rig.calibrated.reach_mm is not None:
+        placed = {socket_of(name): setup.T_instrument_world for name, setup in rig.calibrated.setups.items()}
+        return {socket: -np.array(T)[:3, 3] for socket, T in placed.items() if socket and T}
+    table, touch = planned_touches(rig), rig.tests.touch
+    assert touch is not None  # noqa: S101 - asked before
+    balls = forward(with_ball(arm_of(rig.robot), touch), table.q)[:, :3, 3]
+    return {socket: balls[table.socket == socket][0] for socket in touch.sockets}
+
+
+def pool_of_readings(rig: Rig, readings: Sequence[Reading], q: Array, taught: Array) -> ReadingPool:
+    """Return the pool of possible readings for targets at q (n, axes) rad.
+
+    taught (m, axes) rad: postures at which frame and tool are taught, relative to which the targets are positions.
+    """
+    arm = arm_of(rig.robot)
+    blocks, setups, owners = _simulated(rig, readings)
+    frame = block_of(rig, pose_table(rig, np.concatenate([taught, q])), "targets")
+    linear = linearise(without_bands([*blocks, frame[0]]), setups | {frame[0].setup: frame[1]})
+    of_frame = linear.rows[-1]
+    if rig.calibrated and not why_nothing(rig):
+        rows = _calibrated_rows(linear, rig.calibrated)
+    else:
+        columns = typical_columns(linear)
+        rows = typical_rows(columns)
+        rows[of_frame.start : of_frame.stop, columns.fixed > 0] = 0.0  # targets belong to no set-up
+    displaced = (rows[of_frame] * frame[0].sd_mm[:, None]).T.reshape(rows.shape[1], -1, 3)
+    taught_frame, poses = TaughtFrame(forward(arm, taught)), forward(arm, q)
+    motions = taught_frame.motions(displaced[:, : len(taught)])
+    targets = taught_frame.remove_motions(displaced[:, len(taught) :], poses, motions)
+    owner, entries = np.concatenate(owners), rows[: of_frame.start]
+    pool = ReadingPool(
+        as_readings([_compact(entries[owner == k]) for k in range(len(readings))]), targets.reshape(len(targets), -1).T,
+        np.array([reading.minutes for reading in readings]),
+    )  # fmt: skip
+    return pool.after(rows[linear.of_distances])
+
+
+def _simulated(rig: Rig, readings: Sequence[Reading]) -> tuple[list[Block], dict[str, SetUp], list[Integers]]:
+    """Blocks of readings, their set-ups, and the index (N,) of the reading to which each entry of a block belongs."""
+    found = list[tuple[Block, SetUp, Integers]]()
+    if poses := [k for k, reading in enumerate(readings) if reading.kind == "pose"]:
+        q = _angles(readings, poses)
+        found.append((*block_of(rig, pose_table(rig, q)), np.repeat(poses, 3)))
+    for socket in dict.fromkeys(reading.socket for reading in readings if reading.kind == "touch"):
+        touches = [k for k, reading in enumerate(readings) if reading.kind == "touch" and reading.socket == socket]
+        q = _angles(readings, touches)
+        found.append((*block_of(rig, TouchTable(np.full(len(q), socket), q)), np.repeat(touches, 3)))
+    setups = {block.setup: setup for block, setup, _ in found}
+    for k, reading in enumerate(readings):
+        if reading.circle is not None:
+            driven, placed = planned_blocks(reading.circle.rig, CIRCLES, _CIRCLE_RUNS, f" circle {k}")
+            found += [(block, placed[block.setup], np.full(len(block.y_mm), k)) for block in driven]
+            setups |= placed
+    return [block for block, _, _ in found], setups, [owner for _, _, owner in found]
+
+
+def pose_table(rig: Rig, q: Array) -> PoseTable:
+    return PoseTable(q, np.zeros((len(q), 3)), None, rail=rig.robot.rail is not None)
+
+
+def _angles(readings: Sequence[Reading], rows: Sequence[int]) -> Array:
+    return np.array([readings[k].q for k in rows])
+
+
+def block_of(rig: Rig, table: PoseTable | TouchTable, setup: str = "") -> tuple[Block, SetUp]:
+    """Return the block of poses, or of touches of one socket, with its set-up. setup: suffix of its name."""
+    placed = nominal_setup(rig, table)
+    if isinstance(table, TouchTable):  # the known distances need the places of the sockets
+        balls = forward(arm_of(rig.robot), table.q) @ placed.T_tool_target
+        placed.T_instrument_world[:3, 3] = -balls[:, :3, 3].mean(axis=0)
+    (run,) = by_socket(observe_run(model_of(rig), table, rig.name))
+    run = replace(run, setup=f"{run.setup} {setup}".strip())
+    (block,) = blocks_of([run], {run.setup: placed})
+    return block, placed
+
+
+def typical_columns(linear: Linearisation) -> Columns:
+    """Return the columns of a diagnosis for readings, without backlash, which depends on the order of poses."""
+    return columns_for(linear, [candidate for candidate in candidates_for(linear) if not is_play(candidate.effect)])
+
+
+def typical_rows(columns: Columns) -> Array:
+    """Return rows (N, k) of an arm with typical errors and of unknown set-ups."""
+    variance = columns.variance(Level(_LEVEL))
+    of_set_ups = columns.X[:, columns.set_ups]
+    seen = np.maximum((of_set_ups != 0).sum(axis=0), 1)
+    variance[columns.set_ups] = _SET_UP_SIGMA**2 * seen / np.maximum((of_set_ups**2).sum(axis=0), 1e-12)
+    return np.asarray(columns.X * np.sqrt(variance))
+
+
+def _calibrated_rows(linear: Linearisation, calibrated: CalibratedModel) -> Array:
+    """Rows (N, P) of the unknowns of a calibration, in standard deviations of noise and unexplained error.
+
+    The set-up of further readings is the known one: what it absorbs of all possible readings is no information.
+    """
+    rows = _by_parameters(linear, calibrated)
+    read = slice(0, linear.rows[-1].start)
+    placed = linear.U[read]
+    rows[read] -= placed @ (np.linalg.pinv(placed, _INDISTINCT) @ rows[read])
+    rows[linear.of_distances] = 0.0
+    judged = calibrated.judged
+    noise, unexplained = (judged.noise_um / 1e3, judged.unexplained_um / 1e3) if judged else (0.0, 0.0)
+    for block, of_block in zip(linear.blocks[:-1], linear.rows, strict=False):
+        least, rest = (0.0, _SMOOTH * unexplained) if block.sampling else (noise, unexplained)
+        rows[of_block] *= (block.sd_mm / np.hypot(np.maximum(block.sd_mm, least), rest))[:, None]
+    return rows
+
+
+def _by_parameters(linear: Linearisation, calibrated: CalibratedModel) -> Array:
+    """Change (N, P) of the whitened readings by the independent unknowns of a calibration, without backlash."""
+    terms = [calibrated.terms[parameter.term].effect for parameter in calibrated.parameters]
+    kept = [k for k, effect in enumerate(terms) if not is_play(effect)]
+    slopes, changes = linear.columns([terms[k] for k in kept]), dict[int, tuple[Effect, float]]()
+    for column, k in enumerate(kept):
+        field = calibrated.parameters[k].field
+        if field != TIMES:
+            step = _SMALL * (healthy_size(terms[k]) if field == size_field(terms[k]) else 1.0)
+            update = {field: getattr(terms[k], field) + step}
+            changes[column] = terms[k].model_copy(update=update), step
+    stepped = linear.columns([effect for effect, _ in changes.values()])
+    slopes[:, list(changes)] = (stepped - slopes[:, list(changes)]) / [step for _, step in changes.values()]
+    return np.asarray(slopes @ calibrated.root[kept])
+
+
+def _compact(entries: Array) -> Array:
+    """Reduce the entries (e, k) of a circle to the combinations that show most, by a random projection with power
+    steps (Halko, Martinsson and Tropp, SIAM Review 53, 2011)."""
+    if len(entries) <= _MOST_ENTRIES:
+        return entries
+    seen = entries @ np.random.default_rng(_SEED).standard_normal((entries.shape[1], _MOST_ENTRIES))
+    for _ in range(2):
+        seen = np.linalg.qr(entries @ (entries.T @ np.linalg.qr(seen)[0]))[0]
+    return np.asarray(seen.T @ entries)
