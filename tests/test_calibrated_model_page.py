@@ -111,7 +111,7 @@ def rig(written: Path) -> Rig:
 @pytest.fixture
 def read(written: Path) -> tuple[dict[str, Any], list[tuple[dict[str, Any], float]], dict[str, Any]]:
     reader: Callable[[Path], Any] = READER["read"]
-    return reader(written)  # type: ignore[no-any-return]
+    return reader(written)
 
 
 def ours(rig: Rig) -> Array:
@@ -119,7 +119,7 @@ def ours(rig: Rig) -> Array:
     return tool_poses(model_of(rig, by_posture), Q)
 
 
-def test_the_reader_of_the_page_gives_the_tool_poses_of_analysis(rig: Rig, read: Any) -> None:
+def test_the_reader_of_the_page_gives_the_tool_poses_of_analysis(rig, read):
     arm, effects, _ = read
     theirs = np.array([READER["tool"](arm, effects, q) for q in Q])
     assert theirs[:, :3, 3] == pytest.approx(ours(rig)[:, :3, 3], rel=0, abs=1e-9)  # mm
@@ -127,7 +127,7 @@ def test_the_reader_of_the_page_gives_the_tool_poses_of_analysis(rig: Rig, read:
 
 
 @pytest.mark.parametrize("k", range(len(TERMS)))
-def test_every_kind_of_term_moves_the_tool(k: int, read: Any) -> None:
+def test_every_kind_of_term_moves_the_tool(k, read):
     """A term that both left out would agree, too."""
     arm, effects, _ = read
     others = effects[: len(NAMED) + k] + effects[len(NAMED) + k + 1 :]
@@ -135,13 +135,13 @@ def test_every_kind_of_term_moves_the_tool(k: int, read: Any) -> None:
     assert np.abs(moved).max() > 1e-6
 
 
-def test_the_uncertainty_of_the_place_is_that_of_corrected_targets(rig: Rig, read: Any) -> None:
+def test_the_uncertainty_of_the_place_is_that_of_corrected_targets(rig, read):
     assert rig.calibrated
     moves = CalibratedUncertainty(rig, rig.calibrated).pose_displacements(Q[:5])[:, :, :3]
     theirs = [READER["u_of_place"](*read, q) for q in Q[:5]]
     assert theirs == pytest.approx(np.sqrt((moves**2).sum(axis=(0, 2))), rel=2e-3)
 
 
-def test_the_page_lists_every_key() -> None:
+def test_the_page_lists_every_key():
     listed = set(re.findall(r"`(\w+)`", PAGE.partition("## The keys")[2].partition("\n## ")[0]))
     assert set(CalibratedModel.model_fields) <= listed

@@ -1,9 +1,5 @@
 """docs/circle-fit.md, done: an emulated robot drives, and its rig file then has the circle that it drove."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 import yaml
 
@@ -16,7 +12,7 @@ DRIVEN = {"centre_mm": [-700, -180, 240], "normal": [0.1, 0.05, 1], "radius_mm":
 
 
 @pytest.mark.timeout(120)
-def test_the_rig_file_learns_the_circle_that_the_robot_drives(tmp_path: Path) -> None:
+def test_the_rig_file_learns_the_circle_that_the_robot_drives(tmp_path):
     known = yaml.safe_load(rig_text())
     driven = yaml.safe_load(rig_text())
     driven["tests"]["circle"] |= {**DRIVEN, "laps": 1, "speed_mm_s": 100}

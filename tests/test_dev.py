@@ -21,7 +21,7 @@ def _dev(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([ENTRY, *arguments], capture_output=True, text=True, check=False)
 
 
-def test_without_a_name_each_program_is_listed_with_one_sentence() -> None:
+def test_without_a_name_each_program_is_listed_with_one_sentence():
     done = _dev()
     assert done.returncode == 0, done.stderr
     rows = [line.split(maxsplit=1) for line in done.stdout.splitlines()]
@@ -30,7 +30,7 @@ def test_without_a_name_each_program_is_listed_with_one_sentence() -> None:
 
 
 @pytest.mark.parametrize("name", ["nothing", "../trials/pace"])
-def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name: str) -> None:
+def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name):
     done = _dev(name)
     assert done.returncode == 2
     assert repr(name) in done.stderr
@@ -38,7 +38,7 @@ def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name: s
 
 
 @pytest.mark.parametrize("name", sorted({*PROGRAMS} - {"booted"} - LOCKED))
-def test_each_program_starts(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_program_starts(name, monkeypatch, capsys):
     """Excludes programs that require additional packages or root."""
     monkeypatch.setattr(sys, "argv", [name, "--help"])
     try:
@@ -48,15 +48,15 @@ def test_each_program_starts(name: str, monkeypatch: pytest.MonkeyPatch, capsys:
     assert capsys.readouterr().out
 
 
-def test_there_are_links() -> None:
+def test_there_are_links():
     assert LINKS
 
 
 @pytest.mark.parametrize("link", LINKS, ids=lambda link: link.name)
-def test_each_link_is_the_entry_under_the_name_of_a_program(link: Path) -> None:
+def test_each_link_is_the_entry_under_the_name_of_a_program(link):
     assert link.resolve() == ENTRY
     assert link.name in PROGRAMS
 
 
-def test_each_lock_belongs_to_a_program() -> None:
+def test_each_lock_belongs_to_a_program():
     assert set(PROGRAMS) >= LOCKED

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from analysis.cli.commands import app
 from daq.service.rigd import app as rigd_app
 from rigs.arms import arm_names
-from rigs.interfaces import NO_DEFAULT, Interface, list_interfaces, models, name_of
+from rigs.interfaces import NO_DEFAULT, list_interfaces, models, name_of
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 from rigs.schema.gauges import Gauge
@@ -47,7 +47,7 @@ def _typed() -> list[str]:
     return sorted({line for line in lines if line.startswith(("rig ", "rigd "))})
 
 
-def test_every_command_line_in_the_documents_exists() -> None:
+def test_every_command_line_in_the_documents_exists():
     lines = _typed()
     assert len(lines) > 200
     for line in lines:
@@ -75,7 +75,7 @@ def _commands() -> list[tuple[str, ...]]:
 
 
 @pytest.mark.parametrize("command", _commands(), ids=" ".join)
-def test_80_columns_hold_the_help_of_every_command_whole(command: tuple[str, ...]) -> None:
+def test_80_columns_hold_the_help_of_every_command_whole(command):
     done = CliRunner().invoke(app, [*command, "--help"], env={"COLUMNS": "80"})
     assert done.exit_code == 0
     assert "…" not in re.sub(r"[A-Z]+…| … ", "", done.stdout)  # RUN… is one or several
@@ -84,7 +84,7 @@ def test_80_columns_hold_the_help_of_every_command_whole(command: tuple[str, ...
         assert all(len(line.rstrip()) > 50 for line in paragraph.splitlines()[:-1]), paragraph
 
 
-def test_no_help_is_lost_as_markup() -> None:
+def test_no_help_is_lost_as_markup():
     """rich interprets brackets as markup, so `[default: the user]` would disappear."""
     told = re.findall(r'help="([^"]*)"', "".join(path.read_text() for path in _SOURCES))
     assert len(told) > 50
@@ -92,12 +92,12 @@ def test_no_help_is_lost_as_markup() -> None:
 
 
 @pytest.mark.parametrize("block", re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "rig-file.md").read_text(), re.S))
-def test_every_example_of_the_rig_file_is_one(block: str) -> None:
+def test_every_example_of_the_rig_file_is_one(block):
     whole = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())
     parse(yaml.safe_dump(whole | yaml.safe_load(block)), "example.yaml")
 
 
-def test_every_link_in_the_documents_leads_somewhere() -> None:
+def test_every_link_in_the_documents_leads_somewhere():
     for page in PAGES:
         for target, anchor in re.findall(r"\]\(([^)#:]*)(?:#([^)]+))?\)", page.read_text()):
             there = page.parent / target if target else page
@@ -111,7 +111,7 @@ def _anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
 
-def test_the_index_lists_every_page() -> None:
+def test_the_index_lists_every_page():
     linked = set(re.findall(r"\]\(([^)#:]+)", (ROOT / "docs" / "README.md").read_text()))
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in PAGES if page.is_relative_to(ROOT / "docs")}
     assert {page for page in pages if not page.startswith("decisions/")} - linked == {"README.md"}
@@ -132,7 +132,7 @@ def _choices(name: str) -> set[str]:
 @pytest.mark.parametrize(
     "interface", [one for one in list_interfaces() if one.kind == "gauge"], ids=lambda one: one.name
 )
-def test_the_table_of_gauges_is_the_schema(interface: Interface) -> None:
+def test_the_table_of_gauges_is_the_schema(interface):
     what, line, keys = _rows()[interface.name]
     assert line == ("to be given" if interface.line == NO_DEFAULT else interface.line)
     own, listed = set(interface.keys) - {"line", "units"}, set(re.findall(r"`(\w+)`", keys))
@@ -141,7 +141,7 @@ def test_the_table_of_gauges_is_the_schema(interface: Interface) -> None:
     assert ("(" + standing + ")" in what) == (standing != "confirmed")
 
 
-def test_the_table_of_gauges_names_no_other() -> None:
+def test_the_table_of_gauges_names_no_other():
     assert list(_rows()) == [one.name for one in list_interfaces() if one.kind == "gauge"]
 
 
@@ -152,7 +152,7 @@ def _options(command: Any) -> Iterator[Any]:
         yield from _options(below)
 
 
-def test_every_option_documents_value_and_default() -> None:
+def test_every_option_documents_value_and_default():
     options = [*_options(RIG), *_options(typer.main.get_command(rigd_app))]
     assert len(options) > 60
     for one in options:
@@ -168,7 +168,7 @@ MADE = {"api": "api", "arms": "arms", "errors": "errors", "interfaces": "interfa
 
 
 @pytest.mark.parametrize("program", MADE)
-def test_page_equals_the_output_of_its_program(program: str) -> None:
+def test_page_equals_the_output_of_its_program(program):
     script = ROOT / "scripts" / "tools" / f"{program}_page.py"
     page = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, encoding="utf-8").stdout
     assert _page(MADE[program]) == page, f"run: scripts/dev {program}_page > docs/{MADE[program]}.md"
@@ -178,11 +178,11 @@ def _page(name: str) -> str:
     return (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
 
 
-def test_the_page_of_arms_has_every_arm() -> None:
+def test_the_page_of_arms_has_every_arm():
     assert [name for name in arm_names() if f"\n| `{name}` |" not in _page("arms")] == []
 
 
-def test_every_key_of_the_schema_is_listed() -> None:
+def test_every_key_of_the_schema_is_listed():
     schema: dict[str, Any] = Rig.model_json_schema()
     written_as_text, chosen_by = {"Line"}, {"interface", "effect"}
     mappings = [schema, *(one for name, one in schema["$defs"].items() if name not in written_as_text)]
@@ -190,13 +190,13 @@ def test_every_key_of_the_schema_is_listed() -> None:
     assert keys - set(re.findall(r"^- `(\w+)`: ", _page("rig-file-reference"), re.M)) == set()
 
 
-def test_every_interface_and_effect_has_a_section() -> None:
+def test_every_interface_and_effect_has_a_section():
     headings = set(re.findall(r"^##+ [\w., ]+: (\w+)$", _page("rig-file-reference"), re.M))
     effects = {path.stem for path in (ROOT / "rigs" / "effects").glob("*.py")} - {"__init__"}
     assert headings == {one.name for one in list_interfaces()} | effects
 
 
-def test_every_interface_has_a_section_and_every_peer_an_interface() -> None:
+def test_every_interface_has_a_section_and_every_peer_an_interface():
     names = {one.name for one in list_interfaces()}
     sections = dict(re.findall(r"^### (\w+)\n(.*?)(?=^#)", _page("interfaces"), re.M | re.S))
     assert set(sections) >= names
@@ -205,7 +205,7 @@ def test_every_interface_has_a_section_and_every_peer_an_interface() -> None:
         assert all(peer.name in " ".join(sections[name].split()) for name in peer.interfaces)
 
 
-def test_a_peer_that_disagrees_or_is_absent_is_reported() -> None:
+def test_a_peer_that_disagrees_or_is_absent_is_reported():
     def disagrees() -> str:
         raise wire_peers.Disagrees("1.0 where 2.0 was sent")
 
@@ -244,7 +244,7 @@ def _defined(path: Path) -> set[str]:
     return found
 
 
-def test_every_path_and_name_of_a_page_exists() -> None:
+def test_every_path_and_name_of_a_page_exists():
     for path, name in NAMES:
         found = next((tree / path for tree in TREES if (tree / path).exists()), None)
         assert found is not None, path

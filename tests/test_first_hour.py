@@ -79,12 +79,12 @@ def at_ports(
     return {stream.name: by_port[stream.port] for stream in streams_of(rig)}
 
 
-def test_the_page_lists_these_cells() -> None:
+def test_the_page_lists_these_cells():
     assert list(counted()) == list(CELLS)
 
 
 @pytest.mark.parametrize("name", cases(CELLS, ("Keyence, UR", "Sylvac, FANUC line feed")))
-def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
+def test_from_an_unknown_cell_to_a_report(name, tmp_path):
     """The lap is driven in simulated time: by the instruments of the cell, with the rig file that was written."""
     gauges, robot = CELLS[name]
     unknown = parse(cell_text(gauges, robot, speed_mm_s=50), "unknown")
@@ -112,7 +112,7 @@ def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.real_time
-def test_the_lap_of_a_real_daemon_is_reported_or_refused_where_the_computer_held_it_up(tmp_path: Path) -> None:
+def test_the_lap_of_a_real_daemon_is_reported_or_refused_where_the_computer_held_it_up(tmp_path):
     robot = EmulatedRobot.of_rig(rig := parse(text := cell_text("keyence", "ur", speed_mm_s=50), "unknown"), seed=3)
     with Bench(tmp_path, text, cell=emulated(rig, robot)) as bench, Stalls() as stalls:
         bench.socket = bench.socket.with_name("unknown.sock")

@@ -71,15 +71,13 @@ def _run(folder: Path, tests: str, *options: str, **env: str) -> str:
     return f"{done.stdout}{done.stderr}\nended with {done.returncode}"
 
 
-def test_failures_after_a_stall_are_repeated_or_skipped_and_others_count(tmp_path: Path) -> None:
+def test_failures_after_a_stall_are_repeated_or_skipped_and_others_count(tmp_path):
     said = _run(tmp_path, TESTS)
     assert "4 failed, 1 passed, 1 skipped, 3 rerun" in said, said
 
 
 @pytest.mark.parametrize(("count", "code", "ci"), [(4, 0, ""), (3, 0, "true"), (4, 1, "true")])
-def test_continuous_integration_fails_after_more_than_three_unjudged_tests(
-    tmp_path: Path, count: int, code: int, ci: str
-) -> None:
+def test_continuous_integration_fails_after_more_than_three_unjudged_tests(tmp_path, count, code, ci):
     tests = "import pytest\n" + "".join(
         f"@pytest.mark.real_time(held_up_s=0)\ndef test_{number}():\n    assert False\n" for number in range(count)
     )

@@ -38,13 +38,13 @@ def grown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.timeout(300)
-def test_the_new_driver_passes_the_checks_of_style_and_types(grown: tuple[Page, Path, list[str]]) -> None:
+def test_the_new_driver_passes_the_checks_of_style_and_types(grown):
     page, tree, files = grown
     assert len([name for name in files if name.endswith(f"{page.interface}.py")]) >= 2
     checked(tree, files)
 
 
-def test_the_new_driver_keeps_the_contract_of_every_driver(grown: tuple[Page, Path, list[str]]) -> None:
+def test_the_new_driver_keeps_the_contract_of_every_driver(grown):
     page, tree, _ = grown
     chosen = f"{page.interface.split('_')[1]} or every_driver or gauges_names_no_other"
     tests = ("tests/daq/protocol", "tests/test_docs.py::test_the_table_of_gauges_names_no_other")
@@ -52,7 +52,7 @@ def test_the_new_driver_keeps_the_contract_of_every_driver(grown: tuple[Page, Pa
     assert int(re.findall(r"(\d+) passed", said)[0]) >= 10
 
 
-def test_the_pages_that_are_made_from_the_schema_have_the_new_driver(grown: tuple[Page, Path, list[str]]) -> None:
+def test_the_pages_that_are_made_from_the_schema_have_the_new_driver(grown):
     page, tree, _ = grown
     (block,) = (block for block in blocks(page.name, "sh") if "scripts/dev" in block)
     made = re.findall(r"^scripts/dev (\w+) > (\S+)", block, re.M)
@@ -64,7 +64,7 @@ def test_the_pages_that_are_made_from_the_schema_have_the_new_driver(grown: tupl
 
 @pytest.mark.real_time
 @pytest.mark.timeout(180)
-def test_the_commands_of_the_page_record_with_the_new_driver(grown: tuple[Page, Path, list[str]]) -> None:
+def test_the_commands_of_the_page_record_with_the_new_driver(grown):
     page, tree, _ = grown
     for runs in tree.glob("*/runs"):  # of a try that was held up
         shutil.rmtree(runs.parent)
@@ -83,7 +83,7 @@ def test_the_commands_of_the_page_record_with_the_new_driver(grown: tuple[Page, 
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("grown", [PAGES[1]], indirect=True, ids=["example_stream"])
-def test_the_stream_of_the_page_passes_the_checks_and_its_tests(grown: tuple[Page, Path, list[str]]) -> None:
+def test_the_stream_of_the_page_passes_the_checks_and_its_tests(grown):
     _, tree, _ = grown
     example = HOW_TO / "examples" / "stream"
     files = [str(path.relative_to(example)) for path in sorted(example.rglob("*.py"))]
@@ -98,7 +98,7 @@ MOST_CHANGED = 3
 
 
 @pytest.mark.parametrize("page", sorted(path.name for path in HOW_TO.glob("add-*.md")))
-def test_a_page_changes_few_files(page: str) -> None:
+def test_a_page_changes_few_files(page):
     text = (HOW_TO / page).read_text(encoding="utf-8").partition("\n## A figure of a test with stops")[0]
     changed = set(re.findall(r"^\+\+\+ (\S+)$", text, re.M))
     assert 1 <= len(changed) <= MOST_CHANGED, changed

@@ -29,7 +29,7 @@ def with_measurement(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, li
     return tree, followed(MEASUREMENT, tree)
 
 
-def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect: tuple[Path, list[str]]) -> None:
+def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect):
     tree, files = with_effect
     checked(tree, files)
     contract = "tests/rigs/test_effect_contract.py::test_every_effect_keeps_the_contract"
@@ -48,7 +48,7 @@ def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect: tupl
 
 
 @pytest.mark.nightly  # half a minute of processor time; that it keeps the contract is shown in each commit
-def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[Path, list[str]]) -> None:
+def test_a_new_effect_goes_through_every_command_of_the_page(with_effect):
     tree, _ = with_effect
     said = output(tree, "bash", "-ec", commands(EFFECT, "rig diagnose"))
     assert " gauge g1" in " ".join(said.split())
@@ -62,14 +62,14 @@ def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[
     assert "cannot correct" in corrected["effects"][0]["reason"]
 
 
-def test_a_new_measurement_passes_the_checks_and_its_tests(with_measurement: tuple[Path, list[str]]) -> None:
+def test_a_new_measurement_passes_the_checks_and_its_tests(with_measurement):
     tree, files = with_measurement
     checked(tree, files)
     assert "4 passed" in output(tree, *PYTEST, "tests/analysis/procedures/shared/test_second_order.py")
 
 
 @pytest.mark.nightly  # a figure of a test with stops goes through fewer commands in each commit
-def test_a_new_figure_comes_with_its_uncertainty_out_of_every_command(with_measurement: tuple[Path, list[str]]) -> None:
+def test_a_new_figure_comes_with_its_uncertainty_out_of_every_command(with_measurement):
     tree, _ = with_measurement
     said = output(tree, "bash", "-ec", commands(MEASUREMENT, "rig report"))
     assert "second order, amplitude" in said and '"second_order_deg"' in said
@@ -80,8 +80,8 @@ def test_a_new_figure_comes_with_its_uncertainty_out_of_every_command(with_measu
 
 
 def test_a_new_figure_of_a_test_with_stops_has_its_label_and_its_uncertainty(
-    with_measurement: tuple[Path, list[str]],
-) -> None:
+    with_measurement,
+):
     tree, _ = with_measurement
     said = output(tree, "bash", "-ec", commands(MEASUREMENT, "--test repeatability"))
     assert "drift" in said
@@ -92,7 +92,7 @@ def test_a_new_figure_of_a_test_with_stops_has_its_label_and_its_uncertainty(
 
 
 @pytest.mark.nightly  # half a minute; in each commit the maker of the page is installed as a package, and writes
-def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path: Path) -> None:
+def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path):
     files = followed(MAKER, tmp_path)
     checked(tmp_path, files)
     tests = ("tests/analysis/apps/makers/test_acme.py", "tests/analysis/apps/programs/test_paths.py")
@@ -102,7 +102,7 @@ def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path: 
     assert "56 targets" in said
 
 
-def test_a_new_test_kind_passes_the_checks_and_its_commands(tmp_path: Path) -> None:
+def test_a_new_test_kind_passes_the_checks_and_its_commands(tmp_path):
     files = followed(TEST_KIND, tmp_path)
     reinstalled(tmp_path)
     checked(tmp_path, files)

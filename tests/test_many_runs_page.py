@@ -30,7 +30,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return work
 
 
-def test_commands_run_and_the_snippet_reads_their_output(work: Path) -> None:
+def test_commands_run_and_the_snippet_reads_their_output(work):
     for line in blocks("sh")[0].splitlines():
         _, *words = shlex.split(line, comments=True)
         output = words[words.index(">") + 1] if ">" in words else None
@@ -44,7 +44,7 @@ def test_commands_run_and_the_snippet_reads_their_output(work: Path) -> None:
 
 
 @pytest.mark.nightly  # the stores are tested by tests/analysis/cli/test_remote_stores.py in each commit
-def test_every_command_over_a_store_runs(work: Path, tmp_path: Path) -> None:
+def test_every_command_over_a_store_runs(work, tmp_path):
     for package in ("s3fs", "boto3", "moto", "sshfs", "asyncssh"):
         pytest.importorskip(package)
     commands = [line for line in blocks("sh")[2].splitlines() if line.startswith("rig ")]

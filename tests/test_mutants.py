@@ -1,7 +1,5 @@
 """`scripts/dev mutants`: each change is of code that computes, in its place, and is found where a test fails."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 
@@ -28,7 +26,7 @@ def one(at: int = 0, *, is_on: bool = True) -> float | None:
 '''
 
 
-def test_mutants_change_computing_code_and_stay_valid() -> None:
+def test_mutants_change_computing_code_and_stay_valid():
     found = {(one.line, one.kind, one.before, one.after) for one in mutants_of(CODE, "rigs/it.py")}
     assert found == {
         (4, "constant changed", "2.5", "5.0"),
@@ -50,7 +48,7 @@ def test_mutants_change_computing_code_and_stay_valid() -> None:
         Mutant("rigs/it.py", 4, 0, "2.5", "5.0", "constant changed").applied(CODE)
 
 
-def test_the_same_seed_draws_the_same_of_each_package(tmp_path: Path) -> None:
+def test_the_same_seed_draws_the_same_of_each_package(tmp_path):
     for name in ("rigs", "daq", "analysis"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "it.py").write_text(CODE)
@@ -60,21 +58,21 @@ def test_the_same_seed_draws_the_same_of_each_package(tmp_path: Path) -> None:
     assert every[:5] == few and {one.path for one in every} == {"rigs/it.py", "daq/it.py", "analysis/it.py"}
 
 
-def test_its_own_tests_come_first_and_those_that_import_it_before_its_folder() -> None:
+def test_its_own_tests_come_first_and_those_that_import_it_before_its_folder():
     files = files_for(ROOT, "analysis/procedures/pose.py")
     assert files[0] == "tests/analysis/procedures/test_pose.py" and len(files) == len(set(files))
     of_folder, importing = "tests/analysis/procedures/test_touch.py", "tests/analysis/diagnosis/test_rail.py"
     assert files.index(importing) < files.index(of_folder)
 
 
-def test_the_first_files_are_taken_that_fit_the_time_and_one_always() -> None:
+def test_the_first_files_are_taken_that_fit_the_time_and_one_always():
     took = Durations({"a::x": 4.0, "a::y": 4.0, "b::x": 3.0, "c::x": 1.0, "d::x": 50.0}, {}, {"d::x"})
     assert program.within(["a", "b", "c"], took, 9.0, night=False) == ["a", "c"]
     assert program.within(["a", "b"], took, 1.0, night=False) == ["a"]
     assert program.within(["d"], took, 1.0, night=True) == ["d"]
 
 
-def test_a_mutant_is_found_by_the_test_that_fails_and_the_file_is_as_it_was(tmp_path: Path) -> None:
+def test_a_mutant_is_found_by_the_test_that_fails_and_the_file_is_as_it_was(tmp_path):
     (tmp_path / "rigs").mkdir()
     (tmp_path / "rigs" / "__init__.py").touch()
     (tmp_path / "tests" / "rigs").mkdir(parents=True)

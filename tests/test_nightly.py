@@ -1,12 +1,9 @@
 """`scripts/dev nightly` ends in time, and reports tests not started and tests failed."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -38,9 +35,7 @@ def test_elsewhere():
     ],
     ids=["in time", "too late"],
 )
-def test_tests_not_begun_in_time_are_counted(
-    tmp_path: Path, ends_s: str, ended: dict[str, int], failed: list[str]
-) -> None:
+def test_tests_not_begun_in_time_are_counted(tmp_path, ends_s, ended, failed):
     (tmp_path / "test_it.py").write_text(TESTS)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.conftest", "-p", "no:cacheprovider", "-m", "nightly"]
     command += ["-c", ROOT / "pyproject.toml", "--rootdir", tmp_path, "--night-ends", ends_s]
@@ -52,7 +47,7 @@ def test_tests_not_begun_in_time_are_counted(
     assert program.summary(night).endswith("in 3 minutes")
 
 
-def test_the_result_stands_on_its_page_with_date_commit_and_the_longest_files() -> None:
+def test_the_result_stands_on_its_page_with_date_commit_and_the_longest_files():
     night = program.Night({"passed": 3}, [], 61.0)
     assert night.is_whole
     took = Durations({"a::x": 30.0, "a::y": 4.0, "b::x": 50.0, "c::x": 900.0}, {}, {"a::x", "a::y", "b::x"})
@@ -67,7 +62,7 @@ def test_the_result_stands_on_its_page_with_date_commit_and_the_longest_files() 
 
 
 @pytest.mark.parametrize("entry", moved(), ids=lambda entry: entry["of"].removeprefix("tests/"))
-def test_tests_moved_to_the_night_exist(entry: dict[str, Any]) -> None:
+def test_tests_moved_to_the_night_exist(entry):
     """A name that no test has would leave a slow test in each commit, and nobody would see it."""
     place = ROOT / entry["of"]
     files = sorted(place.rglob("test_*.py")) if place.is_dir() else [place]

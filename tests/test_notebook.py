@@ -26,12 +26,12 @@ def _run(code: str, directory: Path) -> str:
     return done.stdout
 
 
-def test_the_first_picture_takes_five_lines() -> None:
+def test_the_first_picture_takes_five_lines():
     first = next(code for code in _code(ROOT / "docs/notebook/first-steps.ipynb") if "plt" in code)
     assert len([line for line in first.splitlines() if line]) == 5
 
 
-def test_first_steps_names_the_hidden_play(tmp_path: Path) -> None:
+def test_first_steps_names_the_hidden_play(tmp_path):
     told = _run("\n".join(_code(ROOT / "docs/notebook/first-steps.ipynb")), tmp_path).splitlines()
     assert "named" in told
     (play,) = [line for line in told if line.startswith("backlash of ")]

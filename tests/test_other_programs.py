@@ -48,23 +48,23 @@ def readings(work: Path) -> int:
 
 
 def check(printed: str, work: Path) -> None:
-    lowest, highest = re.search(r"degrees: (\S+) to (\S+)", printed).groups()  # type: ignore[union-attr]
+    lowest, highest = re.search(r"degrees: (\S+) to (\S+)", printed).groups()
     assert (float(lowest), float(highest)) == pytest.approx(angles_deg(work), abs=1e-6)
     assert re.search(rf"readings: {readings(work)} doubtful: 0\b", printed)
 
 
 @pytest.mark.parametrize("language", ["python", "sql", "matlab"])
-def test_a_snippet_has_about_ten_lines(language: str) -> None:
+def test_a_snippet_has_about_ten_lines(language):
     assert 7 <= len([line for line in snippet(language).splitlines() if line.strip()]) <= 11
 
 
-def test_pandas(work: Path) -> None:
+def test_pandas(work):
     pytest.importorskip("pandas")
     script = [sys.executable, "-W", "error", "-c", snippet("python")]
     check(subprocess.run(script, cwd=work, capture_output=True, text=True, check=True).stdout, work)
 
 
-def test_duckdb(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_duckdb(work, monkeypatch):
     duckdb = pytest.importorskip("duckdb")
     monkeypatch.chdir(work)
     lap, stream = snippet("sql").strip().removesuffix(";").split(";\n")
@@ -75,7 +75,7 @@ def test_duckdb(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.skipif(shutil.which("matlab") is None, reason="no MATLAB")
-def test_matlab(work: Path) -> None:
+def test_matlab(work):
     (work / "snippet.m").write_text(snippet("matlab"), encoding="utf-8")
     done = subprocess.run(["matlab", "-batch", "snippet"], cwd=work, capture_output=True, text=True, check=True)
     check(done.stdout, work)

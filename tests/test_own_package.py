@@ -74,7 +74,7 @@ print(gauges["tesa_tt"].__module__)
 """
 
 
-def test_gauge_robot_and_effect_of_other_packages_are_used(site: Path) -> None:
+def test_gauge_robot_and_effect_of_other_packages_are_used(site):
     done = run(site, sys.executable, "-c", USED)
     assert done.returncode == 0, done.stderr
     answer, robot, effect, tesa = done.stdout.splitlines()
@@ -84,7 +84,7 @@ def test_gauge_robot_and_effect_of_other_packages_are_used(site: Path) -> None:
     assert tesa == "rigs.schema.gauges"
 
 
-def test_a_test_kind_of_another_package_is_imported_and_evaluated(site: Path) -> None:
+def test_a_test_kind_of_another_package_is_imported_and_evaluated(site):
     table = HOW_TO / "examples" / "test_kind" / "heights.csv"
     rig = (sys.executable, "-c", "from analysis.cli import main; main()")
     done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", "height", "-o", "heights/monday")
@@ -116,7 +116,7 @@ main()
 """
 
 
-def test_a_maker_of_another_package_has_programs_written(site: Path, tmp_path: Path) -> None:
+def test_a_maker_of_another_package_has_programs_written(site, tmp_path):
     done = run(site, sys.executable, "-c", OF_A_MAKER, str(tmp_path / "made"))
     assert done.returncode == 0, done.stderr
     names, places, broken, bare, *_ = done.stdout.splitlines()
@@ -130,7 +130,7 @@ def check(site: Path, file: Path) -> subprocess.CompletedProcess[str]:
     return run(site, sys.executable, "-c", "from analysis.cli import main; main()", "check", str(file))
 
 
-def test_a_rig_file_names_them(site: Path) -> None:
+def test_a_rig_file_names_them(site):
     text = (ROOT / "rigs" / "paper-fanuc.yaml").read_text(encoding="utf-8")
     text = text.replace("sylvac_opto_rs", "example_dial").replace("4800 7E2", "9600 8N1")
     text = re.sub(r".*mode: continuous\n", "", text)

@@ -21,7 +21,7 @@ def _run(*command: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[
 
 @pytest.mark.cpu_limit(300)
 @pytest.mark.parametrize("borrow", cases((True, False), (True,)), ids=["installed", "registry"])
-def test_the_wheel_works_in_an_empty_environment(borrow: bool) -> None:
+def test_the_wheel_works_in_an_empty_environment(borrow):
     """That pyproject.toml names every package, each extra's too, is for a night and each release: it takes minutes."""
     done = _run(sys.executable, ROOT / "scripts" / "tools" / "wheel.py", "--borrow" if borrow else "--extras")
     if done.returncode == OFFLINE:
@@ -30,14 +30,14 @@ def test_the_wheel_works_in_an_empty_environment(borrow: bool) -> None:
     assert f"rig {PROJECT['version']}; rigd starts" in done.stdout
 
 
-def test_the_version_stands_in_one_place() -> None:
+def test_the_version_stands_in_one_place():
     tracked = _run("git", "ls-files", "-z", "*.py", "*.cff", "*.md", "*.toml", "scripts").stdout.split("\0")
     quoted = re.compile(rf"(?<![\d.]){re.escape(PROJECT['version'])}(?![\d.])")
     found = [name for name in tracked if name and quoted.search((ROOT / name).read_text(encoding="utf-8"))]
     assert [name for name in found if not name.endswith(("CHANGELOG.md", ".lock"))] == ["pyproject.toml"]
 
 
-def test_the_extra_of_all_holds_every_other_but_that_of_developers() -> None:
+def test_the_extra_of_all_holds_every_other_but_that_of_developers():
     extras = dict(PROJECT["optional-dependencies"])
     (whole,) = extras.pop("all")
     name, _, held = whole.rstrip("]").partition("[")
@@ -45,7 +45,7 @@ def test_the_extra_of_all_holds_every_other_but_that_of_developers() -> None:
     assert set(held.split(",")) == set(extras) - {"dev"}
 
 
-def test_nothing_that_a_command_wrote_is_at_the_top() -> None:
+def test_nothing_that_a_command_wrote_is_at_the_top():
     """Runs, models and tables of a trial, other people's measurements among them, were once nearly kept."""
     tracked = _run("git", "ls-files", "-z").stdout.rstrip("\0").split("\0")
     folders = {"daq", "analysis", "rigs", "tests", "systemd", "scripts", "docs", ".ci"}
@@ -54,7 +54,7 @@ def test_nothing_that_a_command_wrote_is_at_the_top() -> None:
     assert {name.partition("/")[0] for name in tracked} == folders | files
 
 
-def test_citation_agrees_with_pyproject() -> None:
+def test_citation_agrees_with_pyproject():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors"} <= citation.keys()  # what the format demands
     assert citation["license"] == PROJECT["license"]
@@ -63,7 +63,7 @@ def test_citation_agrees_with_pyproject() -> None:
     assert "version" not in citation
 
 
-def test_example_writes_rig_files_that_are_good_and_takes_the_place_of_none(tmp_path: Path) -> None:
+def test_example_writes_rig_files_that_are_good_and_takes_the_place_of_none(tmp_path):
     done = _run(RIG, "example", tmp_path / "rigs")
     assert done.returncode == 0, done.stderr
     written = {Path(line).name for line in done.stdout.splitlines()}
@@ -97,11 +97,11 @@ def _checklist(checkout: Path) -> tuple[int, list[str]]:
     return done.returncode, [line.strip() for line in done.stdout.splitlines() if "LACKS" in line]
 
 
-def test_a_release_that_is_ready_lacks_nothing(checkout: Path) -> None:
+def test_a_release_that_is_ready_lacks_nothing(checkout):
     assert _checklist(checkout) == (0, [])
 
 
-def test_a_release_is_refused_for_each_thing_that_it_lacks(checkout: Path) -> None:
+def test_a_release_is_refused_for_each_thing_that_it_lacks(checkout):
     _run("git", "tag", "v1.2.3", cwd=checkout)
     sections = "## [Unreleased]\n\n- New.\n\n## [1.2.2] - 2026-11-20\n\n- Old.\n"
     (checkout / "CHANGELOG.md").write_text(f"# Changelog\n\n{sections}")

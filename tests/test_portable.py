@@ -32,7 +32,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(done.stdout.strip())
 
 
-def test_a_recorded_run_is_verified_and_analysed_with_page_and_pictures(recorded: Path, tmp_path: Path) -> None:
+def test_a_recorded_run_is_verified_and_analysed_with_page_and_pictures(recorded, tmp_path):
     assert _rig("verify", recorded).stdout == f"{recorded}: whole\n"
     done = _rig("analyse", recorded, "--json", "--plot", tmp_path / "pictures")
     assert done.returncode == 0, done.stderr
@@ -48,13 +48,13 @@ def test_a_recorded_run_is_verified_and_analysed_with_page_and_pictures(recorded
     assert json.loads(on_linux.stdout)["runs"][0]["figures"] == here["figures"]
 
 
-def test_a_rig_file_is_checked() -> None:
+def test_a_rig_file_is_checked():
     done = _rig("check", "paper-fanuc")
     assert done.returncode == 0, done.stderr
     assert "70 mm" in done.stdout
 
 
-def test_simulated_runs_are_written_and_analysed(tmp_path: Path) -> None:
+def test_simulated_runs_are_written_and_analysed(tmp_path):
     done = _rig("simulate", "paper-fanuc", "--test", "yaw", "-o", tmp_path)
     assert done.returncode == 0, done.stderr
     runs = done.stdout.split()
@@ -64,7 +64,7 @@ def test_simulated_runs_are_written_and_analysed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", [("status",), ("emulate", "paper-fanuc", "-o", "cell"), ("doctor", "paper-fanuc")])
-def test_cell_commands_are_refused_in_one_line(command: tuple[str, ...]) -> None:
+def test_cell_commands_are_refused_in_one_line(command):
     done = _rig(*command)
     assert done.returncode != 0
     (line,) = (line for line in done.stderr.splitlines() if "Warning" not in line and not line.startswith("  "))

@@ -47,14 +47,14 @@ def _names_in(tree: ast.Module) -> set[str]:
     return {CLASSES.get(name, name) for name in found}
 
 
-def test_only_its_own_file_names_an_effect() -> None:
+def test_only_its_own_file_names_an_effect():
     """What another file knew of an effect would be missing of a new one."""
     own = {path: {path.stem} if path.parent.name == "effects" else set() for path in FILES}
     found = {name_of(path): _names_in(tree_of(path)) - own[path] for path in FILES}
     assert {name: effects for name, effects in found.items() if effects} == {}
 
 
-def test_a_signed_number_never_shows_a_negative_zero() -> None:
+def test_a_signed_number_never_shows_a_negative_zero():
     """The point of a movement was `+1.60, +0.19, -0.00 mm`: a format with a sign also has the option z of PEP 682."""
     wire = {"daq/apps/gauge_drivers/magnescale_lt.py", "daq/acquisition/capture_writer.py"}  # formats of other programs
     signed, bare = re.compile(r"\+z[\d.{}]*[fg%]?"), re.compile(r"\+0?[\d.{}]*[fg%]")

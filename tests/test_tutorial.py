@@ -25,7 +25,7 @@ def _words(text: str) -> str:
 @pytest.mark.nightly  # half a minute of processor time; every command line of the documents is parsed in each commit
 @pytest.mark.cpu_limit(300)
 @pytest.mark.timeout(600)
-def test_commands_print_the_output_of_the_page(tmp_path: Path) -> None:
+def test_commands_print_the_output_of_the_page(tmp_path):
     env = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "90"}
     printed, quoted = "", 0
     for language, block in BLOCKS:

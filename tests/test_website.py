@@ -17,7 +17,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def test_every_document_is_a_page_and_every_link_leads_somewhere(site: Path) -> None:
+def test_every_document_is_a_page_and_every_link_leads_somewhere(site):
     assert SITE["broken"](site) == []
     for source in (ROOT / "docs").rglob("*.md"):
         path = source.relative_to(ROOT)
@@ -29,7 +29,7 @@ def test_every_document_is_a_page_and_every_link_leads_somewhere(site: Path) -> 
     assert "<table>" in front
 
 
-def test_a_link_to_nothing_is_found(site: Path) -> None:
+def test_a_link_to_nothing_is_found(site):
     page = site / "lost.html"
     page.write_text('<a href="gone.html">x</a><a href="index.html#gone">y</a><a href="https://x.org/">z</a>')
     lost = SITE["broken"](site)
@@ -37,7 +37,7 @@ def test_a_link_to_nothing_is_found(site: Path) -> None:
     assert [line.split()[1] for line in lost] == ["gone.html", "index.html#gone"]
 
 
-def test_a_directory_that_is_no_site_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_directory_that_is_no_site_is_left_alone(tmp_path, monkeypatch):
     (tmp_path / "kept").write_text("mine")
     monkeypatch.setattr("sys.argv", ["website", str(tmp_path)])
     with pytest.raises(SystemExit, match="no site"):

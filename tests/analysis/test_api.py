@@ -5,7 +5,6 @@ import json
 import subprocess
 import sys
 import textwrap
-from collections.abc import Callable
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 
@@ -62,36 +61,36 @@ def results(laps: list[Measured]) -> list[Result]:
     return evaluate_runs(laps)
 
 
-def test_a_run_is_evaluated_once_as_long_as_its_result_is_held(laps: list[Measured], results: list[Result]) -> None:
+def test_a_run_is_evaluated_once_as_long_as_its_result_is_held(laps, results):
     assert evaluate(laps[0]) is results[0] and evaluate(laps[1]) is results[1]
     assert evaluate(replace(laps[0])) is not results[0]
 
 
-def test_the_import_loads_nothing_heavy() -> None:
+def test_the_import_loads_nothing_heavy():
     heavy = "{'numpy', 'scipy', 'pyarrow', 'pydantic', 'matplotlib', 'typer'}"
     code = f"import sys, analysis; print(sorted({heavy} & sys.modules.keys()))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
-def test_no_module_has_the_name_of_a_public_function() -> None:
+def test_no_module_has_the_name_of_a_public_function():
     folder = Path(analysis.__file__).parent
     names = {path.stem for path in folder.iterdir()}
     assert not names & set(analysis.__all__)
 
 
-def test_every_public_name_is_there() -> None:
+def test_every_public_name_is_there():
     assert all(hasattr(api, name) for name in analysis.__all__)
 
 
-def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+def test_a_name_that_is_not_public_is_an_attribute_error():
     with pytest.raises(AttributeError, match="'analyse_runs'"):
         analysis.analyse_runs  # type: ignore[attr-defined]  # noqa: B018 - the access is the test
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
-def test_every_function_documents_arguments_result_and_errors(function: object) -> None:
+def test_every_function_documents_arguments_result_and_errors(function):
     told = inspect.getdoc(function) or ""
-    missing = [name for name in inspect.signature(function).parameters if f"\n{name}: " not in told]  # type: ignore[arg-type]
+    missing = [name for name in inspect.signature(function).parameters if f"\n{name}: " not in told]
     assert missing == []
     assert all(word in told for word in ("\n\nReturns ", "\n\nRaises ", "\n\nExample:\n\n", "\n\nSource: "))
 
@@ -105,9 +104,7 @@ def test_every_function_documents_arguments_result_and_errors(function: object) 
     ],
     ids=lambda value: value.__name__,
 )
-def test_every_example_runs(
-    value: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, laps: list[Measured]
-) -> None:
+def test_every_example_runs(value, tmp_path, monkeypatch, laps):
     """Examples that read a file find a run at its path. `diagnose` takes long and is only compiled."""
     example = (inspect.getdoc(value) or "").split("\n\nExample:\n\n")[1].split("\n\n")[0]
     code = compile(textwrap.dedent(example), "example", "exec")
@@ -119,7 +116,7 @@ def test_every_example_runs(
         exec(code, {name: getattr(analysis, name) for name in analysis.__all__})  # noqa: S102 - examples of our own
 
 
-def test_every_public_class_and_method_has_a_docstring() -> None:
+def test_every_public_class_and_method_has_a_docstring():
     for name in analysis.__all__:
         found = getattr(analysis, name)
         assert inspect.getdoc(found), name
@@ -128,7 +125,7 @@ def test_every_public_class_and_method_has_a_docstring() -> None:
                 assert inspect.getdoc(value), (name, key)
 
 
-def test_the_curve_of_a_circle_has_the_figures(results: list[Result]) -> None:
+def test_the_curve_of_a_circle_has_the_figures(results):
     curve = results[0].curve
     assert isinstance(curve, CircleCurve)
     assert curve.phi_deg.shape == curve.error_deg.shape == curve.error_u_deg.shape == (720,)
@@ -139,7 +136,7 @@ def test_the_curve_of_a_circle_has_the_figures(results: list[Result]) -> None:
     assert curve.to_table().column_names == ["phi_deg", "angle_deg", "error_deg", "error_u_deg", "deviation_mm"]
 
 
-def test_the_uncertainty_of_the_error_is_that_of_the_noise_within_a_run() -> None:
+def test_the_uncertainty_of_the_error_is_that_of_the_noise_within_a_run():
     """Without scatter from run to run, errors of eight runs lay within 0.83 to 0.96 of it."""
     rig, text = load(RIG)
     still = Noise(scatter_deg=0.0, scatter_mm=0.0)
@@ -150,7 +147,7 @@ def test_the_uncertainty_of_the_error_is_that_of_the_noise_within_a_run() -> Non
     assert 0.5 < np.sqrt(np.mean(off**2)) < 1.5
 
 
-def test_the_reversals_are_those_of_the_papers_table(results: list[Result]) -> None:
+def test_the_reversals_are_those_of_the_papers_table(results):
     turns = results[0].reversals
     theta = [turn for turn in turns if turn.joint == 1]
     assert [turn.name for turn in theta] == ["Theta", "Theta"]
@@ -158,8 +155,8 @@ def test_the_reversals_are_those_of_the_papers_table(results: list[Result]) -> N
     assert [turn.phi_deg for turn in turns] == sorted(turn.phi_deg for turn in turns)
 
 
-def test_the_points_of_radial_and_repeatability_runs() -> None:
-    radial, repeatability = (evaluate(simulate(RIG, test)) for test in ("radial", "repeatability"))  # type: ignore[arg-type]
+def test_the_points_of_radial_and_repeatability_runs():
+    radial, repeatability = (evaluate(simulate(RIG, test)) for test in ("radial", "repeatability"))
     assert isinstance(radial.curve, RadialCurve) and isinstance(repeatability.curve, RepeatabilityCurve)
     used = radial.curve.deviation_mm[radial.curve.used]
     assert np.ptp(used) == pytest.approx(radial.figures["band_mm"].value, abs=10 * radial.figures["band_mm"].u)
@@ -169,7 +166,7 @@ def test_the_points_of_radial_and_repeatability_runs() -> None:
     assert repeatability.reversals == ()
 
 
-def test_poses_of_a_table_from_elsewhere(tmp_path: Path) -> None:
+def test_poses_of_a_table_from_elsewhere(tmp_path):
     (tmp_path / "poses.csv").write_text(csv_text(plain("pose")))
     result = evaluate(read_table(tmp_path / "poses.csv", RIG_FILE, "pose"))
     assert isinstance(result.curve, PoseCurve)
@@ -179,7 +176,7 @@ def test_poses_of_a_table_from_elsewhere(tmp_path: Path) -> None:
     assert table["distance_mm"].to_numpy() == pytest.approx(size)
 
 
-def test_a_simulated_run_is_the_same_again_and_other_noise_in_the_other_direction(laps: list[Measured]) -> None:
+def test_a_simulated_run_is_the_same_again_and_other_noise_in_the_other_direction(laps):
     again = simulate(RIG, "yaw", "acw", seed=1, effects=PLAY)
     assert again.to_table().equals(laps[0].to_table())
     noise = []
@@ -190,7 +187,7 @@ def test_a_simulated_run_is_the_same_again_and_other_noise_in_the_other_directio
     assert abs(np.corrcoef(noise[0][:rows], noise[1][:rows])[0, 1]) < 0.5
 
 
-def test_a_saved_run_is_loaded_as_it_was_and_never_written_over(laps: list[Measured], tmp_path: Path) -> None:
+def test_a_saved_run_is_loaded_as_it_was_and_never_written_over(laps, tmp_path):
     path = save_run(laps[0], tmp_path / "monday")
     loaded = load_run(path)
     assert loaded.run.manifest.name == "monday"
@@ -200,7 +197,7 @@ def test_a_saved_run_is_loaded_as_it_was_and_never_written_over(laps: list[Measu
         save_run(laps[0], path)
 
 
-def test_command_prints_the_results_of_the_functions(laps: list[Measured], tmp_path: Path) -> None:
+def test_command_prints_the_results_of_the_functions(laps, tmp_path):
     paths = [str(save_run(run, tmp_path / run.path)) for run in laps]
     done = CliRunner().invoke(app, ["analyse", *paths, "--json"])
     runs = [load_run(path) for path in paths]
@@ -209,7 +206,7 @@ def test_command_prints_the_results_of_the_functions(laps: list[Measured], tmp_p
     assert json.loads(done.stdout) == compare(runs).to_dict()
 
 
-def test_a_comparison_has_curves_and_residuals_of_every_reading(laps: list[Measured]) -> None:
+def test_a_comparison_has_curves_and_residuals_of_every_reading(laps):
     found = compare(laps)
     one = found.runs[0]
     assert one.residuals_mm.shape == (len(one.rows), 2)
@@ -221,7 +218,7 @@ def test_a_comparison_has_curves_and_residuals_of_every_reading(laps: list[Measu
     assert next(row for row in rows if row["figure"] == "band_deg")["u"] > 0
 
 
-def test_a_calibration_finds_the_play_and_its_model_closes_the_gap(laps: list[Measured]) -> None:
+def test_a_calibration_finds_the_play_and_its_model_closes_the_gap(laps):
     found = calibrate(laps, "backlash:1")
     (width,) = [row for row in found.to_table().to_pylist() if row["parameter"] == "width_deg"]
     assert width["value"] == pytest.approx(0.02, abs=5 * width["sd"]) and width["name"] == "backlash 1"
@@ -231,13 +228,13 @@ def test_a_calibration_finds_the_play_and_its_model_closes_the_gap(laps: list[Me
 
 
 @pytest.mark.nightly  # 7 s; the command calls it as well, in each commit (cli/test_diagnose_command.py)
-def test_a_diagnosis_reports_its_progress(laps: list[Measured]) -> None:
+def test_a_diagnosis_reports_its_progress(laps):
     steps: list[str] = []
     _plain_types_and_a_table(diagnose(laps, progress=steps.append))
     assert len(steps) > 2
 
 
-def test_a_diagnosis_in_plain_types_and_as_a_table() -> None:
+def test_a_diagnosis_in_plain_types_and_as_a_table():
     _plain_types_and_a_table(diagnosis("named"))
 
 
@@ -247,24 +244,24 @@ def _plain_types_and_a_table(found: Diagnosis) -> None:
     assert found.curves[0].to_table().column_names[:3] == ["phi_deg", "g1_before_um", "g2_before_um"]
 
 
-def test_a_run_given_twice_is_refused(laps: list[Measured]) -> None:
+def test_a_run_given_twice_is_refused(laps):
     with refused("run.copy"):
         diagnose(laps, hold_out=laps[:1])
 
 
-def test_nothing_is_printed(laps: list[Measured], capfd: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_printed(laps, capfd):
     compare(laps)
     evaluate_runs(laps)
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("call", [compare, diagnose, lambda runs: calibrate(runs, "backlash:1")])
-def test_no_runs_are_an_error_of_one_line(call: object) -> None:
+def test_no_runs_are_an_error_of_one_line(call):
     with refused("api.none_given"):
-        call([])  # type: ignore[operator]
+        call([])
 
 
-def test_files_that_are_not_there_are_errors_of_one_line(tmp_path: Path) -> None:
+def test_files_that_are_not_there_are_errors_of_one_line(tmp_path):
     with pytest.raises(FileError):
         load_run(tmp_path / "nothing")
     with refused("file.missing"):
@@ -273,18 +270,18 @@ def test_files_that_are_not_there_are_errors_of_one_line(tmp_path: Path) -> None
         simulate(RIG, "yaw")
 
 
-def test_results_are_frozen(results: list[Result]) -> None:
+def test_results_are_frozen(results):
     with pytest.raises(FrozenInstanceError):
-        results[0].figures = {}  # type: ignore[misc]
+        results[0].figures = {}
 
 
-def test_missing_pandas_names_the_package(results: list[Result], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_pandas_names_the_package(results, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with refused("package.missing"):
         results[0].to_frame()
 
 
-def test_a_frame_with_pandas(results: list[Result]) -> None:
+def test_a_frame_with_pandas(results):
     pytest.importorskip("pandas")
     assert list(results[0].to_frame().columns) == results[0].to_table().column_names
 
@@ -294,42 +291,42 @@ def kept(laps: list[Measured], tmp_path: Path) -> Path:
     return save_run(laps[0], tmp_path / "acw")
 
 
-def test_a_path_stands_for_its_run(laps: list[Measured], kept: Path) -> None:
+def test_a_path_stands_for_its_run(laps, kept):
     assert evaluate(str(kept)).figures["band_deg"].value == pytest.approx(
         evaluate(laps[0]).figures["band_deg"].value, abs=1e-9
     )
     assert compare(kept).to_dict()["runs"]
     with refused("api.value"):
-        evaluate(kept, like=laps[0])  # type: ignore[arg-type]
+        evaluate(kept, like=laps[0])
 
 
 @pytest.mark.parametrize(
     ("call", "code", "where"),
     [
-        (lambda: evaluate(5), "api.type", "run"),  # type: ignore[arg-type]
-        (lambda: calibrate(5), "api.type", "run"),  # type: ignore[arg-type]
-        (lambda: evaluate_runs([None]), "api.type", "run"),  # type: ignore[list-item]
-        (lambda: simulate("ur10e", "yaw", "left"), "request.direction", "direction"),  # type: ignore[arg-type]
-        (lambda: simulate("ur10e", "yow", "cw"), "request.unknown_test", "test"),  # type: ignore[arg-type]
-        (lambda: analysis.calibrated_arm("ur10e").forward("here"), "api.not_numbers", "q_deg"),  # type: ignore[arg-type]
+        (lambda: evaluate(5), "api.type", "run"),
+        (lambda: calibrate(5), "api.type", "run"),
+        (lambda: evaluate_runs([None]), "api.type", "run"),
+        (lambda: simulate("ur10e", "yaw", "left"), "request.direction", "direction"),
+        (lambda: simulate("ur10e", "yow", "cw"), "request.unknown_test", "test"),
+        (lambda: analysis.calibrated_arm("ur10e").forward("here"), "api.not_numbers", "q_deg"),
         (lambda: analysis.calibrated_arm("ur55"), "file.missing", "ur55"),
-        (lambda: analysis.calibrated_arm(5), "api.type", "rig"),  # type: ignore[arg-type]
-        (lambda: analysis.read_table("table.csv", 5), "api.type", "rig"),  # type: ignore[arg-type]
-        (lambda: save_run(5, "run"), "api.type", "run"),  # type: ignore[arg-type]
+        (lambda: analysis.calibrated_arm(5), "api.type", "rig"),
+        (lambda: analysis.read_table("table.csv", 5), "api.type", "rig"),
+        (lambda: save_run(5, "run"), "api.type", "run"),
         (lambda: simulate("ur10e", "yaw", "cw", seed=-1), "api.value", "seed"),
-        (lambda: simulate("ur10e", "yaw", "cw", effects=["x"]), "api.value", "effects"),  # type: ignore[list-item]
+        (lambda: simulate("ur10e", "yaw", "cw", effects=["x"]), "api.value", "effects"),
         (lambda: diagnose("run", tolerance_um=0), "api.value", "tolerance_um"),
-        (lambda: analysis.read_table("a.csv", "ur5", joints="read"), "api.value", "joints"),  # type: ignore[arg-type]
-        (lambda: analysis.read_table("a.csv", "ur5", operator=None), "api.value", "operator"),  # type: ignore[arg-type]
+        (lambda: analysis.read_table("a.csv", "ur5", joints="read"), "api.value", "joints"),
+        (lambda: analysis.read_table("a.csv", "ur5", operator=None), "api.value", "operator"),
     ],
 )
-def test_wrong_argument_is_refused_by_name(call: Callable[[], object], code: str, where: str) -> None:
+def test_wrong_argument_is_refused_by_name(call, code, where):
     with refused(code) as error:
         call()
     assert error.value.where == where
 
 
-def test_an_arm_of_the_library_goes_by_its_name_and_takes_one_posture() -> None:
+def test_an_arm_of_the_library_goes_by_its_name_and_takes_one_posture():
     arm = analysis.calibrated_arm("ur5")
     posture = [0.0, -90.0, 90.0, 0.0, 90.0, 0.0]
     assert arm.rig.name == "ur5" and arm.rig.robot == load_arm("ur5").robot
@@ -337,7 +334,7 @@ def test_an_arm_of_the_library_goes_by_its_name_and_takes_one_posture() -> None:
     assert arm.inverse(arm.forward(posture).T[0], posture).q_deg[0] == pytest.approx(posture, abs=1e-6)
 
 
-def test_columns_determine_the_test_of_a_table(tmp_path: Path) -> None:
+def test_columns_determine_the_test_of_a_table(tmp_path):
     """As `rig import` reads it: joints called as on a pendant, places in mm."""
     rig = load("ur5")[0]
     rng = np.random.default_rng(1)
@@ -355,7 +352,7 @@ def test_columns_determine_the_test_of_a_table(tmp_path: Path) -> None:
         read_table(tmp_path / "none.csv", "ur5")
 
 
-def test_rig_metrology_has_the_public_api() -> None:
+def test_rig_metrology_has_the_public_api():
     """Installed, this file is the module `rig_metrology`."""
     assert entry.evaluate is evaluate
     assert set(analysis.__all__) <= set(dir(entry))  # a console completes the names

@@ -60,19 +60,19 @@ def _keys(value: Any, path: str = "") -> Iterator[str]:
 
 
 @pytest.mark.parametrize("file", RIGS, ids=lambda file: file.relative_to(WROTE).as_posix())
-def test_every_rig_file_and_every_file_of_hidden_effects_is_read(file: Path) -> None:
+def test_every_rig_file_and_every_file_of_hidden_effects_is_read(file):
     assert load_hidden(file).effects if file.name.endswith(".effects.yaml") else load(file)[0].robot.axes
 
 
 @of_each_state
-def test_every_run_is_whole(state: Path) -> None:
+def test_every_run_is_whole(state):
     done = ran("verify", *_runs(state), cwd=state)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count(": whole") == len(_runs(state)) >= 4
 
 
 @of_each_state
-def test_figures_and_keys_are_unchanged(state: Path) -> None:
+def test_figures_and_keys_are_unchanged(state):
     before, now = json.loads((state / "analyse.json").read_text()), _said(state, "analyse", *_runs(state), "--json")
     assert set(_keys(before)) - set(_keys(now)) == set()
     runs = {run["name"]: run["figures"] for run in now["runs"]}
@@ -85,7 +85,7 @@ def test_figures_and_keys_are_unchanged(state: Path) -> None:
 
 
 @of_each_state
-def test_comparisons_have_the_keys_they_had(state: Path) -> None:
+def test_comparisons_have_the_keys_they_had(state):
     before = json.loads((state / "compare.json").read_text())
     assert set(_keys(before)) - set(_keys(_compared(state, before))) == set()
 
@@ -95,7 +95,7 @@ def _compared(state: Path, before: Any, *more: str) -> Any:
 
 
 @of_whole_states
-def test_calibrated_model_predicts_a_run_as_before(state: Path) -> None:
+def test_calibrated_model_predicts_a_run_as_before(state):
     before = json.loads((state / "compare-calibrated.json").read_text())
     now = _compared(state, before, "--rig", "calibrated/rep.yaml")
     pairs = [(a["figures"], b["figures"]) for a, b in zip(before["runs"], now["runs"], strict=True)]
@@ -106,7 +106,7 @@ def test_calibrated_model_predicts_a_run_as_before(state: Path) -> None:
 
 
 @of_whole_states
-def test_a_diagnosis_and_a_list_of_runs_have_the_keys_they_had(state: Path) -> None:
+def test_a_diagnosis_and_a_list_of_runs_have_the_keys_they_had(state):
     runs = [run for run in _runs(state) if "yaw" in run or "radial" in run or "repeat" in run]
     for file, words in (("diagnose.json", ["diagnose", *runs]), ("runs.json", ["runs", "runs"])):
         before, now = json.loads((state / file).read_text()), _said(state, *words, "--json")
@@ -122,7 +122,7 @@ def test_a_diagnosis_and_a_list_of_runs_have_the_keys_they_had(state: Path) -> N
 
 
 @of_whole_states
-def test_map_reads_a_table_as_before(state: Path) -> None:
+def test_map_reads_a_table_as_before(state):
     words = ("tracker.csv", "--rig", "rigs/cell.yaml", "--test", "pose", "--map", "poses.map.yaml", "-o", "again")
     assert ran("import", *words, cwd=state).returncode == 0
     for run in ("again", "runs/poses"):
@@ -139,7 +139,7 @@ ENDS = {
 
 
 @pytest.mark.parametrize(("state", "end"), ENDS.items(), indirect=["state"], ids=ENDS)
-def test_a_session_at_its_end_is_known_again(state: Path, end: tuple[str, ...]) -> None:
+def test_a_session_at_its_end_is_known_again(state, end):
     """The runs, omitted here because of their size, are empty directories; a complete session does not read them."""
     session = yaml.safe_load((state / "session/session.yaml").read_text(encoding="utf-8"))
     for name in [one["run"] for step in session["steps"] for one in step["tries"]]:
@@ -149,7 +149,7 @@ def test_a_session_at_its_end_is_known_again(state: Path, end: tuple[str, ...]) 
     assert all(words in " ".join(done.stdout.split()) for words in end), done.stdout
 
 
-def test_files_of_a_version_to_come_are_refused_as_such(tmp_path: Path) -> None:
+def test_files_of_a_version_to_come_are_refused_as_such(tmp_path):
     state = Path(shutil.copytree(WROTE / "0.1/last", tmp_path / "last"))
     run, model = state / "runs/yaw-cw-000/manifest.json", state / "calibrated/rep.calibration.json"
     rig = state / "calibrated/rep.yaml"

@@ -7,7 +7,6 @@ import re
 import signal
 import time
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -30,14 +29,14 @@ def _case(name: str) -> tuple[str, Capture, dict[str, Any]]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_drivers_receive_the_captured_bytes(name: str) -> None:
+def test_drivers_receive_the_captured_bytes(name):
     text, capture, expected = _case(name)
     assert not capture.cut
     assert heard(parse(text, name), capture) == expected
 
 
 @pytest.mark.real_time  # rigd leaves a link that is silent for 0.5 s, and the replay restarts
-def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path: Path) -> None:
+def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path):
     with ExitStack() as stack:
         played = {}
         for name in ON_WIRES:
@@ -68,14 +67,14 @@ def _counted(state: dict[str, Any], stream: str) -> dict[str, int]:
     return {"samples": 0} | counters
 
 
-def test_a_rig_of_which_the_capture_knows_nothing_is_refused() -> None:
+def test_a_rig_of_which_the_capture_knows_nothing_is_refused():
     text, capture, _ = _case(NAMES[0])
     other = Capture(tuple(piece for piece in capture.pieces if piece.stream != "robot"), cut=False)
     with refused("capture.no_data"):
         Replay.open(parse(text, "x"), other)
 
 
-def test_command_serves_a_capture_to_its_end(tmp_path: Path) -> None:
+def test_command_serves_a_capture_to_its_end(tmp_path):
     name = "sylvac-lines"
     with Bench(tmp_path) as bench, bench.replaying(CORPUS / name / "cell.log", CORPUS / name / "rig.yaml") as said:
         bench.rig = tmp_path / "replayed" / "rig.yaml"
@@ -86,7 +85,7 @@ def test_command_serves_a_capture_to_its_end(tmp_path: Path) -> None:
     assert "not a capture" in bad
 
 
-def test_a_host_that_left_has_the_replay_restart_and_the_command_reports_it(tmp_path: Path) -> None:
+def test_a_host_that_left_has_the_replay_restart_and_the_command_reports_it(tmp_path):
     name = "sylvac-lines"
     with Bench(tmp_path) as bench, bench.replaying(CORPUS / name / "cell.log", CORPUS / name / "rig.yaml") as said:
         bench.rig = tmp_path / "replayed" / "rig.yaml"

@@ -1,19 +1,16 @@
 """A short accelerated `scripts/dev soak`: the recording is complete, and growth is detected."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 from tests.support.soaking import RATES_HZ, Held, accelerated, wrong
 
 
-def test_minutes_of_recording_in_a_second(tmp_path: Path) -> None:
+def test_minutes_of_recording_in_a_second(tmp_path):
     rows = list(accelerated(tmp_path, minutes=2, times=120, every_s=0.05))
     assert len(rows) > 3 and rows[-1].samples > 0.8 * 120 * sum(RATES_HZ.values())
 
 
-def test_growth_is_seen() -> None:
+def test_growth_is_seen():
     rows = [Held(minute, 80 + minute % 3, 12 + minute % 2, 5, minute) for minute in range(60)]
     assert wrong(rows) == []
     assert "memory grew" in wrong([replace(row, rss_mb=80 + row.minutes / 2) for row in rows])[0]

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ import yaml
 from analysis.apps.emulate.robot import EmulatedRobot, truth
 from daq.store import read_run
 from rigs.load import load, load_hidden, parse
-from rigs.schema.vocabulary import Direction
 from tests.support.bench import Bench, rig_text
 from tests.support.nightly import cases
 from tests.support.simulated_bench import SimulatedBench
@@ -29,9 +27,7 @@ def _quick(gauges: str, laps: int) -> str:
     ("gauges", "direction", "laps"),
     cases([("keyence", "acw", 2), ("modbus", "cw", 1), ("polled", "acw", 2), ("tcp", "cw", 1)], [("modbus", "cw", 1)]),
 )
-def test_laps_are_recorded_analysed_and_agree_with_the_truth(
-    tmp_path: Path, gauges: str, direction: Direction, laps: int
-) -> None:
+def test_laps_are_recorded_analysed_and_agree_with_the_truth(tmp_path, gauges, direction, laps):
     text = _quick(gauges, laps)
     rig = load_hidden("ur10e").apply_to(parse(text, "quick"))
     robot = EmulatedRobot.of_rig(rig, seed=7)
@@ -51,7 +47,7 @@ def test_laps_are_recorded_analysed_and_agree_with_the_truth(
 
 
 @pytest.mark.real_time
-def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> None:
+def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path):
     with Bench(tmp_path) as bench, bench.emulating("paper-fanuc", "--effects", "paper-fanuc") as keyboard:
         bench.rig = tmp_path / "cell" / "rig.yaml"
         bench.socket = bench.socket.with_name("paper-fanuc.sock")
@@ -67,7 +63,7 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
 
 
 @pytest.mark.real_time
-def test_command_emulate_drives_programs_and_accepts_corrected_ones(tmp_path: Path) -> None:
+def test_command_emulate_drives_programs_and_accepts_corrected_ones(tmp_path):
     """The signal of the program starts and ends a run; the operator stops another; entered values change the circle."""
     data = yaml.safe_load(load("ur10e")[1])
     data["feedback"]["signal"] = {"int_register": 3}
@@ -107,7 +103,7 @@ def test_command_emulate_drives_programs_and_accepts_corrected_ones(tmp_path: Pa
 
 
 @pytest.mark.parametrize("test", cases(["radial", "repeatability"], ["repeatability"]))
-def test_a_program_that_stops_at_targets_becomes_its_table(tmp_path: Path, test: str) -> None:
+def test_a_program_that_stops_at_targets_becomes_its_table(tmp_path, test):
     data = yaml.safe_load(rig_text("keyence"))
     data["tests"]["hemisphere"] |= {"step_deg": 90, "orientations": 1, "visits": 1}
     data["tests"]["repeatability"] = {"targets": [1, 3], "rounds": 1}

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -18,14 +16,14 @@ from tests.support.second_sources import SOURCES
 ARMS = arm_names()
 
 
-def test_the_library_has_these_arms() -> None:
+def test_the_library_has_these_arms():
     assert set(ARMS) == set(SOURCES)
     assert list(ARMS) == sorted(ARMS)
     assert len(ARMS) == len(list(Path(arms.__file__).parent.glob("*.yaml"))) == 31
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_text_of_an_arm_is_its_robot(name: str) -> None:
+def test_the_text_of_an_arm_is_its_robot(name):
     arm = load_arm(name)
     assert arm.name == name
     assert list(yaml.safe_load(arm.text)) == ["robot"]
@@ -34,7 +32,7 @@ def test_the_text_of_an_arm_is_its_robot(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in ARMS if len(load_arm(name).robot.axes) == 6])
-def test_an_arm_is_pasted_into_a_rig_file(name: str) -> None:
+def test_an_arm_is_pasted_into_a_rig_file(name):
     text = (SHIPPED / "paper-fanuc.yaml").read_text(encoding="utf-8")
     section = re.search(r"^robot:\n(?:(?: .*|#.*)?\n)+", text, re.M)
     assert section
@@ -43,21 +41,21 @@ def test_an_arm_is_pasted_into_a_rig_file(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_each_source_names_a_place_and_is_held_against(name: str) -> None:
+def test_each_source_names_a_place_and_is_held_against(name):
     sources = load_arm(name).sources.model_dump(exclude_defaults=True)
     assert all(len(words) > 8 for words in sources.values())
     assert {"geometry", "second", "third"} & set(sources) == set(SOURCES[name])
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_masses_are_of_all_axes_or_of_none_and_lie_within_the_arm(name: str) -> None:
+def test_masses_are_of_all_axes_or_of_none_and_lie_within_the_arm(name):
     masses = [axis.mass_kg for axis in load_arm(name).robot.axes]
     assert all(masses) or not any(masses)
     assert sum(masses) < 60
     assert all(abs(one) < 700 for axis in load_arm(name).robot.axes for one in axis.centre_mm)
 
 
-def test_the_shipped_ur10e_is_that_of_the_library() -> None:
+def test_the_shipped_ur10e_is_that_of_the_library():
     """Its centres of mass are other ones, of an earlier table of the maker's, and it has no mass on the base."""
     rig, _ = load("ur10e")
     library = load_arm("ur10e").robot
@@ -82,13 +80,13 @@ def test_the_shipped_ur10e_is_that_of_the_library() -> None:
         ("", "rig arms"),
     ],
 )
-def test_an_unknown_arm_is_refused_with_the_names_that_are_near(name: str, remedy: str) -> None:
+def test_an_unknown_arm_is_refused_with_the_names_that_are_near(name, remedy):
     with pytest.raises(FileError, match=re.escape(remedy)):
         load_arm(name)
 
 
 @pytest.mark.parametrize("name", ["fanuc_m_20ia", "FANUC M-20iA"])
-def test_an_arm_is_loaded_by_its_name_as_people_write_it(name: str) -> None:
+def test_an_arm_is_loaded_by_its_name_as_people_write_it(name):
     assert load_arm(name) == load_arm("fanuc-m-20ia")
 
 
@@ -100,7 +98,7 @@ def test_an_arm_is_loaded_by_its_name_as_people_write_it(name: str) -> None:
         ("fanuc-m-20ia", (-3.228859, 4.766843)),
     ],
 )
-def test_the_limits_of_a_fanucs_j3_are_those_of_j3_alone(name: str, source_rad: tuple[float, float]) -> None:
+def test_the_limits_of_a_fanucs_j3_are_those_of_j3_alone(name, source_rad):
     assert load_arm(name).robot.axes[2].limits_deg == pytest.approx(np.degrees(source_rad), abs=0.5)
 
 
@@ -112,7 +110,7 @@ def test_the_limits_of_a_fanucs_j3_are_those_of_j3_alone(name: str, source_rad: 
         ({"colour": "red"}, "colour"),
     ],
 )
-def test_a_number_without_its_source_is_refused(change: dict[str, object], what: str) -> None:
+def test_a_number_without_its_source_is_refused(change, what):
     file = Path(arms.__file__).parent / "yaskawa-gp7.yaml"
     data = yaml.safe_load(file.read_text(encoding="utf-8"))
     ArmFile.model_validate(data)

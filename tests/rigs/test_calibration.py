@@ -70,7 +70,7 @@ def _turned(effect: Effect) -> Array:
     return driven(model_of(RIG, (effect,)), path).link_q - path.q
 
 
-def test_a_file_is_read_back_as_it_was_written(tmp_path: Path) -> None:
+def test_a_file_is_read_back_as_it_was_written(tmp_path):
     model = calibrated_model()
     rig_file, beside = written(tmp_path, model)
     rig, text = load(rig_file)
@@ -85,7 +85,7 @@ def test_a_file_is_read_back_as_it_was_written(tmp_path: Path) -> None:
     assert len(base64.b64decode(plain["factor"])) == 4 * 5 * 6 // 2
 
 
-def test_a_root_survives_as_float32() -> None:
+def test_a_root_survives_as_float32():
     root = np.tril(np.random.default_rng(1).normal(size=(7, 7)) * 10.0 ** np.arange(-6, 1)[:, None])
     model = calibrated_model(
         [(JointOffset(axis=axis, offset_deg=0.02), 0.1) for axis in range(1, 7)], factor=packed_factor(root)
@@ -93,7 +93,7 @@ def test_a_root_survives_as_float32() -> None:
     np.testing.assert_allclose(model.root, root, rtol=1e-7)
 
 
-def test_the_model_of_a_rig_has_the_effects_of_both_files(tmp_path: Path) -> None:
+def test_the_model_of_a_rig_has_the_effects_of_both_files(tmp_path):
     rig, _ = load(written(tmp_path)[0])
     assert rig.effects[0].effect == "backlash" and rig.calibrated
     everything = [(NAMED, 1.0), *SMALL]
@@ -141,7 +141,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], str]] = {
     "three joints": (lambda data: _changed(data, joints_deg=[[-1, 1]] * 3), "joints_deg: "),
     "no format": (lambda data: _changed(data, format="one"), "format: "),
     "too many terms": (lambda data: _changed(data, terms=[data["terms"][0]] * 20_001), "terms: "),
-    "a list": (lambda data: [data], "the file: "),  # type: ignore[dict-item,return-value]
+    "a list": (lambda data: [data], "the file: "),
 }  # fmt: skip
 
 
@@ -155,7 +155,7 @@ def _named_as(directory: Path, content: bytes) -> Path:
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_wrong_content_is_one_line(case: str, tmp_path: Path) -> None:
+def test_wrong_content_is_one_line(case, tmp_path):
     change, words = WRONG[case]
     data = json.loads(calibrated_model().model_dump_json())
     rig_file = _named_as(tmp_path, json.dumps(change(data)).encode())
@@ -167,13 +167,13 @@ def test_wrong_content_is_one_line(case: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"null"])
-def test_invalid_json_is_one_line(content: bytes, tmp_path: Path) -> None:
+def test_invalid_json_is_one_line(content, tmp_path):
     with refused("calibration.damaged") as told:
         load(_named_as(tmp_path, content))
     assert len(told.value.lines()) == 1
 
 
-def test_a_changed_file_is_refused(tmp_path: Path) -> None:
+def test_a_changed_file_is_refused(tmp_path):
     rig_file, beside = written(tmp_path)
     beside.write_text(beside.read_text().replace("-0.4", "-0.5", 1))
     with refused("calibration.changed") as told:
@@ -181,7 +181,7 @@ def test_a_changed_file_is_refused(tmp_path: Path) -> None:
     assert told.value.where == str(beside) and len(told.value.lines()) == 1
 
 
-def test_a_missing_file_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused_in_one_line(tmp_path):
     rig_file, beside = written(tmp_path)
     beside.unlink()
     with refused("calibration.missing") as told:
@@ -189,7 +189,7 @@ def test_a_missing_file_is_refused_in_one_line(tmp_path: Path) -> None:
     assert told.value.where == str(beside)
 
 
-def test_special_or_oversized_file_is_refused(tmp_path: Path) -> None:
+def test_special_or_oversized_file_is_refused(tmp_path):
     rig_file, beside = written(tmp_path)
     beside.unlink()
     beside.mkdir()
@@ -203,7 +203,7 @@ def test_special_or_oversized_file_is_refused(tmp_path: Path) -> None:
     assert told.value.where == str(beside)
 
 
-def test_rig_file_names_only_a_file_of_its_directory() -> None:
+def test_rig_file_names_only_a_file_of_its_directory():
     for name in ("../up.calibration.json", "/etc/x.calibration.json", "a/b.calibration.json", ".calibration.json", "x"):
         with pytest.raises(ValidationError):
             CalibrationFile(file=name, sha256="0" * 64)
@@ -211,7 +211,7 @@ def test_rig_file_names_only_a_file_of_its_directory() -> None:
         CalibrationFile(file="x.calibration.json", sha256="0" * 63)
 
 
-def test_a_copy_without_the_calibration_is_refused_where_the_model_is_needed(tmp_path: Path) -> None:
+def test_a_copy_without_the_calibration_is_refused_where_the_model_is_needed(tmp_path):
     """A run stores the text of its rig file, but not the neighbouring calibration file."""
     rig_file, beside = written(tmp_path / "here")
     (tmp_path / "there").mkdir()
@@ -230,7 +230,7 @@ def test_a_copy_without_the_calibration_is_refused_where_the_model_is_needed(tmp
     assert parse(rig_file.read_text(), "cell.yaml")._calibrated is None  # the rig of the text alone stays as it is
 
 
-def test_a_rig_can_have_the_errors_of_another_one(tmp_path: Path) -> None:
+def test_a_rig_can_have_the_errors_of_another_one(tmp_path):
     rig, _ = load(written(tmp_path)[0])
     other = parse((SHIPPED / "paper-fanuc.yaml").read_text(), "x")
     grown = other.modelled_as(rig)
@@ -238,7 +238,7 @@ def test_a_rig_can_have_the_errors_of_another_one(tmp_path: Path) -> None:
     assert grown.modelled_as(other).calibrated is None and grown.modelled_as(other).calibration is None
 
 
-def test_a_second_calibration_takes_the_place_of_the_first(tmp_path: Path) -> None:
+def test_a_second_calibration_takes_the_place_of_the_first(tmp_path):
     text = written(tmp_path)[0].read_text()
     later = CalibrationFile(file="later.calibration.json", sha256="a" * 64)
     behind = text.replace("calibration:", "automatic: null\ncalibration:", 1)
@@ -249,7 +249,7 @@ def test_a_second_calibration_takes_the_place_of_the_first(tmp_path: Path) -> No
         assert rig.calibration == later and len(rig.effects) == 2
 
 
-def test_constants_of_a_seat_sum_whatever_their_reference_sizes() -> None:
+def test_constants_of_a_seat_sum_whatever_their_reference_sizes():
     deltas = (0.2, 0.01, -0.05, *np.random.default_rng(4).normal(0.0, 0.1, 50).tolist())
     terms = [(LinkGeometry(axis=3, field="a", delta=delta), 0.7 * k + 0.1) for k, delta in enumerate(deltas)]
     own = effects_of([*terms, (LinkGeometry(axis=3, field="d", delta=0.1), 2.0)])
@@ -259,7 +259,7 @@ def test_constants_of_a_seat_sum_whatever_their_reference_sizes() -> None:
     assert len(own) == 2  # one constant is one effect
 
 
-def test_waves_of_a_joint_become_one_curve_that_is_their_sum() -> None:
+def test_waves_of_a_joint_become_one_curve_that_is_their_sum():
     rng = np.random.default_rng(3)
     waves = [
         (TransmissionError(axis=2, order=order, amplitude_deg=0.005, phase_deg=phase), float(rng.normal()))
@@ -281,13 +281,13 @@ def _times(effect: TransmissionError, times: float) -> TransmissionError:
     return effect.model_copy(update={"amplitude_deg": times * effect.amplitude_deg})
 
 
-def test_a_wave_with_a_harmonic_is_a_share_of_itself() -> None:
+def test_a_wave_with_a_harmonic_is_a_share_of_itself():
     wave = TransmissionError(axis=2, order=2, amplitude_deg=0.005, third=0.3)
     (one,) = effects_of([(wave, -1.7)])
     np.testing.assert_allclose(_turned(one), -1.7 * _turned(wave), rtol=0, atol=1e-15)
 
 
-def test_share_of_a_play_scales_the_effect_and_not_the_width() -> None:
+def test_share_of_a_play_scales_the_effect_and_not_the_width():
     play = Backlash(axis=2, width_deg=0.02, transit=0.5)
     whole = _turned(play)
     for share in (0.25, -0.6, 3.0):
@@ -298,19 +298,19 @@ def test_share_of_a_play_scales_the_effect_and_not_the_width() -> None:
     assert np.abs(narrower - 0.25 * whole).max() > 1e-6  # a play of a quarter of the width is another thing
 
 
-def test_share_of_a_gauge_effect_scales_its_readings() -> None:
+def test_share_of_a_gauge_effect_scales_its_readings():
     tilt = GaugeInclination(gauge="g1", angle_deg=2.0)
     (one,) = effects_of([(tilt, -0.5)])
     assert isinstance(one, GaugePortions)
     np.testing.assert_allclose(_added([one]), -0.5 * _added([tilt]), atol=1e-12)
 
 
-def test_zero_terms_are_left_out() -> None:
+def test_zero_terms_are_left_out():
     assert effects_of([(JointOffset(axis=3, offset_deg=0.02), 9e-5), (JointOffset(axis=3), 4.0)]) == []
     assert len(effects_of([(JointOffset(axis=3, offset_deg=0.02), -2e-4)])) == 1
 
 
-def test_term_may_have_a_provenance() -> None:
+def test_term_may_have_a_provenance():
     """Uncertainties are a mapping, which nothing can hash."""
     origin = EffectProvenance(date=dt.date(2026, 11, 2), runs=("yaw-cw-1",), sd={"delta": 0.01})
     terms = [(one.model_copy(update={"found": origin}), times) for one, times in SMALL]
@@ -318,7 +318,7 @@ def test_term_may_have_a_provenance() -> None:
 
 
 @pytest.mark.parametrize("name", VOCABULARY)
-def test_every_effect_can_be_a_term(name: str) -> None:
+def test_every_effect_can_be_a_term(name):
     """Whatever a diagnosis writes, a rig that is read again simulates: what a negative share does is small and defined,
     and twice as many times do twice as much."""
     need = {"axis": 2, "field": "d", "gauge": "g1", "from_axis": 4, "to_axis": 5, "order": 8, "lobes": 3}

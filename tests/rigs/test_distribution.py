@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib
@@ -15,22 +13,22 @@ ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def test_name_and_version_are_those_of_the_project() -> None:
+def test_name_and_version_are_those_of_the_project():
     assert (NAME, version()) == (PROJECT["name"], PROJECT["version"])
 
 
-def test_a_missing_package_is_added_to_the_environment_of_rig() -> None:
+def test_a_missing_package_is_added_to_the_environment_of_rig():
     assert f"{sys.executable} -m pip" in to_install("asyncua", "lxml")
 
 
-def test_sources_that_were_only_copied_have_no_version(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sources_that_were_only_copied_have_no_version(monkeypatch):
     monkeypatch.setattr(distribution, "NAME", "rig-that-nobody-installed")
     assert version() == "not installed"
 
 
 @pytest.mark.parametrize("package", sorted(MARKS))
 @pytest.mark.parametrize("program", ["rig", "rigd"])
-def test_another_package_of_the_name_is_a_line(package: str, program: str, tmp_path: Path) -> None:
+def test_another_package_of_the_name_is_a_line(package, program, tmp_path):
     """ROS puts its folders before all others on PYTHONPATH; the daemon needs no `analysis`."""
     (tmp_path / package).mkdir()
     (tmp_path / package / "__init__.py").touch()
@@ -44,5 +42,5 @@ def test_another_package_of_the_name_is_a_line(package: str, program: str, tmp_p
     assert repr(str(tmp_path / package)) in line and f"env -u PYTHONPATH {program}" in line
 
 
-def test_each_mark_is_a_file_of_the_wheel() -> None:
+def test_each_mark_is_a_file_of_the_wheel():
     assert all((ROOT / package / file).is_file() for package, file in MARKS.items())

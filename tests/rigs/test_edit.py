@@ -32,14 +32,14 @@ def without_tests(text: str) -> str:
     return text.partition("\ntests:\n")[0] + "\n"
 
 
-def test_an_edit_reads_a_file_as_the_loader_does() -> None:
+def test_an_edit_reads_a_file_as_the_loader_does():
     """YAML 1.1 has `on` for true."""
     text = re.sub("^name: .*$", "name: on", UR10E, flags=re.M)
     assert parse(with_test(text, "circle", VALUES, "cell.yaml"), "cell.yaml").name == "on"
 
 
 @pytest.mark.parametrize("text", [UR10E, FANUC, UR10E.replace("\n", "\r\n"), UR10E.rstrip("\n")])
-def test_only_the_values_change(text: str) -> None:
+def test_only_the_values_change(text):
     edited = with_test(text, "circle", VALUES, "cell.yaml")
     before, after = yaml.safe_load(text), yaml.safe_load(edited)
     assert {key: after["tests"]["circle"][key] for key in VALUES} == VALUES
@@ -50,7 +50,7 @@ def test_only_the_values_change(text: str) -> None:
     ]
 
 
-def test_the_comment_behind_a_changed_value_stays() -> None:
+def test_the_comment_behind_a_changed_value_stays():
     (line,) = [line for line in FANUC.splitlines() if "934.9 mm from" in line]
     edited = with_test(FANUC, "circle", VALUES, "cell.yaml")
     assert f"centre_mm: [-600.125, -210.5, 240] {line[line.index('#') :]}" in edited
@@ -69,7 +69,7 @@ def test_the_comment_behind_a_changed_value_stays() -> None:
         "tests:\n  circle:\n    centre_mm:\n    - 1\n    - 2 # y\n    - 3\n    posture_deg: [1, 2, 3, 4, 5, 6]\n",
     ],
 )
-def test_any_style_of_the_block_takes_the_values(tests: str) -> None:
+def test_any_style_of_the_block_takes_the_values(tests):
     text = without_tests(UR10E) + tests
     edited = with_test(text, "circle", VALUES, "cell.yaml")
     assert {key: circle_in(edited)[key] for key in VALUES} == VALUES
@@ -79,7 +79,7 @@ def test_any_style_of_the_block_takes_the_values(tests: str) -> None:
     assert re.findall("#.*", edited) == re.findall("#.*", text)
 
 
-def test_a_value_that_another_place_shares_is_refused() -> None:
+def test_a_value_that_another_place_shares_is_refused():
     text = UR10E.replace("    centre_mm: [-650, -200, 250]", "    centre_mm: &here [-650, -200, 250]")
     text = text.replace("    centre_mm: [-800, -200, 0]", "    centre_mm: *here")
     assert text.count("*here") == 1
@@ -87,12 +87,12 @@ def test_a_value_that_another_place_shares_is_refused() -> None:
         with_test(text, "circle", VALUES, "cell.yaml")
 
 
-def test_a_value_beyond_its_bounds_is_refused() -> None:
+def test_a_value_beyond_its_bounds_is_refused():
     with pytest.raises(RigFileError, match="radius_mm"):
         with_test(UR10E, "circle", VALUES | {"radius_mm": 5000.0}, "cell.yaml")
 
 
-def test_written_block_is_valid_in_a_rig_file() -> None:
+def test_written_block_is_valid_in_a_rig_file():
     text = without_tests(UR10E) + "tests:\n" + block_of("circle", VALUES, 2)
     assert circle_in(text) == VALUES
 
@@ -104,14 +104,14 @@ def _wanted(text: str, **circle: Any) -> Rig:
     return rig.model_copy(update={"tests": tests})
 
 
-def test_only_the_lines_of_the_values_change() -> None:
+def test_only_the_lines_of_the_values_change():
     text = with_values(FANUC, {("tests", "circle", "radius_mm"): 140.0}, _wanted(FANUC, radius_mm=140.0), "cell")
     lines = list(zip(FANUC.splitlines(), text.splitlines(), strict=True))
     assert [after.strip() for before, after in lines if before != after] == ["radius_mm: 140"]
 
 
 @pytest.mark.parametrize("flow", [False, True])
-def test_a_key_that_was_not_there_is_added(flow: bool) -> None:
+def test_a_key_that_was_not_there_is_added(flow):
     bare = FANUC.replace("    speed_mm_s: 25\n", "")
     if flow:
         begin, end = bare.index("  circle:\n"), bare.index("  hemisphere:\n")
@@ -122,7 +122,7 @@ def test_a_key_that_was_not_there_is_added(flow: bool) -> None:
     assert text.count("speed_mm_s: 100") == 1
 
 
-def test_a_whole_branch_that_was_not_there_is_added() -> None:
+def test_a_whole_branch_that_was_not_there_is_added():
     bare = re.sub(r"  tool: \{xyz_mm: .*\n", "", FANUC)
     rig = parse(bare, "cell")
     tool = rig.robot.tool.model_copy(update={"xyz_mm": (40.0, 0.0, 0.0)})
@@ -131,7 +131,7 @@ def test_a_whole_branch_that_was_not_there_is_added() -> None:
     assert "  tool:\n    xyz_mm: [40, 0, 0]\n  name: FANUC-like" in text
 
 
-def test_a_value_that_others_share_by_an_alias_is_refused() -> None:
+def test_a_value_that_others_share_by_an_alias_is_refused():
     shared = FANUC.replace("    radius_mm: 70", "    radius_mm: &r 70").replace(
         "    radius_mm: 400", "    radius_mm: *r"
     )
@@ -139,7 +139,7 @@ def test_a_value_that_others_share_by_an_alias_is_refused() -> None:
         with_values(shared, {("tests", "hemisphere", "radius_mm"): 300.0}, parse(shared, "cell"), "cell")
 
 
-def test_numbers_keep_all_their_digits_and_words_their_quotes() -> None:
+def test_numbers_keep_all_their_digits_and_words_their_quotes():
     rig = parse(FANUC, "cell")
     wanted = _wanted(FANUC, normal=(1e-5, 1 / 3, 1.0)).model_copy(update={"name": "true"})
     values = {("name",): "true", ("tests", "circle", "normal"): [1e-5, 1 / 3, 1.0]}
@@ -147,7 +147,7 @@ def test_numbers_keep_all_their_digits_and_words_their_quotes() -> None:
 
 
 @pytest.mark.parametrize("value", [0.1, 1e-5, -0.0, 70.0, 1e300, 1 / 3, "true", "a: b", "...", "Ä", [1.0, 1e-7], []])
-def test_a_value_in_one_line_is_read_back(value: float | str | list[float]) -> None:
+def test_a_value_in_one_line_is_read_back(value):
     text = flow(value)
     assert "\n" not in text
     assert read_yaml(f"key: {text}\n", "cell")[1] == {"key": value}

@@ -29,9 +29,9 @@ by tests/analysis/diagnosis/judge/test_verdicts.py. The others do in `scripts/de
     ],
     ids=lambda value: getattr(value, "__name__", value),
 )
-def test_every_effect_keeps_the_contract(step: Callable[[str], None], name: str) -> None:
+def test_every_effect_keeps_the_contract(step, name):
     step(name)
 
 
-def test_cases_of_each_commit_exist() -> None:
+def test_cases_of_each_commit_exist():
     assert {name for names in IN_EACH_COMMIT.values() for name in names} <= set(VOCABULARY)

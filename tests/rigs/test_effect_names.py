@@ -7,12 +7,12 @@ _FIELDS = {"link_geometry": (" a", " alpha", " beta", " d")}
 
 
 @pytest.mark.parametrize("kind", VOCABULARY)
-def test_every_kind_has_words(kind: str) -> None:
+def test_every_kind_has_words(kind):
     for field in _FIELDS.get(kind, ("",)):
         assert "_" not in kind_in_words(f"{kind}{field}")
 
 
-def test_a_kind_is_listed_once_with_all_its_seats() -> None:
+def test_a_kind_is_listed_once_with_all_its_seats():
     names = ["link_bending 4", "backlash 1", "link_bending 1", "link_geometry 1.alpha", "link_geometry 6.d"]
     bending, play, twist, offset = names_in_words(names).split("; ")
     assert bending.endswith("links 1 and 4") and play.endswith("axis 1")
@@ -21,6 +21,6 @@ def test_a_kind_is_listed_once_with_all_its_seats() -> None:
     assert base.endswith("(about x, between x and y)") and wrist.endswith("(4 to 6)")
 
 
-def test_a_label_keeps_the_order_of_a_gear_and_an_unknown_kind_its_name() -> None:
+def test_a_label_keeps_the_order_of_a_gear_and_an_unknown_kind_its_name():
     assert name_in_words("transmission_error 5 order 2").endswith(" 2 waves per turn")
     assert name_in_words("stranger 3") == "stranger 3"

@@ -29,7 +29,7 @@ TEXT = (SHIPPED / "paper-errors.yaml").read_text()
         ((SHIPPED / "ur10.yaml").read_text(), 0),
     ],
 )
-def test_effects_are_added_behind_those_there_are(text: str, before: int) -> None:
+def test_effects_are_added_behind_those_there_are(text, before):
     grown = extended(text, NEW, "cell.yaml")
     effects = parse(grown, "cell.yaml").effects
     assert len(effects) == before + 2
@@ -37,11 +37,11 @@ def test_effects_are_added_behind_those_there_are(text: str, before: int) -> Non
     assert effects[:before] == parse(text, "cell.yaml").effects
 
 
-def test_comments_stay() -> None:
+def test_comments_stay():
     grown = extended(TEXT, NEW, "cell.yaml")
     assert [line for line in TEXT.splitlines() if "#" in line] == [line for line in grown.splitlines() if "#" in line]
 
 
-def test_extending_twice_is_extending_by_both() -> None:
+def test_extending_twice_is_extending_by_both():
     once = extended(extended(TEXT, NEW[:1], "a"), NEW[1:], "a")
     assert parse(once, "a").effects == parse(extended(TEXT, NEW, "a"), "a").effects

@@ -11,14 +11,14 @@ from typer.testing import CliRunner
 import daq.apps.gauge_drivers
 import daq.apps.robot_drivers
 from analysis.cli import app
-from rigs.interfaces import NO_DEFAULT, Interface, list_interfaces, models, name_of
+from rigs.interfaces import NO_DEFAULT, list_interfaces, models, name_of
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Origin
 from rigs.schema.probe import Probe
 
 
-def test_every_driver_is_listed_once() -> None:
+def test_every_driver_is_listed_once():
     drivers = [
         f"{package.__name__}.{module.name}"
         for package in (daq.apps.gauge_drivers, daq.apps.robot_drivers)
@@ -33,7 +33,7 @@ def test_every_driver_is_listed_once() -> None:
 
 
 @pytest.mark.parametrize("interface", list_interfaces(), ids=lambda one: one.name)
-def test_every_interface_names_its_source(interface: Interface) -> None:
+def test_every_interface_names_its_source(interface):
     origin = interface.origin
     assert origin.instruments and origin.source
     assert origin.standing == "confirmed" or origin.doubts  # what is not confirmed says what of it
@@ -43,12 +43,12 @@ def test_every_interface_names_its_source(interface: Interface) -> None:
 @pytest.mark.parametrize(
     "interface", [one for one in list_interfaces() if one.kind == "gauge"], ids=lambda one: one.name
 )
-def test_every_gauge_states_its_latch(interface: Interface) -> None:
+def test_every_gauge_states_its_latch(interface):
     assert interface.timing and interface.timing_source
     assert interface.timing == "unknown" or "manual" in interface.timing_source
 
 
-def test_a_class_added_to_a_union_appears_by_itself() -> None:
+def test_a_class_added_to_a_union_appears_by_itself():
     class Abacus(Probe):
         origin: ClassVar[Origin] = Origin("abacus", "seen", "weak", "all")
         interface: Literal["abacus"]
@@ -60,7 +60,7 @@ def test_a_class_added_to_a_union_appears_by_itself() -> None:
     assert models(Annotated[Abacus | Slate, Field(discriminator="interface")]) == (Abacus, Slate)
 
 
-def test_the_command_as_json_and_as_a_table() -> None:
+def test_the_command_as_json_and_as_a_table():
     done = CliRunner().invoke(app, ["interfaces", "--json"])
     listed = json.loads(done.stdout)["interfaces"]
     by_name = {one["name"]: one for one in listed}

@@ -18,7 +18,7 @@ from tests.support.pose_runs import pose_run
 from tests.worlds.arms.independent_arm import cell, none, postures
 
 
-def test_the_link_turns_a_share_of_the_angle_more() -> None:
+def test_the_link_turns_a_share_of_the_angle_more():
     table = table_of("yaw", "cw", None)
     model = model_of(RIG, (JointScale(axis=3, relative=-0.03),))
     scene = moved(model, path_of(model, table))
@@ -28,7 +28,7 @@ def test_the_link_turns_a_share_of_the_angle_more() -> None:
 
 
 @pytest.mark.parametrize("axis", cases((1, 3, 5), {3}))
-def test_a_wrong_gear_ratio_is_named_and_no_zero_and_no_gear(axis: int) -> None:
+def test_a_wrong_gear_ratio_is_named_and_no_zero_and_no_gear(axis):
     """97 % of what is reported was told as a zero of -2.5° and a gear error of 13 waves a turn."""
     rng = np.random.default_rng(axis)
     q = postures("ur10e", 60, rng)

@@ -12,13 +12,12 @@ from rigs.schema.limits import (
     limits_of_tolerance,
     offered_tolerance_mm,
 )
-from rigs.schema.vocabulary import TestName
 
 TEXT = (SHIPPED / "paper-fanuc.yaml").read_text().partition("# 0.25 mm is allowed")[0]
 """A rig file without limits."""
 
 
-def test_one_number_is_a_fail_and_two_are_watch_and_fail() -> None:
+def test_one_number_is_a_fail_and_two_are_watch_and_fail():
     limits = parse(
         f"{TEXT}\nlimits:\n  yaw: {{band_deg: {{watch: 0.1, fail: 0.2}}}}\n  radial: {{band_mm: 1}}\n", "x"
     ).limits
@@ -32,18 +31,18 @@ def test_one_number_is_a_fail_and_two_are_watch_and_fail() -> None:
     ("name", "tolerance_mm", "rp_mm"),
     [("paper-fanuc", 0.25, None), ("paper-errors", 0.25, None), ("ur10e", 0.25, 0.05), ("ur10", 0.5, 0.1)],
 )
-def test_the_shipped_rigs_have_the_limits_that_rig_offers(name: str, tolerance_mm: float, rp_mm: float | None) -> None:
+def test_the_shipped_rigs_have_the_limits_that_rig_offers(name, tolerance_mm, rp_mm):
     rig = load(name)[0]
     assert rig.tests.circle is not None and offered_tolerance_mm(rp_mm) == tolerance_mm
     assert rig.limits == limits_of_tolerance(tolerance_mm, rig.tests.circle.radius_mm, rp_mm)
 
 
-def test_every_shipped_rig_has_limits() -> None:
+def test_every_shipped_rig_has_limits():
     for name in shipped():
         assert load(name)[0].limits.of("yaw", "circular_deviation_mm") is not None, name
 
 
-def test_data_sheet_supplies_missing_limits() -> None:
+def test_data_sheet_supplies_missing_limits():
     limits = load("ur10e")[0].limits
     assert limits.of("repeatability", "rp_mm") == Limit(fail=0.05)
     assert limits.from_data_sheet("repeatability", "rp_mm")
@@ -64,7 +63,7 @@ def test_data_sheet_supplies_missing_limits() -> None:
         ("{yaw: {band_deg: {fail: .nan}}}", "finite"),
     ],
 )
-def test_a_limit_that_cannot_be_is_one_line(limits: str, told: str) -> None:
+def test_a_limit_that_cannot_be_is_one_line(limits, told):
     with pytest.raises(RigFileError) as caught:
         parse(f"{TEXT}\nlimits: {limits}\n", "cell.yaml")
     assert len(caught.value.problems) == 1
@@ -84,13 +83,13 @@ def test_a_limit_that_cannot_be_is_one_line(limits: str, told: str) -> None:
         (9.0, float("nan"), "watch", True),
     ],
 )
-def test_a_figure_is_decided_with_its_uncertainty(value: float, u: float, standing: str, *, straddled: bool) -> None:
+def test_a_figure_is_decided_with_its_uncertainty(value, u, standing, *, straddled):
     limit = Limit(watch=0.5, fail=1.0)
     assert limit.standing(value, u) == standing
     assert limit.straddled(value, u) == straddled
 
 
-def test_without_a_fail_nothing_fails_and_without_a_watch_fail_is_the_bound() -> None:
+def test_without_a_fail_nothing_fails_and_without_a_watch_fail_is_the_bound():
     assert Limit(watch=0.5).standing(9.0, 0.1) == "watch"
     assert Limit(fail=0.5).standing(0.4, 0.04) == "pass"
     assert Limit(fail=0.5).standing(0.6, 0.04) == "fail"
@@ -100,7 +99,7 @@ def test_without_a_fail_nothing_fails_and_without_a_watch_fail_is_the_bound() ->
     ("test", "named"),
     [("yaw", CircleLimits), ("radial", RadialLimits), ("repeatability", RepeatabilityLimits)],
 )
-def test_every_limit_belongs_to_a_figure(test: TestName, named: type[CircleLimits | RadialLimits]) -> None:
+def test_every_limit_belongs_to_a_figure(test, named):
     figures = set(evaluate(simulate("ur10e", test, "acw" if test == "yaw" else None)).figures)
     of_pairs = {"hysteresis_max_deg", "hysteresis_mean_deg", "hysteresis_max_mm", "hysteresis_mean_mm", "range_deg"}
     of_many_visits = {"rp_mm", "rp_mean_mm"}

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,9 +33,7 @@ def _with_term(**changed: Any) -> dict[str, Any]:
         ({"calibrated_um": -3.0}, "large errors"),
     ],
 )
-def test_a_calibration_that_cannot_be_that_of_the_rig_is_refused(
-    tmp_path: Path, changed: dict[str, Any], why: str
-) -> None:
+def test_a_calibration_that_cannot_be_that_of_the_rig_is_refused(tmp_path, changed, why):
     model = CalibratedModel.model_construct(**dict(GOOD) | changed)
     rig_file, beside = written(tmp_path, model)
     with refused("calibration.contradicts_rig") as told:
@@ -45,5 +42,5 @@ def test_a_calibration_that_cannot_be_that_of_the_rig_is_refused(
     assert why in str(told.value)
 
 
-def test_one_that_is_of_the_rig_is_taken(tmp_path: Path) -> None:
+def test_one_that_is_of_the_rig_is_taken(tmp_path):
     assert load(str(written(tmp_path)[0]))[0].calibrated is not None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import get_args
 
 import pytest
@@ -23,11 +22,11 @@ def one_gauge() -> str:
 
 
 @pytest.mark.parametrize("test", get_args(TestName))
-def test_the_gauges_that_a_rig_file_needs_are_those_that_the_test_reads(test: TestName) -> None:
+def test_the_gauges_that_a_rig_file_needs_are_those_that_the_test_reads(test):
     assert gauges_needed(test) == format_of(test).gauges
 
 
-def test_a_file_without_its_second_gauge_is_ready_for_distances_alone() -> None:
+def test_a_file_without_its_second_gauge_is_ready_for_distances_alone():
     rig: Rig = parse(one_gauge(), "cell.yaml")
     ready = [test for test in get_args(TestName) if not missing_for(rig, test)]
     assert ready == ["radial", "repeatability"]
@@ -44,7 +43,7 @@ def test_a_file_without_its_second_gauge_is_ready_for_distances_alone() -> None:
         ("session", "CELL", "--for", "fanuc", "--emulated", "--fast", "-o", "session"),
     ],
 )
-def test_command_for_two_gauges_refuses_one(words: tuple[str, ...], tmp_path: Path) -> None:
+def test_command_for_two_gauges_refuses_one(words, tmp_path):
     cell = tmp_path / "cell.yaml"
     cell.write_text(one_gauge(), encoding="utf-8")
     done = ran(*(str(cell) if word == "CELL" else word for word in words), cwd=tmp_path)
@@ -54,7 +53,7 @@ def test_command_for_two_gauges_refuses_one(words: tuple[str, ...], tmp_path: Pa
     assert sorted(path.name for path in tmp_path.iterdir()) in (["cell.yaml"], ["cell.yaml", "session"])
 
 
-def test_one_length_in_metres_is_doubted_and_its_unreachable_test_is_not_possible(tmp_path: Path) -> None:
+def test_one_length_in_metres_is_doubted_and_its_unreachable_test_is_not_possible(tmp_path):
     text = load("ur10e")[1]
     for key, value, doubt, missing in (
         ("d_mm: 119.85", "d_mm: 0.11985", "axis 5 (wrist 2): d_mm ", ""),

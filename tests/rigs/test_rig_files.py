@@ -3,7 +3,6 @@ import datetime as dt
 import os
 import re
 import zipfile
-from pathlib import Path
 
 import pytest
 import yaml
@@ -39,13 +38,13 @@ JOINTS = (
 
 
 @pytest.mark.parametrize(("name", "path"), shipped().items())
-def test_shipped_rigs_are_good_and_found_by_name(name: str, path: Path) -> None:
+def test_shipped_rigs_are_good_and_found_by_name(name, path):
     rig, text = load(name)
     assert rig.name == name
     assert text == path.read_text()
 
 
-def test_shipped_rigs_have_no_faults_and_hidden_effects_are_separate() -> None:
+def test_shipped_rigs_have_no_faults_and_hidden_effects_are_separate():
     """paper-errors is no template: its effects are what it is for."""
     for name in shipped().keys() - {"paper-errors"}:
         rig, _ = load(name)
@@ -57,7 +56,7 @@ def test_shipped_rigs_have_no_faults_and_hidden_effects_are_separate() -> None:
         assert grown.robot == load(name)[0].robot
 
 
-def test_hidden_effects_replace_those_of_the_rig_file(tmp_path: Path) -> None:
+def test_hidden_effects_replace_those_of_the_rig_file(tmp_path):
     file = tmp_path / "hidden.yaml"
     file.write_text("effects: [{effect: time_lag, lag_s: 0.01}]")
     rig = load("paper-errors")[0]
@@ -71,7 +70,7 @@ def test_hidden_effects_replace_those_of_the_rig_file(tmp_path: Path) -> None:
         load_hidden("ur10")
 
 
-def test_check_reports_initial_effects_with_their_provenance(tmp_path: Path) -> None:
+def test_check_reports_initial_effects_with_their_provenance(tmp_path):
     file = tmp_path / "cell.yaml"
     found = "found: {date: 2026-05-01, runs: [mon, tue]}"
     file.write_text(TEXT + f"  - {{effect: joint_offset, axis: 2, offset_deg: 0.01, {found}}}\n")
@@ -92,7 +91,7 @@ def _line(text: str, part: str) -> int:
     return text[: text.index(part)].count("\n") + 1
 
 
-def test_five_mistakes_are_reported_with_line_place_and_remedy() -> None:
+def test_five_mistakes_are_reported_with_line_place_and_remedy():
     text = (
         TEXT.replace("radius_mm: 70", "radius_mn: 70")
         .replace("axis: 5, width", "axis: 8, width")
@@ -111,7 +110,7 @@ def test_five_mistakes_are_reported_with_line_place_and_remedy() -> None:
     assert "effects[2].axis" in problems
 
 
-def test_a_misspelt_interface_hides_no_other_mistake_of_its_gauge() -> None:
+def test_a_misspelt_interface_hides_no_other_mistake_of_its_gauge():
     text = (
         TEXT.replace("interface: sylvac_opto_rs", "interface: sylvac_optors", 1)
         .replace("mode: continuous", "mode: continous", 1)
@@ -142,11 +141,11 @@ def test_a_misspelt_interface_hides_no_other_mistake_of_its_gauge() -> None:
         ("effect: backlash, ", "", "effects[1]", "the key `effect`; add it"),
     ],
 )
-def test_a_section_without_its_tag_names_the_key_of_this_section(old: str, new: str, place: str, told: str) -> None:
+def test_a_section_without_its_tag_names_the_key_of_this_section(old, new, place, told):
     assert told in _problems(TEXT.replace(old, new, 1))[place][1]
 
 
-def test_a_workbook_is_no_rig_file(tmp_path: Path) -> None:
+def test_a_workbook_is_no_rig_file(tmp_path):
     with zipfile.ZipFile(tmp_path / "poses.xlsx", "w") as book:
         book.writestr("xl/workbook.xml", "")
     with refused("rig_file.is_archive"):
@@ -154,25 +153,25 @@ def test_a_workbook_is_no_rig_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tag", ["nothing_of_ours", "[1]", "{a: 1}", "1", "null"])
-def test_unknown_tag_is_refused(tag: str) -> None:
+def test_unknown_tag_is_refused(tag):
     assert "gauges.g1" in _problems(TEXT.replace("interface: sylvac_opto_rs", f"interface: {tag}", 1))
 
 
 @pytest.mark.parametrize(
     "key", ["? [1, 2]\n: 3", "? {a: 1}\n: 3", "1: 2", "2026-01-01: 3", "null: 3", "[]: 1", "1.5: x"]
 )
-def test_invalid_keys_are_refused(key: str) -> None:
+def test_invalid_keys_are_refused(key):
     _problems(f"{TEXT}\n{key}\n")
 
 
-def test_a_rate_too_slow_to_record_with_is_refused() -> None:
+def test_a_rate_too_slow_to_record_with_is_refused():
     """Two of five recordings would find no fresh reading of it."""
     text = (SHIPPED / "ur10e.yaml").read_text().replace("count: 13", "count: 13\n    rate_hz: 0.2")
     assert {message.split("least ")[1] for _, message in _problems(text).values()} == {"0.5, not 0.2"}
 
 
 @pytest.mark.cpu_limit(20)  # read as numbers, the two of a megabyte of sexagesimal digits take half a minute
-def test_huge_number_is_refused_in_short() -> None:
+def test_huge_number_is_refused_in_short():
     sexagesimal = "1" + ":0" * 480_000
     tagged = (("!!int ", sexagesimal), ("!!float ", f"-{sexagesimal}.5"))
     for tag, digits in (("", "0x" + "f" * 10_000), ("", "9" * 10_000), *tagged, ("", "1" + "_0" * 50)):
@@ -181,7 +180,7 @@ def test_huge_number_is_refused_in_short() -> None:
         assert len(str(raised.value)) < 200
 
 
-def test_special_or_endless_file_is_not_read(tmp_path: Path) -> None:
+def test_special_or_endless_file_is_not_read(tmp_path):
     large = tmp_path / "large.yaml"
     large.write_bytes(b"#" * 1_000_001)
     with refused("file.too_large"):
@@ -192,23 +191,23 @@ def test_special_or_endless_file_is_not_read(tmp_path: Path) -> None:
             load(path)
 
 
-def test_too_long_name_is_refused() -> None:
+def test_too_long_name_is_refused():
     with pytest.raises(FileError, match="too long"):
         load("a" * 5000)
 
 
-def test_a_number_with_a_zero_before_it_is_decimal() -> None:
+def test_a_number_with_a_zero_before_it_is_decimal():
     circle = parse(TEXT.replace("radius_mm: 70", "radius_mm: 070"), "rig.yaml").tests.circle
     assert circle and circle.radius_mm == 70
 
 
 @pytest.mark.parametrize("written", ["yes", "on", "1:10", "1:10.5"])
-def test_numbers_of_yaml_1_1_are_refused(written: str) -> None:
+def test_numbers_of_yaml_1_1_are_refused(written):
     (message,) = (words for _, words in _problems(TEXT.replace("radius_mm: 70", f"radius_mm: {written}")).values())
     assert message.endswith(f"not '{written}'")
 
 
-def test_a_key_given_twice_is_refused() -> None:
+def test_a_key_given_twice_is_refused():
     assert "twice" in _problems(TEXT + "\nname: other\n")["name"][1]
 
 
@@ -256,13 +255,13 @@ def test_a_key_given_twice_is_refused() -> None:
         (FEEDBACK, JOINTS.replace("{address: 10, type: int32}", ""), "missing"),
     ],
 )
-def test_impossible_values_are_refused(old: str, new: str, told: str) -> None:
+def test_impossible_values_are_refused(old, new, told):
     assert old in TEXT
     messages = " ".join(message for _, message in _problems(TEXT.replace(old, new)).values())
     assert told in messages
 
 
-def test_a_block_that_misses_its_own_registers_is_refused() -> None:
+def test_a_block_that_misses_its_own_registers_is_refused():
     text = (SHIPPED / "ur10e.yaml").read_text().replace("count: 13", "count: 3")
     assert "value at 202 " in " ".join(message for _, message in _problems(text).values())
 
@@ -274,7 +273,7 @@ def test_a_block_that_misses_its_own_registers_is_refused() -> None:
         ({"framing": "ascii"}, "not `framing`"),
     ],
 )
-def test_different_settings_of_one_line_are_named(setting: dict[str, str], told: str) -> None:
+def test_different_settings_of_one_line_are_named(setting, told):
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     gauges = data["gauges"]
     gauges["g2"] |= {"port": gauges["g1"]["port"], "unit": 2, **setting}
@@ -282,14 +281,14 @@ def test_different_settings_of_one_line_are_named(setting: dict[str, str], told:
     assert told in messages
 
 
-def test_missing_file_names_shipped_rigs() -> None:
+def test_missing_file_names_shipped_rigs():
     with pytest.raises(FileError, match="paper-fanuc"):
         find("no-such-rig")
 
 
 @settings(max_examples=150)
 @given(st.data())
-def test_a_damaged_file_gives_one_line_and_never_anything_else(data: st.DataObject) -> None:
+def test_a_damaged_file_gives_one_line_and_never_anything_else(data):
     start = data.draw(st.integers(0, len(TEXT) - 1))
     length = data.draw(st.integers(0, 60))
     text = TEXT[:start] + data.draw(st.text(max_size=20)) + TEXT[start + length :]
@@ -320,7 +319,7 @@ MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{k}: &b{k} {{<<: [{', '.join([f'*b{k 
     ],
     ids=["bomb", "merges", "within itself", "deep", "stamp", "int", "date", "object", "newline", "long", "many"],
 )
-def test_hostile_yaml_is_refused_soon_in_short_lines(tmp_path: Path, text: str, told: str) -> None:
+def test_hostile_yaml_is_refused_soon_in_short_lines(tmp_path, text, told):
     file = tmp_path / "rig.yaml"
     file.write_text(text)
     with pytest.raises(FileError) as caught:
@@ -349,7 +348,7 @@ def test_hostile_yaml_is_refused_soon_in_short_lines(tmp_path: Path, text: str, 
         ("- {effect: backlash, axis: 9, width_deg: 1}", "line 1, [1].axis: "),
     ],
 )
-def test_effects_file_reports_mistakes_like_a_rig_file(tmp_path: Path, text: str, told: str) -> None:
+def test_effects_file_reports_mistakes_like_a_rig_file(tmp_path, text, told):
     file = tmp_path / "effects.yaml"
     file.write_text(text)
     with pytest.raises(FileError) as caught:
@@ -358,7 +357,7 @@ def test_effects_file_reports_mistakes_like_a_rig_file(tmp_path: Path, text: str
 
 
 @pytest.mark.parametrize("text", ["effects: []", "effects:", "[]", TEXT.partition("\neffects:")[0]])
-def test_file_may_state_no_effects(tmp_path: Path, text: str) -> None:
+def test_file_may_state_no_effects(tmp_path, text):
     file = tmp_path / "effects.yaml"
     file.write_text(text)
     assert not load_hidden(file).effects
@@ -393,21 +392,21 @@ CERTIFICATE = "number: A-1, date: 2025-03-01, u_mm: 0.001, k: 2"
         ("correcton_mm: [[0, 0], [1, 0]]", "correction_mm?"),
     ],
 )
-def test_a_certificate_that_cannot_be_is_one_line(changed: str, told: str) -> None:
+def test_a_certificate_that_cannot_be_is_one_line(changed, told):
     keys = {part.partition(":")[0]: part for part in [*CERTIFICATE.split(", "), *re.split(r", (?=[a-z_]+:)", changed)]}
     text = TEXT.replace("accuracy_mm: 0.0005", f"certificate: {{{', '.join(keys.values())}}}", 1)
     ((place, (line, message)),) = _problems(text).items()
     assert told in message and place.startswith("gauges.g1.certificate") and line == _line(text, "certificate:")
 
 
-def test_ball_link_and_temperature_have_bounds() -> None:
+def test_ball_link_and_temperature_have_bounds():
     parts = [f"ball: {{{CERTIFICATE}, form_mm: -1}}", f"link: {{{CERTIFICATE}, length_mm: 200}}", "temperature: {}"]
     problems = {place: message for place, (_, message) in _problems("\n".join([TEXT, *parts])).items()}
     assert problems.keys() == {"ball.form_mm", "temperature.mean_c", "temperature.u_c", "tests"}
     assert all(value in problems["tests"] for value in ("200 mm", "radius_mm 400", "10 mm"))
 
 
-def test_the_day_that_a_certificate_is_due() -> None:
+def test_the_day_that_a_certificate_is_due():
     def due(**more: object) -> dt.date | None:
         return Certificate.model_validate({"number": "1", "u_mm": 1e-3, "k": 2, "date": "2024-01-31", **more}).due
 
@@ -416,7 +415,7 @@ def test_the_day_that_a_certificate_is_due() -> None:
     assert (due(interval_months=1), due(interval_months=11)) == (dt.date(2024, 2, 29), dt.date(2024, 12, 31))
 
 
-def test_file_with_calibrated_is_read() -> None:
+def test_file_with_calibrated_is_read():
     old = TEXT.replace("accuracy_mm: 0.0005", "accuracy_mm: 0.0005\n    calibrated: 2026-05-11", 1)
     assert parse(old, "cell.yaml").gauges.g1.certificate is None
 
@@ -427,14 +426,14 @@ def _with(**sections: object) -> str:
     return yaml.safe_dump(kept | {name: data[name] for name in sections})
 
 
-def test_a_cell_with_a_tracker_alone_names_neither_gauges_nor_feedback() -> None:
+def test_a_cell_with_a_tracker_alone_names_neither_gauges_nor_feedback():
     rig = parse(_with(), "tracker")
     assert rig.gauges.recorded == {} and dict(rig.gauges) == {}
     with refused("rig_file.nothing_to_read"):
         streams_of(rig)
 
 
-def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone() -> None:
+def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone():
     with refused("rig_file.value"):
         parse(_with(gauges=True), "tracker")
     rig = parse(_with(feedback=True), "touches")
@@ -444,7 +443,7 @@ def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone() -> Non
         parse(_with(feedback=True) + automatic, "touches")
 
 
-def test_the_maker_is_that_of_the_feedback_or_of_the_robots_name() -> None:
+def test_the_maker_is_that_of_the_feedback_or_of_the_robots_name():
     ur, any_makers = load("ur10e")[0], load("paper-fanuc")[0]
     assert (ur.makers, any_makers.makers) == (("ur",), ("fanuc",))
     nameless = any_makers.model_copy(update={"robot": any_makers.robot.model_copy(update={"name": "elbow arm"})})
@@ -452,7 +451,7 @@ def test_the_maker_is_that_of_the_feedback_or_of_the_robots_name() -> None:
 
 
 @pytest.mark.parametrize("name", ["ur10", "ur10e"])
-def test_a_shipped_cell_has_the_arm_of_the_library(name: str) -> None:
+def test_a_shipped_cell_has_the_arm_of_the_library(name):
     """One home for each number: what the library says of lengths, limits and masses."""
     cell, arm = load(name)[0].robot, load_arm(name).robot
     assert cell.build == arm.build
@@ -467,7 +466,7 @@ def test_a_shipped_cell_has_the_arm_of_the_library(name: str) -> None:
         ("ball_mm: [0, 0, 120]", "ball_mm: [0, 0, 0.12]", "tests.touch.ball_mm"),
     ],
 )
-def test_a_place_on_the_flange_in_metres_is_doubted(written: str, in_metres: str, place: str) -> None:
+def test_a_place_on_the_flange_in_metres_is_doubted(written, in_metres, place):
     """A tool of 0.15 mm was valid, and every test around it out of reach."""
     text = shipped()["ur10e"].read_text(encoding="utf-8")
     text = text.replace("tests:\n", "tests:\n  touch: {sockets: [A, B], ball_mm: [0, 0, 120]}\n")
@@ -478,7 +477,7 @@ def test_a_place_on_the_flange_in_metres_is_doubted(written: str, in_metres: str
     parse(text.replace(written, written[: written.index("[")] + "[0, 0, 0]"), "cell.yaml")
 
 
-def test_a_name_with_capitals_is_refused_in_plain_words() -> None:
+def test_a_name_with_capitals_is_refused_in_plain_words():
     """The message was a regular expression."""
     _, text = load("ur10e")
     with refused("rig_file.value") as told:

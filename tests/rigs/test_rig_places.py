@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pickle
 
 import pytest
@@ -13,7 +11,7 @@ RIG = load("ur10e")[0]
 
 
 @pytest.mark.parametrize(("part", "named"), [("", "cell.yaml"), ("tests.circle", "cell.yaml, tests.circle")])
-def test_a_place_of_the_rig_is_named_by_its_file(part: str, named: str) -> None:
+def test_a_place_of_the_rig_is_named_by_its_file(part, named):
     error = FileError(RigPlace.of(RIG.name, part), "is wrong", "correct it")
     for one in (error, pickle.loads(pickle.dumps(error))):  # noqa: S301 - our own
         with pytest.raises(FileError) as found, named_by("cell.yaml", RIG):
@@ -22,14 +20,14 @@ def test_a_place_of_the_rig_is_named_by_its_file(part: str, named: str) -> None:
 
 
 @pytest.mark.parametrize("where", [RIG.name, f"{RIG.name}, tests.circle", RigPlace.of("another", "tests.circle")])
-def test_similar_text_is_kept(where: str) -> None:
+def test_similar_text_is_kept(where):
     with pytest.raises(FileError) as found, named_by("cell.yaml", RIG):
         raise FileError(where, "is wrong", "correct it")
     assert found.value.where == where
 
 
 @pytest.mark.parametrize("name", ["a; b\nc", "x" * 5000])
-def test_mistake_at_an_operator_does_not_depend_on_the_name(name: str) -> None:
+def test_mistake_at_an_operator_does_not_depend_on_the_name(name):
     with refused("request.operator") as found:
         check_operator(name)
     assert found.value.what

@@ -27,13 +27,13 @@ main()
         ("daq.service.rigd", ["rigd", "no-such-file"], 3),
     ],
 )
-def test_ctrl_c_at_the_last_instant_changes_nothing(module: str, words: list[str], code: int) -> None:
+def test_ctrl_c_at_the_last_instant_changes_nothing(module, words, code):
     program = AT_THE_END.format(module=module, words=words)
     done = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)
     assert done.returncode == code and "Traceback" not in done.stderr, done.stderr
 
 
-def test_an_end_is_heard_though_another_thread_gets_the_signal() -> None:
+def test_an_end_is_heard_though_another_thread_gets_the_signal():
     """As the system may deliver it: the main thread sleeps on, and runs the handler once it wakes."""
     ends: SimpleQueue[int] = SimpleQueue()
     before = signal.signal(signal.SIGINT, lambda number, _: ends.put(number))

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,12 +7,12 @@ TRUE = np.round(0.3 * np.sin(np.linspace(0, 7, 400)), 3)
 
 
 @pytest.mark.parametrize(("bits", "count"), [(16, 0.001), (16, 0.0005), (32, 0.0001)])
-def test_a_jump_by_all_counts_is_named(bits: int, count: float) -> None:
+def test_a_jump_by_all_counts_is_named(bits, count):
     found = unsigned_readings(np.where(TRUE < 0, TRUE + count * 2.0**bits, TRUE), [count])
     assert found is not None and found.bits == bits and f"int{bits}" in found.remedy
 
 
-def test_sound_readings_outliers_and_one_value_are_not() -> None:
+def test_sound_readings_outliers_and_one_value_are_not():
     rng = np.random.default_rng(3)
     for _ in range(300):
         values = np.round(rng.normal(rng.uniform(-3, 3), rng.uniform(0.001, 2), 200), int(rng.integers(1, 5)))

@@ -6,7 +6,7 @@ import pytest
 from analysis.correction.calibrated_arm import CalibratedArm
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import Array
-from rigs.effects import Compliance, Effect, StrainWave
+from rigs.effects import Compliance, StrainWave
 from rigs.effects.strain_wave import three_regions
 from rigs.load import load
 from rigs.schema.effect import name_of
@@ -28,13 +28,13 @@ def _catalogue(torque: Array) -> Array:
     return np.sign(torque) * np.array(twist)
 
 
-def test_the_curve_of_all_sizes_is_that_of_the_catalogue_within_a_few_percent() -> None:
+def test_the_curve_of_all_sizes_is_that_of_the_catalogue_within_a_few_percent():
     torque = np.linspace(-300, 300, 121)
     assert three_regions(torque, T1) / K1 == pytest.approx(_catalogue(torque), rel=0.03)
     assert three_regions(torque[np.abs(torque) <= T1], T1) == pytest.approx(torque[np.abs(torque) <= T1])
 
 
-def test_the_loss_opens_a_loop_as_wide_as_it_states() -> None:
+def test_the_loss_opens_a_loop_as_wide_as_it_states():
     up = np.linspace(-60, 60, 241)
     torque = np.concatenate([up, up[::-1], up])
     twist = three_regions(play(torque, 0.3 * 40), 40)
@@ -55,7 +55,7 @@ def _poses() -> Array:
         (Compliance(axis=2, deg_per_Nm=4e-3), "compliance 2"),
     ],
 )
-def test_gear_with_knees_differs_from_linear_softness(planted: Effect, name: str) -> None:
+def test_gear_with_knees_differs_from_linear_softness(planted, name):
     q = _poses()
     rig = RIG.model_copy(update={"effects": (planted,)})
     places = CalibratedArm(rig).forward(np.degrees(q)).T[:, :3, 3]
@@ -67,9 +67,9 @@ def test_gear_with_knees_differs_from_linear_softness(planted: Effect, name: str
         assert named.effect.knee_Nm == pytest.approx(30, abs=6)
 
 
-def test_it_is_simulated_on_circles_with_its_history() -> None:
+def test_it_is_simulated_on_circles_with_its_history():
     still, lossy = (
-        simulate(RIG, "yaw", "acw", None, (StrainWave(axis=3, deg_per_Nm=4e-3, knee_Nm=10, loss=loss),)).g_mm  # type: ignore[union-attr]
+        simulate(RIG, "yaw", "acw", None, (StrainWave(axis=3, deg_per_Nm=4e-3, knee_Nm=10, loss=loss),)).g_mm
         for loss in (0.0, 0.5)
     )
     assert np.abs(still - lossy).max() > 1e-3

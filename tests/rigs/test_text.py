@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,7 +6,7 @@ from rigs.text import counted, plain, plain_lines, plain_values
 
 
 @given(st.text())
-def test_plain_text_is_printable_and_idempotent(text: str) -> None:
+def test_plain_text_is_printable_and_idempotent(text):
     shown = plain(text)
     assert shown.isprintable() and shown.encode().decode() == shown
     assert plain(shown) == shown
@@ -16,13 +14,13 @@ def test_plain_text_is_printable_and_idempotent(text: str) -> None:
     assert plain_lines(text).count("\n") == text.count("\n")
 
 
-def test_nothing_is_hidden() -> None:
+def test_nothing_is_hidden():
     assert plain("a\x1b[2J\n\u202eb\ud800\x9b") == r"a\x1b[2J\n\u202eb\ud800\x9b"
     assert plain("größe µ φ ✗ 机") == "größe µ φ ✗ 机"
     assert plain_lines("a\r\nb") == "a\\r\nb"
 
 
-def test_the_texts_in_json_are_plain() -> None:
+def test_the_texts_in_json_are_plain():
     assert plain_values({"\x07": ["\n", {"a": "b"}], "n": 1.5, "no": None}) == {
         r"\x07": [r"\n", {"a": "b"}],
         "n": 1.5,
@@ -31,6 +29,6 @@ def test_the_texts_in_json_are_plain() -> None:
 
 
 @pytest.mark.parametrize(("count", "words"), [(0, "0 runs"), (1, "1 run"), (2, "2 runs")])
-def test_counted_nouns_have_plurals(count: int, words: str) -> None:
+def test_counted_nouns_have_plurals(count, words):
     assert counted(count, "run") == words
     assert counted(count, "run is", "runs are").split()[:2] == words.split()

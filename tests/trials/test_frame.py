@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -35,14 +34,12 @@ TRIAL = Trial(draw, judge, report, failed=is_large, count=3, seed=1, keeps=True,
     [([], 14, 0), (["2"], 5, 0), (["--cases", "2", "--first", "5"], 61, 0), (["--times", "3"], 126, 1),
      (["--jobs", "2"], 14, 0), (["--minutes", "0"], 0, 0)],
 )  # fmt: skip
-def test_options_decide_cases_and_the_exit_code(
-    words: list[str], total: int, code: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_decide_cases_and_the_exit_code(words, total, code, capsys):
     assert main(TRIAL, words) == code
     assert capsys.readouterr().out.splitlines()[-1] == f"sum {total}"
 
 
-def test_results_of_a_file_are_not_judged_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_of_a_file_are_not_judged_again(tmp_path, capsys):
     file = str(tmp_path / "kept.jsonl")
     main(TRIAL, ["2", "--json", file])
     judged = []
@@ -54,13 +51,13 @@ def test_results_of_a_file_are_not_judged_again(tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.parametrize("words", [["--ways", "c"], ["--times", "x"], ["many"]])
-def test_a_wrong_word_is_refused(words: list[str]) -> None:
+def test_a_wrong_word_is_refused(words):
     with pytest.raises(SystemExit) as end:
         main(TRIAL, words)
     assert end.value.code == 2
 
 
-def test_ctrl_c_prints_partial_results(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_prints_partial_results(capsys):
     def interrupted(given: Namespace) -> Iterator[int]:
         yield 2
         raise KeyboardInterrupt

@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 from tests.trials.reliability import judged
 
@@ -9,7 +6,7 @@ PLAY = {"name": "backlash 1", "parameters": {}, "posterior": 0.995, "rivals": []
 FAULT = {"name": "backlash 1", "size": "width_deg", "parameters": {"width_deg": 0.1}, "class": ["backlash 1"]}
 
 
-def test_kept_cases_make_table_and_diagram(tmp_path: Path) -> None:
+def test_kept_cases_make_table_and_diagram(tmp_path):
     (tmp_path / "truth").mkdir()
     for number in range(3):
         case = tmp_path / "cases" / f"case-{number}"

@@ -21,7 +21,7 @@ def cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")]
 
 
-def test_table_agrees_with_the_simulator() -> None:
+def test_table_agrees_with_the_simulator():
     lines = report([judged(case) for case in {"aligned": SetUp(), **CASES}.items()]).splitlines()
     begin = PAGE.index(lines[0].replace("|  |", "| |"))
     written = PAGE[begin:].split("\n\n", 1)[0].splitlines()
@@ -37,7 +37,7 @@ def number(cell: str) -> float:
 
 
 @pytest.mark.parametrize("path", DRAWINGS, ids=lambda path: path.stem)
-def test_a_drawing_is_shown_and_has_colours_for_the_dark(path: Path) -> None:
+def test_a_drawing_is_shown_and_has_colours_for_the_dark(path):
     root = ET.parse(path).getroot()  # noqa: S314 - our own file
     assert root.get("aria-label") and f"images/{path.name}" in PAGE
     style = root.find("{http://www.w3.org/2000/svg}style")
@@ -46,7 +46,7 @@ def test_a_drawing_is_shown_and_has_colours_for_the_dark(path: Path) -> None:
 
 
 @pytest.mark.parametrize("off_mm", [1.0, 0.5])
-def test_residual_of_an_eccentric_ball_is_as_stated(off_mm: float) -> None:
+def test_residual_of_an_eccentric_ball_is_as_stated(off_mm):
     frame = frame_of(circle_of(load("ur10e")[0]))
     phi = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     ball = frame.centre + off_mm * frame.u
@@ -57,5 +57,5 @@ def test_residual_of_an_eccentric_ball_is_as_stated(off_mm: float) -> None:
     assert f"{np.ptp(left_deg):.3f}° at {off_mm:g} mm" in PAGE
 
 
-def test_there_are_drawings() -> None:
+def test_there_are_drawings():
     assert len(DRAWINGS) == 3

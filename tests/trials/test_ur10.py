@@ -33,7 +33,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_the_commands_take_the_table(tables: Path) -> None:
+def test_the_commands_take_the_table(tables):
     def rig(*words: str) -> str:
         done = subprocess.run(
             [BIN / "rig", *words], cwd=tables, capture_output=True, text=True, check=False, env=dict(os.environ)

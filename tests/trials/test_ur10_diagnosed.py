@@ -42,7 +42,7 @@ def told() -> str:
     return done.stdout
 
 
-def test_names_beat_24_dh_parameters_on_poses_left_out(told: str) -> None:
+def test_names_beat_24_dh_parameters_on_poses_left_out(told):
     found = re.search(r"fold 1,.*nominal ([\d.]+), 24 DH parameters ([\d.]+), diagnosed ([\d.]+) mm", told)
     assert found, told
     nominal, dh, diagnosed = map(float, found.groups())
@@ -50,7 +50,7 @@ def test_names_beat_24_dh_parameters_on_poses_left_out(told: str) -> None:
     assert diagnosed < 0.9 * dh < 0.9 * 0.6 * nominal
 
 
-def test_ur10_has_light_arm_effects_and_no_backlash(told: str) -> None:
+def test_ur10_has_light_arm_effects_and_no_backlash(told):
     """The level is 1.00 relative to light arms, and above 1 relative to heavier arms with stiffer joints."""
     assert "backlash" not in told
     level = re.search(r"level ([\d.]+)", told)

@@ -36,12 +36,12 @@ def case(cause: str, seed: int = 2) -> Case:
 
 
 @pytest.mark.parametrize("cause", ["nothing", "base", "tool", "zero 1", "zero 3"])
-def test_eight_touches_name_the_cause(cause: str) -> None:
+def test_eight_touches_name_the_cause(cause):
     drawn = case(cause)
     assert label(drawn.named(drawn.touch_again(8))) == cause
 
 
-def test_size_direction_and_uncertainty_are_those_of_the_world() -> None:
+def test_size_direction_and_uncertainty_are_those_of_the_world():
     drawn = case("tool")
     found = moved_of(drawn.reference, compare(drawn.reference, observed(drawn.model, *drawn.touch_again(12)))).named
     assert found is not None and found.translation_mm is not None and found.u is not None
@@ -49,12 +49,12 @@ def test_size_direction_and_uncertainty_are_those_of_the_world() -> None:
     assert 0.005 < found.u < 0.1
 
 
-def test_a_pair_is_named_if_no_single_cause_fits() -> None:
+def test_a_pair_is_named_if_no_single_cause_fits():
     drawn = case("tool+zero 2")
     assert label(drawn.named(drawn.touch_again(10))) == "tool+zero 2"
 
 
-def test_one_unseated_ball_is_no_movement() -> None:
+def test_one_unseated_ball_is_no_movement():
     drawn = case("nothing")
     sockets, q = drawn.touch_again(8)
     q[3, 2] += np.radians(0.3)  # some millimetres
@@ -62,7 +62,7 @@ def test_one_unseated_ball_is_no_movement() -> None:
     assert compared.identified_cause is None or compared.identified_cause.what in ("nothing", "other")
 
 
-def test_one_socket_and_the_base_are_not_separated() -> None:
+def test_one_socket_and_the_base_are_not_separated():
     drawn = case("base")
     rows = [k for k, name in enumerate(drawn.sockets) if name == "A"]
     reference = observed(drawn.model, ["A"] * len(rows), _touched(drawn, rows, world.no_change(6), drawn.arm))
@@ -77,7 +77,7 @@ def _touched(drawn: Case, rows: list[int], change: world.Change, arm: world.True
     return world.touched(arm, drawn.q[rows], ["A"] * len(rows), change, SCATTER_MM, np.random.default_rng(5))
 
 
-def test_ball_near_the_last_axis_names_the_separating_test() -> None:
+def test_ball_near_the_last_axis_names_the_separating_test():
     drawn = Case(world.SIX, "nothing", 0.3, 4)
     found = moved_of(drawn.reference, None, plan=True)
     axes = {lever.cause.axis for lever in found.hidden}
@@ -85,7 +85,7 @@ def test_ball_near_the_last_axis_names_the_separating_test() -> None:
     assert hidden_causes(drawn.reference, candidates_of(drawn.reference))[0].scatter_mm > 0.1
 
 
-def test_a_plan_names_a_posture_of_the_reference_and_stops_when_a_cause_is_named() -> None:
+def test_a_plan_names_a_posture_of_the_reference_and_stops_when_a_cause_is_named():
     drawn = case("zero 3")
     candidates = candidates_of(drawn.reference)
     posture = next_posture(drawn.reference, candidates, None)
@@ -96,12 +96,12 @@ def test_a_plan_names_a_posture_of_the_reference_and_stops_when_a_cause_is_named
     assert what_to_do(found).startswith("Re-master axis 3")
 
 
-def test_scatter_of_the_reference_is_found() -> None:
+def test_scatter_of_the_reference_is_found():
     small, large = (Case(world.SIX, "nothing", mm, 7).reference.scatter_mm for mm in (0.02, 0.2))
     assert 0.01 < small < 0.06 and 0.1 < large < 0.35
 
 
-def test_a_step_within_a_run_is_found_at_its_row_and_none_without() -> None:
+def test_a_step_within_a_run_is_found_at_its_row_and_none_without():
     drawn = case("zero 2")
     new = drawn.touch_again(10)
     reference = drawn.before
@@ -114,7 +114,7 @@ def test_a_step_within_a_run_is_found_at_its_row_and_none_without() -> None:
     assert find_step(sound, np.concatenate([run.rows for run in sound])) is None
 
 
-def test_readings_of_other_sockets_are_refused() -> None:
+def test_readings_of_other_sockets_are_refused():
     drawn = case("nothing")
     sockets, q = drawn.touch_again(6)
     far = q + np.radians([20, 0, 0, 0, 0, 0])
@@ -126,12 +126,12 @@ def test_readings_of_other_sockets_are_refused() -> None:
     assert elsewhere.value.code == other.value.code == "movement.other_places"
 
 
-def test_evidence_prefers_the_right_scatter() -> None:
+def test_evidence_prefers_the_right_scatter():
     conditioned = condition(case("nothing").reference.conditioned.reference)
     assert sum(scenario.weight for scenario in conditioned.scenarios) == pytest.approx(1.0)
 
 
-def test_a_zero_that_moved_between_two_runs_is_reported_and_the_shorter_run_left_out(tmp_path: Path) -> None:
+def test_a_zero_that_moved_between_two_runs_is_reported_and_the_shorter_run_left_out(tmp_path):
     drawn = case("zero 3")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
     runs = [load_run(tmp_path / name) for name in ("before", "after")]
@@ -153,7 +153,7 @@ def _write_runs(to: Path, drawn: Case, tables: dict[str, tuple[list[str], np.nda
         assert CliRunner().invoke(app, [*words, "-o", str(to / name)]).exit_code == 0
 
 
-def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path: Path) -> None:
+def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path):
     drawn = case("base")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
     summary = summarise(diagnose([tmp_path / "before", tmp_path / "after"]))
@@ -162,7 +162,7 @@ def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path: Path) -> No
     assert "check_act_base_or_plate" in keys_of(summary.next)
 
 
-def test_command_names_the_moved_part(tmp_path: Path) -> None:
+def test_command_names_the_moved_part(tmp_path):
     drawn = case("base")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(6)})
     page = tmp_path / "moved.html"

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import pty
 import subprocess
@@ -16,7 +14,7 @@ RIG = Path(sys.executable).parent / "rig"
 
 
 @pytest.mark.parametrize(("setting", "has_colours"), [(None, True), ("", True), ("1", False)])
-def test_messages(setting: str | None, has_colours: bool, tmp_path: Path) -> None:
+def test_messages(setting, has_colours, tmp_path):
     programs = f"{hostile_journal(tmp_path, 'text')}:{os.environ['PATH']}"
     done = CliRunner().invoke(app, ["logs"], color=True, env={"NO_COLOR": setting, "PATH": programs})
     assert done.exit_code == 0 and "error" in done.stdout
@@ -24,7 +22,7 @@ def test_messages(setting: str | None, has_colours: bool, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("setting", "has_colours"), [("", True), ("1", False)])
-def test_help_on_a_terminal(setting: str, has_colours: bool) -> None:
+def test_help_on_a_terminal(setting, has_colours):
     ours, theirs = pty.openpty()
     environment = os.environ | {"TERM": "xterm-256color", "NO_COLOR": setting}
     subprocess.run([RIG, "verify", "--help"], stdout=theirs, check=True, env=environment)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 import typer
 
@@ -21,11 +19,11 @@ NO_COMMANDS = {f"analysis.cli.{name}" for name in ("commands", "console", "optio
         (["--version"], set()),
     ],
 )
-def test_only_the_file_of_the_command_that_is_called_is_imported(words: list[str], file: set[str]) -> None:
+def test_only_the_file_of_the_command_that_is_called_is_imported(words, file):
     files = {module for module in modules_of(*words) if module.startswith("analysis.cli.") or ".cli_" in module}
     assert files - NO_COMMANDS == file
 
 
-def test_a_group_is_imported_whole() -> None:
+def test_a_group_is_imported_whole():
     group = imported("record")
     assert not isinstance(group, typer.core.TyperCommand) and set(group.commands) == {"start", "stop", "touch"}

@@ -41,11 +41,11 @@ LAPS = ["runs/lap-1", "runs/lap-2"]
 
 
 @pytest.mark.parametrize("line", ["rig analyse ", "rig verify runs/", "rig report -o a.html runs/l", "rig compare r"])
-def test_runs_complete(place: Path, line: str) -> None:
+def test_runs_complete(place, line):
     assert offered(place, line) == LAPS
 
 
-def test_runs_complete_as_values_of_options(place: Path) -> None:
+def test_runs_complete_as_values_of_options(place):
     assert offered(place, "rig diagnose runs/lap-1 --hold-out runs/lap-2") == ["runs/lap-2"]
     assert offered(place, "rig live --run ") == LAPS
     assert offered(place, "rig compare runs/lap-1 --against runs/lap-1 r") == LAPS
@@ -53,27 +53,27 @@ def test_runs_complete_as_values_of_options(place: Path) -> None:
     assert offered(place / "runs", "rig verify ../runs/lap-2") == ["../runs/lap-2"]
 
 
-def test_rig_files_complete(place: Path) -> None:
+def test_rig_files_complete(place):
     found = offered(place, "rig check ")
     assert found[0] == "mine.yaml" and {"ur10e", "paper-fanuc"} <= set(found)
     assert "mine.yaml" in offered(place, "rig simulate ")
     assert offered(place, "rig calibrate runs/lap-1 --rig mi") == ["mine.yaml"]
 
 
-def test_robots_and_daemons_complete(place: Path) -> None:
+def test_robots_and_daemons_complete(place):
     assert offered(place, "rig history ") == ["cell"]  # the rig of the runs
     assert offered(place, "rig history --runs elsewhere ") == []
     assert "mine" in offered(place, "rig status --rig ")
 
 
-def test_commands_and_options_complete(place: Path) -> None:
+def test_commands_and_options_complete(place):
     assert offered(place, "rig ana") == ["analyse"]
     assert offered(place, "rig record st") == ["start", "stop"]
     assert "--json" in offered(place, "rig analyse --js")
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
-def test_bash_completes_once_it_is_installed(place: Path) -> None:
+def test_bash_completes_once_it_is_installed(place):
     at_home = os.environ | {"HOME": str(place), "PATH": f"{BIN}:{os.environ['PATH']}"}
 
     def bash(script: str) -> str:

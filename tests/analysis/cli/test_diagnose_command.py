@@ -84,7 +84,7 @@ def found(cell: Cell) -> tuple[dict[str, Any], str, Path]:
     return json.loads(done.stdout), done.stderr, output
 
 
-def test_the_hidden_backlash_is_named_with_its_size(found: tuple[dict[str, Any], str, Path]) -> None:
+def test_the_hidden_backlash_is_named_with_its_size(found):
     answer, _, _ = found
     assert answer["condition"] == "named"
     (effect,) = answer["effects"]
@@ -96,14 +96,14 @@ def test_the_hidden_backlash_is_named_with_its_size(found: tuple[dict[str, Any],
     assert part["share"] > 0.95 and part["u_um"] < part["um"]
 
 
-def test_the_gap_shrinks_on_every_run(found: tuple[dict[str, Any], str, Path]) -> None:
+def test_the_gap_shrinks_on_every_run(found):
     gap = found[0]["gap"]
     for place in ("train", "held_out", "unseen_place"):
         assert gap[place]["before"] > 10 * gap[place]["noise_floor"]
         assert gap[place]["after"] < 0.1 * gap[place]["before"]
 
 
-def test_the_files_are_written_and_named(cell: Cell, found: tuple[dict[str, Any], str, Path]) -> None:
+def test_the_files_are_written_and_named(cell, found):
     answer, told, output = found
     assert json.loads((output / "diagnosis.json").read_text()) == answer
     assert (output / "diagnosis.png").read_bytes().startswith(b"\x89PNG")
@@ -118,9 +118,7 @@ def test_the_files_are_written_and_named(cell: Cell, found: tuple[dict[str, Any]
     assert effect.found and len(effect.found.runs) == len(cell.runs) and effect.found.gap_um
 
 
-def test_the_extended_rig_simulates_and_nothing_more_is_missing(
-    cell: Cell, found: tuple[dict[str, Any], str, Path]
-) -> None:
+def test_the_extended_rig_simulates_and_nothing_more_is_missing(cell, found):
     extended = found[2] / "paper-fanuc.yaml"
     assert _told("simulate", extended, "--test", "yaw", "-o", cell.directory / "more")
     done = _rig("diagnose", *cell.runs, cell.runs[0], "--rig", extended)
@@ -133,7 +131,7 @@ def test_the_extended_rig_simulates_and_nothing_more_is_missing(
 
 
 @pytest.mark.parametrize("case", ["missing", "none used", "directory", "robot", "rig file"])
-def test_wrong_input_is_one_line(case: str, cell: Cell, tmp_path: Path) -> None:
+def test_wrong_input_is_one_line(case, cell, tmp_path):
     run = cell.runs[0]
     other = tmp_path / "other.yaml"
     other.write_text(CELL.replace("a_mm: 695.0", "a_mm: 700.0"))
@@ -153,7 +151,7 @@ def test_wrong_input_is_one_line(case: str, cell: Cell, tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "used").iterdir()] == ["mine"]
 
 
-def test_one_damaged_run_names_itself(cell: Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_damaged_run_names_itself(cell, tmp_path, monkeypatch):
     def judged(rig: object, runs: Sequence[Measured], *_: object) -> Diagnosis:
         return diagnosis("named", runs=tuple(run.run.manifest.name for run in runs))
 
@@ -167,7 +165,7 @@ def test_one_damaged_run_names_itself(cell: Cell, tmp_path: Path, monkeypatch: p
     assert str(copy) in error and len(json.loads(done.stdout)["runs"]) == len(cell.runs) - 1  # the others are diagnosed
 
 
-def test_a_copy_is_no_repeat_and_judges_nothing(cell: Cell, tmp_path: Path) -> None:
+def test_a_copy_is_no_repeat_and_judges_nothing(cell, tmp_path):
     copy = shutil.copytree(cell.runs[0], tmp_path / "copy")
     for words in ((cell.runs[0], copy), (cell.runs[0], cell.runs[1], "--hold-out", copy)):
         error = _rig("diagnose", *words).exception
@@ -183,23 +181,21 @@ def test_a_copy_is_no_repeat_and_judges_nothing(cell: Cell, tmp_path: Path) -> N
         (Path("cal.yaml"), "rig correct cal.yaml -o D"),
     ],
 )
-def test_the_commands_of_acts_name_the_model_where_the_person_has_it(
-    output: Path | None, command: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_commands_of_acts_name_the_model_where_the_person_has_it(output, command, monkeypatch):
     """FOUND stood there, a directory that nobody had."""
     monkeypatch.setattr("sys.argv", ["rig", "diagnose", "my runs/a", *(["-o", str(output)] if output else [])])
     shown = with_commands_here(replace(diagnosis("named"), acts=(LOAD,)), output)
     assert command in ActWords(shown).next and "FOUND" not in ActWords(shown).next
 
 
-def test_model_is_written_next_to_existing_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_model_is_written_next_to_existing_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "found").mkdir()
     shown = with_commands_here(replace(diagnosis("named"), acts=(LOAD,)), None, ("diagnose", "a"))
     assert "rig diagnose a -o found-2" in ActWords(shown).next
 
 
-def test_no_output_names_a_private_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_output_names_a_private_directory(tmp_path, monkeypatch):
     found, pictured = replace(diagnosis("named"), acts=(LOAD,)), list[str]()
 
     def picture(shown: Diagnosis, **_: bool) -> Figure:
@@ -213,9 +209,7 @@ def test_no_output_names_a_private_directory(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("effects", [(), (PLAY,)])
-def test_a_model_without_effects_is_not_corrected_by(
-    effects: tuple[Any, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_model_without_effects_is_not_corrected_by(effects, capsys):
     """A sound arm's model led to `has no effects to correct`."""
     found = replace(diagnosis("named"), acts=(LOAD,), effects=effects, calibrated=None)
     say_correct(found, Path("found/cell.yaml"))

@@ -50,7 +50,7 @@ def told(folder: Path, file: DrawnFile, *words: str) -> tuple[int, str]:
 
 @pytest.mark.cpu_limit(120)
 @pytest.mark.parametrize("seed", cases(_SEEDS, _IN_EACH_COMMIT))
-def test_one_mistake_is_answered_in_a_line(seed: int, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+def test_one_mistake_is_answered_in_a_line(seed, tmp_path, request):
     file = drawn(seed)
     try:
         (tmp_path / "cell.yaml").write_text(file.text, encoding="utf-8")
@@ -67,7 +67,7 @@ def test_one_mistake_is_answered_in_a_line(seed: int, tmp_path: Path, request: p
             assert code == 3 and line in first, (file.title, words, first)
         if rig is not None and words[0] == "simulate":
             test = words[3]
-            tests: tuple[TestName, ...] = OF_ISO9283 if test == "iso9283" else (test,)  # type: ignore[assignment]
+            tests: tuple[TestName, ...] = OF_ISO9283 if test == "iso9283" else (test,)
             missing = missing_for(rig, tests[0])
             assert not missing or f"cell.yaml: {missing[0].problem}" in first, (file.title, words, first)
             assert not missing or missing[0].key in "\n".join(readiness_lines(rig))

@@ -40,19 +40,17 @@ def _codes(source: str) -> set[int]:
     return found
 
 
-def test_the_table_has_every_code_of_the_programs_and_no_other() -> None:
+def test_the_table_has_every_code_of_the_programs_and_no_other():
     assert set(TABLE) == {0}.union(*(_codes(path.read_text()) for path in SOURCES))
     assert sorted(TABLE) == list(TABLE)  # in order
 
 
-def test_no_other_page_has_such_a_table() -> None:
+def test_no_other_page_has_such_a_table():
     tables = [page for page in ROOT.glob("docs/**/*.md") if re.search(r"^\| 130 \|", page.read_text(), re.M)]
     assert [page.name for page in tables] == ["command-line.md"]  # 130 is the code of Ctrl-C, in every such table
 
 
-def test_a_test_that_cannot_be_driven_costs_only_its_own_part(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_test_that_cannot_be_driven_costs_only_its_own_part(tmp_path, capsys):
     text = load("ur10e")[1]
     hemisphere = text[text.index("  hemisphere:") :]
     far = tmp_path / "far.yaml"
@@ -64,7 +62,7 @@ def test_a_test_that_cannot_be_driven_costs_only_its_own_part(
     assert shown.err.startswith(f"error: {far}, ") and "poses" in shown.err and shown.err.count("\n") == 1
 
 
-def test_commands_end_with_documented_codes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_end_with_documented_codes(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert ended("check", "ur10e") == 0
     assert ended("no-such-command") == 2
@@ -87,7 +85,7 @@ def test_commands_end_with_documented_codes(tmp_path: Path, monkeypatch: pytest.
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_failures_end_with_documented_codes(failure: BaseException, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failures_end_with_documented_codes(failure, code, monkeypatch):
     import rigs.load  # noqa: PLC0415
 
     def fail(*_: object) -> None:
@@ -100,7 +98,7 @@ def test_failures_end_with_documented_codes(failure: BaseException, code: int, m
     assert code in TABLE
 
 
-def test_ctrl_c_reports_written_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_reports_written_files(tmp_path, monkeypatch):
     """The exit was silent, and nobody knew whether the third of five runs was there."""
     import rigs.load  # noqa: PLC0415
     from analysis.runs import written_files  # noqa: PLC0415
@@ -113,7 +111,7 @@ def test_ctrl_c_reports_written_files(tmp_path: Path, monkeypatch: pytest.Monkey
             calls.append(table)
             if len(calls) > 1:
                 raise KeyboardInterrupt
-            write(table, file)  # type: ignore[arg-type]
+            write(table, file)
 
         patched.setattr(written_files, "write_csv", stop_at_second)
         done = ran(*simulate)

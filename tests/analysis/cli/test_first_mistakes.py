@@ -50,9 +50,7 @@ def _changed(folder: Path, name: str, joints: list[str], factors: tuple[float, .
         (_JOINTS, (1, 1, 1, 1, -1, 1), "J5 counted", "q5_deg"),
     ],
 )
-def test_exchanged_or_negated_joints_of_touches_are_named(
-    folder: Path, joints: list[str], factors: tuple[float, ...], words: str, remedy: str
-) -> None:
+def test_exchanged_or_negated_joints_of_touches_are_named(folder, joints, factors, words, remedy):
     """An arm whose tip missed its marks by 700 mm was analysed without a word."""
     rig = load(folder / "cell.yaml")[0]
     run = read_table(_changed(folder, "wrong.csv", joints, factors), folder / "cell.yaml", "touch")
@@ -63,7 +61,7 @@ def test_exchanged_or_negated_joints_of_touches_are_named(
     assert not list(joint_findings(sound.table, rig))
 
 
-def test_rows_of_another_socket_are_questioned(folder: Path) -> None:
+def test_rows_of_another_socket_are_questioned(folder):
     lines = (folder / "t.csv").read_text(encoding="utf-8").splitlines()
     mixed = [f'"{"AB"[k % 2]}",{line.split(",", 1)[1]}' for k, line in enumerate(lines[1:])]
     (folder / "mixed.csv").write_text("\n".join([lines[0], *mixed]) + "\n", encoding="utf-8")
@@ -73,7 +71,7 @@ def test_rows_of_another_socket_are_questioned(folder: Path) -> None:
 
 @pytest.mark.parametrize("command", ["diagnose", "calibrate", "moved"])
 @pytest.mark.parametrize("head", ["x_mm,y_mm,z_mm", "socket"])
-def test_a_table_of_another_arm_gets_no_verdict(tmp_path: Path, command: str, head: str) -> None:
+def test_a_table_of_another_arm_gets_no_verdict(tmp_path, command, head):
     """Random poses received a complete diagnosis and exit code 0."""
     rng = np.random.default_rng(7)
     q, xyz = rng.uniform(-170, 170, (40, 6)), rng.uniform(-800, 800, (40, 3))
@@ -89,7 +87,7 @@ def test_a_table_of_another_arm_gets_no_verdict(tmp_path: Path, command: str, he
 
 
 @pytest.mark.parametrize("test", ["touch", "pose"])
-def test_a_table_of_a_sibling_names_the_arm_that_it_fits(folder: Path, test: str) -> None:
+def test_a_table_of_a_sibling_names_the_arm_that_it_fits(folder, test):
     """Offsets of 4 and 10 mm were two faults of a UR10e that was called a UR10, to enter at the controller."""
     own = load(folder / "cell.yaml")[0]
     given = own.model_copy(update={"robot": load_arm("ur10").robot})
@@ -103,7 +101,7 @@ def test_a_table_of_a_sibling_names_the_arm_that_it_fits(folder: Path, test: str
     assert not list(joint_findings(table, own))
 
 
-def test_an_arm_with_a_wrong_zero_is_still_diagnosed(folder: Path) -> None:
+def test_an_arm_with_a_wrong_zero_is_still_diagnosed(folder):
     """Three degrees at axis 2, which move the ball by centimetres, are a fault of this arm and no different arm."""
     lines = (folder / "t.csv").read_text(encoding="utf-8").splitlines()
     rows = [line.split(",") for line in lines[1:]]
@@ -117,7 +115,7 @@ def test_an_arm_with_a_wrong_zero_is_still_diagnosed(folder: Path) -> None:
     assert all(finding.strength == "likely" for finding in joint_findings(run.table, rig))
 
 
-def test_a_column_that_occurs_twice_is_no_other_joint(folder: Path) -> None:
+def test_a_column_that_occurs_twice_is_no_other_joint(folder):
     """`q1_deg` twice was read as joints 1 and 2, because the second was called `q1_deg (2)`."""
     table = _changed(folder, "twice.csv", ["q1_deg", "q1_deg", *_JOINTS[2:]])
     done = ran("import", table, "--rig", folder / "cell.yaml", "--test", "touch", "-o", folder / "twice")
@@ -132,14 +130,14 @@ def test_a_column_that_occurs_twice_is_no_other_joint(folder: Path) -> None:
         ("t.csv", "pose", "--test touch"),
     ],
 )
-def test_wrong_file_or_test_is_named(folder: Path, table: str, test: str, expected: str) -> None:
+def test_wrong_file_or_test_is_named(folder, table, test, expected):
     done = ran("import", folder / table, "--rig", folder / "cell.yaml", "--test", test, "-o", folder / "made")
     assert done.returncode == 3 and not (folder / "made").exists()
     first = done.stderr.splitlines()[0]
     assert first.startswith(f"error: {folder / table}: ") and expected in first
 
 
-def test_an_output_that_cannot_be_created_is_refused_before_anything_is_computed(tmp_path: Path) -> None:
+def test_an_output_that_cannot_be_created_is_refused_before_anything_is_computed(tmp_path):
     (tmp_path / "file").touch()
     for below in ("x", "x/y"):
         with pytest.raises(FileError, match=r"file is a file"):
@@ -147,13 +145,13 @@ def test_an_output_that_cannot_be_created_is_refused_before_anything_is_computed
     require_empty(tmp_path / "new" / "deeper")
 
 
-def test_non_path_is_refused_in_python() -> None:
+def test_non_path_is_refused_in_python():
     with refused("api.type"):
-        load_run(None)  # type: ignore[arg-type]
+        load_run(None)
 
 
 @pytest.mark.parametrize(("lost", "test"), [("q4_deg", "pose"), ("socket", "touch")])
-def test_a_table_that_lacks_one_column_names_the_column(tmp_path: Path, lost: str, test: str) -> None:
+def test_a_table_that_lacks_one_column_names_the_column(tmp_path, lost, test):
     """The remedy was an option that rig diagnose does not have."""
     places = ["x_mm", "y_mm", "z_mm"] if test == "pose" else ["socket", "spot_x_mm"]
     names = [name for name in [*_JOINTS, *places] if name != lost]
@@ -162,7 +160,7 @@ def test_a_table_that_lacks_one_column_names_the_column(tmp_path: Path, lost: st
     assert done.returncode != 0 and f"lacks {lost} of a {test} table" in done.stderr
 
 
-def test_rows_that_occur_twice_show_no_repeatability(tmp_path: Path) -> None:
+def test_rows_that_occur_twice_show_no_repeatability(tmp_path):
     """An export that contained each row twice had a scatter of 0.2 µm."""
     rng = np.random.default_rng(5)
     q = rng.uniform(-2.0, 2.0, (20, 6))

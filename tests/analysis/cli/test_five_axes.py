@@ -20,7 +20,7 @@ def rig(tmp_path: Path) -> Path:
     return file
 
 
-def test_touches_are_simulated_and_analysed(rig: Path, tmp_path: Path) -> None:
+def test_touches_are_simulated_and_analysed(rig, tmp_path):
     (tmp_path / "hidden.yaml").write_text(HIDDEN, encoding="utf-8")
     run = tmp_path / "run"
     ran("simulate", str(rig), "--test", "touch", "--effects", str(tmp_path / "hidden.yaml"), "-o", str(run))
@@ -29,13 +29,13 @@ def test_touches_are_simulated_and_analysed(rig: Path, tmp_path: Path) -> None:
     assert json.loads(done.stdout)
 
 
-def test_circles_and_programs_refuse_five_axes(rig: Path, tmp_path: Path) -> None:
+def test_circles_and_programs_refuse_five_axes(rig, tmp_path):
     for command in (["simulate", str(rig), "--test", "yaw"], ["program", str(rig), "--for", "ur", "--test", "yaw"]):
         done = ran(*command, "-o", str(tmp_path / "out"))
         assert done.returncode == 3 and "5 axes" in done.stderr
 
 
-def test_corrected_targets_keep_the_place_and_report_the_turn(rig: Path, tmp_path: Path) -> None:
+def test_corrected_targets_keep_the_place_and_report_the_turn(rig, tmp_path):
     rig.write_text(rig.read_text(encoding="utf-8") + HIDDEN, encoding="utf-8")
     q = np.random.default_rng(2).uniform(-40, 40, (4, 5))
     table = tmp_path / "targets.csv"
@@ -49,7 +49,7 @@ def test_corrected_targets_keep_the_place_and_report_the_turn(rig: Path, tmp_pat
     assert done.returncode != 0 and "5 axes" in " ".join(done.stderr.split())
 
 
-def test_a_sixth_joint_of_touches_is_a_gripper_until_it_is_renamed(rig: Path, tmp_path: Path) -> None:
+def test_a_sixth_joint_of_touches_is_a_gripper_until_it_is_renamed(rig, tmp_path):
     """The software of an SO-101 counts its gripper as joint 6."""
     table = tmp_path / "touches.csv"
     header = "socket," + ",".join(f"q{axis}_deg" for axis in range(1, 7))

@@ -33,13 +33,13 @@ COMMANDS = {words: command for words, command in WALKED.items() if not hasattr(c
 
 
 @pytest.mark.parametrize("words", WALKED, ids=lambda words: " ".join(("rig", *words)))
-def test_a_flag_shows_no_type_in_the_help(words: tuple[str, ...]) -> None:
+def test_a_flag_shows_no_type_in_the_help(words):
     done = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"})
     assert done.exit_code == 0
     assert "--help" in done.stdout and "bool" not in done.stdout
 
 
-def test_the_walk_meets_flags() -> None:
+def test_the_walk_meets_flags():
     flags = [
         one for command in WALKED.values() for one in command.params if isinstance(one, TyperOption) if one.is_flag
     ]
@@ -47,7 +47,7 @@ def test_the_walk_meets_flags() -> None:
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_the_example_of_a_command_is_one_that_it_takes(words: tuple[str, ...]) -> None:
+def test_the_example_of_a_command_is_one_that_it_takes(words):
     command = COMMANDS[words]
     assert command.epilog  # no example
     label, _, example = command.epilog.partition(": ")
@@ -62,11 +62,11 @@ LISTED = [(name, summary) for summaries in JOBS.values() for name, summary in su
 
 
 @pytest.mark.parametrize(("name", "summary"), LISTED)
-def test_a_command_is_listed_with_the_first_paragraph_of_its_help(name: str, summary: str) -> None:
+def test_a_command_is_listed_with_the_first_paragraph_of_its_help(name, summary):
     assert " ".join(str(ROOT.commands[name].help).partition("\n\n")[0].split()) == summary
 
 
-def test_the_help_lists_every_command_in_the_order_of_the_work() -> None:
+def test_the_help_lists_every_command_in_the_order_of_the_work():
     root = Path(cli.__file__).parents[2]
     for file in (*root.glob("analysis/cli/*.py"), *root.glob("analysis/apps/*/cli_*.py")):
         if "@command(" in file.read_text(encoding="utf-8"):
@@ -82,7 +82,7 @@ def test_the_help_lists_every_command_in_the_order_of_the_work() -> None:
     assert all(f"─ {job} ─" in shown for job in JOBS)
 
 
-def test_rig_alone_shows_its_commands_and_is_no_mistake() -> None:
+def test_rig_alone_shows_its_commands_and_is_no_mistake():
     done = subprocess.run([BIN / "rig"], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "─ Measure ─" in done.stdout
 
@@ -95,18 +95,18 @@ def test_rig_alone_shows_its_commands_and_is_no_mistake() -> None:
         (("--nope",), "error: rigd: No such option: --nope; see rigd --help"),
     ],
 )
-def test_a_wrong_call_of_rigd_is_one_line(words: tuple[str, ...], line: str) -> None:
+def test_a_wrong_call_of_rigd_is_one_line(words, line):
     done = subprocess.run([BIN / "rigd", *words], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (2, f"{line}\n")
 
 
-def test_rigd_prints_its_version() -> None:
+def test_rigd_prints_its_version():
     done = subprocess.run([BIN / "rigd", "--version"], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and done.stdout.startswith("rigd ")
 
 
 @pytest.mark.parametrize("word", ["ccw", "CCW", "anticlockwise", "acw"])
-def test_ccw_is_accepted(word: str, tmp_path: Path) -> None:
+def test_ccw_is_accepted(word, tmp_path):
     words = ["simulate", "paper-fanuc", "--test", "yaw", "--direction", word, "-o", str(tmp_path)]
     assert CliRunner().invoke(app, words).exit_code == 0
     assert [run.name for run in tmp_path.iterdir()] == ["yaw-acw-000"]

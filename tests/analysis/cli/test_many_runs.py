@@ -29,7 +29,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", [["verify"], ["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
-def test_output_does_not_depend_on_processes(command: list[str], plant: Path) -> None:
+def test_output_does_not_depend_on_processes(command, plant):
     one, two = (ran(*command, plant, "--jobs", jobs) for jobs in (1, 2))
     assert one.exit_code == 3 and one.stdout
     (error,) = (line for line in one.stderr.splitlines() if "note" not in line)
@@ -37,20 +37,20 @@ def test_output_does_not_depend_on_processes(command: list[str], plant: Path) ->
     assert (two.exit_code, two.stdout, two.stderr) == (one.exit_code, one.stdout, one.stderr)
 
 
-def test_lines_are_the_runs_of_the_object(plant: Path) -> None:
+def test_lines_are_the_runs_of_the_object(plant):
     lines = [json.loads(line) for line in ran("analyse", plant, "--lines").stdout.splitlines()]
     assert lines == json.loads(ran("analyse", plant, "--json").stdout)["runs"]
     assert [line["run"] for line in lines] == sorted(map(str, plant.glob("[ac]/*")))
 
 
-def test_a_page_names_the_run_that_it_lacks(plant: Path, tmp_path: Path) -> None:
+def test_a_page_names_the_run_that_it_lacks(plant, tmp_path):
     page = tmp_path / "page.html"
     done = ran("report", plant, "--no-diagnosis", "-o", page, "--jobs", 2)
     assert done.exit_code == 3
     assert f"ignored: {plant / 'b'}" in page.read_text()
 
 
-def test_the_history_has_runs_of_directories_below(plant: Path) -> None:
+def test_the_history_has_runs_of_directories_below(plant):
     one, two = (
         json.loads(ran("history", "robot-001", "--runs", plant, "--json", "--jobs", jobs).stdout) for jobs in (1, 2)
     )
@@ -59,7 +59,7 @@ def test_the_history_has_runs_of_directories_below(plant: Path) -> None:
     assert named == {str(run.relative_to(plant)) for run in plant.glob("[ac]/*")}
 
 
-def test_a_link_to_a_run_below_hides_it_from_no_history(plant: Path, tmp_path: Path) -> None:
+def test_a_link_to_a_run_below_hides_it_from_no_history(plant, tmp_path):
     data = shutil.copytree(plant, tmp_path / "data")
     (data / "0-latest").symlink_to(next((data / "a").iterdir()))
     found = json.loads(ran("history", "robot-001", "--runs", data, "--json", "--jobs", 1).stdout)
@@ -68,11 +68,11 @@ def test_a_link_to_a_run_below_hides_it_from_no_history(plant: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("jobs", ["some", "-1", "1.5", ""])
-def test_a_wrong_number_of_processes_is_refused(jobs: str, plant: Path) -> None:
+def test_a_wrong_number_of_processes_is_refused(jobs, plant):
     assert ran("verify", plant, "--jobs", jobs).exit_code == 2
 
 
-def test_a_process_that_was_killed_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_process_that_was_killed_is_reported(tmp_path, capsys):
     seen: list[int] = []
     items = [Deadly(tmp_path, number, times) for number, times in enumerate((0, 1, 0, 2))]
     (error,) = over_runs(die, items, seen.append, doing="dying", jobs=2)
@@ -87,7 +87,7 @@ def stops(item: int) -> int:
     return item
 
 
-def test_ctrl_c_reports_progress(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_reports_progress(capsys):
     seen: list[int] = []
     with pytest.raises(KeyboardInterrupt):
         over_runs(stops, [0, 1, 2, 3], seen.append, doing="counting")
@@ -95,7 +95,7 @@ def test_ctrl_c_reports_progress(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err.startswith("interrupted after 2 of 4 runs: ")
 
 
-def test_ctrl_c_ends_processes_too_while_a_run_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_ends_processes_too_while_a_run_is_shown(capsys):
     def show(item: int) -> None:
         stops(item + 1)
 

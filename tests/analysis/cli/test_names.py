@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import socket
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,7 +9,7 @@ from analysis.apps.emulate.served_cell import locked_cell
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.load import find
-from rigs.schema.vocabulary import MakerName, maker_named
+from rigs.schema.vocabulary import maker_named
 from tests.support.command_line import ran
 
 
@@ -28,16 +27,16 @@ from tests.support.command_line import ran
         ("", None),
     ],
 )
-def test_a_maker_is_understood_as_people_write_it(word: str, maker: MakerName | None) -> None:
+def test_a_maker_is_understood_as_people_write_it(word, maker):
     assert maker_named(word) == maker
 
 
 @pytest.mark.parametrize(("name", "file"), [("UR10E", "ur10e"), ("Paper Fanuc", "paper-fanuc"), ("ur10e", "ur10e")])
-def test_a_shipped_rig_is_understood_as_people_write_it(name: str, file: str) -> None:
+def test_a_shipped_rig_is_understood_as_people_write_it(name, file):
     assert find(name).stem == file
 
 
-def test_ambiguous_name_is_refused_with_near_ones() -> None:
+def test_ambiguous_name_is_refused_with_near_ones():
     with pytest.raises(FileError, match="ur10e"):
         find("UR")
     done = ran("arms", "UR")
@@ -45,7 +44,7 @@ def test_ambiguous_name_is_refused_with_near_ones() -> None:
     assert ran("arms", "UR10E").stdout == ran("arms", "ur10e").stdout != ""
 
 
-def test_options_as_earlier_versions_spelled_them_still_work_and_no_help_shows_them(tmp_path: Path) -> None:
+def test_options_as_earlier_versions_spelled_them_still_work_and_no_help_shows_them(tmp_path):
     radial = ("simulate", "UR10e", "--test", "radial")
     assert ran(*radial, "--runs", "2", "-o", tmp_path / "runs").returncode == 0
     assert ran(*radial, "--times=2", "-o", tmp_path / "same").returncode == 0
@@ -57,7 +56,7 @@ def test_options_as_earlier_versions_spelled_them_still_work_and_no_help_shows_t
 
 
 @pytest.mark.parametrize("rig", ["ur10e", "paper-fanuc"])
-def test_the_doctor_touches_no_address_of_a_shipped_example(rig: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_doctor_touches_no_address_of_a_shipped_example(rig, monkeypatch):
     reached: list[Any] = []
     monkeypatch.setattr(socket.socket, "connect", lambda _, address: reached.append(address))
     done = ran("doctor", rig)
@@ -67,7 +66,7 @@ def test_the_doctor_touches_no_address_of_a_shipped_example(rig: str, monkeypatc
     assert scanned.returncode == 2 and scanned.stderr.startswith("error: --scan: ")
 
 
-def test_second_cell_in_a_directory_is_refused(tmp_path: Path) -> None:
+def test_second_cell_in_a_directory_is_refused(tmp_path):
     lock = locked_cell(tmp_path / "cell")
     with pytest.raises(CellError) as error:
         locked_cell(tmp_path / "cell")

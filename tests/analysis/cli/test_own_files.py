@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import getpass
 import subprocess
-from pathlib import Path
 
 import pytest
 
@@ -13,7 +12,7 @@ from tests.support.command_line import ran
 
 
 @pytest.mark.parametrize("read", ["own", "ur10e"])
-def test_an_emulated_cell_does_not_replace_a_rig_file_of_a_person(read: str, tmp_path: Path) -> None:
+def test_an_emulated_cell_does_not_replace_a_rig_file_of_a_person(read, tmp_path):
     own = tmp_path / "rig.yaml"
     own.write_bytes((SHIPPED / "ur10e.yaml").read_bytes())
     for command in (("emulate",), ("replay", own)):
@@ -24,7 +23,7 @@ def test_an_emulated_cell_does_not_replace_a_rig_file_of_a_person(read: str, tmp
     assert list(tmp_path.iterdir()) == [own]
 
 
-def test_an_emulated_cell_replaces_the_rig_file_of_an_earlier_one(tmp_path: Path) -> None:
+def test_an_emulated_cell_replaces_the_rig_file_of_an_earlier_one(tmp_path):
     for _ in range(2):
         done = subprocess.run(
             [BIN / "rig", "emulate", "ur10e", "-o", tmp_path],
@@ -39,7 +38,7 @@ def test_an_emulated_cell_replaces_the_rig_file_of_an_earlier_one(tmp_path: Path
 
 
 @pytest.mark.parametrize("error", [KeyError("getpwuid(): 54321"), OSError("No username set")])
-def test_a_user_without_a_name_is_no_operator(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_without_a_name_is_no_operator(error, monkeypatch):
     """As in a container that runs under any user; Python 3.13 raises the latter."""
 
     def unknown() -> str:

@@ -45,9 +45,7 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize(("command", "options", "doing"), COMMANDS, ids=lambda part: part if str(part) == part else "")
-def test_progress_is_shown_on_a_terminal_only(
-    command: str, options: tuple[str, ...], doing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_progress_is_shown_on_a_terminal_only(command, options, doing, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = finished(tmp_path / "runs [bold]")
     results, shown = on_a_terminal(command, run, *options)
@@ -59,13 +57,13 @@ def test_progress_is_shown_on_a_terminal_only(
     assert silent.stdout == results and doing not in silent.stderr
 
 
-def test_no_color_takes_the_colours_of_progress(tmp_path: Path) -> None:
+def test_no_color_takes_the_colours_of_progress(tmp_path):
     run = finished(tmp_path / "runs")
     assert "\x1b[3" in on_a_terminal("verify", run)[1]  # a colour of the foreground
     assert "\x1b[3" not in on_a_terminal("verify", run, NO_COLOR="1")[1]
 
 
-def test_nothing_is_shown_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_shown_without_a_terminal(capsys):
     with progress_of() as progress:
         progress("anything")
     assert capsys.readouterr() == ("", "")

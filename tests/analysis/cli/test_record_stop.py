@@ -1,13 +1,11 @@
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, Self
 
 import pytest
 
 from analysis.procedures.results import fitness
 from daq.service import client
-from rigs.schema.vocabulary import Direction
 from tests.support.command_line import ran
 from tests.support.recorded_lap import recorded
 
@@ -31,14 +29,14 @@ CUT = "the robot was still moving when the recording ended"
     ],
 )
 def test_the_remedy_is_the_one_that_mends_the_run(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    label: Direction,
-    part: float,
-    stands_s: float,
-    said: list[str],
-    unsaid: list[str],
-) -> None:
+    tmp_path,
+    monkeypatch,
+    label,
+    part,
+    stands_s,
+    said,
+    unsaid,
+):
     run = recorded(tmp_path, label=label, part=part, stands_s=stands_s)
 
     class Daemon:

@@ -104,7 +104,7 @@ COMMANDS = {
     ],
     indirect=["store"],
 )
-def test_output_equals_that_of_the_directory(store: tuple[Path, Store], command: str) -> None:
+def test_output_equals_that_of_the_directory(store, command):
     """Of other stores than a directory the commands know no more than the copies of its files."""
     plant, made = store
     words, more = (text.split() for text in COMMANDS[command])
@@ -114,7 +114,7 @@ def test_output_equals_that_of_the_directory(store: tuple[Path, Store], command:
 
 
 @pytest.mark.parametrize("store", ["file"], indirect=True)
-def test_a_page_is_that_of_the_directory(store: tuple[Path, Store], tmp_path: Path) -> None:
+def test_a_page_is_that_of_the_directory(store, tmp_path):
     plant, made = store
     for runs, page in ((f"{plant}/circles", "here.html"), (f"{made.url}/circles", "there.html")):
         assert ran("report", runs, "--no-diagnosis", "-o", tmp_path / page).returncode == 0
@@ -124,7 +124,7 @@ def test_a_page_is_that_of_the_directory(store: tuple[Path, Store], tmp_path: Pa
 
 
 @pytest.mark.parametrize("store", ["file", "s3", pytest.param("sftp", marks=pytest.mark.nightly)], indirect=True)
-def test_unchanged_runs_are_not_read_again(store: tuple[Path, Store], tmp_path: Path) -> None:
+def test_unchanged_runs_are_not_read_again(store, tmp_path):
     plant, made = store
 
     def told() -> tuple[str, int]:
@@ -145,7 +145,7 @@ def test_unchanged_runs_are_not_read_again(store: tuple[Path, Store], tmp_path: 
 
 
 @pytest.mark.parametrize("store", ["s3", "sftp"], indirect=True)
-def test_lost_store_is_one_line_and_results_stay(store: tuple[Path, Store]) -> None:
+def test_lost_store_is_one_line_and_results_stay(store):
     _, made = store
     assert made.process
     command = [*RIG, "analyse", made.url, "--lines"]
@@ -165,7 +165,7 @@ def test_lost_store_is_one_line_and_results_stay(store: tuple[Path, Store]) -> N
     [("sftp", signal.SIGINT), ("sftp", signal.SIGTERM), ("sftp", signal.SIGHUP), ("s3", signal.SIGINT)],
     indirect=["store"],
 )
-def test_a_signal_that_ends_it_leaves_no_copy(ends_by: signal.Signals, store: tuple[Path, Store]) -> None:
+def test_a_signal_that_ends_it_leaves_no_copy(ends_by, store):
     _, made = store
     with subprocess.Popen([*RIG, "verify", made.url], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout and process.stderr
@@ -179,7 +179,7 @@ def test_a_signal_that_ends_it_leaves_no_copy(ends_by: signal.Signals, store: tu
 @pytest.mark.parametrize(
     "store", [*(pytest.param(kind, marks=pytest.mark.nightly) for kind in ("file", "s3")), "sftp"], indirect=True
 )
-def test_dask_workers_read_the_store_themselves(store: tuple[Path, Store], tmp_path: Path) -> None:
+def test_dask_workers_read_the_store_themselves(store, tmp_path):
     pytest.importorskip("distributed")
     plant, made = store
     (tmp_path / "dask").mkdir()
@@ -189,7 +189,7 @@ def test_dask_workers_read_the_store_themselves(store: tuple[Path, Store], tmp_p
 
 
 @pytest.mark.parametrize(("kind", "line"), [("s3", "error: s3://nowhere/x: "), ("sftp", "/nowhere: ")])
-def test_missing_url_is_one_line(kind: str, line: str, written: Path, tmp_path: Path) -> None:
+def test_missing_url_is_one_line(kind, line, written, tmp_path):
     with store_of(kind, written, tmp_path / "keys") as made:
         url = "s3://nowhere/x" if kind == "s3" else f"{made.url}/nowhere"
         environment = os.environ | made.environment
@@ -203,7 +203,7 @@ def test_missing_url_is_one_line(kind: str, line: str, written: Path, tmp_path: 
         assert done.returncode == 3 and "permission denied" in done.stderr and done.stderr.count("\n") == 1
 
 
-def test_a_computer_whose_key_is_not_known_is_refused(written: Path, tmp_path: Path) -> None:
+def test_a_computer_whose_key_is_not_known_is_refused(written, tmp_path):
     with store_of("sftp", written, tmp_path / "keys") as made:
         (tmp_path / "known").touch()
         environment = os.environ | made.environment | {"FSSPEC_SFTP_KNOWN_HOSTS": str(tmp_path / "known")}
@@ -211,7 +211,7 @@ def test_a_computer_whose_key_is_not_known_is_refused(written: Path, tmp_path: P
     assert done.returncode == 4 and "host key" in done.stderr and done.stderr.count("\n") == 1
 
 
-def test_no_password_is_taken_and_none_is_shown(capfd: pytest.CaptureFixture[str]) -> None:
+def test_no_password_is_taken_and_none_is_shown(capfd):
     done = ran("fleet", "sftp://me:hidden@127.0.0.1/plant")
     assert done.returncode == 3 and "contains a password" in done.stderr and "hidden" not in done.stderr
     assert done.stderr.count("\n") == 1

@@ -25,7 +25,7 @@ def ran(*words: str | Path) -> Result:
 
 
 @pytest.mark.parametrize("command", [["recover"], ["keep"], ["relabel", "--operator", "ada"]])
-def test_a_path_that_is_no_run_costs_the_others_nothing(command: list[str], runs: list[Path]) -> None:
+def test_a_path_that_is_no_run_costs_the_others_nothing(command, runs):
     done = ran(*command, *runs)
     assert done.exit_code == 3
     assert [line.partition(":")[0] for line in done.stdout.splitlines()] == [str(runs[0]), str(runs[2])]
@@ -33,7 +33,7 @@ def test_a_path_that_is_no_run_costs_the_others_nothing(command: list[str], runs
     assert error.startswith(f"error: {runs[1]}")
 
 
-def test_verify_goes_on_behind_a_damaged_run(runs: list[Path]) -> None:
+def test_verify_goes_on_behind_a_damaged_run(runs):
     next(runs[0].glob("g1-*.parquet")).unlink()
     done = ran("verify", *runs)
     assert done.exit_code == 3
@@ -41,13 +41,13 @@ def test_verify_goes_on_behind_a_damaged_run(runs: list[Path]) -> None:
     assert ran("verify", runs[2], runs[2]).stdout.splitlines() == [f"{runs[2]}: whole"]  # the same run twice
 
 
-def test_every_run_of_several_is_recovered(tmp_path: Path) -> None:
+def test_every_run_of_several_is_recovered(tmp_path):
     cut = [crash(record(tmp_path / name)) for name in "ab"]
     done = ran("recover", *cut)
     assert done.exit_code == 0 and all(f"{path}: recovered" in done.stdout for path in cut)
 
 
-def test_several_tables_become_runs_named_as_they_are(tmp_path: Path) -> None:
+def test_several_tables_become_runs_named_as_they_are(tmp_path):
     text = csv_text(plain("roll", "cw"))
     for name, content in (("a", text), ("b", text.replace('"cw"', '"ccw"')), ("c", text)):
         (tmp_path / f"{name}.csv").write_text(content)
@@ -62,7 +62,7 @@ def test_several_tables_become_runs_named_as_they_are(tmp_path: Path) -> None:
     assert again.exit_code == 3 and again.stderr.count("exists already") == 2
 
 
-def test_several_runs_are_exported_to_a_directory(runs: list[Path], tmp_path: Path) -> None:
+def test_several_runs_are_exported_to_a_directory(runs, tmp_path):
     done = ran("export", *runs, "--to", "mcap", "-o", tmp_path / "out")
     assert done.exit_code == 3 and str(runs[1]) in done.stderr
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == sorted(

@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 from typer.testing import CliRunner
 
@@ -15,7 +11,7 @@ from analysis.cli import app
         (("--test", "radial", "--direction", "cw"), "radial test"),
     ],
 )
-def test_impossible_simulation_is_refused(asked: tuple[str, ...], says: str, tmp_path: Path) -> None:
+def test_impossible_simulation_is_refused(asked, says, tmp_path):
     result = CliRunner().invoke(app, ["simulate", "ur10e", *asked, "-o", str(tmp_path / "runs")])
     assert result.exit_code == 2 and says in " ".join(result.output.replace("│", " ").split())
     assert not (tmp_path / "runs").exists()

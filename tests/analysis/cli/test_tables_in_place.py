@@ -32,7 +32,7 @@ def code_of(*words: str, cwd: Path) -> str:
     return str(json.loads(done.stderr.splitlines()[-1])["error"]["code"])
 
 
-def test_table_is_analysed_with_an_arm_of_the_library(folder: Path) -> None:
+def test_table_is_analysed_with_an_arm_of_the_library(folder):
     done = ran("analyse", "poses.csv", "--arm", "ur5", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "poses.csv: " in done.stderr and "ur5" in done.stderr
@@ -40,12 +40,12 @@ def test_table_is_analysed_with_an_arm_of_the_library(folder: Path) -> None:
     assert run["test"] == "pose" and run["figures"]["rms_mm"]["value"] < 0.2
 
 
-def test_table_without_an_arm_is_refused(folder: Path) -> None:
+def test_table_without_an_arm_is_refused(folder):
     assert code_of("diagnose", "poses.csv", cwd=folder) == "table.no_arm"
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
-def test_messages_name_the_table_and_not_its_temporary_run(folder: Path, jobs: str) -> None:
+def test_messages_name_the_table_and_not_its_temporary_run(folder, jobs):
     (folder / "again.csv").write_bytes((folder / "poses.csv").read_bytes())
     given = ("poses.csv", "again.csv", "--arm", "ur5", "--jobs", jobs)
     refused = ran("diagnose", *given, cwd=folder)
@@ -56,17 +56,17 @@ def test_messages_name_the_table_and_not_its_temporary_run(folder: Path, jobs: s
 
 
 @pytest.mark.parametrize("command", ["analyse", "diagnose", "compare", "moved"])
-def test_missing_table_is_refused(folder: Path, command: str) -> None:
+def test_missing_table_is_refused(folder, command):
     assert code_of(command, "nofile.csv", "poses.csv", "--arm", "ur5", cwd=folder) == "file.missing"
 
 
-def test_import_infers_the_test(folder: Path) -> None:
+def test_import_infers_the_test(folder):
     done = ran("import", "poses.csv", "--arm", "ur5", "-o", "runs/poses", cwd=folder)
     assert done.returncode == 0 and "poses.csv: a pose table" in done.stderr
     assert ran("analyse", "runs/poses", cwd=folder).returncode == 0
 
 
-def test_library_arm_counts_as_a_rig_file_without_tests(folder: Path) -> None:
+def test_library_arm_counts_as_a_rig_file_without_tests(folder):
     done = ran("check", "ur5", cwd=folder)
     assert done.returncode == 0 and "ready for: tables" in done.stdout and "not possible" not in done.stdout
     done = ran("simulate", "ur5", "--test", "yaw", "-o", "sim", cwd=folder)
@@ -74,7 +74,7 @@ def test_library_arm_counts_as_a_rig_file_without_tests(folder: Path) -> None:
     assert ran("export-urdf", "ur5", "-o", "arm.urdf", cwd=folder).returncode == 0
 
 
-def test_two_arms_of_the_library_are_compared_on_a_table(folder: Path) -> None:
+def test_two_arms_of_the_library_are_compared_on_a_table(folder):
     done = ran("compare", "ur5", "ur5e", "poses.csv", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
     own, other = (fit["rms_um"] for fit in json.loads(done.stdout)["fits"])
@@ -83,17 +83,17 @@ def test_two_arms_of_the_library_are_compared_on_a_table(folder: Path) -> None:
     assert gauges.returncode == 3 and "different build" in gauges.stderr
 
 
-def test_report_takes_a_table_and_an_arm_of_the_library(folder: Path) -> None:
+def test_report_takes_a_table_and_an_arm_of_the_library(folder):
     done = ran("report", "poses.csv", "--arm", "ur5", "-o", "page.html", "--no-diagnosis", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "ur5" in done.stderr and (folder / "page.html").is_file()
 
 
 @pytest.mark.parametrize("command", [("diagnose", "ur5", "poses.csv"), ("analyse", "ur5"), ("compare", "ur5")])
-def test_arm_in_place_of_a_run_is_refused(folder: Path, command: tuple[str, ...]) -> None:
+def test_arm_in_place_of_a_run_is_refused(folder, command):
     assert code_of(*command, cwd=folder) == "run.arm_name"
 
 
-def test_missing_rig_file_has_similar_arms(folder: Path) -> None:
+def test_missing_rig_file_has_similar_arms(folder):
     done = ran("analyse", "poses.csv", "--rig", "ur5x", cwd=folder)
     assert done.returncode == 3 and "ur5" in done.stderr

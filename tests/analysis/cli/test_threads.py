@@ -17,7 +17,7 @@ except SystemExit:
 
 
 @pytest.mark.parametrize(("asked", "used"), [(None, "1"), ("2", "2")])
-def test_one_thread_unless_asked(asked: str | None, used: str) -> None:
+def test_one_thread_unless_asked(asked, used):
     environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     if asked:
         environment["OPENBLAS_NUM_THREADS"] = asked

@@ -18,7 +18,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_plan_of_touches_is_of_touches(cell: Path) -> None:
+def test_a_plan_of_touches_is_of_touches(cell):
     said = ran("plan", str(cell), "--tests", "touch", COLUMNS="200").stdout
     assert "touch: 3 runs" in said
     assert not [word for word in ("circle", "gauge") if word in said]
@@ -33,12 +33,12 @@ def test_a_plan_of_touches_is_of_touches(cell: Path) -> None:
         ("simulate", "{}", "--test", "roll", "-o", "none"),
     ],
 )
-def test_seven_axes_are_refused_as_seven_axes(cell: Path, words: tuple[str, ...]) -> None:
+def test_seven_axes_are_refused_as_seven_axes(cell, words):
     done = ran(*(word.format(cell) for word in words))
     assert done.returncode == 3 and "7 axes" in done.stderr
 
 
-def test_a_diagnosis_of_touches_speaks_of_touches(cell: Path, tmp_path: Path) -> None:
+def test_a_diagnosis_of_touches_speaks_of_touches(cell, tmp_path):
     assert ran("simulate", str(cell), "--test", "touch", "-o", str(tmp_path / "sim")).returncode == 0
     done = ran("diagnose", str(tmp_path / "sim"), "-o", str(tmp_path / "found"))
     assert done.returncode == 0

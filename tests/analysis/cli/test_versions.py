@@ -20,7 +20,7 @@ def robot(tmp_path: Path) -> tuple[Path, Path]:
     return now, march
 
 
-def test_versions_are_listed_newest_first(robot: tuple[Path, Path]) -> None:
+def test_versions_are_listed_newest_first(robot):
     now, march = robot
     (now.parent / "other.yaml").write_text("no: rig\n", encoding="utf-8")
     seen = json.loads(ran("versions", now, "--json").stdout)["versions"]
@@ -33,13 +33,13 @@ def test_versions_are_listed_newest_first(robot: tuple[Path, Path]) -> None:
     assert f"rig compare {now} {march}" in done.stderr.replace("\n", " ")
 
 
-def test_a_folder_of_very_many_files_is_refused(robot: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_of_very_many_files_is_refused(robot, monkeypatch):
     monkeypatch.setattr("analysis.apps.plant.versions._MOST", 1)  # private: ten thousand files take long to write
     with refused("versions.too_many"):
         versions(robot[0], robot[0].parent)
 
 
-def test_going_back_keeps_both_versions(robot: tuple[Path, Path]) -> None:
+def test_going_back_keeps_both_versions(robot):
     now, march = robot
     before, old = now.read_text(encoding="utf-8"), load(march)[0]
     done = ran("versions", now, "--back-to", march)
@@ -54,7 +54,7 @@ def test_going_back_keeps_both_versions(robot: tuple[Path, Path]) -> None:
     assert load(now)[0].calibrated.calibrated_um == 1.9
 
 
-def test_other_differences_are_reported(robot: tuple[Path, Path]) -> None:
+def test_other_differences_are_reported(robot):
     now, march = robot
     text = march.read_text(encoding="utf-8")
     march.write_text(text.replace("description: Elbow arm", "description: Another set-up"), encoding="utf-8")
@@ -63,7 +63,7 @@ def test_other_differences_are_reported(robot: tuple[Path, Path]) -> None:
     assert "description" in done.stderr
 
 
-def test_another_robot_is_refused(robot: tuple[Path, Path], tmp_path: Path) -> None:
+def test_another_robot_is_refused(robot, tmp_path):
     now, march = robot
     text = march.read_text(encoding="utf-8").replace("robot:\n", "robot:\n  serial: B-2\n", 1)
     march.write_text(text, encoding="utf-8")

@@ -30,24 +30,24 @@ from tests.support.command_line import ran
         (("fleet", "plant", "-o", "page.pdf"), "page.pdf"),
     ],
 )
-def test_option_without_effect_or_with_an_impossible_value_is_refused(words: tuple[str, ...], option: str) -> None:
+def test_option_without_effect_or_with_an_impossible_value_is_refused(words, option):
     done = ran(*words)
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2 and line.startswith("error: ") and option in line
 
 
-def test_with_json_an_error_is_one_object_with_its_code() -> None:
+def test_with_json_an_error_is_one_object_with_its_code():
     done = ran("live", "--plain", "--json")
     error = json.loads(done.stderr)["error"]
     assert (done.returncode, error["code"], error["exit_code"]) == (2, "live.option", 2) and error["remedy"]
 
 
-def test_directory_without_runs_cannot_be_checked(tmp_path: Path) -> None:
+def test_directory_without_runs_cannot_be_checked(tmp_path):
     done = ran("check", tmp_path)
     assert done.returncode == 3 and done.stderr.startswith(f"error: {tmp_path}: ")
 
 
-def test_error_names_the_rig_file_and_its_part(tmp_path: Path) -> None:
+def test_error_names_the_rig_file_and_its_part(tmp_path):
     data = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())
     data["tests"]["repeatability"] = {"targets": [1, 99]}
     cell = tmp_path / "cell.yaml"
@@ -66,7 +66,7 @@ def test_error_names_the_rig_file_and_its_part(tmp_path: Path) -> None:
     assert done.returncode == 3 and done.stderr.startswith(f"error: {cell}, tests.circle: pose 1 of")
 
 
-def test_repeatability_without_a_hemisphere_is_reported(tmp_path: Path) -> None:
+def test_repeatability_without_a_hemisphere_is_reported(tmp_path):
     data = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())
     cell = tmp_path / "cell.yaml"
     assert "37 targets" in ran("check", "paper-fanuc").stdout
@@ -78,13 +78,13 @@ def test_repeatability_without_a_hemisphere_is_reported(tmp_path: Path) -> None:
 CLOSED = ["sh", "-c", 'exec "$0" "$@" <&-', BIN / "rig"]
 
 
-def test_closed_standard_input_counts_as_no_terminal(tmp_path: Path) -> None:
+def test_closed_standard_input_counts_as_no_terminal(tmp_path):
     done = subprocess.run([*CLOSED, "init", tmp_path / "cell.yaml"], capture_output=True, text=True, check=False)
     assert done.returncode == 2 and done.stderr.startswith("error: --robot: ")
 
 
 @pytest.mark.nightly  # 3 s; another command without a keyboard stands above
-def test_emulated_cell_needs_no_keyboard(tmp_path: Path) -> None:
+def test_emulated_cell_needs_no_keyboard(tmp_path):
     with subprocess.Popen([*CLOSED, "emulate", "ur10e", "-o", tmp_path], stdout=-1, stderr=-1, text=True) as emulated:
         assert emulated.stdout and emulated.stderr
         for line in emulated.stdout:
@@ -95,13 +95,13 @@ def test_emulated_cell_needs_no_keyboard(tmp_path: Path) -> None:
     assert emulated.returncode == 0
 
 
-def test_width_of_0_is_ignored() -> None:
+def test_width_of_0_is_ignored():
     assert "Examples" in ran("analyse", "--help", COLUMNS="0").stdout or "Usage" in ran("--help", COLUMNS="0").stdout
     rigd = subprocess.run([BIN / "rigd", "--help"], capture_output=True, env=os.environ | {"COLUMNS": "0"}, check=True)
     assert b"--metrics" in rigd.stdout
 
 
-def test_unreadable_directory_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreadable_directory_is_named(tmp_path, monkeypatch):
     (tmp_path / "lap").mkdir()
 
     def denied(run: Path) -> None:
@@ -112,7 +112,7 @@ def test_unreadable_directory_is_named(tmp_path: Path, monkeypatch: pytest.Monke
     assert done.stderr.startswith(f"{tmp_path / 'lap'}: ") and not done.stdout
 
 
-def test_unrecoverable_run_is_reported(tmp_path: Path) -> None:
+def test_unrecoverable_run_is_reported(tmp_path):
     assert ran("simulate", "paper-fanuc", "--test", "yaw", "--direction", "cw", "-o", tmp_path).returncode == 0
     (run,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert ran("recover", run).stdout.startswith(f"{run}: nothing ")
@@ -133,7 +133,7 @@ def test_unrecoverable_run_is_reported(tmp_path: Path) -> None:
     assert done.stderr.splitlines()[-1].startswith(f"error: {run}: ")
 
 
-def test_missing_directory_is_created(tmp_path: Path) -> None:
+def test_missing_directory_is_created(tmp_path):
     assert ran("simulate", "paper-fanuc", "--test", "yaw", "--direction", "cw", "-o", tmp_path).returncode == 0
     (run,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert ran("export", run, "--to", "csv", "-o", tmp_path / "new" / "deeper" / "lap.csv").returncode == 0
@@ -141,13 +141,13 @@ def test_missing_directory_is_created(tmp_path: Path) -> None:
     assert done.returncode == 3 and "lap.csv: " in done.stderr and "--output" in done.stderr
 
 
-def test_runs_in_a_subdirectory_are_pointed_out(tmp_path: Path) -> None:
+def test_runs_in_a_subdirectory_are_pointed_out(tmp_path):
     assert ran("simulate", "paper-fanuc", "--test", "radial", "-o", tmp_path / "runs").returncode == 0
     done = ran("runs", tmp_path)
     assert done.stdout.endswith(f"rig runs {tmp_path / 'runs'}\n")
 
 
-def test_file_in_place_of_the_output_directory_is_refused(tmp_path: Path) -> None:
+def test_file_in_place_of_the_output_directory_is_refused(tmp_path):
     (tmp_path / "file").write_text("mine")
     done = ran("simulate", "paper-fanuc", "--test", "radial", "-o", tmp_path / "file")
     assert done.returncode == 4 and str(tmp_path / "file") in done.stderr

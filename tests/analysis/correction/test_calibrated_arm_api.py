@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -22,7 +18,7 @@ SOFT = Compliance(axis=2, deg_per_Nm=5e-4)
 
 
 @pytest.mark.parametrize("name", ["ur10e", "franka-fr3", "so-101"])
-def test_angles_of_poses_lead_back_to_the_poses(name: str) -> None:
+def test_angles_of_poses_lead_back_to_the_poses(name):
     rig = changed(name)
     rig = rig.model_copy(update={"effects": (*rig.effects, SOFT)})
     arm, q_deg = calibrated_arm(rig), np.degrees(within_limits(rig, 6))
@@ -37,7 +33,7 @@ def test_angles_of_poses_lead_back_to_the_poses(name: str) -> None:
     assert ((found.q_deg >= limits[:, 0] - 1e-6) & (found.q_deg <= limits[:, 1] + 1e-6)).all()
 
 
-def test_a_pose_beyond_the_reach_has_no_angles() -> None:
+def test_a_pose_beyond_the_reach_has_no_angles():
     arm = calibrated_arm("ur10e")
     far = np.eye(4)
     far[:3, 3] = [5000.0, 0.0, 0.0]
@@ -47,11 +43,11 @@ def test_a_pose_beyond_the_reach_has_no_angles() -> None:
     assert np.isnan(found.u_mm).all()
 
 
-def test_of_an_arm_of_which_nothing_was_found_nothing_is_certain() -> None:
+def test_of_an_arm_of_which_nothing_was_found_nothing_is_certain():
     assert np.isnan(calibrated_arm("ur10e").forward(np.zeros((1, 6))).u_mm).all()
 
 
-def test_the_uncertainty_is_that_of_the_calibration_and_of_the_play(tmp_path: Path) -> None:
+def test_the_uncertainty_is_that_of_the_calibration_and_of_the_play(tmp_path):
     rig, _ = load(written(tmp_path, calibrated_model())[0])
     q_deg = np.array([[0.0, 0, 0, 0, -30, 0], [30.0, 0, 0, 0, -30, 0]])
     found = calibrated_arm(rig).forward(q_deg)
@@ -63,7 +59,7 @@ def test_the_uncertainty_is_that_of_the_calibration_and_of_the_play(tmp_path: Pa
     assert (found.u_mm < play.u_mm).all()
 
 
-def test_where_no_run_measured_there_is_no_uncertainty(tmp_path: Path) -> None:
+def test_where_no_run_measured_there_is_no_uncertainty(tmp_path):
     """Outside the joint angles of the runs, farther from the socket than was judged, and of a model to correct nothing
     by."""
     ball = forward(arm_of(load("paper-fanuc")[0].robot), np.radians([[0.0, 0, 0, 0, -30, 0]]))[0, :3, 3]
@@ -91,7 +87,7 @@ def test_where_no_run_measured_there_is_no_uncertainty(tmp_path: Path) -> None:
         assert [words.split(": ")[1].split()[0] for words in far] == (["2"] if changes.get("reach_mm") == 100 else [])
 
 
-def test_invalid_frame_or_posture_is_refused() -> None:
+def test_invalid_frame_or_posture_is_refused():
     arm = calibrated_arm("ur10e")
     for T in (np.zeros((1, 4, 4)), np.diag([1.0, 1, -1, 1])[None], np.eye(3)[None], np.full((1, 4, 4), np.nan)):
         with pytest.raises(FileError, match=r"^T: "):
@@ -101,7 +97,7 @@ def test_invalid_frame_or_posture_is_refused() -> None:
             arm.forward(q_deg)
 
 
-def test_five_axis_arm_reaches_the_place_and_reports_the_turn() -> None:
+def test_five_axis_arm_reaches_the_place_and_reports_the_turn():
     """Upright at a place where its wrist only leans: the tool is there, turned by what the arm has no axis for."""
     rig = changed("widowx-250")
     arm = calibrated_arm(rig)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,9 +21,7 @@ from tests.trials.moved_states import cell_with
         (120, 1, 1.0, 1.0),
     ],
 )
-def test_u_is_at_least_students_t_of_the_neighbourhoods(
-    places: int, visits: int, widened: float, expected: float
-) -> None:
+def test_u_is_at_least_students_t_of_the_neighbourhoods(places, visits, widened, expected):
     q = np.tile(np.random.default_rng(3).uniform(-1.5, 1.5, (places, 6)), (visits, 1))
     run = pose_run("ur10e", q, np.zeros((len(q), 3)))
     before = calibrated_model(widened=widened)
@@ -35,7 +31,7 @@ def test_u_is_at_least_students_t_of_the_neighbourhoods(
     assert bounds == pytest.approx(after.widened / widened, rel=1e-3)
 
 
-def test_a_calibration_by_few_poses_has_a_widened_u() -> None:
+def test_a_calibration_by_few_poses_has_a_widened_u():
     run = cell_with("ur10e", [{}], np.random.default_rng(21)).runs[0]
     assert isinstance(run.table, PoseTable)
     few = pose_run("ur10e", run.table.q[:22], run.table.xyz_mm[:22])

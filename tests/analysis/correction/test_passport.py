@@ -34,7 +34,7 @@ def _robot(rig: Rig, change: dict[str, object]) -> object:
 
 
 @pytest.mark.parametrize("zero_deg", [0.0, ZERO_DEG])
-def test_passport_shows_changes_since_the_factory(zero_deg: float) -> None:
+def test_passport_shows_changes_since_the_factory(zero_deg):
     found = _found({}, zero_deg=zero_deg)
     passport = found.to_dict()["passport"]
     assert passport["data_sheet_um"]["value"] > 5 * passport["data_sheet_um"]["u"]
@@ -46,7 +46,7 @@ def test_passport_shows_changes_since_the_factory(zero_deg: float) -> None:
         assert found.condition == "nothing_unusual"
 
 
-def test_last_visit_is_known_from_the_rig_file_and_the_controller_is_not() -> None:
+def test_last_visit_is_known_from_the_rig_file_and_the_controller_is_not():
     found = _found({"effects": (LinkGeometry(axis=4, field="a", delta=A4_MM), JointOffset(axis=3, offset_deg=0.05))})
     passport = found.passport
     assert passport and passport.controller is None and passport.last_visit

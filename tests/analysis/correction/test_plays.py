@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
@@ -39,11 +37,11 @@ def calibrated(*plays: Effect) -> Rig:
     return rig.model_copy(update={"effects": (NAMED,)}).with_calibration(None, model)
 
 
-def test_a_play_that_is_certain_but_usual_is_taken_from_the_calibration() -> None:
+def test_a_play_that_is_certain_but_usual_is_taken_from_the_calibration():
     assert known_plays(calibrated(USUAL, UNSURE)) == (NAMED, USUAL)  # the named play once, though both files have it
 
 
-def test_its_joint_is_commanded_further_by_half_its_width() -> None:
+def test_its_joint_is_commanded_further_by_half_its_width():
     rig = calibrated(USUAL)
     plan = plans_of(rig, "yaw", 1.0)[0]
     assert len(ahead_of_plays(rig, plan)) == len(targets_of(plan))
@@ -53,7 +51,7 @@ def test_its_joint_is_commanded_further_by_half_its_width() -> None:
     assert not ahead_of_plays(calibrated(), plan)[:, 4].any()
 
 
-def test_effects_of_the_calibration_are_corrected(tmp_path: Path) -> None:
+def test_effects_of_the_calibration_are_corrected(tmp_path):
     """The diagnosis says to re-master this axis: the file has its zero, and a play that stays with its u."""
     found = correct_rig(calibrated(JointOffset(axis=3, offset_deg=0.05), USUAL), None)
     (file,) = write(found, tmp_path / "out")

@@ -8,7 +8,6 @@ import csv
 import datetime as dt
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -128,7 +127,7 @@ def _as_taught_mm(real: Array, wanted: Array, turns: Array) -> Array:
     ("name", "maker"),
     [("ur10e", "ur"), ("ur10e", "kuka"), ("paper-fanuc", "kuka"), ("ur10e", "fanuc"), ("paper-fanuc", "fanuc")],
 )
-def test_residual_of_entries_agrees_with_independent_kinematics(name: str, maker: MakerName) -> None:
+def test_residual_of_entries_agrees_with_independent_kinematics(name, maker):
     rig, wrong = _faulty(name)
     at, q = controller_entries(rig, supports(rig), maker), work_angles(rig)
     real = _tool_mm(rig, wrong, q)
@@ -142,7 +141,7 @@ def test_residual_of_entries_agrees_with_independent_kinematics(name: str, maker
 
 
 @pytest.mark.parametrize(("name", "maker"), [("ur10e", "ur"), ("paper-fanuc", "kuka")])
-def test_with_entries_targets_hold_the_rest_whatever_path_is_given(tmp_path: Path, name: str, maker: MakerName) -> None:
+def test_with_entries_targets_hold_the_rest_whatever_path_is_given(tmp_path, name, maker):
     """The controller computes with its new constants, so it is sent where these and the posture say; the arm then
     stands where it should, with the wave that only targets hold."""
     rig, wrong = _faulty(name)
@@ -161,7 +160,7 @@ def test_with_entries_targets_hold_the_rest_whatever_path_is_given(tmp_path: Pat
     assert again.entries == found.at_controller.entries  # one rig file has one set of entries
 
 
-def test_entries_do_no_harm_outside_the_work_area() -> None:
+def test_entries_do_no_harm_outside_the_work_area():
     wide = ((-60.0, 60.0), (-120.0, 60.0), (-40.0, 130.0), (-160.0, 40.0), (-130.0, 70.0), (-180.0, 180.0))
     faults: list[Effect] = [
         JointOffset(axis=2, offset_deg=-0.03),
@@ -176,7 +175,7 @@ def test_entries_do_no_harm_outside_the_work_area() -> None:
     assert at.after_um < at.before_um
 
 
-def test_a_rig_with_soft_joints_alone_has_corrected_targets_and_a_figure(tmp_path: Path) -> None:
+def test_a_rig_with_soft_joints_alone_has_corrected_targets_and_a_figure(tmp_path):
     cell = tmp_path / "cell.yaml"
     soft = _known(Compliance(axis=2, deg_per_Nm=2e-4), 1e-5)
     cell.write_text(extended(load("paper-fanuc")[1], [soft], "cell"), encoding="utf-8")
@@ -190,7 +189,7 @@ def test_a_rig_with_soft_joints_alone_has_corrected_targets_and_a_figure(tmp_pat
     assert f"from {1e3 * before:.0f} to {50 * before:.0f} µm rms" in told
 
 
-def test_path_and_entries_belong_to_one_controller_each(tmp_path: Path) -> None:
+def test_path_and_entries_belong_to_one_controller_each(tmp_path):
     cell, path = tmp_path / "cell.yaml", tmp_path / "path.csv"
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002)
     cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
@@ -202,7 +201,7 @@ def test_path_and_entries_belong_to_one_controller_each(tmp_path: Path) -> None:
         assert told in said and ("be entered" in said) == (not option)
 
 
-def test_error_after_correction_agrees_with_its_prediction() -> None:
+def test_error_after_correction_agrees_with_its_prediction():
     """Hidden constants, softness and waves, known as well as their rig file says: 100 arms, 200 targets."""
     rng = np.random.default_rng(4)
     within, worst = [], []
@@ -231,7 +230,7 @@ def test_error_after_correction_agrees_with_its_prediction() -> None:
     assert 0.6 < np.sqrt(np.mean(np.square(worst))) < 1.4  # neither too sure nor too careful
 
 
-def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path: Path) -> None:
+def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path):
     cell = tmp_path / "cell.yaml"
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002, RANGES)
     cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
@@ -255,7 +254,7 @@ def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path: Path) -> No
     assert found["work"]["after_um"] < 0.1 * found["work"]["before_um"]
 
 
-def test_unmeasured_work_area_has_unknown_error(tmp_path: Path) -> None:
+def test_unmeasured_work_area_has_unknown_error(tmp_path):
     cell = tmp_path / "cell.yaml"
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002, ((0.0, 1.0),) * 6)
     cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
@@ -274,7 +273,7 @@ def test_unmeasured_work_area_has_unknown_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("q1", "status"), [(0, 3), (30, 0)])
-def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: int) -> None:
+def test_a_path_is_judged_by_its_own_targets(tmp_path, q1, status):
     """A wave of axis 1 is nothing where it crosses zero, however much it does over the work."""
     cell, path = tmp_path / "cell.yaml", tmp_path / "path.csv"
     wave = _known(TransmissionError(axis=1, order=2, amplitude_deg=0.05, phase_deg=0), 0.001)
@@ -286,13 +285,13 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
     assert ("path.csv: " in " ".join(done.stdout.split())) == (not status)
 
 
-def test_u_of_a_program_is_that_of_targets_that_runs_cover() -> None:
+def test_u_of_a_program_is_that_of_targets_that_runs_cover():
     u_mm = np.array([0.1, 0.2])
     assert "± 0.400 mm" in reached(u_mm, 2 * u_mm)
     assert "runs cover" in reached(np.append(u_mm, np.nan), np.append(u_mm, np.nan))
 
 
-def test_without_the_joint_angles_of_the_runs_coverage_is_unknown(tmp_path: Path) -> None:
+def test_without_the_joint_angles_of_the_runs_coverage_is_unknown(tmp_path):
     path = tmp_path / "path.csv"
     path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
     found = correct_rig(_rig("ur10e", [_known(JointOffset(axis=3, offset_deg=0.05), 0.002)]), path)
@@ -302,11 +301,11 @@ def test_without_the_joint_angles_of_the_runs_coverage_is_unknown(tmp_path: Path
 class _SumIsSure(Projection):
     """Two changes of which the second is needed beside the first, and the first is not needed beside the second."""
 
-    def gains(self, fewer: Projection, *_: object) -> bool:  # type: ignore[override]
+    def gains(self, fewer: Projection, *_: object) -> bool:
         return self.constants[0] in fewer.constants
 
 
-def test_a_change_that_falls_below_its_uncertainty_without_others_is_not_entered() -> None:
+def test_a_change_that_falls_below_its_uncertainty_without_others_is_not_entered():
     constants = (Constant(2, "q_deg"), Constant(3, "q_deg"))
     every = _SumIsSure(constants, np.array([1.0, 0.2]), np.ones(2), np.eye(2, 6), np.ones((1, 6)), ())
     moves = np.zeros((2, 1, 6))
@@ -315,7 +314,7 @@ def test_a_change_that_falls_below_its_uncertainty_without_others_is_not_entered
     assert (np.abs(projection.values) >= u).all() and projection.constants == ()
 
 
-def test_nothing_to_enter_has_no_steps() -> None:
+def test_nothing_to_enter_has_no_steps():
     rig = _rig("ur10e", [_known(JointOffset(axis=2, offset_deg=1e-5), 1e-2)])
     at = controller_entries(rig, supports(rig), "ur")
     assert at.entries == () and at.steps == ()

@@ -42,14 +42,14 @@ def _corrected(path: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.parametrize(("changed", "why"), NOTHING)
-def test_unproven_model_is_refused_with_the_reason(tmp_path: Path, changed: dict[str, object], why: str) -> None:
+def test_unproven_model_is_refused_with_the_reason(tmp_path, changed, why):
     cell, out = _cell(tmp_path, **changed), tmp_path / "out"
     done = ran("correct", cell, "-o", out)
     assert done.returncode == 3 and not out.exists()
     assert f"{cell}: " in done.stderr and why in done.stderr
 
 
-def test_anyway_writes_every_file_with_a_remark(tmp_path: Path) -> None:
+def test_anyway_writes_every_file_with_a_remark(tmp_path):
     cell, out = _cell(tmp_path, handed_um=95.0), tmp_path / "out"
     assert (
         ran("program", cell, "--for", "ur", "--test", "radial", "--targets", "-o", tmp_path / "nominal").returncode == 0
@@ -80,7 +80,7 @@ def test_anyway_writes_every_file_with_a_remark(tmp_path: Path) -> None:
     assert ANYWAY in program.read_text()
 
 
-def test_u_of_each_target_includes_the_unexplained_error(tmp_path: Path) -> None:
+def test_u_of_each_target_includes_the_unexplained_error(tmp_path):
     path = tmp_path / "path.csv"
     path.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,20,10,0,30,0\n10,25,0,20,-30,30\n")
     u_mm = []

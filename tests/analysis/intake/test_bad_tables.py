@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import re
 import subprocess
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -65,11 +64,11 @@ CELLS: list[tuple[TestName, str, str, str]] = [
 
 
 @pytest.mark.parametrize(("test", "column", "cell", "reason"), CELLS)
-def test_a_bad_cell_is_named(test: TestName, column: str, cell: str, reason: str) -> None:
+def test_a_bad_cell_is_named(test, column, cell, reason):
     assert refusal(with_cell(test, column, 4, cell), test) == [f"t.csv, line 6, {column}: {reason}; correct the file"]
 
 
-def test_a_table_of_an_arm_with_another_joint_is_refused() -> None:
+def test_a_table_of_an_arm_with_another_joint_is_refused():
     """The seventh joint was ignored, and the other six were diagnosed."""
     rows = plain("pose")
     rows["q7_deg"] = ["0"] * len(rows["x_mm"])
@@ -77,7 +76,7 @@ def test_a_table_of_an_arm_with_another_joint_is_refused() -> None:
     assert line.startswith("t.csv, line 1, q7_deg: ") and "7 joints" in line
 
 
-def test_bad_rows_are_reported_in_order_up_to_a_limit() -> None:
+def test_bad_rows_are_reported_in_order_up_to_a_limit():
     rows = {name: list(cells) for name, cells in plain("pose").items()}
     rows["z_mm"][2], rows["q1_deg"][2], rows["x_mm"][0] = "?", "?", "?"
     told = refusal(csv_text(rows), "pose")
@@ -92,7 +91,7 @@ def test_bad_rows_are_reported_in_order_up_to_a_limit() -> None:
     assert told[-1].startswith("t.csv, … and 7 more, 27 ")
 
 
-def test_same_mistake_in_many_rows_is_reported_once() -> None:
+def test_same_mistake_in_many_rows_is_reported_once():
     rows = {name: list(cells) for name, cells in plain("pose").items()}
     rows["y_mm"], rows["x_mm"][3] = ["?"] * len(rows["y_mm"]), "?"
     told = refusal(csv_text(rows), "pose")
@@ -103,7 +102,7 @@ def test_same_mistake_in_many_rows_is_reported_once() -> None:
     assert told[1].startswith("t.csv, line 5, x_mm: '?' ")
 
 
-def test_lines_are_those_an_editor_shows() -> None:
+def test_lines_are_those_an_editor_shows():
     rows = rows_of("pose")  # its extra columns hold line ends
     rows["x_mm"] = [*rows["x_mm"][:-1], "?"]
     text = csv_text(rows)
@@ -123,7 +122,7 @@ def _line_of(text: str) -> int:
         ("1" + ",2" * 12, r"line 4: has 13 fields, the header 12"),
     ],
 )
-def test_a_wrong_number_of_fields(row: str, reason: str) -> None:
+def test_a_wrong_number_of_fields(row, reason):
     lines = csv_text(plain("pose")).splitlines()
     told = refusal("\n".join([*lines[:3], row, *lines[3:]]), "pose")
     assert len(told) == 1
@@ -131,24 +130,24 @@ def test_a_wrong_number_of_fields(row: str, reason: str) -> None:
 
 
 @pytest.mark.parametrize(("begin", "line"), [('"', 4), ('"a"b', 4)])
-def test_quotes_that_do_not_match(begin: str, line: int) -> None:
+def test_quotes_that_do_not_match(begin, line):
     lines = csv_text(plain("pose")).splitlines()
     told = refusal("\n".join([*lines[:3], begin + lines[3].replace('"', ""), *lines[4:]]) + "\n", "pose")
     assert f"line {line}: cannot" in told[0]
 
 
-def test_time_must_grow() -> None:
+def test_time_must_grow():
     (line,) = refusal(with_cell("roll", "t_s", 5, "0.4"), "roll")
     assert line.startswith("t.csv, line 7, t_s: ") and "0.4 after 0.4" in line
     assert "0 after 5.1" in refusal(with_cell("repeatability", "t_s", 4, "0"), "repeatability")[0]
 
 
-def test_one_file_holds_one_direction() -> None:
+def test_one_file_holds_one_direction():
     (line,) = refusal(with_cell("yaw", "direction", 9, "cw"), "yaw")
     assert line.startswith("t.csv, line 11, direction: cw after")
 
 
-def test_the_direction_of_the_command() -> None:
+def test_the_direction_of_the_command():
     text = csv_text(plain("yaw", "cw"))
     assert "leave --direction" in refusal(text, "yaw", "acw")[0]
     assert parse_csv(text.encode(), "t.csv", "yaw", rig(), "cw").num_rows
@@ -160,7 +159,7 @@ def test_the_direction_of_the_command() -> None:
     assert line.startswith("t.csv, line 1, direction: ") and "--direction" in line
 
 
-def test_joints_that_jump() -> None:
+def test_joints_that_jump():
     q4 = plain("yaw")["q4_deg"]
     told = refusal(with_cell("yaw", "q4_deg", 50, repr(float(q4[50]) - 60)), "yaw")
     assert len(told) == 1  # the good row after a bad one is not blamed
@@ -173,7 +172,7 @@ def test_joints_that_jump() -> None:
     assert "line 62, q4_deg" in refusal(csv_text(slow), "yaw")[0]
 
 
-def test_columns_missing_or_misnamed() -> None:
+def test_columns_missing_or_misnamed():
     def told(test: TestName, change: dict[str, str | None]) -> list[str]:
         rows = {change.get(name, name): cells for name, cells in plain(test).items()}
         return refusal(csv_text({name: cells for name, cells in rows.items() if name is not None}), test)
@@ -189,12 +188,12 @@ def test_columns_missing_or_misnamed() -> None:
     assert "rx_deg and rz_deg" in told("pose", {"ry_deg": None})[0]
 
 
-def test_a_column_twice() -> None:
+def test_a_column_twice():
     text = csv_text(plain("pose")).replace('"ry_deg"', '"x_mm"')
     assert any("line 1, x_mm: " in line for line in refusal(text, "pose"))
 
 
-def test_another_separator() -> None:
+def test_another_separator():
     text = csv_text(plain("pose")).replace('"', "")
     other = text.replace(",", ";").replace(".", ",")
     (line,) = refusal(other, "pose")
@@ -204,7 +203,7 @@ def test_another_separator() -> None:
     assert "by tabs" in refusal(text.replace(",", "\t"), "pose")[0]
 
 
-def test_a_remedy_can_be_copied_whatever_the_file_is_called(tmp_path: Path) -> None:
+def test_a_remedy_can_be_copied_whatever_the_file_is_called(tmp_path):
     foreign = tmp_path / "my laps;touch evil.csv"
     foreign.write_text("a;b;c;d;e\n1;2;3;4;5\n")
     with pytest.raises(FileError) as raised:
@@ -214,7 +213,7 @@ def test_a_remedy_can_be_copied_whatever_the_file_is_called(tmp_path: Path) -> N
     assert sorted(path.name for path in tmp_path.iterdir()) == ["TABLE.csv", foreign.name]
 
 
-def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) -> None:
+def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path):
     foreign = tmp_path / "series.csv"
     foreign.write_text("Timestamp;Goal x;shoulder_pan_joint;elbow_joint\n2,0E+13;0,0001;-2,78E-05;-1,5\n")
     with refused("table.separator"):
@@ -236,13 +235,13 @@ def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) 
         (b"\n".join(csv_text(plain("pose")).encode().replace(b'"', b"").splitlines()[1:]), "lacks a header line"),
     ],
 )
-def test_a_file_that_is_no_table(tmp_path: Path, data: bytes, reason: str) -> None:
+def test_a_file_that_is_no_table(tmp_path, data, reason):
     (tmp_path / "t.csv").write_bytes(data)
     with pytest.raises(FileError, match=reason):
         read_file(tmp_path / "t.csv", "pose", rig())
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there(tmp_path):
     for path in (tmp_path / "none.csv", tmp_path / "a\0b"):
         with refused("file.unreadable"):
             read_file(path, "pose", rig())
@@ -250,7 +249,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
         read_file(tmp_path, "pose", rig())
 
 
-def test_oversized_bag_names_the_topics_to_keep(tmp_path: Path) -> None:
+def test_oversized_bag_names_the_topics_to_keep(tmp_path):
     with (tmp_path / "large.mcap").open("wb") as file:
         file.write(MAGIC)
         file.truncate(MOST_BYTES + 1)
@@ -258,7 +257,7 @@ def test_oversized_bag_names_the_topics_to_keep(tmp_path: Path) -> None:
         read_file(tmp_path / "large.mcap", "yaw", rig())
 
 
-def test_nothing_is_made_of_a_bad_table(tmp_path: Path) -> None:
+def test_nothing_is_made_of_a_bad_table(tmp_path):
     (tmp_path / "t.csv").write_text(with_cell("yaw", "g1_mm", 3, "?"))
     with pytest.raises(TableFileError):
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator="")
@@ -266,14 +265,14 @@ def test_nothing_is_made_of_a_bad_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[2Jb", "a\tb"])
-def test_an_operator_with_control_characters_is_refused(tmp_path: Path, name: str) -> None:
+def test_an_operator_with_control_characters_is_refused(tmp_path, name):
     (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
     with refused("request.operator"):
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator=name)
     assert not (tmp_path / "r").exists()
 
 
-def test_later_refusals_are_reported_at_import(tmp_path: Path) -> None:
+def test_later_refusals_are_reported_at_import(tmp_path):
     rows = {name: cells[:100] for name, cells in plain("yaw").items()}
     (tmp_path / "t.csv").write_text(csv_text(rows))
     doubts = import_table(
@@ -284,14 +283,14 @@ def test_later_refusals_are_reported_at_import(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("test", ["yaw", "radial", "repeatability"])
-def test_constant_gauge_is_reported_at_import(tmp_path: Path, test: TestName) -> None:
+def test_constant_gauge_is_reported_at_import(tmp_path, test):
     rows = plain(test)
     (tmp_path / "t.csv").write_text(csv_text(rows | {"g1_mm": ["0"] * len(rows["g1_mm"])}))
     doubts = import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
     assert any("g1_mm reads 0 mm" in doubt for doubt in doubts), doubts
 
 
-def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path: Path) -> None:
+def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path):
     (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
     with pytest.raises(FileError) as caught:
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="pose", direction=None, operator="")
@@ -299,7 +298,7 @@ def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path: Pat
 
 
 @pytest.mark.parametrize("test", ["yaw", "repeatability"])
-def test_mixed_table_without_header_is_refused(tmp_path: Path, test: TestName) -> None:
+def test_mixed_table_without_header_is_refused(tmp_path, test):
     (tmp_path / "t.csv").write_text(csv_text(plain(test)).partition("\n")[2])
     with refused("table.no_header"):
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
@@ -318,7 +317,7 @@ def mutated(draw: st.DrawFn, test: TestName) -> str:
 
 
 @examples(50, 150)
-def test_any_mutation_gives_a_table_or_one_of_our_errors(examples: int) -> None:
+def test_any_mutation_gives_a_table_or_one_of_our_errors(examples):
     @settings(max_examples=examples)
     @given(st.data())
     def holds(data: st.DataObject) -> None:
@@ -339,6 +338,6 @@ def test_any_mutation_gives_a_table_or_one_of_our_errors(examples: int) -> None:
 
 
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
-def test_a_target_that_the_hemisphere_does_not_have(test: TestName) -> None:
+def test_a_target_that_the_hemisphere_does_not_have(test):
     (line,) = refusal(with_cell(test, "target", 5, "38"), test)
     assert line.startswith("t.csv, line 7, target: 38 ")

@@ -31,33 +31,33 @@ def pendant(folder: Path, robot: Robot, count: int, decimals: int = 2) -> Path:
     return file
 
 
-def test_one_pair_of_a_maker_that_measures_each_robot_proves_no_data_sheet(tmp_path: Path) -> None:
+def test_one_pair_of_a_maker_that_measures_each_robot_proves_no_data_sheet(tmp_path):
     text = rig_text_of("ur5e")
     with pytest.raises(FileError):
         rig_with_controller(parse(text, ""), text, pendant(tmp_path, load_arm("ur5e").robot, 1))
 
 
-def test_one_pair_confirms_the_data_sheet_where_own_constants_are_an_option(tmp_path: Path) -> None:
+def test_one_pair_confirms_the_data_sheet_where_own_constants_are_an_option(tmp_path):
     name = "abb-irb-120"
     pair = pendant(tmp_path, load_arm(name).robot, 1)
     assert rig_with_controller(parse(rig_text_of(name), ""), rig_text_of(name), pair)[0].controller == "data_sheet"
 
 
-def test_five_pairs_confirm_the_data_sheet(tmp_path: Path) -> None:
+def test_five_pairs_confirm_the_data_sheet(tmp_path):
     text = rig_text_of("ur5e")
     rig, edited, read = rig_with_controller(parse(text, ""), text, pendant(tmp_path, load_arm("ur5e").robot, 5))
     assert (read.arm, rig.controller) == ("data_sheet", "data_sheet")
     assert rig.robot.axes == load_arm("ur5e").robot.axes and parse(edited, "") == rig
 
 
-def test_one_pair_shows_own_constants_and_asks_for_more(tmp_path: Path) -> None:
+def test_one_pair_shows_own_constants_and_asks_for_more(tmp_path):
     text = rig_text_of("ur5e")
     with pytest.raises(FileError) as refused:
         rig_with_controller(parse(text, ""), text, pendant(tmp_path, own_arm(), 1))
     assert len(refused.value.lines()) == 1
 
 
-def test_thirty_pairs_determine_own_constants(tmp_path: Path) -> None:
+def test_thirty_pairs_determine_own_constants(tmp_path):
     text = rig_text_of("ur5e")
     rig, _, read = rig_with_controller(parse(text, ""), text, pendant(tmp_path, own_arm(), 30, decimals=4))
     q = np.radians(np.random.default_rng(9).uniform(-100, 100, (50, 6)))
@@ -66,7 +66,7 @@ def test_thirty_pairs_determine_own_constants(tmp_path: Path) -> None:
     assert np.abs(apart[:, :3, 3]).max() < 0.05
 
 
-def test_effects_stay_relative_to_the_axes_they_were_found_with(tmp_path: Path) -> None:
+def test_effects_stay_relative_to_the_axes_they_were_found_with(tmp_path):
     effect = "effects:\n  - {effect: joint_offset, axis: 2, offset_deg: 0.1}\n"
     text = f"{rig_text_of('ur5e')}\n# found earlier\n{effect}"
     rig, edited, _ = rig_with_controller(parse(text, ""), text, pendant(tmp_path, own_arm(), 30, decimals=4))
@@ -79,5 +79,5 @@ def test_effects_stay_relative_to_the_axes_they_were_found_with(tmp_path: Path) 
     ("arm", "expected"),
     [("ur5e", "unknown"), ("kuka-kr-6-r900-2", "unknown"), ("abb-irb-120", "unknown"), ("so-101", "data_sheet")],
 )
-def test_controller_that_is_not_stated_is_as_the_maker_builds_it(arm: str, expected: str) -> None:
+def test_controller_that_is_not_stated_is_as_the_maker_builds_it(arm, expected):
     assert parse(rig_text_of(arm), "").controller == expected

@@ -29,21 +29,21 @@ def stops(seed: int = 0) -> Array:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_each_row_is_known_whatever_was_missed(seed: int) -> None:
+def test_each_row_is_known_whatever_was_missed(seed):
     places = stops(seed)
     kept = np.random.default_rng(seed).uniform(size=150) > 0.08
     pose = poses_of_stops(places[kept], CUBE)
     assert pose is not None and (pose == ORDER[kept]).all()
 
 
-def test_a_recording_may_begin_anywhere_in_a_cycle() -> None:
+def test_a_recording_may_begin_anywhere_in_a_cycle():
     places = stops()
     for first in range(5):
         pose = poses_of_stops(places[first:], CUBE)
         assert pose is not None and (pose == ORDER[first:]).all()
 
 
-def test_another_order_another_cube_and_noise_are_no_stops_of_it() -> None:
+def test_another_order_another_cube_and_noise_are_no_stops_of_it():
     places = stops()
     across = places.reshape(30, 5, 3)[:, [0, 2, 1, 3, 4]].reshape(-1, 3)
     assert poses_of_stops(across, CUBE) is None
@@ -52,7 +52,7 @@ def test_another_order_another_cube_and_noise_are_no_stops_of_it() -> None:
     assert poses_of_stops(np.random.default_rng(0).uniform(0, 1000, (150, 3)), CUBE) is None
 
 
-def test_a_row_elsewhere_is_named() -> None:
+def test_a_row_elsewhere_is_named():
     places = np.insert(stops(), 20, [1.0, 2.0, 3.0], axis=0)
     pose = poses_of_stops(places, CUBE)
     assert pose is not None and np.flatnonzero(pose == 0).tolist() == [20]
@@ -79,7 +79,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def test_tracker_files_become_runs_with_all_figures(cell: Path) -> None:
+def test_tracker_files_become_runs_with_all_figures(cell):
     rig = str(cell / "cell.yaml")
     cube = ran("import", cell / "tracker.csv", "--rig", rig, "--test", "pose", "-o", cell / "runs" / "cube")
     assert cube.returncode == 0 and "stops: " in cube.stderr, cube.stderr
@@ -94,13 +94,13 @@ def test_tracker_files_become_runs_with_all_figures(cell: Path) -> None:
     assert ran("verify", cell / "runs" / "path").returncode == 0
 
 
-def test_five_postures_tell_nothing_of_the_arm_however_often_they_are_visited(cell: Path) -> None:
+def test_five_postures_tell_nothing_of_the_arm_however_often_they_are_visited(cell):
     found = ran("diagnose", cell / "sim" / "pose-000", "--json")
     assert found.returncode == 0, found.stderr
     assert json.loads(found.stdout)["condition"] == "not_testable_here"
 
 
-def test_path_is_no_evidence(cell: Path) -> None:
+def test_path_is_no_evidence(cell):
     alone = ran("diagnose", cell / "sim" / "path-000", "-o", cell / "found")
     assert alone.returncode != 0 and "joint angles" in alone.stderr
 
@@ -114,7 +114,7 @@ def test_path_is_no_evidence(cell: Path) -> None:
         (("program", "CELL", "--for", "ur", "--test", "iso9283", "--targets", "-o", "P"), "remove it"),
     ],
 )
-def test_impossible_use_is_one_line(words: tuple[str, ...], says: str, cell: Path) -> None:
+def test_impossible_use_is_one_line(words, says, cell):
     seven = cell / "seven.yaml"
     seven.write_text(f"name: seven\n{ran('arms', 'franka-fr3').stdout}tests: {{iso9283: {{}}}}\n")
     named = {"SEVEN": seven, "CELL": cell / "cell.yaml", "P": cell / "programs"}
@@ -123,7 +123,7 @@ def test_impossible_use_is_one_line(words: tuple[str, ...], says: str, cell: Pat
     assert not (cell / "programs").exists()
 
 
-def test_a_path_in_another_unit_is_doubted_at_import(cell: Path) -> None:
+def test_a_path_in_another_unit_is_doubted_at_import(cell):
     head, *rows = (cell / "path.csv").read_text().splitlines()
     metres = [
         ",".join([row.split(",")[0], *(f"{float(one) / 1000:.7f}" for one in row.split(",")[1:])]) for row in rows

@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from tests.support.drawn_tables import drawn, judged
@@ -14,7 +10,7 @@ EACH_COMMIT = [155, 520, 538]
 
 @pytest.mark.cpu_limit(120)
 @pytest.mark.parametrize("seed", cases([*range(60), 155, 520, 538], EACH_COMMIT))
-def test_drawn_table_is_read_correctly_or_questioned(seed: int, tmp_path: Path) -> None:
+def test_drawn_table_is_read_correctly_or_questioned(seed, tmp_path):
     table = drawn(seed)
     done = judged(table, tmp_path)
     assert not done.wrong, done.lines

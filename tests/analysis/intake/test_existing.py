@@ -46,7 +46,7 @@ def _twice(command: str, names: dict[str, Path], place: Path) -> tuple[dict[Path
 
 
 @pytest.mark.parametrize("command", KEPT)
-def test_measurements_are_never_replaced(tmp_path: Path, names: dict[str, Path], command: str) -> None:
+def test_measurements_are_never_replaced(tmp_path, names, command):
     made, words = _twice(command, names, tmp_path / "out")
     again = ran(*words)
     assert again.returncode == 3 and "exists" in again.stderr
@@ -54,7 +54,7 @@ def test_measurements_are_never_replaced(tmp_path: Path, names: dict[str, Path],
 
 
 @pytest.mark.parametrize("command", SHOWN)
-def test_own_pages_are_replaced_and_nothing_else(tmp_path: Path, names: dict[str, Path], command: str) -> None:
+def test_own_pages_are_replaced_and_nothing_else(tmp_path, names, command):
     made, words = _twice(command, names, tmp_path / "out")
     done = ran(*words)
     assert done.returncode == 0

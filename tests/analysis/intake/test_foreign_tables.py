@@ -36,7 +36,7 @@ def named(name: str) -> Foreign:
 
 
 @pytest.mark.parametrize("foreign", TABLES, ids=lambda one: one.name)
-def test_a_table_is_imported_or_asked_about_or_refused(foreign: Foreign, tmp_path: Path) -> None:
+def test_a_table_is_imported_or_asked_about_or_refused(foreign, tmp_path):
     if not foreign.is_here:
         pytest.skip("no data")
     done = tried(foreign, tmp_path)
@@ -45,7 +45,7 @@ def test_a_table_is_imported_or_asked_about_or_refused(foreign: Foreign, tmp_pat
 
 @pytest.mark.cpu_limit(600)
 @pytest.mark.parametrize(("seed", "part"), cases(itertools.product(range(12), range(4)), [(3, 0)]))
-def test_few_poses_that_hardly_move_are_never_read_wrongly(seed: int, part: int, tmp_path: Path) -> None:
+def test_few_poses_that_hardly_move_are_never_read_wrongly(seed, part, tmp_path):
     rig, found = drawn(seed)
     for foreign in list(in_format(found, rig))[part::4]:
         folder = tmp_path / foreign.name
@@ -54,7 +54,7 @@ def test_few_poses_that_hardly_move_are_never_read_wrongly(seed: int, part: int,
         assert not done.wrong, f"{foreign.name}: {done.said}"
 
 
-def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path: Path) -> None:
+def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path):
     assert tried(named("kuka"), tmp_path).outcome == "without a word"
     kept = read_run(tmp_path / "run").manifest.table
     assert kept is not None and not kept.assumed
@@ -76,7 +76,7 @@ def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path: Path) -> No
     assert read_run(tmp_path / "b").table.equals(read_run(tmp_path / "run").table)
 
 
-def test_a_map_with_an_open_question_is_refused_and_its_answer_imports(tmp_path: Path) -> None:
+def test_a_map_with_an_open_question_is_refused_and_its_answer_imports(tmp_path):
     foreign = named("jacobi-like")
     assert tried(foreign, tmp_path).asked == ("residual",)
     proposed = tmp_path / "run.map.yaml"
@@ -102,7 +102,7 @@ def test_a_map_with_an_open_question_is_refused_and_its_answer_imports(tmp_path:
     assert np.abs(table.xyz_mm - foreign.truth.xyz_mm).max() < 1e-5
 
 
-def test_yes_takes_the_likeliest_answer_and_marks_the_run(tmp_path: Path) -> None:
+def test_yes_takes_the_likeliest_answer_and_marks_the_run(tmp_path):
     foreign = named("jacobi-like")
     files = foreign.written(tmp_path)
     done = ran("import", *files, "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a", "--yes")
@@ -110,7 +110,7 @@ def test_yes_takes_the_likeliest_answer_and_marks_the_run(tmp_path: Path) -> Non
     assert any("not confirmed" in doubt for doubt in load_run(tmp_path / "a").doubts)
 
 
-def test_a_person_at_a_terminal_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_person_at_a_terminal_is_asked(tmp_path, monkeypatch):
     foreign = named("jacobi-like")
     screen, answers = io.StringIO(), iter(["3", "x", "2"])
     monkeypatch.setattr(Dialogue, "line", lambda self, prompt: (screen.write(prompt), next(answers))[1])
@@ -130,7 +130,7 @@ def with_header(p: Poses, header: list[str], *columns: np.ndarray, tmp_path: Pat
     return path
 
 
-def test_a_unit_of_the_header_that_does_not_fit_is_a_question(tmp_path: Path) -> None:
+def test_a_unit_of_the_header_that_does_not_fit_is_a_question(tmp_path):
     p = poses()
     header = [*(f"{name}_rad" for name in JOINTS), "x_mm", "y_m", "z_mm"]
     header[-3:] = ["tracker_x_m", "tracker_y_m", "tracker_z_m"]
@@ -141,7 +141,7 @@ def test_a_unit_of_the_header_that_does_not_fit_is_a_question(tmp_path: Path) ->
     assert proposal.table_map.joints and proposal.table_map.joints.unit == "deg"
 
 
-def test_arm_with_a_far_wrong_zero_is_imported_with_a_doubt(tmp_path: Path) -> None:
+def test_arm_with_a_far_wrong_zero_is_imported_with_a_doubt(tmp_path):
     p = poses()
     q_deg, off_deg = np.degrees(p.q), np.array([0, 0, 4.0, 0, 0, 0])
     path = with_header(p, [*JOINTS, "x", "y", "z"], q_deg + off_deg, p.xyz_mm, tmp_path=tmp_path)
@@ -153,7 +153,7 @@ def test_arm_with_a_far_wrong_zero_is_imported_with_a_doubt(tmp_path: Path) -> N
         propose_map([farther], "ur10e")
 
 
-def test_places_that_the_nominal_arm_computes_are_in_doubt(tmp_path: Path) -> None:
+def test_places_that_the_nominal_arm_computes_are_in_doubt(tmp_path):
     from analysis.robot.kinematics.arm import arm_of, forward  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
@@ -163,14 +163,14 @@ def test_places_that_the_nominal_arm_computes_are_in_doubt(tmp_path: Path) -> No
     assert any("the controller" in one for one in propose_map([path], "ur10e").table_map.assumed)
 
 
-def test_other_arm_is_refused_with_its_misfit(tmp_path: Path) -> None:
+def test_other_arm_is_refused_with_its_misfit(tmp_path):
     p = poses()
     path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
     with refused("table.fits_no_reading"):
         propose_map([path], "paper-fanuc")
 
 
-def test_a_short_table_in_metres_is_refused_with_its_map_and_the_command(tmp_path: Path) -> None:
+def test_a_short_table_in_metres_is_refused_with_its_map_and_the_command(tmp_path):
     p, names = poses(), [*(f"q{axis}_deg" for axis in range(1, 7)), "x_m", "y_m", "z_m"]
     path = with_header(p, names, np.degrees(p.q), 1e-3 * p.xyz_mm, tmp_path=tmp_path)
     path.write_text("\n".join(path.read_text().splitlines()[:6]) + "\n")
@@ -195,7 +195,7 @@ def test_a_short_table_in_metres_is_refused_with_its_map_and_the_command(tmp_pat
         (lambda lines: [line.rsplit(",", 1)[0] for line in lines], "lacks columns x, y, z of a place"),
     ],
 )
-def test_a_bad_table_is_refused_in_words(change, says: str, tmp_path: Path) -> None:
+def test_a_bad_table_is_refused_in_words(change, says, tmp_path):
     p = poses()
     path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
     good = propose_map([path], "ur10e").table_map
@@ -209,7 +209,7 @@ def test_a_bad_table_is_refused_in_words(change, says: str, tmp_path: Path) -> N
     assert done.returncode == 3 and says in done.stderr, done.stderr
 
 
-def test_files_of_other_lengths_are_not_joined_by_row(tmp_path: Path) -> None:
+def test_files_of_other_lengths_are_not_joined_by_row(tmp_path):
     foreign = named("two-files")
     joints, laser = foreign.written(tmp_path)
     laser.write_text("\n".join(laser.read_text().splitlines()[:-1]))
@@ -217,7 +217,7 @@ def test_files_of_other_lengths_are_not_joined_by_row(tmp_path: Path) -> None:
     assert done.returncode == 3 and "has 39 rows" in done.stderr
 
 
-def test_a_circle_is_imported_by_a_map(tmp_path: Path) -> None:
+def test_a_circle_is_imported_by_a_map(tmp_path):
     assert ran("simulate", "paper-fanuc", "--test", "yaw", "-o", tmp_path / "sim").returncode == 0
     run = next(path for path in (tmp_path / "sim").iterdir() if "acw" in path.name)
     table = load_run(run).to_table().to_pandas()
@@ -239,7 +239,7 @@ def test_a_circle_is_imported_by_a_map(tmp_path: Path) -> None:
         assert np.allclose(again[name], table[name], atol=1e-9)
 
 
-def test_map_reports_every_mistake_with_its_line(tmp_path: Path) -> None:
+def test_map_reports_every_mistake_with_its_line(tmp_path):
     path = tmp_path / "map.yaml"
     path.write_text(
         "files: [{separator: comma}]\njoints: {columns: [a], unit: turns}\nturn: {columns: [a, b], form: moving xxy}\n"
@@ -250,7 +250,7 @@ def test_map_reports_every_mistake_with_its_line(tmp_path: Path) -> None:
     assert "line 2, joints" in said and "line 3, turn" in said
 
 
-def test_a_map_that_is_written_is_read_as_it_was() -> None:
+def test_a_map_that_is_written_is_read_as_it_was():
     table_map: TableMap = propose_of(named("leica"))
     assert parse_map(map_text(table_map), "m") == table_map
     assumed = replace_assumed(table_map)
@@ -269,7 +269,7 @@ def replace_assumed(table_map: TableMap) -> TableMap:
 
 
 @pytest.mark.parametrize("seed", cases(range(60), range(6)))
-def test_a_damaged_table_is_read_or_refused_in_one_line(seed: int, tmp_path: Path) -> None:
+def test_a_damaged_table_is_read_or_refused_in_one_line(seed, tmp_path):
     rng = np.random.default_rng(seed)
     chosen = [one for one in TABLES if not one.real]
     foreign = chosen[int(rng.integers(len(chosen)))]
@@ -288,7 +288,7 @@ def test_a_damaged_table_is_read_or_refused_in_one_line(seed: int, tmp_path: Pat
         assert "\n" not in str(error)
 
 
-def test_a_bad_cell_is_named_with_its_line(tmp_path: Path) -> None:
+def test_a_bad_cell_is_named_with_its_line(tmp_path):
     p = poses()
     path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
     lines = path.read_text().splitlines()
@@ -299,7 +299,7 @@ def test_a_bad_cell_is_named_with_its_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("line", "lost"), [("###,2.5,3.5", False), ("#1.5,2.5,3.5", True), ("### a remark", True)])
-def test_a_number_too_wide_for_its_cell_begins_no_comment(line: str, lost: bool) -> None:
+def test_a_number_too_wide_for_its_cell_begins_no_comment(line, lost):
     lines = ["1.0,2.0,3.0", "4.0,5.0,6.0", line, "7.0,8.0,9.0"]
     raw = read_raw(lines, layout_of(lines, "utf-8", "a.csv"), "a.csv")
     assert (3 in raw.lines.tolist()) is not lost

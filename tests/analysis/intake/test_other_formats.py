@@ -1,11 +1,8 @@
-from __future__ import annotations
-
 import csv
 import io
 import math
 import time
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -37,13 +34,13 @@ HEADER = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
         (b"# nothing else\n", "comment"),
     ],
 )
-def test_other_formats_are_named(data: bytes, told: str) -> None:
+def test_other_formats_are_named(data, told):
     with pytest.raises(FileError, match=told) as error:
         parse_csv(data, "lap", "yaw", RIG)
     assert "UTF-8" not in str(error.value)
 
 
-def test_an_element_of_many_attributes_is_refused_at_once(tmp_path: Path) -> None:
+def test_an_element_of_many_attributes_is_refused_at_once(tmp_path):
     attributes = " ".join(f'a{number}="1"' for number in range(200_000))
     (tmp_path / "arm.urdf").write_text(f'<robot name="a"><link name="b" {attributes}/></robot>')
     begun = time.process_time()
@@ -56,16 +53,16 @@ FORMULAS = ["=cmd|' /C calc'!A0", "+1", "@SUM(A1)", "-1+1", "'=1", "\t=1", "-", 
 
 
 @pytest.mark.parametrize("text", FORMULAS)
-def test_a_formula_is_written_as_text_and_read_as_it_was(text: str) -> None:
+def test_a_formula_is_written_as_text_and_read_as_it_was(text):
     assert no_formula(text).startswith("'") and as_it_was(no_formula(text)) == text
 
 
 @pytest.mark.parametrize("text", ["-1.5", "-2e-05", "12", "a=b", "it's", "", "'", "'a'"])
-def test_numbers_and_other_text_stay(text: str) -> None:
+def test_numbers_and_other_text_stay(text):
     assert no_formula(text) == text == as_it_was(text)
 
 
-def test_no_cell_and_no_header_of_a_csv_file_is_a_formula() -> None:
+def test_no_cell_and_no_header_of_a_csv_file_is_a_formula():
     table = pa.table({"=head": FORMULAS, "value": [-1.0] * len(FORMULAS)})
     out = io.BytesIO()
     write_csv(table, out)
@@ -74,7 +71,7 @@ def test_no_cell_and_no_header_of_a_csv_file_is_a_formula() -> None:
     assert all(text[0] not in "=+-@\t" and value == "-1.0" for text, value in rows)
 
 
-def test_no_cell_and_no_header_of_a_workbook_is_a_formula_or_a_link() -> None:
+def test_no_cell_and_no_header_of_a_workbook_is_a_formula_or_a_link():
     texts = [*FORMULAS, "http://evil.example", "\x1b[31m"]
     table = pa.table({"=head": texts, "value": [math.nan, 0.1, *[-1.0] * (len(texts) - 2)]})
     out = io.BytesIO()
@@ -85,12 +82,12 @@ def test_no_cell_and_no_header_of_a_workbook_is_a_formula_or_a_link() -> None:
     assert sheet.count("<row ") == len(texts) + 1 and sheet.count("<v>") == len(texts) - 1  # what is unknown is empty
 
 
-def test_more_rows_than_a_sheet_has_are_refused() -> None:
+def test_more_rows_than_a_sheet_has_are_refused():
     with refused("output.form"):
         write_xlsx(pa.table({"a": np.zeros(1_048_576)}), io.BytesIO())
 
 
-def test_notes_of_a_table_come_back(tmp_path: Path) -> None:
+def test_notes_of_a_table_come_back(tmp_path):
     lines = csv_text(plain("roll", "cw")).splitlines()
     notes = [FORMULAS[0], "+1", *["fine"] * (len(lines) - 3)]
     text = "\n".join([f"{lines[0]},note", *(f'{line},"{note}"' for line, note in zip(lines[1:], notes, strict=True))])

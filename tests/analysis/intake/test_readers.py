@@ -19,7 +19,7 @@ def _read_anew() -> Iterator[None]:
     readers.readers.cache_clear()
 
 
-def test_a_bag_is_recognised_by_its_first_bytes() -> None:
+def test_a_bag_is_recognised_by_its_first_bytes():
     assert readers.reader_of(b"t_s,q1_deg\n") is None
     for magic in (MCAP_MAGIC, SQLITE_MAGIC):
         assert readers.reader_of(magic + b"0") is bag_reader
@@ -27,7 +27,7 @@ def test_a_bag_is_recognised_by_its_first_bytes() -> None:
     assert readers.file_of(Path("table.csv")) == Path("table.csv")
 
 
-def test_an_unusable_reader_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unusable_reader_is_named_with_its_remedy(monkeypatch):
     offers = [EntryPoint("half_made", "nowhere.at_all", "rig.readers")]
     monkeypatch.setattr(readers, "entry_points", lambda group: offers)
     with pytest.raises(FileError) as error:

@@ -51,9 +51,7 @@ def exported(run: Path, to: str) -> Path:
 
 @pytest.mark.parametrize("direction", ["acw", "cw"])
 @pytest.mark.parametrize("test", TESTS)
-def test_a_table_goes_in_comes_out_and_comes_back_the_same(
-    tmp_path: Path, test: TestName, direction: Direction
-) -> None:
+def test_a_table_goes_in_comes_out_and_comes_back_the_same(tmp_path, test, direction):
     rows = rows_of(test, direction)
     known = set(plain(test))
     run = imported(tmp_path, rows, test)
@@ -72,7 +70,7 @@ def test_a_table_goes_in_comes_out_and_comes_back_the_same(
 
 
 @pytest.mark.parametrize("test", TESTS)
-def test_an_imported_run_is_a_run(tmp_path: Path, test: TestName) -> None:
+def test_an_imported_run_is_a_run(tmp_path, test):
     rows = rows_of(test, "cw")
     path = imported(tmp_path, rows, test)
     manifest, count = load_manifest(path), len(rows["q1_deg"])
@@ -98,7 +96,7 @@ def test_an_imported_run_is_a_run(tmp_path: Path, test: TestName) -> None:
     ]
 
 
-def test_tables_in_memory_are_in_rad_and_mm(tmp_path: Path) -> None:
+def test_tables_in_memory_are_in_rad_and_mm(tmp_path):
     for test in TESTS:
         rows = rows_of(test)
         table = measured_of(read_run(imported(tmp_path, rows, test, name=test))).table
@@ -126,7 +124,7 @@ def test_tables_in_memory_are_in_rad_and_mm(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("test", TESTS)
-def test_tables_in_memory_become_the_same_columns(tmp_path: Path, test: TestName) -> None:
+def test_tables_in_memory_become_the_same_columns(tmp_path, test):
     rows = plain(test)
     columns = columns_of(measured_of(read_run(imported(tmp_path, rows, test))).table)
     assert sorted(columns.column_names) == sorted(rows)
@@ -137,7 +135,7 @@ def test_tables_in_memory_become_the_same_columns(tmp_path: Path, test: TestName
             assert columns[name].to_pylist() == pytest.approx([float(text) for text in rows[name]], rel=1e-15), name
 
 
-def test_places_alone_make_a_pose_table(tmp_path: Path) -> None:
+def test_places_alone_make_a_pose_table(tmp_path):
     rows = {name: cells for name, cells in plain("pose").items() if not name.startswith("r")}
     table = measured_of(read_run(imported(tmp_path, rows, "pose"))).table
     assert isinstance(table, PoseTable)
@@ -145,7 +143,7 @@ def test_places_alone_make_a_pose_table(tmp_path: Path) -> None:
     assert columns_of(table).column_names == list(rows)
 
 
-def test_a_circle_without_direction_takes_that_of_the_command(tmp_path: Path) -> None:
+def test_a_circle_without_direction_takes_that_of_the_command(tmp_path):
     rows = rows_of("yaw", "cw")
     del rows["direction"]
     run = imported(tmp_path, rows, "yaw", "cw")
@@ -155,7 +153,7 @@ def test_a_circle_without_direction_takes_that_of_the_command(tmp_path: Path) ->
     assert [name for name in back.table.column_names if name != "direction"] == list(rows)
 
 
-def test_spreadsheet_formats_are_read(tmp_path: Path) -> None:
+def test_spreadsheet_formats_are_read(tmp_path):
     rows = plain("repeatability")
     text = "\n".join(",".join(cells) for cells in [tuple(rows), *zip(*rows.values(), strict=True)])
     table = tmp_path / "table.csv"
@@ -167,7 +165,7 @@ def test_spreadsheet_formats_are_read(tmp_path: Path) -> None:
     assert read_file(table, "repeatability", rig()).table.equals(plainly)
 
 
-def test_names_that_are_no_utf8_are_kept_as_far_as_they_can_be(tmp_path: Path) -> None:
+def test_names_that_are_no_utf8_are_kept_as_far_as_they_can_be(tmp_path):
     latin = os.fsdecode(b"k\xf6ln")
     source = tmp_path / f"{latin}.csv"
     source.write_text(csv_text(plain("pose")))
@@ -178,7 +176,7 @@ def test_names_that_are_no_utf8_are_kept_as_far_as_they_can_be(tmp_path: Path) -
     assert verify(tmp_path / latin) == []
 
 
-def test_nothing_is_overwritten(tmp_path: Path) -> None:
+def test_nothing_is_overwritten(tmp_path):
     run = imported(tmp_path, plain("pose"), "pose")
     before = {file: file.read_bytes() for file in run.iterdir()}
     with pytest.raises(FileError, match="exists already"):
@@ -194,7 +192,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert {file: file.read_bytes() for file in run.iterdir()} == before
 
 
-def test_a_refused_file_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_file_leaves_nothing(tmp_path, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "full")
 
@@ -206,7 +204,7 @@ def test_a_refused_file_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Monke
     assert [file.name for file in tmp_path.iterdir()] == ["run table.csv"]
 
 
-def test_an_import_cut_off_is_seen_and_recovered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_import_cut_off_is_seen_and_recovered(tmp_path, monkeypatch):
     rows = rows_of("pose")
     run = imported(tmp_path, rows, "pose")
     whole = read_run(run).table
@@ -220,7 +218,7 @@ def test_an_import_cut_off_is_seen_and_recovered(tmp_path: Path, monkeypatch: py
     assert "missing" in verify(run)[0]
 
 
-def test_a_damaged_table_is_not_read(tmp_path: Path) -> None:
+def test_a_damaged_table_is_not_read(tmp_path):
     run = imported(tmp_path, plain("pose"), "pose")
     file = run / "table-0001.parquet"
     data = bytearray(file.read_bytes())
@@ -242,7 +240,7 @@ def test_a_damaged_table_is_not_read(tmp_path: Path) -> None:
         {"test": "radial"},
     ],
 )
-def test_a_manifest_that_does_not_match_its_table(tmp_path: Path, change: dict[str, object]) -> None:
+def test_a_manifest_that_does_not_match_its_table(tmp_path, change):
     run = imported(tmp_path, plain("pose"), "pose")
     manifest = run / "manifest.json"
     manifest.write_text(json.dumps(json.loads(manifest.read_text()) | change))
@@ -251,7 +249,7 @@ def test_a_manifest_that_does_not_match_its_table(tmp_path: Path, change: dict[s
 
 
 @given(st.lists(st.text(st.characters(exclude_characters="\0", codec="utf-8")), min_size=1, max_size=8))
-def test_extra_columns_hold_any_text(tmp_path_factory: pytest.TempPathFactory, texts: list[str]) -> None:
+def test_extra_columns_hold_any_text(tmp_path_factory, texts):
     rows = plain("pose")
     rows = {"extra": [texts[k % len(texts)] for k in range(len(rows["q1_deg"]))], **rows}
     file = tmp_path_factory.mktemp("any") / "in.csv"
@@ -266,7 +264,7 @@ def test_extra_columns_hold_any_text(tmp_path_factory: pytest.TempPathFactory, t
     assert all(line.isprintable() for line in out.read_text(encoding="utf-8").split("\n"))
 
 
-def test_the_commands(tmp_path: Path) -> None:
+def test_the_commands(tmp_path):
     (tmp_path / "t.csv").write_text(csv_text(plain("roll", "cw")))
     run = partial(ran, cwd=tmp_path)
     made = run("import", "t.csv", "--rig", RIG_FILE, "--test", "roll", "-o", "runs/roll-cw")

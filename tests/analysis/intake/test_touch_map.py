@@ -32,7 +32,7 @@ def written(cell: Path, name: str, header: list[str], *, socket: bool, factor: f
 
 
 @pytest.mark.parametrize(("header", "factor"), [(JOINTS, 1.0), ([f"joint_{axis}" for axis in range(6)], np.pi / 180)])
-def test_joints_of_touches_are_read_under_the_names_of_a_pendant(cell: Path, header: list[str], factor: float) -> None:
+def test_joints_of_touches_are_read_under_the_names_of_a_pendant(cell, header, factor):
     name = f"touches-{header[0]}"
     written(cell, f"{name}.csv", header, socket=True, factor=factor)
     done = ran("import", f"{name}.csv", "--rig", "cell.yaml", "--test", "touch", "-o", name, cwd=cell)
@@ -41,7 +41,7 @@ def test_joints_of_touches_are_read_under_the_names_of_a_pendant(cell: Path, hea
     assert np.allclose(imported.q, exact.q) and (imported.socket == exact.socket).all()
 
 
-def test_one_socket_for_all_rows_is_an_option(cell: Path) -> None:
+def test_one_socket_for_all_rows_is_an_option(cell):
     written(cell, "one.csv", JOINTS, socket=False)
     words = ("import", "one.csv", "--rig", "cell.yaml", "--test", "touch", "-o", "one")
     refused = ran(*words, cwd=cell)
@@ -53,6 +53,6 @@ def test_one_socket_for_all_rows_is_an_option(cell: Path) -> None:
     assert unknown.returncode == 3 and "'C'" in unknown.stderr
 
 
-def test_touches_report_the_value_of_a_socket_distance(cell: Path) -> None:
+def test_touches_report_the_value_of_a_socket_distance(cell):
     told = ran("analyse", "exact", cwd=cell)
     assert "unknown" in " ".join((told.stdout + told.stderr).split())

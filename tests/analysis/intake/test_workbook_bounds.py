@@ -29,19 +29,17 @@ def _workbook(dimension: str, rows: str) -> bytes:
 @pytest.mark.parametrize(
     ("dimension", "rows"), [("A1:XFD1048576", _FAR), ("A1:B2000", _ROWS), ("A1:B1", _FAR.replace("XFD", "B"))]
 )
-def test_a_workbook_of_too_many_cells_is_refused_while_it_is_read(
-    monkeypatch: pytest.MonkeyPatch, dimension: str, rows: str
-) -> None:
+def test_a_workbook_of_too_many_cells_is_refused_while_it_is_read(monkeypatch, dimension, rows):
     monkeypatch.setattr(raw_table, "_MOST_SHEET_CELLS", 3000)  # private: 500 000 cells take seconds
     with refused("workbook.too_large"):
         sheets_of(_workbook(dimension, rows), "book")
 
 
-def test_a_sheet_that_was_formatted_as_a_whole_has_the_cells_that_it_has() -> None:
+def test_a_sheet_that_was_formatted_as_a_whole_has_the_cells_that_it_has():
     assert sheets_of(_workbook("A1:XFD1048576", _SMALL), "book") == {"Sheet": b"7,8\n"}
 
 
-def test_oversized_workbook_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oversized_workbook_is_not_unpacked(monkeypatch):
     monkeypatch.setattr(raw_table, "_MOST_UNPACKED", 10_000)  # private: 40 MB take seconds
     with refused("workbook.too_large"):
         sheets_of(_workbook("A1:B2000", _ROWS), "book")

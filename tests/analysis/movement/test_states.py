@@ -31,9 +31,7 @@ STATES: dict[str, tuple[str, list[dict[int, float]]]] = {
 
 
 @pytest.mark.parametrize(("arm", "changes"), STATES.values(), ids=STATES)
-def test_each_change_between_runs_is_a_movement_and_one_state_of_the_arm_remains(
-    arm: str, changes: list[dict[int, float]]
-) -> None:
+def test_each_change_between_runs_is_a_movement_and_one_state_of_the_arm_remains(arm, changes):
     cell = cell_with(arm, changes, np.random.default_rng(11))
     kept, movements, _ = without_moved(load(arm)[0].model_copy(update={"effects": ()}), cell.runs)
     true = {(f"run_{k}", axis): size for k, change in enumerate(changes, start=1) for axis, size in change.items()}
@@ -45,13 +43,13 @@ def test_each_change_between_runs_is_a_movement_and_one_state_of_the_arm_remains
     assert len(states) == 1
 
 
-def test_runs_of_an_unchanged_arm_stay_together() -> None:
+def test_runs_of_an_unchanged_arm_stay_together():
     cell = cell_with("ur10e", [{}] * 3, np.random.default_rng(12))
     kept, movements, doubts = without_moved(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs)
     assert len(kept) == 3 and not movements and not doubts
 
 
-def test_a_diagnosis_gets_the_state_with_most_readings(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_diagnosis_gets_the_state_with_most_readings(monkeypatch):
     searched: list[str] = []
 
     def diagnosed(_: object, runs: list[Measured], *others: object) -> Diagnosis:
@@ -79,9 +77,7 @@ REFERENCES: dict[str, tuple[str, list[dict[int, float]], set[tuple[str, int | No
 
 
 @pytest.mark.parametrize(("arm", "changes", "among_references"), REFERENCES.values(), ids=REFERENCES)
-def test_new_readings_are_compared_with_the_latest_state_of_the_reference(
-    arm: str, changes: list[dict[int, float]], among_references: set[tuple[str, int | None]]
-) -> None:
+def test_new_readings_are_compared_with_the_latest_state_of_the_reference(arm, changes, among_references):
     cell = cell_with(arm, changes, np.random.default_rng(14))
     rig = load(arm)[0].model_copy(update={"effects": ()})
     found = what_moved_in(rig, cell.runs[:-1], cell.runs[-1:])
@@ -95,7 +91,7 @@ def test_new_readings_are_compared_with_the_latest_state_of_the_reference(
         assert found.named.size_deg == (pytest.approx(size, abs=0.01) if axis in range(1, 7) else None)
 
 
-def test_too_few_readings_of_the_latest_state_are_refused() -> None:
+def test_too_few_readings_of_the_latest_state_are_refused():
     cell = cell_with("ur10e", [{}, {3: 0.2}, {}], np.random.default_rng(15))
     cell.runs[1] = with_rows(cell.runs[1], 8)
     with pytest.raises(FileError) as error:
@@ -109,7 +105,7 @@ def with_rows(run: Measured, count: int) -> Measured:
     return replace(run, table=replace(table, q=table.q[:count], xyz_mm=table.xyz_mm[:count]))
 
 
-def test_the_answer_lists_every_movement_between_runs() -> None:
+def test_the_answer_lists_every_movement_between_runs():
     cell = cell_with("ur10e", [{}, {4: 0.17}, {3: -0.2}, {2: 0.15}], np.random.default_rng(16))
     _, movements, _ = without_moved(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs)
     found = replace(diagnosis("nothing_unusual", acts=()), movements=tuple(movements))
@@ -118,7 +114,7 @@ def test_the_answer_lists_every_movement_between_runs() -> None:
 
 
 @pytest.mark.parametrize("axes", [(2, 3, 4), (1, 3, 5)])
-def test_three_zeros_that_moved_at_once_are_named_together(axes: tuple[int, ...]) -> None:
+def test_three_zeros_that_moved_at_once_are_named_together(axes):
     drawn = Case(world.SIX, "nothing", 0.05, 601)
     zero = np.radians([0.1 * (axis in axes) for axis in range(1, 7)])
     drawn.change = replace(drawn.change, zero=zero)
@@ -126,7 +122,7 @@ def test_three_zeros_that_moved_at_once_are_named_together(axes: tuple[int, ...]
     assert label(drawn.named(drawn.touch_again(10))) == "+".join(f"zero {axis}" for axis in axes)
 
 
-def test_odds_of_a_pair_include_a_third_part() -> None:
+def test_odds_of_a_pair_include_a_third_part():
     drawn = Case(world.SIX, "zero 3+zero 4", 0.05, 602)
     probability = compare(drawn.reference, observed(drawn.model, *drawn.touch_again(10))).posterior.probability
     third = sum(p for cause, p in probability.items() if cause.what == "triple")

@@ -39,7 +39,7 @@ def _repeatability_case(rng: np.random.Generator) -> tuple[dict[str, Quantity], 
 
 
 @pytest.mark.parametrize("case", [_radial_case, _repeatability_case])
-def test_a_coarse_gauge_is_seen_and_in_every_uncertainty(case) -> None:  # type: ignore[no-untyped-def]
+def test_a_coarse_gauge_is_seen_and_in_every_uncertainty(case):
     within: dict[str, list[bool]] = {}
     for seed in range(CELLS):
         figures, truth, notes = case(np.random.default_rng(seed))

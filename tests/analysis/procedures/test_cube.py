@@ -48,7 +48,7 @@ def measured(rig: Rig) -> tuple[PoseTable, Array, Array]:
 
 
 @pytest.mark.parametrize("name", ["ur10e", "paper-fanuc"])
-def test_the_cube_has_its_poses_where_the_standard_puts_them(name: str) -> None:
+def test_the_cube_has_its_poses_where_the_standard_puts_them(name):
     rig = rig_with(Iso9283(), name)
     cube = cube_of(rig)
     placed = tool_places(rig, cube.q, wrong=False)
@@ -57,7 +57,7 @@ def test_the_cube_has_its_poses_where_the_standard_puts_them(name: str) -> None:
     assert (np.degrees(cube.q) > low).all() and (np.degrees(cube.q) < high).all()
 
 
-def test_figures_are_those_of_the_standard_where_the_frame_is_known() -> None:
+def test_figures_are_those_of_the_standard_where_the_frame_is_known():
     rig = rig_with(Iso9283(instrument=INSTRUMENT))
     table, attained, nominal = measured(rig)
     figures = evaluate(table, rig, 0.0, "cube").figures
@@ -76,7 +76,7 @@ def test_figures_are_those_of_the_standard_where_the_frame_is_known() -> None:
     assert figures["ap_mm"].u > INSTRUMENT.u_mm > figures["rp_mm"].u
 
 
-def test_fitted_frame_removes_accuracy_but_not_repeatability() -> None:
+def test_fitted_frame_removes_accuracy_but_not_repeatability():
     known, fitted = rig_with(Iso9283(instrument=INSTRUMENT)), rig_with(Iso9283())
     table, _, _ = measured(known)
     by_frame, by_fit = evaluate(table, known, 0.0, "cube"), evaluate(table, fitted, 0.0, "cube")
@@ -86,7 +86,7 @@ def test_fitted_frame_removes_accuracy_but_not_repeatability() -> None:
     assert any("best fit" in note for note in by_fit.notes) and not any("best fit" in note for note in by_frame.notes)
 
 
-def test_uncertainties_hold_the_truth() -> None:
+def test_uncertainties_hold_the_truth():
     """AP and AD of the noise-free stops lie within 2 u in nearly all runs."""
     rig = rig_with(Iso9283(instrument=INSTRUMENT.model_copy(update={"u_mm": 0.0})))
     q = cycle_stops(rig)
@@ -103,7 +103,7 @@ def test_uncertainties_hold_the_truth() -> None:
     assert np.mean(held) > 0.85, np.mean(held)
 
 
-def test_orientation_is_judged_in_the_known_frame() -> None:
+def test_orientation_is_judged_in_the_known_frame():
     rig = rig_with(Iso9283(instrument=INSTRUMENT))
     q = cycle_stops(rig)
     turn = Rotation.from_euler("xyz", INSTRUMENT.rpy_deg, degrees=True)
@@ -121,11 +121,11 @@ def test_orientation_is_judged_in_the_known_frame() -> None:
 
 
 @pytest.mark.parametrize("rises", ["x", "y"])
-def test_the_diagonals_of_a_measured_ur10(rises: str) -> None:
+def test_the_diagonals_of_a_measured_ur10(rises):
     """Cubes of 500 mm of Fraunhofer IPA's series D: AD is that of the places alone, without any frame."""
     table, _ = series("series_d")
     posture = tuple(map(float, np.degrees(table.q[0])))
-    rig = rig_with(Iso9283(posture_deg=posture, side_mm=500.0, rises=rises), "ur10")  # type: ignore[arg-type]
+    rig = rig_with(Iso9283(posture_deg=posture, side_mm=500.0, rises=rises), "ur10")
     found = evaluate(table, rig, 0.0, "series d").figures
     cube = cube_of(rig)
     there = {p: np.abs(table.q - cube.q[p - 1]).max(axis=1) < np.radians(0.5) for p in (2, 4)}
@@ -136,7 +136,7 @@ def test_the_diagonals_of_a_measured_ur10(rises: str) -> None:
     assert found["rp_p1_mm"].value == pytest.approx(0.038, abs=0.002)
 
 
-def test_other_poses_have_no_figures_of_the_cube() -> None:
+def test_other_poses_have_no_figures_of_the_cube():
     rig = rig_with(Iso9283())
     table, _, _ = measured(rig)
     moved = replace(table, q=table.q + np.radians(2.0))
@@ -149,14 +149,14 @@ def test_other_poses_have_no_figures_of_the_cube() -> None:
     "test",
     [Iso9283(centre_mm=(3000.0, 0.0, 500.0)), Iso9283(centre_mm=(600.0, 0.0, 500.0), side_mm=2000.0)],
 )
-def test_a_cube_without_room_is_refused(test: Iso9283) -> None:
+def test_a_cube_without_room_is_refused(test):
     with refused("path.reach"):
         cube_of(rig_with(test))
 
 
-def test_a_cube_that_was_found_stays_when_it_is_written_down() -> None:
+def test_a_cube_that_was_found_stays_when_it_is_written_down():
     found = cube_of(rig_with(Iso9283()))
     posture = tuple(round(float(angle), 4) for angle in np.degrees(found.q[0]))
     centre = tuple(map(float, found.centre_mm))
-    stated = cube_of(rig_with(Iso9283(centre_mm=centre, side_mm=found.side_mm, posture_deg=posture)))  # type: ignore[arg-type]
+    stated = cube_of(rig_with(Iso9283(centre_mm=centre, side_mm=found.side_mm, posture_deg=posture)))
     assert np.abs(stated.q - found.q).max() < 1e-4 and found.found and not stated.found

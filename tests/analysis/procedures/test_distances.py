@@ -22,7 +22,7 @@ def _radial(g: np.ndarray, u_mm: float = 0.0, **changes: object) -> radial.Radia
     return radial.evaluate(table, 400.0, u_mm)
 
 
-def test_a_moved_sphere_is_found_with_centre_and_radius() -> None:
+def test_a_moved_sphere_is_found_with_centre_and_radius():
     d = planted.directions(TABLE)
     centre, radius = np.array([0.5, -0.3, 0.2]), 400.192
     along = d @ centre
@@ -36,7 +36,7 @@ def test_a_moved_sphere_is_found_with_centre_and_radius() -> None:
     assert result.figures["held_radius_mm"].value == pytest.approx(400 + g.mean(), abs=1e-3)
 
 
-def test_a_bad_target_is_named_and_left_out_and_no_other() -> None:
+def test_a_bad_target_is_named_and_left_out_and_no_other():
     g = planted.true_radial(TABLE)
     clean = _radial(g)
     assert clean.used.all()
@@ -50,7 +50,7 @@ def test_a_bad_target_is_named_and_left_out_and_no_other() -> None:
     assert set(two.cells.target[~two.used]) == {12, 13}
 
 
-def test_one_slip_among_the_orientations_leaves_its_target_out() -> None:
+def test_one_slip_among_the_orientations_leaves_its_target_out():
     g = planted.true_radial(TABLE)
     slip = (TABLE.target == 12) & (TABLE.orientation == 2)
     result = _radial(g - 5.0 * slip)
@@ -58,7 +58,7 @@ def test_one_slip_among_the_orientations_leaves_its_target_out() -> None:
 
 
 @pytest.mark.parametrize("name", ["paper-fanuc", "ur10e", "paper-errors"])
-def test_plays_leave_no_target_out_but_a_wrong_place_is(name: str) -> None:
+def test_plays_leave_no_target_out_but_a_wrong_place_is(name):
     """Backlash produces two groups of errors, the smaller of only a few targets. These are errors of the robot, not
     outliers.
     """
@@ -72,7 +72,7 @@ def test_plays_leave_no_target_out_but_a_wrong_place_is(name: str) -> None:
         assert list(found.cells.target[~found.used]) == [16]
 
 
-def test_one_orientation_has_no_range_over_orientations() -> None:
+def test_one_orientation_has_no_range_over_orientations():
     part = {
         name: getattr(TABLE, name)[TABLE.orientation == 1]
         for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")
@@ -86,7 +86,7 @@ def test_one_orientation_has_no_range_over_orientations() -> None:
     assert any(note.startswith("1 of 3 orientations") for note in result.notes)
 
 
-def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
+def test_a_target_that_the_hemisphere_does_not_have_is_refused():
     rig, _ = load("paper-fanuc")
     for test in ("radial", "repeatability"):
         table = simulate(rig, test, None, 1)
@@ -95,7 +95,7 @@ def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
             evaluate(wrong, rig, 0.0, "t")
 
 
-def test_ranges_without_noise_are_not_corrected_for_it() -> None:
+def test_ranges_without_noise_are_not_corrected_for_it():
     """The simulated side of a comparison: an exact sphere has a band of nothing, not less than nothing."""
     rig, _ = load("paper-fanuc")
     table = simulate(rig, "radial", None, None, effects=[])
@@ -105,7 +105,7 @@ def test_ranges_without_noise_are_not_corrected_for_it() -> None:
     assert band.u == 0
 
 
-def test_robot_errors_are_rarely_taken_for_bad_targets() -> None:
+def test_robot_errors_are_rarely_taken_for_bad_targets():
     """Normal errors of 37 targets, 200 times: none should be left out in 99 %."""
     out = 0
     for seed in range(200):
@@ -114,7 +114,7 @@ def test_robot_errors_are_rarely_taken_for_bad_targets() -> None:
     assert out <= 2
 
 
-def test_missing_targets_and_orientations_are_reported() -> None:
+def test_missing_targets_and_orientations_are_reported():
     keep = ~np.isin(TABLE.target, (4, 9)) & ~((TABLE.target == 7) & (TABLE.orientation == 2))
     part = {name: getattr(TABLE, name)[keep] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
     result = _radial(planted.true_radial(TABLE)[keep], **part)
@@ -122,7 +122,7 @@ def test_missing_targets_and_orientations_are_reported() -> None:
     assert result.samples == 104
 
 
-def test_uncertainty_is_that_of_the_visits_and_not_of_the_robots_errors() -> None:
+def test_uncertainty_is_that_of_the_visits_and_not_of_the_robots_errors():
     twice = planted.hemisphere(visits=2)
     noise = np.random.default_rng(4).normal(0, 0.01, len(twice.g_mm))
     small, large = (
@@ -134,7 +134,7 @@ def test_uncertainty_is_that_of_the_visits_and_not_of_the_robots_errors() -> Non
     assert {figure.noise for figure in small.figures.values()} == {"measured"}
 
 
-def test_one_visit_has_an_assumed_scatter() -> None:
+def test_one_visit_has_an_assumed_scatter():
     result = _radial(planted.true_radial(TABLE), 0.0005)
     assert {figure.noise for figure in result.figures.values()} == {"assumed"}
     assert any("assumed" in note for note in result.notes)
@@ -142,7 +142,7 @@ def test_one_visit_has_an_assumed_scatter() -> None:
 
 
 @pytest.mark.parametrize("visits", [1, 2, 3])
-def test_no_range_of_an_exact_sphere_in_noise_is_below_zero(visits: int) -> None:
+def test_no_range_of_an_exact_sphere_in_noise_is_below_zero(visits):
     table = planted.hemisphere(visits)
     for seed in range(5):
         g = np.random.default_rng(seed).normal(0, 0.03, len(table.g_mm))
@@ -151,7 +151,7 @@ def test_no_range_of_an_exact_sphere_in_noise_is_below_zero(visits: int) -> None
             assert 0 < figures[name].value < 0.15, name
 
 
-def test_a_drift_that_the_visits_show_makes_no_band() -> None:
+def test_a_drift_that_the_visits_show_makes_no_band():
     once = planted.hemisphere()
     rows = np.tile(np.arange(len(once.g_mm)), 2)
     part = {name: getattr(once, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "q")}
@@ -165,7 +165,7 @@ def test_a_drift_that_the_visits_show_makes_no_band() -> None:
     assert np.median(result.scatter.sd_mm) == pytest.approx(0.003, rel=0.3)
 
 
-def test_repeatability_keeps_the_drift_between_the_visits() -> None:
+def test_repeatability_keeps_the_drift_between_the_visits():
     """ISO 9283, 7.2.2, takes the poses as they were attained: by a steady drift of d from visit to visit, d, 0 and d
     from their mean."""
     once = planted.hemisphere()
@@ -179,7 +179,7 @@ def test_repeatability_keeps_the_drift_between_the_visits() -> None:
     assert found.u < 0.1 * found.value  # the drift is no scatter
 
 
-def test_one_wild_reading_moves_figures_less_than_two_u() -> None:
+def test_one_wild_reading_moves_figures_less_than_two_u():
     twice = planted.hemisphere(visits=2)
     g = planted.true_radial(twice) + np.random.default_rng(6).normal(0, 0.01, len(twice.g_mm))
     sound = radial.evaluate(planted.with_readings(twice, g), 400.0, 0.0005).figures
@@ -190,7 +190,7 @@ def test_one_wild_reading_moves_figures_less_than_two_u() -> None:
 
 
 @pytest.mark.parametrize("visits", [1, 2, 3])
-def test_a_table_with_holes_is_evaluated(visits: int) -> None:
+def test_a_table_with_holes_is_evaluated(visits):
     whole = planted.hemisphere(visits)
     for keep in (
         (whole.target < 10) & ~((whole.target == 3) & (whole.orientation > 1)),
@@ -204,7 +204,7 @@ def test_a_table_with_holes_is_evaluated(visits: int) -> None:
         assert all(0 < figure.u < 0.5 and np.isfinite(figure.value) for figure in figures.values()), figures
 
 
-def test_nearly_planar_targets_leave_out_undetermined_figures() -> None:
+def test_nearly_planar_targets_leave_out_undetermined_figures():
     rows = np.degrees(TABLE.polar).round() == 60
     part = {name: getattr(TABLE, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
     result = _radial(planted.true_radial(TABLE)[rows], **part)
@@ -213,14 +213,14 @@ def test_nearly_planar_targets_leave_out_undetermined_figures() -> None:
     assert any(note.startswith("centre_z_mm, radius_mm ignored") for note in result.notes)
 
 
-def test_too_few_targets_are_refused() -> None:
+def test_too_few_targets_are_refused():
     rows = TABLE.target <= 5
     part = {name: getattr(TABLE, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
     with refused("table.few_targets"):
         _radial(planted.true_radial(TABLE)[rows], **part)
 
 
-def test_invalid_radial_run_is_refused() -> None:
+def test_invalid_radial_run_is_refused():
     g = planted.true_radial(TABLE)
     for code, changes in (
         ("gauge.constant", {"g_mm": np.zeros_like(g)}),
@@ -236,7 +236,7 @@ def test_invalid_radial_run_is_refused() -> None:
         radial.evaluate(planted.with_readings(TABLE, g), 0.0, 0.0005)
 
 
-def test_repeatability_by_hand() -> None:
+def test_repeatability_by_hand():
     """One target: out 1, 2, 3, in 11, 12, 14: ranges 2, 3 and 13; s 1 and 1.5275; B 10.3333."""
     g = np.array([[[1.0, 11.0], [2.0, 12.0], [3.0, 14.0]]])
     result = repeatability.evaluate(planted.repeatability_table(g), 0.0005)
@@ -253,7 +253,7 @@ def test_repeatability_by_hand() -> None:
     assert result.figures["uni_mm"].samples == 6
 
 
-def test_repeatability_ignores_one_sided_targets_and_needs_one_two_sided() -> None:
+def test_repeatability_ignores_one_sided_targets_and_needs_one_two_sided():
     g = np.random.default_rng(1).normal(0, 0.1, (3, 3, 2))
     table = planted.repeatability_table(g)
     keep = ~((table.target == 2) & (table.approach == "in"))
@@ -270,7 +270,7 @@ def test_repeatability_ignores_one_sided_targets_and_needs_one_two_sided() -> No
             repeatability.evaluate(dataclasses.replace(table, **changes), 0.0005)
 
 
-def test_each_target_scatters_in_its_own_way() -> None:
+def test_each_target_scatters_in_its_own_way():
     """Seven targets of 3 to 60 µm, three rounds: what is told covers the expectation of each figure."""
     rng = np.random.default_rng(1)
     within: dict[str, list[bool]] = {}
@@ -284,7 +284,7 @@ def test_each_target_scatters_in_its_own_way() -> None:
     assert min(shares.values()) >= 0.85, shares
 
 
-def test_two_readings_a_side_at_one_target_measure_no_scatter() -> None:
+def test_two_readings_a_side_at_one_target_measure_no_scatter():
     g = np.array([[[1.0, 1.1], [1.01, 1.12]]])
     result = repeatability.evaluate(planted.repeatability_table(g), 0.0005)
     assert {figure.noise for figure in result.figures.values()} == {"assumed"}

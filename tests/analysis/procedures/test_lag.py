@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Eff
 
 
 @pytest.mark.parametrize("lag_s", [0.005, -0.02, 0.0])
-def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
+def test_a_lag_is_found_where_nothing_else_reverses(lag_s):
     rig = load_hidden("ur10e").apply_to(load("ur10e")[0])
     effects: list[Effect] = [TimeLag(effect="time_lag", lag_s=lag_s)] if lag_s else []
     acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
@@ -38,7 +37,7 @@ def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
     assert 1 < found.u < 60  # a different run never meets the ball at quite the same place
 
 
-def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
+def test_play_widens_the_uncertainty_that_covers_the_lag():
     """With the robot's own plays, and with noise and scatter of four pairs of runs."""
     rig = load_hidden("ur10e").apply_to(load("ur10e")[0])
     for effects, least_ms in (([LAGGING], 1.0), ([LAGGING, *rig.effects], 20.0)):
@@ -51,7 +50,7 @@ def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
         assert np.max(np.abs(off)) <= 3
 
 
-def test_lag_needs_two_directions(tmp_path: Path) -> None:
+def test_lag_needs_two_directions(tmp_path):
     rig, text = load("ur10e")
     rig = load_hidden("ur10e").apply_to(rig)
     runs = list(write_simulated(rig, text, "yaw", ("acw", "cw"), [3], tmp_path, [LAGGING]))
@@ -62,7 +61,7 @@ def test_lag_needs_two_directions(tmp_path: Path) -> None:
     assert as_object(results[:1])["acw_against_cw"] == []
 
 
-def test_difference_from_truth_is_positive_where_the_figure_is_larger(tmp_path: Path) -> None:
+def test_difference_from_truth_is_positive_where_the_figure_is_larger(tmp_path):
     rig, text = load("ur10e")
     rig = load_hidden("ur10e").apply_to(rig)
     result = evaluate(load_run(next(write_simulated(rig, text, "yaw", ("acw",), [3], tmp_path, ()))))

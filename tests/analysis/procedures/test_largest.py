@@ -20,7 +20,7 @@ def _noise(rng: np.random.Generator, *shape: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("truth", "sign"), [(PLATEAU, 1.0), (PLATEAU, -1.0), (PEAK, 1.0)])
-def test_the_size_is_unbiased_and_within_2u(truth: np.ndarray, sign: float) -> None:
+def test_the_size_is_unbiased_and_within_2u(truth, sign):
     rng, true = np.random.default_rng(1), np.abs(truth).max()
     errors = _noise(rng, DRAWS)
     curves = [sign * truth + _noise(rng) for _ in range(CASES)]
@@ -32,7 +32,7 @@ def test_the_size_is_unbiased_and_within_2u(truth: np.ndarray, sign: float) -> N
         assert np.mean([np.abs(curve).max() for curve in curves]) - true > u.mean()  # the maximum itself is too large
 
 
-def test_any_place_of_a_plateau_is_within_2u_and_a_peak_is_where_it_is() -> None:
+def test_any_place_of_a_plateau_is_within_2u_and_a_peak_is_where_it_is():
     rng = np.random.default_rng(2)
     errors, inside = _noise(rng, DRAWS), np.flatnonzero(PLATEAU > 1 - 1e-6)
     covered = []
@@ -45,7 +45,7 @@ def test_any_place_of_a_plateau_is_within_2u_and_a_peak_is_where_it_is() -> None
     assert abs(place.value - 140) <= 2 * place.u < 12
 
 
-def test_uncertain_places_do_not_lower_a_narrow_peak() -> None:
+def test_uncertain_places_do_not_lower_a_narrow_peak():
     still = np.zeros((DRAWS, NODES))
     known, blurred = (largest(PEAK, still, blur, "mm", 1)[0] for blur in (0.0, np.radians(3)))
     assert known.value == pytest.approx(PEAK.max()) and known.u == 0
@@ -54,14 +54,14 @@ def test_uncertain_places_do_not_lower_a_narrow_peak() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2, 0.6, 1.0, 2.0])
-def test_noise_beneath_the_steps_of_a_gauge_is_found_from_half_a_step_on(noise: float) -> None:
+def test_noise_beneath_the_steps_of_a_gauge_is_found_from_half_a_step_on(noise):
     """Below a third of a step nobody sees it, and it is taken for none."""
     rng = np.random.default_rng(3)
     readings = np.round(40 * np.sin(np.linspace(0, 4 * np.pi, 6000)) + noise * rng.standard_normal(6000))
     assert noise_beneath(readings, 1.0) == pytest.approx(noise if noise > 0.35 else 0.0, abs=0.1)
 
 
-def test_the_error_of_rounding_is_as_large_as_rounding_makes_it() -> None:
+def test_the_error_of_rounding_is_as_large_as_rounding_makes_it():
     """Averaged at a point with a hundred readings, and full for a single reading on a steep part of the curve."""
     rng, step = np.random.default_rng(4), 1.0
     fine = np.linspace(0, 2 * np.pi, 100 * NODES, endpoint=False)

@@ -96,7 +96,7 @@ def recorded(errors: Errors, seed: int = 0, noise_mm: float = 0.0, rate_hz: floa
     return PathTable(t_s, turn.inv().apply(places - np.array(INSTRUMENT.xyz_mm)))
 
 
-def test_a_perfect_arm_has_no_error_and_every_cycle_is_found() -> None:
+def test_a_perfect_arm_has_no_error_and_every_cycle_is_found():
     found = path.evaluate(recorded(Errors()), CUBE, INSTRUMENT, "path")
     assert {name: len(one.places) for name, one in found.driven.paths.items()} == dict.fromkeys(
         ("line", "rectangle", "circle", "circle_cw", "small_circle"), CYCLES
@@ -106,7 +106,7 @@ def test_a_perfect_arm_has_no_error_and_every_cycle_is_found() -> None:
     assert found.figures["speed_mm_s"].value == pytest.approx(250.0, rel=1e-3)
 
 
-def test_accuracy_and_repeatability_are_the_standards() -> None:
+def test_accuracy_and_repeatability_are_the_standards():
     """Each pass is moved as a whole, so the distances at a station are those of the shifts across the path."""
     errors = Errors(bow_mm=0.4, grown_mm=0.15, scatter_mm=0.05)
     found = path.evaluate(recorded(errors, seed=4), CUBE, INSTRUMENT, "path").figures
@@ -137,7 +137,7 @@ def test_accuracy_and_repeatability_are_the_standards() -> None:
     assert found["circle_at_mm"].value == pytest.approx(max(at), abs=2e-3)
 
 
-def test_fitted_frame_is_found_and_reported() -> None:
+def test_fitted_frame_is_found_and_reported():
     errors = Errors(bow_mm=0.4, grown_mm=0.15, oval_mm=0.05, scatter_mm=0.03)
     table = recorded(errors, seed=2, noise_mm=0.01)
     by_frame, by_fit = (path.evaluate(table, CUBE, one, "path") for one in (INSTRUMENT, None))
@@ -148,7 +148,7 @@ def test_fitted_frame_is_found_and_reported() -> None:
         assert by_fit.figures[name].value == pytest.approx(by_frame.figures[name].value, abs=5e-3), name
 
 
-def test_corners_are_cut_and_overrun_as_the_standard_measures_it() -> None:
+def test_corners_are_cut_and_overrun_as_the_standard_measures_it():
     cut = path.evaluate(recorded(Errors(cut_mm=4.0), rate_hz=1000.0), CUBE, INSTRUMENT, "path").figures
     # A line from 4 mm before the corner to 4 mm behind it passes it at 4 / sqrt(2).
     assert cut["corner_round_mm"].value == pytest.approx(4.0 / np.sqrt(2), abs=0.01)
@@ -157,12 +157,12 @@ def test_corners_are_cut_and_overrun_as_the_standard_measures_it() -> None:
     assert over["corner_overshoot_mm"].value == pytest.approx(0.6, abs=0.02)
 
 
-def test_a_sharp_corner_between_places_is_within_its_uncertainty() -> None:
+def test_a_sharp_corner_between_places_is_within_its_uncertainty():
     found = path.evaluate(recorded(Errors(), rate_hz=60.0), CUBE, INSTRUMENT, "path").figures["corner_round_mm"]
     assert 0.1 < found.value < 2 * found.u
 
 
-def test_f_and_d_of_the_circle_driven_both_ways() -> None:
+def test_f_and_d_of_the_circle_driven_both_ways():
     errors = Errors(grown_mm=-0.12, oval_mm=0.04)
     found = path.evaluate(recorded(errors), CUBE, None, "path").figures
     assert found["d_mm"].value == pytest.approx(-0.12, abs=2e-3)
@@ -170,7 +170,7 @@ def test_f_and_d_of_the_circle_driven_both_ways() -> None:
     assert found["f_min_mm"].value == pytest.approx(-0.12 - 0.04, abs=2e-3)
 
 
-def test_u_of_few_cycles_covers_that_of_all() -> None:
+def test_u_of_few_cycles_covers_that_of_all():
     errors = Errors(bow_mm=0.3, grown_mm=0.1, scatter_mm=0.05)
     many = [path.evaluate(recorded(errors, seed, 0.01, 150.0), CUBE, INSTRUMENT, "path").figures for seed in range(12)]
     for name in ("line_at_mm", "line_rt_mm", "circle_at_mm", "circle_rt_mm", "d_mm"):
@@ -179,7 +179,7 @@ def test_u_of_few_cycles_covers_that_of_all() -> None:
         assert held >= 0.75, (name, held)
 
 
-def test_a_cycle_without_the_target_is_left_out_and_counted() -> None:
+def test_a_cycle_without_the_target_is_left_out_and_counted():
     table = recorded(Errors(scatter_mm=0.02))
     kept = np.ones(len(table.t_s), dtype=bool)
     torn = np.flatnonzero((table.t_s > 2.5) & (table.t_s < 3.5))
@@ -189,7 +189,7 @@ def test_a_cycle_without_the_target_is_left_out_and_counted() -> None:
     assert any("1 paths" in note for note in found.notes)
 
 
-def test_missing_and_sparse_paths_are_reported() -> None:
+def test_missing_and_sparse_paths_are_reported():
     table = recorded(Errors())
     line = table.t_s < 40.0
     found = path.evaluate(PathTable(table.t_s[line], table.xyz_mm[line]), CUBE, None, "path")
@@ -200,14 +200,14 @@ def test_missing_and_sparse_paths_are_reported() -> None:
 
 
 @pytest.mark.parametrize("share", [1.0, 10.0, 1e3])
-def test_times_in_another_unit_are_doubted_by_the_speed(share: float) -> None:
+def test_times_in_another_unit_are_doubted_by_the_speed(share):
     table = recorded(Errors())
     found = path.evaluate(PathTable(table.t_s * share, table.xyz_mm), CUBE, None, "path", 250.0)
     doubted = any("check that t_s is in s" in note for note in found.notes)
     assert doubted == (share == 1e3)
 
 
-def test_motion_before_and_after_is_no_path() -> None:
+def test_motion_before_and_after_is_no_path():
     table = recorded(Errors(scatter_mm=0.02))
     late = slice(int(3.0 * 500), len(table.t_s) - int(2.5 * 500))
     found = path.evaluate(PathTable(table.t_s[late], table.xyz_mm[late]), CUBE, None, "path")
@@ -224,14 +224,14 @@ def test_motion_before_and_after_is_no_path() -> None:
         (1.0, replace(CUBE, rising=-RISING), "path.other_cube"),
     ],
 )
-def test_a_recording_of_something_else_is_refused(scale: float, cube: Cube, code: str) -> None:
+def test_a_recording_of_something_else_is_refused(scale, cube, code):
     table = recorded(Errors())
     instrument = INSTRUMENT if cube.side_mm == SIDE and scale == 1.0 else None
     with refused(code):
         path.evaluate(PathTable(table.t_s, scale * table.xyz_mm), cube, instrument, "path")
 
 
-def test_a_stand_alone_has_no_moves() -> None:
+def test_a_stand_alone_has_no_moves():
     t_s = np.arange(2000) / 100.0
     still = 0.01 * np.random.default_rng(0).standard_normal((2000, 3))
     with refused("path.missing"):
@@ -240,7 +240,7 @@ def test_a_stand_alone_has_no_moves() -> None:
 
 @pytest.mark.parametrize("size_mm", [3.7, 40.0])
 @pytest.mark.parametrize("count", [1, 3, 6])
-def test_spike_is_ignored_and_reported(size_mm: float, count: int) -> None:
+def test_spike_is_ignored_and_reported(size_mm, count):
     """One of 3.7 mm in 49 000 places made an RT of 0.99 of 0.08 mm."""
     sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
     xyz = sound.xyz_mm.copy()
@@ -257,7 +257,7 @@ def test_spike_is_ignored_and_reported(size_mm: float, count: int) -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.1, 0.3, 0.5])
-def test_repeated_places_are_ignored_and_reported(seconds: float) -> None:
+def test_repeated_places_are_ignored_and_reported(seconds):
     sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
     xyz, row = sound.xyz_mm.copy(), int(np.searchsorted(sound.t_s, 3.3))
     count = round(seconds * 500)
@@ -270,7 +270,7 @@ def test_repeated_places_are_ignored_and_reported(seconds: float) -> None:
 
 @pytest.mark.parametrize("rate_hz", [50.0, 200.0, 500.0, 1000.0])
 @pytest.mark.parametrize("digits", [1, 2, 4])
-def test_sound_places_are_neither_wild_nor_repeated(rate_hz: float, digits: int) -> None:
+def test_sound_places_are_neither_wild_nor_repeated(rate_hz, digits):
     """Corners that are cut, small circles, and places that are rounded to 0.1 mm."""
     table = recorded(Errors(cut_mm=2.0, scatter_mm=0.05), seed=3, noise_mm=0.02, rate_hz=rate_hz)
     assert not places_of(replace(table, xyz_mm=np.round(table.xyz_mm, digits))).words

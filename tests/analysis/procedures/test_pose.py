@@ -40,7 +40,7 @@ def measured(series: str) -> tuple[PoseTable, np.ndarray]:
     return PoseTable(values[:, first : first + 6], values[:, place[:3]], rpy), spread
 
 
-def test_a_planted_set_up_is_found_and_leaves_nothing() -> None:
+def test_a_planted_set_up_is_found_and_leaves_nothing():
     rng = np.random.default_rng(2)
     q = rng.uniform(-2, 2, (40, 6))
     base, tool = np.eye(4), np.eye(4)
@@ -59,7 +59,7 @@ def test_a_planted_set_up_is_found_and_leaves_nothing() -> None:
     assert {figure.noise for figure in result.figures.values()} == {"assumed"}
 
 
-def test_an_error_is_measured_less_fitted_in_the_arms_base() -> None:
+def test_an_error_is_measured_less_fitted_in_the_arms_base():
     """Each row has an error of its own: one among rows without any would be a wild reading, and left out."""
     base, row, rng = np.eye(4), 17, np.random.default_rng(4)
     base[:3, :3], base[:3, 3] = Rotation.from_rotvec([0.1, -2.0, 1.0]).as_matrix(), (3000.0, -200.0, 90.0)
@@ -78,7 +78,7 @@ def test_an_error_is_measured_less_fitted_in_the_arms_base() -> None:
 
 
 @pytest.mark.parametrize(("series", "rows", "rms"), [("series_d", 632, 0.7720), ("series_b", 1495, 1.0846)])
-def test_the_measured_ur10_nominal(series: str, rows: int, rms: float) -> None:
+def test_the_measured_ur10_nominal(series, rows, rms):
     """All rows, base and tool fitted on the same rows, rms of the length of the position error.
 
     rms here were got apart from this code (alternating Procrustes and mean, standard DH).
@@ -90,7 +90,7 @@ def test_the_measured_ur10_nominal(series: str, rows: int, rms: float) -> None:
     assert result.figures["rms_deg"].value == pytest.approx({"series_d": 0.110, "series_b": 0.085}[series], abs=0.001)
 
 
-def test_the_readme_of_the_measured_ur10() -> None:
+def test_the_readme_of_the_measured_ur10():
     """B: its 1.087 mm is that of the 1463 rows whose standard deviations are below 0.05 mm. D: its 0.725 mm is none of
     all rows (0.772); it says to be of a random 70/30 hold-out, and lies at the low end of what such give."""
     table, spread = measured("series_b")
@@ -110,12 +110,12 @@ def test_the_readme_of_the_measured_ur10() -> None:
     assert min(held_out) - 0.01 < 0.725 < max(held_out)
 
 
-def test_tool_without_rotation_hides_the_base() -> None:
+def test_tool_without_rotation_hides_the_base():
     table, _ = measured("series_d")
     assert any("too little" in note for note in pose.evaluate(table, planted.ur10(), 0.012).notes)
 
 
-def test_visits_are_grouped_and_judged_by_iso_9283() -> None:
+def test_visits_are_grouped_and_judged_by_iso_9283():
     x = np.array([[[0.0, 0, 0], [0, 0, 0], [1, 2, 3]]])
     figures = pose.place_figures(x)
     assert figures["ap_mm"] == pytest.approx(2.0)
@@ -129,7 +129,7 @@ def test_visits_are_grouped_and_judged_by_iso_9283() -> None:
 
 
 @pytest.mark.parametrize("many", [0, 1000])
-def test_groups_are_those_of_comparing_every_row_with_every_other(many: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_groups_are_those_of_comparing_every_row_with_every_other(many, monkeypatch):
     monkeypatch.setattr(pose, "_MANY_ROWS", many)  # private: both ways at the same size
     q = np.random.default_rng(3).integers(0, 3, (300, 6)) * 0.9e-3
     expected = np.full(300, -1)
@@ -144,7 +144,7 @@ def test_groups_are_those_of_comparing_every_row_with_every_other(many: int, mon
     assert len(set(pose.groups(on_rail, 1e-3, rail=True))) > len(set(expected))  # a rail has no turns
 
 
-def test_stacked_groups_equal_single_ones() -> None:
+def test_stacked_groups_equal_single_ones():
     """Monte Carlo stacks groups along a leading axis; figures must not mix the draws."""
     x = np.random.default_rng(1).normal(0, 1, (7, 5, 3, 3))
     x[:, 2, :, 2] = np.nan
@@ -153,7 +153,7 @@ def test_stacked_groups_equal_single_ones() -> None:
             np.testing.assert_allclose(values, [plain(one)[name] for one in x], err_msg=name)
 
 
-def test_invalid_pose_table_is_refused() -> None:
+def test_invalid_pose_table_is_refused():
     rng = np.random.default_rng(3)
     q, xyz = rng.uniform(-2, 2, (20, 6)), rng.normal(0, 500, (20, 3))
     for code, table in (
@@ -167,7 +167,7 @@ def test_invalid_pose_table_is_refused() -> None:
             pose.evaluate(table, planted.ur10(), 0.01)
 
 
-def test_without_visits_u_of_orientation_is_null(tmp_path: Path) -> None:
+def test_without_visits_u_of_orientation_is_null(tmp_path):
     rng = np.random.default_rng(2)
     q = rng.uniform(-0.3, 0.3, (12, 6))
     T = forward(arm_of(load("ur10e")[0].robot), q)
@@ -175,14 +175,14 @@ def test_without_visits_u_of_orientation_is_null(tmp_path: Path) -> None:
     with (tmp_path / "poses.csv").open("wb") as file:
         write_csv(columns_of(table), file)
     given = {"rig_file": "ur10e", "test": "pose", "direction": None, "operator": ""}
-    import_table(tmp_path / "poses.csv", tmp_path / "poses", **given)  # type: ignore[arg-type]
+    import_table(tmp_path / "poses.csv", tmp_path / "poses", **given)
     told = json.dumps(as_object([evaluate(load_run(tmp_path / "poses"))]), allow_nan=False)
     figures = json.loads(told)["runs"][0]["figures"]
     assert figures["rms_deg"]["u"] is None
     assert figures["rms_mm"]["u"] > 0
 
 
-def test_poses_need_neither_gauges_nor_feedback(tmp_path: Path) -> None:
+def test_poses_need_neither_gauges_nor_feedback(tmp_path):
     """A cell with only a tracker: figures are complete, and commands that need gauges fail with one line."""
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     rig = tmp_path / "tracker.yaml"

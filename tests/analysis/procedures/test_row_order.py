@@ -35,7 +35,7 @@ def permuted(table: PoseTable | TouchTable) -> PoseTable | TouchTable:
 
 
 @pytest.mark.parametrize("table", tables(), ids=["poses", "touches"])
-def test_figures_and_their_uncertainties_are_equal(table: PoseTable | TouchTable) -> None:
+def test_figures_and_their_uncertainties_are_equal(table):
     def figures(one: PoseTable | TouchTable) -> dict[str, tuple[float, float]]:
         if isinstance(one, PoseTable):
             found = pose.evaluate(one, arm_of(RIG.robot), 0.02).figures
@@ -49,14 +49,14 @@ def test_figures_and_their_uncertainties_are_equal(table: PoseTable | TouchTable
         assert there[name] == pytest.approx(values, rel=1e-9), name
 
 
-def test_errors_keep_the_order_of_the_table() -> None:
+def test_errors_keep_the_order_of_the_table():
     one = PoseTable(Q, XYZ, None)
     here, there = (pose.evaluate(each, arm_of(RIG.robot), 0.02) for each in (one, permuted(one)))
     np.testing.assert_allclose(here.position_mm[ORDER], there.position_mm, atol=1e-9)
 
 
 @pytest.mark.parametrize("came", [False, True])
-def test_each_row_is_predicted_by_itself(came: bool) -> None:
+def test_each_row_is_predicted_by_itself(came):
     effects = (Backlash(axis=2, width_deg=0.2), ThermalGrowth(ppm=100.0, time_constant_s=60.0))
     model = model_of(RIG, effects)
     one = PoseTable(Q, XYZ, None, came_from=Q - 0.1 if came else None)
@@ -68,13 +68,13 @@ def test_each_row_is_predicted_by_itself(came: bool) -> None:
     assert bool(np.abs(here - without).max() > 0.1) == came  # a side comes from the columns that state it
 
 
-def test_a_fit_sees_the_rows_in_one_order() -> None:
+def test_a_fit_sees_the_rows_in_one_order():
     model, one = model_of(RIG), PoseTable(Q, XYZ, None)
     here, there = (in_content_order(observe(model, each, "x")) for each in (one, permuted(one)))
     np.testing.assert_array_equal(here.values, there.values)
 
 
-def test_chance_neighbours_are_no_stand() -> None:
+def test_chance_neighbours_are_no_stand():
     visits = PoseTable(Q, XYZ, None)
     assert rows_per_standstill(visits).tolist() == [1] * 60
     stands = replace(visits, q=np.repeat(Q[:20], 3, axis=0), xyz_mm=np.repeat(XYZ[:20], 3, axis=0))

@@ -34,7 +34,7 @@ def _of_laps(laps: int, speed_mm_s: float) -> Rig:
 
 
 @pytest.mark.parametrize("laps, speed_mm_s", [(50, 25.0), (2, 1.0)])
-def test_memory_is_a_few_times_the_result(laps: int, speed_mm_s: float) -> None:
+def test_memory_is_a_few_times_the_result(laps, speed_mm_s):
     rig = _of_laps(laps, speed_mm_s)
     simulate(_of_laps(1, 100.0), "yaw", "acw", 1, EFFECTS)
     tracemalloc.start()
@@ -48,7 +48,7 @@ def test_memory_is_a_few_times_the_result(laps: int, speed_mm_s: float) -> None:
     assert peak < 12 * (table.t_s.nbytes + table.q.nbytes + table.g_mm.nbytes)
 
 
-def test_the_wander_is_slow_and_common_to_both_gauges() -> None:
+def test_the_wander_is_slow_and_common_to_both_gauges():
     """Without gauge noise and scatter only the drift remains: equal in both gauges, with the stated time constant."""
     rig = _of_laps(20, 25.0)
     quiet = rig.model_copy(
@@ -70,12 +70,12 @@ def test_the_wander_is_slow_and_common_to_both_gauges() -> None:
 
 @pytest.mark.parametrize("name", ["time_lag", "clock_rate", "servo_lag", "reversal_spike"])
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
-def test_a_robot_that_stands_shows_no_lag(name: str, test: str) -> None:
+def test_a_robot_that_stands_shows_no_lag(name, test):
     """At a target the robot has stood for a while: effects of time are gone there."""
     rig = load("paper-fanuc")[0]
     fields = {"axis": 1} if "axis" in VOCABULARY[name].model_fields else {}
     effect = VOCABULARY[name].model_validate(fields)
     large = effect.model_copy(update={size_field(effect): 10 * healthy_size(effect)})
-    nothing = simulate(rig, test, None, None, ()).g_mm  # type: ignore[arg-type, union-attr]
-    shown = simulate(rig, test, None, None, (large,)).g_mm  # type: ignore[arg-type, union-attr]
+    nothing = simulate(rig, test, None, None, ()).g_mm
+    shown = simulate(rig, test, None, None, (large,)).g_mm
     assert np.abs(shown - nothing).max() < 0.02

@@ -21,7 +21,7 @@ def _lap(g_mm: np.ndarray) -> Laps:
     return Laps("acw", FRAME, PHI / 0.35, PHI, np.zeros((len(PHI), 6)), g_mm, lap_s, lap_s)
 
 
-def test_the_papers_example_of_eccentricity() -> None:
+def test_the_papers_example_of_eccentricity():
     """Section 2.1: e = 14.142 mm at R = 70 mm gives 11.56° by the rule, asin(e/R) exactly."""
     ball = np.array([10.0, 10.0, 0.0])
     T = FRAME.poses(PHI)
@@ -32,7 +32,7 @@ def test_the_papers_example_of_eccentricity() -> None:
     assert np.degrees(np.hypot(sine.a, sine.b)) == pytest.approx(206.26481 * 14142.136 / 70 / 3600)
 
 
-def test_readings_give_back_the_angle_whatever_the_eccentricity() -> None:
+def test_readings_give_back_the_angle_whatever_the_eccentricity():
     """angle = atan((g2 - g1)/b) is exact, and both gauges together follow the distance."""
     ball = np.array([3.0, -2.0, 5.0])
     T = FRAME.poses(PHI)
@@ -45,13 +45,13 @@ def test_readings_give_back_the_angle_whatever_the_eccentricity() -> None:
     np.testing.assert_allclose(link_angle(g[:, 0], g[:, 1], 50.0), roll, atol=1e-12)
 
 
-def test_the_sine_is_the_papers_and_its_shift_keeps_the_quadrant() -> None:
+def test_the_sine_is_the_papers_and_its_shift_keeps_the_quadrant():
     for shift in np.radians([10, 100, -100, -10]):
         sine = fit_sine(PHI, 0.1 + 0.2 * np.sin(PHI + shift))
         assert (sine.A, sine.amplitude, sine.shift) == pytest.approx((0.1, 0.2, shift))
 
 
-def test_eccentricity_is_the_ball_from_the_centre() -> None:
+def test_eccentricity_is_the_ball_from_the_centre():
     ball = np.array([0.8, -0.5, 0.3])
     g = link_readings(FRAME.poses(PHI), ball, OFFSETS, "yaw", 70.0)
     figures = Yaw().evaluate_laps(_lap(g), 50.0, 0.05, 1e-3).figures
@@ -60,7 +60,7 @@ def test_eccentricity_is_the_ball_from_the_centre() -> None:
     assert figures["eccentricity_mm"].value == pytest.approx(np.hypot(0.8, 0.5), abs=1e-4)
 
 
-def test_a_sine_is_not_pulled_to_where_rows_are_dense() -> None:
+def test_a_sine_is_not_pulled_to_where_rows_are_dense():
     """Half of the lap has ten times the density; the residual there must not bias the sine."""
     phi = np.concatenate(
         [np.linspace(0, np.pi, 2000, endpoint=False), np.linspace(np.pi, 2 * np.pi, 200, endpoint=False)]
@@ -74,7 +74,7 @@ def test_a_sine_is_not_pulled_to_where_rows_are_dense() -> None:
 @pytest.mark.parametrize(
     ("name", "noise_mm", "every"), cases([("paper-fanuc", 0.0005, 5), ("ur10e", 0.002, 2)], [("ur10e", 0.002, 2)])
 )
-def test_stated_u_covers_the_truth(name: str, noise_mm: float, every: int) -> None:
+def test_stated_u_covers_the_truth(name, noise_mm, every):
     """120 laps of a shipped robot with noise, a lag and a baseline drawn as stated: each figure within 2 u."""
     rig = load_hidden(name).apply_to(load(name)[0])
     driven = trace(rig, "acw")

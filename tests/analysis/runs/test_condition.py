@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +31,7 @@ def robot(**changed: tuple[float, float, float]) -> dict[str, np.ndarray]:
     return columns
 
 
-def test_a_robot_that_drives_undisturbed_gives_no_doubt() -> None:
+def test_a_robot_that_drives_undisturbed_gives_no_doubt():
     assert condition_of(robot()).doubts == ()
 
 
@@ -53,7 +52,7 @@ def test_a_robot_that_drives_undisturbed_gives_no_doubt() -> None:
         ),
     ],
 )
-def test_disturbance_is_a_doubt(changed: dict[str, tuple[float, float, float]], says: str) -> None:
+def test_disturbance_is_a_doubt(changed, says):
     (doubt,) = condition_of(robot(**changed)).doubts
     assert says in doubt, doubt
 
@@ -73,17 +72,17 @@ def test_disturbance_is_a_doubt(changed: dict[str, tuple[float, float, float]], 
         {"program_state": (82, 100, ProgramState.STOPPED), "safety_state": (90, 95, SafetyState.SAFEGUARD_STOP)},
     ],
 )
-def test_harmless_condition_is_no_doubt(changed: dict[str, tuple[float, float, float]]) -> None:
+def test_harmless_condition_is_no_doubt(changed):
     assert condition_of(robot(**changed)).doubts == ()
 
 
-def test_a_stop_that_ends_the_program_counts() -> None:
+def test_a_stop_that_ends_the_program_counts():
     stop, ended = (85, 100, SafetyState.EMERGENCY_STOP), (85, 100, ProgramState.STOPPED)
     (doubt,) = condition_of(robot(safety_state=stop, program_state=ended)).doubts
     assert "stop from 85.0 s" in doubt
 
 
-def test_several_spells_are_counted_and_a_pause_is_not_a_speed_as_well() -> None:
+def test_several_spells_are_counted_and_a_pause_is_not_a_speed_as_well():
     columns = robot(program_state=(30, 32, ProgramState.PAUSED), speed_percent=(30, 32, 0.0))
     later = (columns["last_byte_ns"] - 5e9 >= 50e9) & (columns["last_byte_ns"] - 5e9 < 53e9)
     columns["program_state"][later] = ProgramState.PAUSED
@@ -91,13 +90,13 @@ def test_several_spells_are_counted_and_a_pause_is_not_a_speed_as_well() -> None
     assert "paused 2 times, first from 30.0 s on, 5.0 s in total" in doubt
 
 
-def test_the_range_of_a_speed_that_changes() -> None:
+def test_the_range_of_a_speed_that_changes():
     columns = robot(speed_percent=(30, 40, 80))
     columns["speed_percent"][600:620] = 25.0
     assert "speed was 25 to 80 % 2 times" in condition_of(columns).doubts[0]
 
 
-def test_mean_and_rise_of_a_joints_temperature() -> None:
+def test_mean_and_rise_of_a_joints_temperature():
     columns = robot()
     columns["temperature2_c"] = np.linspace(30.0, 40.0, len(columns["last_byte_ns"]))
     columns["temperature3_c"] = np.full(len(columns["last_byte_ns"]), math.nan)
@@ -107,13 +106,13 @@ def test_mean_and_rise_of_a_joints_temperature() -> None:
     assert warmth[1].rise_c == 0 and warmth[1].u_mean_c == 0
 
 
-def test_a_robot_that_shows_nothing_is_as_before() -> None:
+def test_a_robot_that_shows_nothing_is_as_before():
     columns = {name: values for name, values in robot().items() if name not in CONDITION}
     assert condition_of(columns).doubts == () and not condition_of(columns).warmth
     assert condition_of({name: values[:1] for name, values in robot().items()}).doubts == ()
 
 
-def test_a_recorded_run_has_the_doubt_and_its_temperatures_go_to_the_history(tmp_path: Path) -> None:
+def test_a_recorded_run_has_the_doubt_and_its_temperatures_go_to_the_history(tmp_path):
     t_s, q, g_mm = circle_values("yaw", "acw")
     beside = ("safety_state", *TEMPERATURES)
     writer = RunWriter.create(

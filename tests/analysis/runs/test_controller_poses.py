@@ -43,18 +43,18 @@ def apart_mm(rig: Rig, robot: Robot) -> float:
     return float(np.linalg.norm(T - its_T, axis=1).max())
 
 
-def test_one_circle_shows_the_constants_of_the_controller_everywhere() -> None:
+def test_one_circle_shows_the_constants_of_the_controller_everywhere():
     rig = rig_as_recorded(RIG, poses_of(own_arm()))
     assert rig.controller == "constants" and apart_mm(RIG, own_arm()) > 1
     assert apart_mm(rig, own_arm()) < 1e-3
 
 
-def test_controller_with_the_data_sheet_is_recognised() -> None:
+def test_controller_with_the_data_sheet_is_recognised():
     rig = rig_as_recorded(RIG, poses_of(RIG.robot))
     assert (rig.controller, rig.robot.axes) == ("data_sheet", RIG.robot.axes)
 
 
-def test_poses_of_a_tool_leave_the_controller_unknown_and_are_reported() -> None:
+def test_poses_of_a_tool_leave_the_controller_unknown_and_are_reported():
     tool = transforms(np.array([[0.0, 30.0, 150.0, 0.0, 40.0, 0.0]]))[0]
     poses = poses_of(own_arm(), tool)
     assert rig_as_recorded(RIG, poses) is RIG
@@ -62,14 +62,14 @@ def test_poses_of_a_tool_leave_the_controller_unknown_and_are_reported() -> None
 
 
 @pytest.mark.parametrize("stated", ["data_sheet", "constants"])
-def test_stated_controller_is_kept_and_its_contradiction_reported(stated: str) -> None:
+def test_stated_controller_is_kept_and_its_contradiction_reported(stated):
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"controller": stated})})
     assert rig_as_recorded(rig, poses_of(own_arm())) is rig
     assert len(controller_doubt(rig, poses_of(own_arm()))) == 1
     assert controller_doubt(rig, poses_of(RIG.robot)) == []
 
 
-def test_run_without_poses_changes_nothing() -> None:
+def test_run_without_poses_changes_nothing():
     stream = stream_of(RIG.robot, circle_program(RIG, "acw").q[:5])
     assert controller_poses({name: column for name, column in stream.items() if name not in POSE}) is None
     assert controller_poses(stream | {POSE[2]: np.full(5, np.nan)}) is None

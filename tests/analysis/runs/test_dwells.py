@@ -36,7 +36,7 @@ def table_of(q: np.ndarray, rig: Rig) -> tuple[RadialTable, list[str]]:
     return format_of("radial").recorded(driven(q), rig, None, "run")
 
 
-def test_a_program_of_two_visits_is_read_twice() -> None:
+def test_a_program_of_two_visits_is_read_twice():
     rig = rig_of()
     program = radial_program(rig)
     table, doubts = table_of(program.q, rig)
@@ -47,7 +47,7 @@ def test_a_program_of_two_visits_is_read_twice() -> None:
 
 @pytest.mark.parametrize("before", [[4], [2, 5]])
 @pytest.mark.parametrize("after", [[], [0]])
-def test_stands_before_and_after_the_program_are_no_visits(before: list[int], after: list[int]) -> None:
+def test_stands_before_and_after_the_program_are_no_visits(before, after):
     rig = rig_of()
     program = radial_program(rig)
     order = [*before, *range(len(program.q)), *after]
@@ -58,7 +58,7 @@ def test_stands_before_and_after_the_program_are_no_visits(before: list[int], af
     assert any(said.startswith(f"{len(before) + len(after)} stops outside") for said in doubts), doubts
 
 
-def test_one_pass_and_the_way_home_are_one_visit_of_each() -> None:
+def test_one_pass_and_the_way_home_are_one_visit_of_each():
     rig = rig_of()
     program = radial_program(rig)
     once = len(program.q) // 2
@@ -66,7 +66,7 @@ def test_one_pass_and_the_way_home_are_one_visit_of_each() -> None:
     assert table.target.tolist() == program.target[:once].tolist()
 
 
-def test_a_missing_stand_costs_no_other() -> None:
+def test_a_missing_stand_costs_no_other():
     rig = rig_of()
     program = radial_program(rig)
     rows = [k for k in range(len(program.q)) if k not in (3, len(program.q) - 2)]
@@ -74,7 +74,7 @@ def test_a_missing_stand_costs_no_other() -> None:
     assert table.target.tolist() == program.target[rows].tolist()
 
 
-def test_a_stand_held_longer_is_one_visit() -> None:
+def test_a_stand_held_longer_is_one_visit():
     rig = rig_of(visits=1)
     program = radial_program(rig)
     table, doubts = table_of(np.repeat(program.q, 2, axis=0), rig)
@@ -82,7 +82,7 @@ def test_a_stand_held_longer_is_one_visit() -> None:
     assert doubts == []
 
 
-def test_other_order_is_accepted_with_a_doubt() -> None:
+def test_other_order_is_accepted_with_a_doubt():
     rig = rig_of(visits=1)
     program = radial_program(rig)
     table, doubts = table_of(program.q[::-1], rig)
@@ -90,7 +90,7 @@ def test_other_order_is_accepted_with_a_doubt() -> None:
     assert any("a different order" in said for said in doubts)
 
 
-def test_wild_readings_of_a_stand_are_counted_and_not_averaged() -> None:
+def test_wild_readings_of_a_stand_are_counted_and_not_averaged():
     rig = rig_of(visits=1)
     program = radial_program(rig)
     data = driven(program.q)
@@ -103,7 +103,7 @@ def test_wild_readings_of_a_stand_are_counted_and_not_averaged() -> None:
     assert any(doubt.startswith("1 readings") for doubt in doubts)
 
 
-def test_a_repeatability_program_with_a_stand_before_it() -> None:
+def test_a_repeatability_program_with_a_stand_before_it():
     rig, _ = load("paper-errors")
     q = repeatability_stops(rig)
     table, doubts = format_of("repeatability").recorded(driven(q[[13, *range(len(q))]]), rig, None, "run")

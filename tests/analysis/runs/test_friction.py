@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,7 +42,7 @@ def robot(rng: np.random.Generator, *, ripple_a: float = 0.015) -> dict[str, np.
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_friction_is_half_the_jump_where_a_joint_turns_back(seed: int) -> None:
+def test_friction_is_half_the_jump_where_a_joint_turns_back(seed):
     columns = robot(np.random.default_rng(seed))
     found = condition_of(columns).friction
     assert found is not None and sorted(found) == [1, 2, 3, 4, 5]  # the sixth never turns back
@@ -53,7 +52,7 @@ def test_friction_is_half_the_jump_where_a_joint_turns_back(seed: int) -> None:
         assert one.turns >= 2
 
 
-def test_a_joint_that_waits_where_it_turns_back_has_none() -> None:
+def test_a_joint_that_waits_where_it_turns_back_has_none():
     columns = robot(np.random.default_rng(1))
     t_s = np.arange(0, 60, 1 / 40)
     q_deg = np.interp(t_s, [0, 20, 24, 44], [0, 20, 20, 0])
@@ -62,13 +61,13 @@ def test_a_joint_that_waits_where_it_turns_back_has_none() -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan])
-def test_motors_that_show_nothing_have_no_friction(value: float) -> None:
+def test_motors_that_show_nothing_have_no_friction(value):
     columns = robot(np.random.default_rng(1))
     columns |= {name: np.full(len(columns["last_byte_ns"]), value) for name in CURRENTS}
     assert condition_of(columns).friction == {}
 
 
-def test_currents_of_a_robot_come_through_its_protocol_into_figures(tmp_path: Path) -> None:
+def test_currents_of_a_robot_come_through_its_protocol_into_figures(tmp_path):
     data = yaml.safe_load(rig_text("polled"))
     data["feedback"] |= {"currents": True, "rate_hz": 125}
     data["tests"]["circle"] |= {"speed_mm_s": 100, "laps": 1}

@@ -15,11 +15,11 @@ from rigs.load import load
 from rigs.schema import vocabulary
 
 
-def test_each_test_of_rig_is_a_class_with_its_name() -> None:
+def test_each_test_of_rig_is_a_class_with_its_name():
     assert [format_of(test).test for test in TESTS] == list(TESTS)
 
 
-def test_a_test_without_joints_predicts_nothing() -> None:
+def test_a_test_without_joints_predicts_nothing():
     path = PathTable(np.zeros(1), np.zeros((1, 3)))
     assert shows_joints("pose") and not shows_joints("path")
     with pytest.raises(FileError):
@@ -38,7 +38,7 @@ def offered(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize(
     "offered", ["nowhere:Kind", "analysis.procedures.touch:Touch", "analysis.procedures.touch"], indirect=True
 )
-def test_an_unusable_kind_is_refused_with_the_name_that_is_offered(offered: str) -> None:
+def test_an_unusable_kind_is_refused_with_the_name_that_is_offered(offered):
     with pytest.raises(FileError) as error:
-        format_of("other")  # type: ignore[arg-type]
+        format_of("other")
     assert error.value.code == "test.unusable" and offered in error.value.what

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,7 +46,7 @@ def grid(cycle_ms: float, seconds: float = 31.0, jitter: float = 0.0) -> Array:
 
 
 @pytest.mark.parametrize("stated", [100.0, None])
-def test_ticks_are_found_to_a_fraction_of_the_requests(stated: float | None) -> None:
+def test_ticks_are_found_to_a_fraction_of_the_requests(stated):
     asked = requests()
     ticks = latest(asked, grid(100.0))
     found = through_cycle(asked, swing(ticks, noise_mm=1e-3)[:, None], stated and stated * MS)
@@ -56,7 +55,7 @@ def test_ticks_are_found_to_a_fraction_of_the_requests(stated: float | None) -> 
     assert np.abs(found.ns - ticks)[inside].max() < 0.5 * MS
 
 
-def test_coarse_steps_and_a_rest_put_no_reading_on_another_tick() -> None:
+def test_coarse_steps_and_a_rest_put_no_reading_on_another_tick():
     """10 µm steps, and 10 s of standing in the middle: many ticks change nothing."""
     asked = requests()
     ticks = latest(asked, grid(100.0, jitter=0.03))
@@ -69,7 +68,7 @@ def test_coarse_steps_and_a_rest_put_no_reading_on_another_tick() -> None:
     assert np.quantile(error[moving], 0.9) < 10 * MS
 
 
-def test_garbled_readings_move_no_tick_but_their_own() -> None:
+def test_garbled_readings_move_no_tick_but_their_own():
     asked = requests()
     ticks = latest(asked, grid(100.0))
     values = swing(ticks)
@@ -80,7 +79,7 @@ def test_garbled_readings_move_no_tick_but_their_own() -> None:
     assert np.mean(np.abs(found.ns - ticks)[good] < 1 * MS) > 0.97
 
 
-def test_requests_in_step_with_the_cycle_leave_the_phase_uncertain() -> None:
+def test_requests_in_step_with_the_cycle_leave_the_phase_uncertain():
     """Every 25 ms exactly: each change has the same bounds, and the truth may be anywhere in them."""
     asked = requests(25.0, scatter=0.0)
     for shift_ms in (1.0, 12.0, 24.0):
@@ -91,18 +90,18 @@ def test_requests_in_step_with_the_cycle_leave_the_phase_uncertain() -> None:
 
 
 @pytest.mark.parametrize("resolution_mm", [1e-4, 1e-3, 0.01, 0.05])
-def test_a_gauge_that_latches_on_request_has_no_cycle_however_coarse(resolution_mm: float) -> None:
+def test_a_gauge_that_latches_on_request_has_no_cycle_however_coarse(resolution_mm):
     asked = requests()
     assert through_cycle(asked, swing(asked, resolution_mm, noise_mm=5e-4)[:, None], None) is None
 
 
-def test_a_ramp_in_steps_is_no_cycle() -> None:
+def test_a_ramp_in_steps_is_no_cycle():
     """0.1 mm/s in steps of 10 µm changes every 100 ms, as a cycle would."""
     asked = requests()
     assert through_cycle(asked, np.round(asked * 1e-10 / 0.01)[:, None] * 0.01, None) is None
 
 
-def test_a_gauge_that_stops_and_goes_has_no_cycle() -> None:
+def test_a_gauge_that_stops_and_goes_has_no_cycle():
     """Still to its resolution for a second, then on the move for another, as between targets."""
     asked = requests()
     moved = np.cumsum(np.where(asked // 1e9 % 2, 0.02, 0.0))
@@ -110,28 +109,28 @@ def test_a_gauge_that_stops_and_goes_has_no_cycle() -> None:
     assert through_cycle(asked, values, None) is None and not changes(asked, values).repeating
 
 
-def test_a_stated_cycle_that_is_not_that_of_the_readings_is_not_believed() -> None:
+def test_a_stated_cycle_that_is_not_that_of_the_readings_is_not_believed():
     asked = requests()
     ticks = latest(asked, grid(100.0))
     found = through_cycle(asked, swing(ticks)[:, None], 130 * MS)
     assert found is None or not found.steady
 
 
-def test_readings_without_a_number_change_nothing() -> None:
+def test_readings_without_a_number_change_nothing():
     asked = requests()
     assert through_cycle(asked, np.full((len(asked), 2), np.nan), 100 * MS) is None
     assert through_cycle(asked, np.full((len(asked), 1), 0.5), None) is None
 
 
 @pytest.mark.parametrize(("poll_ms", "shared"), [(20.0, True), (23.7, False)])
-def test_an_age_that_all_readings_have_in_common_is_shared(poll_ms: float, shared: bool) -> None:
+def test_an_age_that_all_readings_have_in_common_is_shared(poll_ms, shared):
     asked = requests(poll_ms, scatter=0.0)
     own_u_s, u_s = anywhere_in_a_cycle(asked, 10 * MS)
     assert np.hypot(own_u_s, u_s) == pytest.approx(np.full(len(asked), 10e-3 / np.sqrt(12)))
     assert (u_s > own_u_s[0]) == shared
 
 
-def test_keys_that_contradict_each_other_are_refused() -> None:
+def test_keys_that_contradict_each_other_are_refused():
     with pytest.raises(ValueError, match="own_cycle"):
         Timing(latch="on_request", cycle_ms=10)
     with pytest.raises(ValueError, match="on_request"):
@@ -140,7 +139,7 @@ def test_keys_that_contradict_each_other_are_refused() -> None:
 
 
 @pytest.mark.parametrize("timing", [{"latch": "on_request"}, {"answer_delay_ms": 20.0}])
-def test_a_gauge_that_sends_unasked_is_not_timed_by_a_request(timing: dict[str, object]) -> None:
+def test_a_gauge_that_sends_unasked_is_not_timed_by_a_request(timing):
     gauge = {"interface": "sylvac_opto_rs", "port": "/dev/ttyUSB0", "offset_mm": 25.0, "timing": timing}
     SylvacOptoRS.model_validate(gauge)
     with pytest.raises(ValueError, match="sends unprompted"):
@@ -158,9 +157,7 @@ def test_a_gauge_that_sends_unasked_is_not_timed_by_a_request(timing: dict[str, 
         ((0.0, True, "polled"), (16.0, True, "continuous"), (0.0, False, "polled")),
     ),
 )
-def test_the_shift_of_a_lap_by_gauges_of_a_100_ms_cycle_is_true(
-    tmp_path: Path, latency_ms: float, stated: bool, mode: str
-) -> None:
+def test_the_shift_of_a_lap_by_gauges_of_a_100_ms_cycle_is_true(tmp_path, latency_ms, stated, mode):
     """Half a cycle of age would be 1° of the circle."""
     rig, text = lap_rig(100.0, mode)
     if not stated:
@@ -177,6 +174,6 @@ def test_the_shift_of_a_lap_by_gauges_of_a_100_ms_cycle_is_true(
     assert sum("100 ms apart" in doubt for doubt in measured.doubts) == 2
 
 
-def test_readings_as_large_as_a_double_are_compared() -> None:
+def test_readings_as_large_as_a_double_are_compared():
     values = np.array([[0.0], [1.5e308], [0.0], [1.5e308], [0.0]])
     assert len(changes(np.arange(5.0), values).row) == 4

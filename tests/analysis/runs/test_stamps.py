@@ -19,7 +19,7 @@ def seconds(name: str) -> float:
 
 
 @pytest.mark.parametrize("name", [name for name in CELLS if name not in TIMED])
-def test_aligned_times_are_within_their_u(name: str) -> None:
+def test_aligned_times_are_within_their_u(name):
     found = CELLS[name](seconds=seconds(name))
     aligned, arrival = (np.percentile(np.abs(errors), 99) for errors in (found.aligned, found.arrival))
     assert aligned < min(arrival, next(p99 for begin, p99 in P99_MS.items() if name.startswith(begin)))
@@ -27,7 +27,7 @@ def test_aligned_times_are_within_their_u(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TIMED)
-def test_times_of_self_latching_gauges_are_within_their_u(name: str) -> None:
+def test_times_of_self_latching_gauges_are_within_their_u(name):
     found = TIMED[name].errors(seconds=15.0)
     aligned, arrival = (np.median(np.abs(errors)) for errors in (found.aligned, found.arrival))
     assert aligned < arrival and found.within_2u > 0.9
@@ -37,13 +37,13 @@ def test_times_of_self_latching_gauges_are_within_their_u(name: str) -> None:
 @pytest.mark.parametrize(
     "name", ["Sylvac continuous, 60 ± 20 ms, FTDI 16 ms", "Sylvac continuous, 60 ± 20 ms, no FTDI"]
 )
-def test_a_few_messages_of_an_uneven_pace_are_not_taken_for_a_steady_one(name: str, seed: int) -> None:
+def test_a_few_messages_of_an_uneven_pace_are_not_taken_for_a_steady_one(name, seed):
     assert TIMED[name].errors(seconds=8.0, seed=seed).within_2u > 0.9
 
 
 @pytest.mark.parametrize("name", [name for name in GAUGES if "continuous" not in name])
 @pytest.mark.parametrize("latency_ms", [16.0, 0.0])
-def test_buffering_adapter_is_reported(name: str, latency_ms: float) -> None:
+def test_buffering_adapter_is_reported(name, latency_ms):
     gauge = GAUGES[name]
     wire = serial(np.random.default_rng(2), gauge.line.character_ns, latency_ms)
     assert gauge_instants(gauge_run(gauge, wire, seconds(name)).columns, gauge).held == (latency_ms > 0)

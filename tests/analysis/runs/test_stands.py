@@ -27,7 +27,7 @@ def motion(stands: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("off_deg", [0.05, 30.0, -0.02])
-def test_a_bad_row_in_each_stand_changes_no_stand(off_deg: float) -> None:
+def test_a_bad_row_in_each_stand_changes_no_stand(off_deg):
     t_s, q, g_mm = motion()
     clean = stands_of(t_s, q, g_mm)
     assert len(clean) == 4
@@ -40,7 +40,7 @@ def test_a_bad_row_in_each_stand_changes_no_stand(off_deg: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_stands_never_share_a_row(seed: int) -> None:
+def test_stands_never_share_a_row(seed):
     t_s, q, g_mm = motion()
     rng = np.random.default_rng(seed)
     rows = rng.integers(len(t_s), size=40)
@@ -56,7 +56,7 @@ def read_thrice(one: PoseTable, noise_mm: float = 0.005) -> PoseTable:
     return PoseTable(np.repeat(one.q, 3, axis=0), xyz + rng.normal(0, noise_mm, xyz.shape), rpy)
 
 
-def test_three_readings_of_a_stand_are_one_and_no_visits() -> None:
+def test_three_readings_of_a_stand_are_one_and_no_visits():
     sound = table(40, turned=True)
     found = average_standstills(read_thrice(sound))
     assert rows_per_standstill(read_thrice(sound)).tolist() == [3] * 40
@@ -71,7 +71,7 @@ def test_three_readings_of_a_stand_are_one_and_no_visits() -> None:
     )
 
 
-def test_visits_after_a_move_are_visits_and_their_scatter_is_that_of_stands() -> None:
+def test_visits_after_a_move_are_visits_and_their_scatter_is_that_of_stands():
     sound = table(12)
     rng = np.random.default_rng(5)
     laps = PoseTable(np.tile(sound.q, (4, 1)), np.tile(sound.xyz_mm, (4, 1)) + rng.normal(0, 0.03, (48, 3)), None)
@@ -82,17 +82,17 @@ def test_visits_after_a_move_are_visits_and_their_scatter_is_that_of_stands() ->
     assert averaged == pytest.approx(plain, rel=0.1)
 
 
-def test_a_wild_or_lost_reading_is_not_averaged_with_sound_ones() -> None:
+def test_a_wild_or_lost_reading_is_not_averaged_with_sound_ones():
     thrice = read_thrice(table(20))
     xyz = thrice.xyz_mm.copy()
     xyz[10], xyz[31] = 0.0, xyz[31] + 600.0
     found = average_standstills(replace(thrice, xyz_mm=xyz))
-    result = pose.evaluate(found, planted.ur10(), 0.02, same_rad=1e-9)  # type: ignore[arg-type]
+    result = pose.evaluate(found, planted.ur10(), 0.02, same_rad=1e-9)
     assert "rows 11 and 32" in result.notes[0]
     assert result.figures["rms_mm"].value < 0.2
 
 
-def test_readings_of_one_approach_are_one_visit() -> None:
+def test_readings_of_one_approach_are_one_visit():
     rounds, each = 5, 3
     rng = np.random.default_rng(6)
     g_mm = rng.normal(0, 0.02, 2 * rounds)

@@ -38,9 +38,7 @@ def counted_one_by_one(host_ns: Array, period_ns: float) -> Array:
     held=st.sampled_from([0.0, 0.8, 3.3]),
     stalls=st.lists(st.tuples(st.floats(0, 1), st.floats(0, 6)), max_size=5),
 )
-def test_numbers_are_those_of_counting_one_by_one(
-    seed: int, count: int, often: float, uneven: float, held: float, stalls: list[tuple[float, float]]
-) -> None:
+def test_numbers_are_those_of_counting_one_by_one(seed, count, often, uneven, held, stalls):
     """Times in whole ns, so that no rounding decides."""
     rng, period_ns = np.random.default_rng(seed), 1000.0
     number = np.cumsum(1 + (rng.random(count) < often) * rng.integers(1, 5, count))
@@ -55,7 +53,7 @@ def test_numbers_are_those_of_counting_one_by_one(
 
 @settings(max_examples=50)
 @given(st.lists(st.integers(0, 4000), min_size=AHEAD, max_size=300), st.integers(1, 3000))
-def test_numbers_of_no_pace_at_all_too(steps_ns: list[int], period_ns: int) -> None:
+def test_numbers_of_no_pace_at_all_too(steps_ns, period_ns):
     host_ns = np.cumsum(steps_ns).astype(float)
     np.testing.assert_array_equal(numbered(host_ns, period_ns), counted_one_by_one(host_ns, period_ns))
 
@@ -81,9 +79,7 @@ def waited(rng: np.random.Generator, period_ns: float, count: int) -> Array:
 
 @pytest.mark.parametrize("adapter_ms", ADAPTERS_MS)
 @pytest.mark.parametrize("period_ns", [14.3e6, SYLVAC_NS])
-def test_a_crystal_keeps_its_pace_through_missing_messages_and_a_computer_held_up(
-    period_ns: float, adapter_ms: float
-) -> None:
+def test_a_crystal_keeps_its_pace_through_missing_messages_and_a_computer_held_up(period_ns, adapter_ms):
     """Readings that arrive late and together were taken in time. Missing readings among them, or next to a gap, cannot
     be
     identified if the adapter delays messages by more than their period.
@@ -102,7 +98,7 @@ def test_a_crystal_keeps_its_pace_through_missing_messages_and_a_computer_held_u
 
 @pytest.mark.parametrize("adapter_ms", ADAPTERS_MS)
 @pytest.mark.parametrize("period_ns", [14.3e6, SYLVAC_NS])
-def test_an_instrument_that_waited_is_timed_by_its_arrivals_and_doubted(period_ns: float, adapter_ms: float) -> None:
+def test_an_instrument_that_waited_is_timed_by_its_arrivals_and_doubted(period_ns, adapter_ms):
     """One of 25 runs may hide so short a wait that nobody sees it."""
     within, told = [], 0
     for seed in range(25):
@@ -117,7 +113,7 @@ def test_an_instrument_that_waited_is_timed_by_its_arrivals_and_doubted(period_n
 
 
 @pytest.mark.parametrize("adapter_ms", [0, 1])
-def test_messages_that_come_later_for_good_are_covered_by_the_uncertainty_too(adapter_ms: float) -> None:
+def test_messages_that_come_later_for_good_are_covered_by_the_uncertainty_too(adapter_ms):
     """From the middle on by 8 ms: a crystal behind a slower line, or an instrument that waited once."""
     rng = np.random.default_rng(12)
     crystal = np.arange(1000) * SYLVAC_NS
@@ -128,7 +124,7 @@ def test_messages_that_come_later_for_good_are_covered_by_the_uncertainty_too(ad
     assert 6e-3 < found.wanders_s < 10e-3
 
 
-def test_a_computer_held_up_for_a_thousand_messages_of_a_quick_gauge_is_no_wait() -> None:
+def test_a_computer_held_up_for_a_thousand_messages_of_a_quick_gauge_is_no_wait():
     rng = np.random.default_rng(13)
     taken = np.arange(80_000) * QUICK_NS
     sent = np.where((taken > 5e9) & (taken < 5.25e9), 5.25e9, taken)
@@ -138,7 +134,7 @@ def test_a_computer_held_up_for_a_thousand_messages_of_a_quick_gauge_is_no_wait(
 
 
 @pytest.mark.parametrize("held_s", [0.4, 1.1, 1.6])
-def test_a_computer_held_up_for_seconds_is_no_wait_where_the_lateness_is_made_up_for(held_s: float) -> None:
+def test_a_computer_held_up_for_seconds_is_no_wait_where_the_lateness_is_made_up_for(held_s):
     """Twice per lap the delayed messages are read together, and the next message is in time."""
     rng = np.random.default_rng(14)
     taken = np.arange(2700) * 18.33e6
@@ -150,7 +146,7 @@ def test_a_computer_held_up_for_seconds_is_no_wait_where_the_lateness_is_made_up
     assert found.wanders_s == 0.0 and found.shared_u_s < 1e-3
 
 
-def test_unsteady_pace_is_reported() -> None:
+def test_unsteady_pace_is_reported():
     doubts = [
         doubt
         for wanders_s in (0.0, 0.5 * TOLD_S, 5.24e-3)

@@ -11,7 +11,6 @@ from analysis import load_run, save_run, simulate
 from analysis.runs.loading import Measured
 from daq.store import write_table_run
 from rigs.errors import FileError
-from rigs.schema.vocabulary import TestName
 from tests.support.command_line import ran
 
 
@@ -46,9 +45,7 @@ def lap() -> Measured:
         ("repeatability", "round", -1, "row 6 has round = -1"),
     ],
 )
-def test_row_refused_by_import_is_refused_in_a_run(
-    tmp_path: Path, test: TestName, column: str, value: float, told: str
-) -> None:
+def test_row_refused_by_import_is_refused_in_a_run(tmp_path, test, column, value, told):
     run = simulate("ur10e", test, "acw" if test == "yaw" else None, seed=1, effects="ur10e")
     path = edited(run, tmp_path / "run", column, 5, value)
     with pytest.raises(FileError) as error:
@@ -58,7 +55,7 @@ def test_row_refused_by_import_is_refused_in_a_run(
 
 @pytest.mark.parametrize("value", [np.nan, 1e300])
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_one_such_run_costs_its_own_row(tmp_path: Path, lap: Measured, value: float, jobs: int) -> None:
+def test_one_such_run_costs_its_own_row(tmp_path, lap, value, jobs):
     paths = [tmp_path / name for name in ("a", "b", "c")]
     save_run(lap, paths[0])
     edited(lap, paths[1], "t_s", 9, value)
@@ -74,7 +71,7 @@ def test_one_such_run_costs_its_own_row(tmp_path: Path, lap: Measured, value: fl
     assert error.startswith(f"error: {paths[1]}: row 10 has t_s")
 
 
-def test_the_page_of_a_batch_names_the_run_that_cannot_be_read(tmp_path: Path, lap: Measured) -> None:
+def test_the_page_of_a_batch_names_the_run_that_cannot_be_read(tmp_path, lap):
     save_run(lap, tmp_path / "runs" / "a")
     edited(lap, tmp_path / "runs" / "b", "t_s", 9, np.nan)
     page = tmp_path / "page.html"

@@ -13,19 +13,19 @@ from rigs.errors import CellError
 from tests.support.refusals import refused
 
 
-def test_all_are_written_into_a_directory_that_is_made(tmp_path: Path) -> None:
+def test_all_are_written_into_a_directory_that_is_made(tmp_path):
     paths = write_all_new(tmp_path / "new" / "below", {"a": holding(b"x"), "b": holding(b"y")})
     assert [(path.name, path.read_bytes()) for path in paths] == [("a", b"x"), ("b", b"y")]
 
 
-def test_one_that_exists_leaves_all_as_they_are(tmp_path: Path) -> None:
+def test_one_that_exists_leaves_all_as_they_are(tmp_path):
     (tmp_path / "b").write_bytes(b"old")
     with refused("output.exists"):
         write_all_new(tmp_path, {"a": holding(b"x"), "b": holding(b"y")})
     assert [path.name for path in tmp_path.iterdir()] == ["b"] and (tmp_path / "b").read_bytes() == b"old"
 
 
-def test_a_file_that_is_not_complete_has_another_name(tmp_path: Path) -> None:
+def test_a_file_that_is_not_complete_has_another_name(tmp_path):
     path, seen = tmp_path / "table.csv", []
 
     def look(file: BinaryIO) -> None:
@@ -37,15 +37,13 @@ def test_a_file_that_is_not_complete_has_another_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", [".", "..", "/", "/dev/null"])
-def test_invalid_file_name_counts_as_existing(path: str) -> None:
+def test_invalid_file_name_counts_as_existing(path):
     with refused("output.exists"):
         write_new(Path(path), holding(b"x"))
 
 
 @pytest.mark.parametrize("refusal", [PermissionError(errno.EPERM, "refused"), None])
-def test_a_file_of_another_program_is_never_replaced(
-    refusal: OSError | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_of_another_program_is_never_replaced(refusal, tmp_path, monkeypatch):
     """Not even one that comes while ours is being written, nor where the disk has no links."""
     path = tmp_path / "table.csv"
 
@@ -67,9 +65,7 @@ def test_a_file_of_another_program_is_never_replaced(
     ("stopped_by", "reported_as"),
     [(KeyboardInterrupt(), KeyboardInterrupt), (OSError(errno.ENOSPC, "full"), CellError)],
 )
-def test_interrupted_writing_leaves_no_file(
-    stopped_by: BaseException, reported_as: type[BaseException], tmp_path: Path
-) -> None:
+def test_interrupted_writing_leaves_no_file(stopped_by, reported_as, tmp_path):
     def stops(file: BinaryIO) -> None:
         file.write(b"half")
         raise stopped_by
@@ -79,7 +75,7 @@ def test_interrupted_writing_leaves_no_file(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_csv_of_several_parts_has_every_row_once_and_in_order() -> None:
+def test_a_csv_of_several_parts_has_every_row_once_and_in_order():
     rows = 2 * ROWS_AT_ONCE + 3
     file = io.BytesIO()
     write_csv(pa.table({"n": range(rows), "half": [n / 2 for n in range(rows)]}), file)

@@ -25,7 +25,7 @@ PIECES = st.builds(
 
 
 @given(st.lists(PIECES))
-def test_a_capture_reads_back_bit_for_bit(pieces: list[Piece]) -> None:
+def test_a_capture_reads_back_bit_for_bit(pieces):
     path = Path("capture")  # never made: the text goes to the reader by hand
     text = "\n".join([HEAD, *(piece.line() for piece in pieces), ""])
     assert read_text(path, text) == Capture(tuple(pieces), cut=False)
@@ -37,7 +37,7 @@ def read_text(path: Path, text: str) -> Capture:
         return read_capture(path)
 
 
-def test_truncated_line_is_reported_and_ignored() -> None:
+def test_truncated_line_is_reported_and_ignored():
     whole = Piece(5, "g1", CaptureMark.CAME, b"+0.1\r")
     assert read_text(Path("cut"), f"{HEAD}\n{whole.line()}\n9 g1 < +0.") == Capture((whole,), cut=True)
 
@@ -52,18 +52,18 @@ def test_truncated_line_is_reported_and_ignored() -> None:
         (f"{HEAD}\n5 g1 < ü\n", "line 2"),
     ],
 )
-def test_invalid_capture_names_the_line(text: str, said: str) -> None:
+def test_invalid_capture_names_the_line(text, said):
     with pytest.raises(FileError, match="log") as caught:
         read_text(Path("log"), text)
     assert said in str(caught.value)
 
 
-def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
+def test_a_missing_file_is_one_line(tmp_path):
     with refused("capture.damaged"):
         read_capture(tmp_path / "none")
 
 
-def test_daemon_captures_both_directions_and_keeps_existing_files(tmp_path: Path) -> None:
+def test_daemon_captures_both_directions_and_keeps_existing_files(tmp_path):
     with Bench(tmp_path) as bench:
         bench.start((BIN / "rigd", "--capture", "cell.log")).all_reading()
         bench.cell.hang_up("robot")
@@ -84,9 +84,7 @@ def test_daemon_captures_both_directions_and_keeps_existing_files(tmp_path: Path
         assert "give --capture a different file" in said
 
 
-def test_oversized_or_failing_capture_ends_with_a_fault(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_oversized_or_failing_capture_ends_with_a_fault(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(capture_writer, "LARGEST", 3000)
     # private: the list holds minutes of a stalled disk
     monkeypatch.setattr(capture_writer, "_ROOM", 10)

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -28,7 +26,7 @@ def later(by: ClockReadings, s: float, *, stepped_s: float = 0.0, slept_s: float
     return ClockReadings(by.monotonic_ns + passed, wall_ns, by.boot_ns + passed + slept)
 
 
-def test_quiet_clocks_tell_nothing() -> None:
+def test_quiet_clocks_tell_nothing():
     watch, now = HostClockMonitor(START), START
     for _ in range(100):
         now = later(now, 0.5, stepped_s=2e-6)
@@ -36,7 +34,7 @@ def test_quiet_clocks_tell_nothing() -> None:
 
 
 @pytest.mark.parametrize("stepped_s", [3.25, -7200.0, 0.011])
-def test_step_of_the_wall_clock_is_reported_once(stepped_s: float) -> None:
+def test_step_of_the_wall_clock_is_reported_once(stepped_s):
     watch = HostClockMonitor(START)
     now = later(START, 0.5, stepped_s=stepped_s)
     (fault,) = watch.check(now)
@@ -45,7 +43,7 @@ def test_step_of_the_wall_clock_is_reported_once(stepped_s: float) -> None:
     assert watch.check(later(now, 0.5)) == []
 
 
-def test_small_steps_add_up() -> None:
+def test_small_steps_add_up():
     watch, now, told = HostClockMonitor(START), START, 0
     for _ in range(12):
         now = later(now, 0.5, stepped_s=0.004)
@@ -53,7 +51,7 @@ def test_small_steps_add_up() -> None:
     assert told == 4
 
 
-def test_suspension_is_reported_and_no_step() -> None:
+def test_suspension_is_reported_and_no_step():
     (fault,) = HostClockMonitor(START).check(later(START, 0.5, slept_s=61.0))
     assert "suspended for 61.0 s" in fault.detail
     both = HostClockMonitor(START).check(later(START, 0.5, slept_s=61.0, stepped_s=-2.0))
@@ -62,14 +60,14 @@ def test_suspension_is_reported_and_no_step() -> None:
     ] == [True] * 2
 
 
-def test_this_computers_clocks_are_read_together() -> None:
+def test_this_computers_clocks_are_read_together():
     first, second = read_clocks(), read_clocks()
     assert 0 < second.monotonic_ns - first.monotonic_ns < 10 * S
     assert first.boot_ns >= first.monotonic_ns
     assert HostClockMonitor(first).check(replace(first, monotonic_ns=first.monotonic_ns)) == []
 
 
-def test_run_keeps_the_step_and_the_right_time_after_it(tmp_path: Path, monkeypatch: Any) -> None:
+def test_run_keeps_the_step_and_the_right_time_after_it(tmp_path, monkeypatch):
     """The wall clock is set by an hour while a recording runs."""
     now = [START]
     monkeypatch.setattr(daq.recording.warnings, "read_clocks", lambda: now[0])

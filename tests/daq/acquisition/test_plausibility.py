@@ -44,7 +44,7 @@ def _fine(t_s: float) -> float:
     return round(0.1 * math.sin(t_s), 4)
 
 
-def test_stuck_gauge_is_reported_once_and_again_on_motion() -> None:
+def test_stuck_gauge_is_reported_once_and_again_on_motion():
     stuck, freed = _seen(60, lambda t_s: 0.123 if 5 <= t_s < 40 else _fine(t_s), lambda t_s: 3 * t_s)
     assert stuck.kind is FaultKind.DOUBTFUL and stuck.count == 1
     told, asked = stuck.detail.split(": ")
@@ -64,16 +64,16 @@ def test_stuck_gauge_is_reported_once_and_again_on_motion() -> None:
     ],
     ids=["measures", "robot stands", "not touching", "coarse", "head off"],
 )
-def test_no_false_alarm(reads: Callable[[float], float], turns: Callable[[float], float], touching: bool) -> None:
+def test_no_false_alarm(reads, turns, touching):
     assert _seen(60, reads, turns, touching=touching) == []
 
 
-def test_never_moving_gauge_is_reported_after_more_motion() -> None:
+def test_never_moving_gauge_is_reported_after_more_motion():
     (stuck,) = _seen(60, lambda t_s: 0.0, lambda t_s: 3 * t_s)
     assert " 9" in stuck.detail
 
 
-def test_flickering_error_is_reported() -> None:
+def test_flickering_error_is_reported():
     items: list[Item] = []
     for k in range(2 * TIMES_IN_ERROR):
         items += [
@@ -94,7 +94,7 @@ def test_flickering_error_is_reported() -> None:
     )
 
 
-def test_of_gauges_that_are_asked_in_turn_each_one_ends_its_own_error() -> None:
+def test_of_gauges_that_are_asked_in_turn_each_one_ends_its_own_error():
     near = {"address": 200, "count": 2, "value": {"address": 200, "type": "float32"}, "range_mm": [-1, 1], **PLAIN}
     units = [modbus(unit=1, **near), modbus(unit=2, **near)]
 
@@ -108,7 +108,7 @@ def test_of_gauges_that_are_asked_in_turn_each_one_ends_its_own_error() -> None:
     assert told(lambda t_s: 0.5 if t_s < 2 else 1.5) == []  # the readings of the other do not end it
 
 
-def test_a_message_that_lacks_one_gauge_does_not_end_the_error_of_its_instrument() -> None:
+def test_a_message_that_lacks_one_gauge_does_not_end_the_error_of_its_instrument():
     items: list[Item] = []
     for k in range(2 * TIMES_IN_ERROR):
         items += [Fault(FaultKind.DEVICE_ERROR, k * S, "ERR"), _sample([1.0, math.nan], k * S)]
@@ -119,7 +119,7 @@ def test_a_message_that_lacks_one_gauge_does_not_end_the_error_of_its_instrument
     assert told.detail.startswith("g1_g2 ")
 
 
-def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
+def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path):
     buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
     recorder = Recorder(buffers, lambda label, _: _create(tmp_path, label), lambda: None)
     now_ns = time.monotonic_ns()
@@ -138,7 +138,7 @@ def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
     assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
 
 
-def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path: Path) -> None:
+def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path):
     buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
     recorder = Recorder(buffers, lambda label, _: _create(tmp_path, label), lambda: None)
     now_ns = time.monotonic_ns()
@@ -158,11 +158,11 @@ def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path: 
 def _create(folder: Path, label: RunLabel) -> RunWriter:
     streams = {"g1": G1, "robot": ROBOT}
     about = {"rig_name": "x", "rig_text": "", "operator": "", "streams": streams}
-    return RunWriter.create(folder, new_manifest(name=label.name, test=label.test, direction=label.direction, **about))  # type: ignore[arg-type]
+    return RunWriter.create(folder, new_manifest(name=label.name, test=label.test, direction=label.direction, **about))
 
 
 @pytest.mark.parametrize("factor", [1 / 25.4, 25.4])
-def test_changed_unit_is_reported_once(factor: float) -> None:
+def test_changed_unit_is_reported_once(factor):
     """Also one that sends registers, which have no decimals to show it."""
 
     def reads(t_s: float) -> float:
@@ -183,11 +183,11 @@ def test_changed_unit_is_reported_once(factor: float) -> None:
     ],
     ids=["moves", "coarse zero", "noisy zero", "off ball", "one reading"],
 )
-def test_a_gauge_that_moves_or_is_wrong_once_has_not_changed_its_unit(reads: Callable[[float], float]) -> None:
+def test_a_gauge_that_moves_or_is_wrong_once_has_not_changed_its_unit(reads):
     assert [one for one in _seen(60, reads, lambda t_s: 3 * t_s) if one.kind is FaultKind.UNIT_CHANGED] == []
 
 
-def test_frozen_gauge_is_reported_when_it_resumes() -> None:
+def test_frozen_gauge_is_reported_when_it_resumes():
     def reads(t_s: float) -> float:
         return _fine(21.5 if 21.5 <= t_s < 22.7 else t_s)
 
@@ -205,7 +205,5 @@ def test_frozen_gauge_is_reported_when_it_resumes() -> None:
     ],
     ids=["coarse turn", "robot stands"],
 )
-def test_a_gauge_that_only_rests_was_not_frozen(
-    reads: Callable[[float], float], turns: Callable[[float], float]
-) -> None:
+def test_a_gauge_that_only_rests_was_not_frozen(reads, turns):
     assert _seen(60, reads, turns) == []

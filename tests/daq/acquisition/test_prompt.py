@@ -15,7 +15,7 @@ def _as_before() -> Iterator[None]:
     gc.unfreeze()
 
 
-def test_collector_ignores_existing_objects_and_threads_switch_sooner() -> None:
+def test_collector_ignores_existing_objects_and_threads_switch_sooner():
     before_s, there = 0.005, [[]]
     sys.setswitchinterval(before_s)  # Python's own; a daemon that ran in this process has changed it
     keep_stamps_prompt()

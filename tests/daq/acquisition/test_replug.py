@@ -34,7 +34,7 @@ from tests.support.replugging import KINDS, Clockwork, replug, wrong
 
 @pytest.mark.real_time  # nothing but the outage may be wrong
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path: Path, kind: str) -> None:
+def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path, kind):
     found = replug(tmp_path, kind, 1, seed=3)
     assert found.problems == []
     assert all(count == 1 for count in found.lost.values()) and min(found.readings.values()) > 3
@@ -71,14 +71,14 @@ class _OneReading:
 @pytest.mark.parametrize(
     "port", [f"/{'a' * 300}", "/dev/null", "/dev", "/dev/tty\0", "/etc/hostname/x", "/etc/hostname"]
 )
-def test_invalid_port_is_reported_and_released(port: str) -> None:
+def test_invalid_port_is_reported_and_released(port):
     before = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.raises(CellError):
         open_link("g1", port, Line(baud=9600, bits=8, parity="N", stop=1))
     assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
-def test_a_character_of_wrong_parity_is_no_digit() -> None:
+def test_a_character_of_wrong_parity_is_no_digit():
     """A digit of which the line turned a bit is another digit, and only its parity tells."""
     for line, checked in (("4800 7E2", True), ("9600 8N1", False)):
         master, slave = os.openpty()
@@ -90,7 +90,7 @@ def test_a_character_of_wrong_parity_is_no_digit() -> None:
         os.close(slave)
 
 
-def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch):
     """The directory of names goes with its last port."""
 
     def gone(self: Path) -> None:
@@ -101,7 +101,7 @@ def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.M
         open_link("g1", "/dev/serial/by-id/usb-1", Line(baud=9600, bits=8, parity="N", stop=1))
 
 
-def test_outage_is_one_fault_with_each_reason_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_outage_is_one_fault_with_each_reason_once(monkeypatch):
     # private _FIRST_PAUSE_S, _LONGEST_PAUSE_S: an outage takes seconds with the real pauses
     monkeypatch.setattr(daq.acquisition.reader, "_FIRST_PAUSE_S", 0.001)
     monkeypatch.setattr(daq.acquisition.reader, "_LONGEST_PAUSE_S", 0.001)
@@ -145,7 +145,7 @@ class _Breaking(Link):
         pass
 
 
-def test_held_back_faults_are_reported_on_disconnection() -> None:
+def test_held_back_faults_are_reported_on_disconnection():
     stream = streams_of(parse(rig_text("sylvac"), "bench"))[0]
     buffer = StreamBuffer(stream.name, stream.columns)
     link = _Breaking(b"ERR0\r", 50)
@@ -155,7 +155,7 @@ def test_held_back_faults_are_reported_on_disconnection() -> None:
     assert buffer.state().counters == {"device_error": 50, "disconnected": 1}
 
 
-def test_details_of_a_fault_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_details_of_a_fault_are_logged_once(caplog):
     """The end of an outage within ten seconds of its beginning is no repetition."""
     buffer = StreamBuffer("g1", ("g1_mm",))
     recorder = daq.recording.recorder.Recorder({"g1": buffer}, _no_run, lambda: None)

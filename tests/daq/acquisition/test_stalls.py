@@ -15,7 +15,6 @@ from daq.acquisition.stream_buffer import STALL_NS, StreamBuffer, faults_of, sam
 from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Sample, SampleBlock
 from daq.store import read_run, verify
 from daq.wire.links import LinkLost
-from tests.support.bench import Bench
 
 S = 1_000_000_000
 
@@ -25,7 +24,7 @@ def buffer() -> StreamBuffer:
     return StreamBuffer("g1", ("g1_mm",))
 
 
-def test_a_stall_does_not_hide_why_an_instrument_gives_no_readings(buffer: StreamBuffer) -> None:
+def test_a_stall_does_not_hide_why_an_instrument_gives_no_readings(buffer):
     def stand_still() -> None:
         buffer.beat()
         buffer.heartbeat_ns -= S
@@ -39,7 +38,7 @@ def test_a_stall_does_not_hide_why_an_instrument_gives_no_readings(buffer: Strea
     assert "run for 1.0 s" in buffer.state().last_fault
 
 
-def test_stalled_reader_is_reported_once_with_its_length(buffer: StreamBuffer) -> None:
+def test_stalled_reader_is_reported_once_with_its_length(buffer):
     buffer.beat()
     assert buffer.drain() == []  # it has just begun
     buffer.heartbeat_ns -= 3 * S
@@ -50,14 +49,14 @@ def test_stalled_reader_is_reported_once_with_its_length(buffer: StreamBuffer) -
     assert "run for 3.0 s" in fault.detail and buffer.state().counters == {"stalled": 1}
 
 
-def test_a_port_that_takes_long_to_open_is_no_stall(buffer: StreamBuffer) -> None:
+def test_a_port_that_takes_long_to_open_is_no_stall(buffer):
     buffer.beat()
     with buffer.opening():
         buffer.heartbeat_ns -= 3 * S
     assert buffer.drain() == []
 
 
-def test_sleeping_thread_detects_a_stall_of_the_process() -> None:
+def test_sleeping_thread_detects_a_stall_of_the_process():
     watch = StallWatch()
     watch.note(0, STALL_NS)
     assert watch.take() == []
@@ -68,8 +67,8 @@ def test_sleeping_thread_detects_a_stall_of_the_process() -> None:
 
 
 def test_recent_sleep_is_one_stall(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     watch = StallWatch()
     watch.start()
     later = SimpleNamespace(now_ns=lambda: time.monotonic_ns() + 5 * S)
@@ -84,7 +83,7 @@ def test_recent_sleep_is_one_stall(
     assert watch.take() == []
 
 
-def test_samples_that_come_in_batches_have_a_rate(buffer: StreamBuffer) -> None:
+def test_samples_that_come_in_batches_have_a_rate(buffer):
     """A flood brings hundreds of samples in one read, all of one stamp."""
     now_ns = time.monotonic_ns()
     for round_ in range(11):
@@ -93,7 +92,7 @@ def test_samples_that_come_in_batches_have_a_rate(buffer: StreamBuffer) -> None:
     assert buffer.state().rate_hz == pytest.approx(4000)
 
 
-def test_a_delivery_that_ends_with_a_fault_counts_for_the_rate_as_well(buffer: StreamBuffer) -> None:
+def test_a_delivery_that_ends_with_a_fault_counts_for_the_rate_as_well(buffer):
     """As of a flood whose last line is cut, at every read."""
     now_ns = time.monotonic_ns()
     for round_ in range(11):
@@ -105,9 +104,7 @@ def test_a_delivery_that_ends_with_a_fault_counts_for_the_rate_as_well(buffer: S
     assert state.rate_hz == pytest.approx(4000) and state.waiting == 11 * 402
 
 
-def test_a_block_that_finds_no_room_is_counted_sample_by_sample(
-    buffer: StreamBuffer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_block_that_finds_no_room_is_counted_sample_by_sample(buffer, monkeypatch):
     # private: the room is minutes of readings
     monkeypatch.setattr("daq.acquisition.stream_buffer._ROOM", 500)
     block = SampleBlock.of([Sample((float(k),), -1, k, k, 3) for k in range(200)])
@@ -119,9 +116,7 @@ def test_a_block_that_finds_no_room_is_counted_sample_by_sample(
     assert buffer.state().counters == {"samples": 800, "dropped": 400} and buffer.state().last == {"g1_mm": 199.0}
 
 
-def test_faults_that_find_no_room_keep_their_kind_and_count(
-    buffer: StreamBuffer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_faults_that_find_no_room_keep_their_kind_and_count(buffer, monkeypatch):
     # private: the room is minutes of readings
     monkeypatch.setattr("daq.acquisition.stream_buffer._ROOM", 2)
     buffer.deliver([Sample((float(k),), -1, k, k, 3) for k in range(3)])
@@ -133,7 +128,7 @@ def test_faults_that_find_no_room_keep_their_kind_and_count(
     assert buffer.drain() == []
 
 
-def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch):
     """Its link always has more, and what it brings takes 50 ms of the processor; at last it brings one message."""
     used_s, now_s, paused = 0.0, 1000.0, []
     rounds = [b"flood", b"flood", b"one", b"fast", b"fast"]
@@ -177,7 +172,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
 
 
 @pytest.mark.real_time  # no stall but the one that is made
-def test_a_daemon_that_is_stopped_for_a_while_has_it_in_the_run(bench: Bench) -> None:
+def test_a_daemon_that_is_stopped_for_a_while_has_it_in_the_run(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)

@@ -170,7 +170,7 @@ def _outcome(begin: Callable[[], Script], pieces: Sequence[bytes]) -> tuple[byte
 
 @pytest.mark.parametrize("name", STREAMS)
 @examples(15, 40)
-def test_the_cut_makes_no_difference(name: str, examples: int) -> None:
+def test_the_cut_makes_no_difference(name, examples):
     @settings(max_examples=examples)
     @given(data=st.data())
     def holds(data: st.DataObject) -> None:
@@ -238,7 +238,7 @@ def _mutated(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
 
 @pytest.mark.parametrize("name", SIDES)
 @examples(8, 25)
-def test_no_bytes_raise_or_fill_the_memory(name: str, examples: int) -> None:
+def test_no_bytes_raise_or_fill_the_memory(name, examples):
     @settings(max_examples=examples)
     @given(data=st.data())
     def holds(data: st.DataObject) -> None:
@@ -263,7 +263,7 @@ def test_no_bytes_raise_or_fill_the_memory(name: str, examples: int) -> None:
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyS0", TCP])
-def test_modbus_gauge_survives_every_function(port: str) -> None:
+def test_modbus_gauge_survives_every_function(port):
     device = daq.gauges.device([modbus(port=port)], lambda now_ns: [1.0])
     for function in range(256):
         for filler in (0, 1, 200, 255):

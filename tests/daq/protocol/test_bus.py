@@ -64,7 +64,7 @@ def _simulated(host: Host, units: Sequence[ModbusMap], seconds: int, line: Simul
     return line.run(host, device, seconds * S)
 
 
-def test_eight_units_are_asked_equally_often_and_each_value_is_its_own() -> None:
+def test_eight_units_are_asked_equally_often_and_each_value_is_its_own():
     line = SimulatedLine(LINE.character_ns, silent_interval_ns(LINE))
     items = _simulated(daq.gauges.host(_eight()), _eight(), 20, line)
     counts = [len(_samples(items, column)) for column in range(UNITS)]
@@ -74,7 +74,7 @@ def test_eight_units_are_asked_equally_often_and_each_value_is_its_own() -> None
         assert {sample.values[column] for sample in _samples(items, column)} == {_float32((column + 1) / 100)}
 
 
-def test_a_dead_unit_costs_the_others_no_more_than_its_time_outs() -> None:
+def test_a_dead_unit_costs_the_others_no_more_than_its_time_outs():
     seconds = 20
     items = _simulated(daq.gauges.host(_eight()), [unit for unit in _eight() if unit.unit != 3], seconds)
     without = _simulated(daq.gauges.host([u for u in _eight() if u.unit != 3]), _eight(), seconds)
@@ -87,7 +87,7 @@ def test_a_dead_unit_costs_the_others_no_more_than_its_time_outs() -> None:
         assert share > 1 - lost_s / seconds - FAIR
 
 
-def test_a_unit_that_comes_back_is_read_again() -> None:
+def test_a_unit_that_comes_back_is_read_again():
     units, present = [_unit(1), _unit(2)], _unit(1)
 
     class _Later:
@@ -99,7 +99,7 @@ def test_a_unit_that_comes_back_is_read_again() -> None:
             self.connected = self._both.connected
             self.tick = self._both.tick
 
-        def received(self, data: bytes, now_ns: int):  # type: ignore[no-untyped-def]
+        def received(self, data: bytes, now_ns: int):
             return (self._both if now_ns > 10 * S else self._one).received(data, now_ns)
 
     items = SimulatedLine(LINE.character_ns).run(daq.gauges.host(units), _Later(), 20 * S)
@@ -108,7 +108,7 @@ def test_a_unit_that_comes_back_is_read_again() -> None:
     assert len(back) > 0.4 * len([s for s in _samples(items, 0) if s.last_byte_ns > back[0].last_byte_ns])
 
 
-def test_a_slow_rate_is_kept_and_leaves_the_rest_to_the_others() -> None:
+def test_a_slow_rate_is_kept_and_leaves_the_rest_to_the_others():
     units = [_unit(1, rate_hz=10), _unit(2), _unit(3)]
     items = _simulated(daq.gauges.host(units), units, 10)
     slow, *quick = (len(_samples(items, column)) for column in range(3))
@@ -118,7 +118,7 @@ def test_a_slow_rate_is_kept_and_leaves_the_rest_to_the_others() -> None:
 @pytest.mark.parametrize(
     "units", [[_unit(1), _unit(2)], [_unit(1), _unit(1, address=202, value=VALUE | {"address": 202})]]
 )
-def test_a_late_answer_is_never_credited_to_another_gauge_or_request(units: list[ModbusMap]) -> None:
+def test_a_late_answer_is_never_credited_to_another_gauge_or_request(units):
     dice = random.Random(11)
     taken: list[list[int]] = [[], []]
 
@@ -156,7 +156,7 @@ def _two(**changes: object) -> Script:
     return script
 
 
-def test_the_answer_of_another_unit_is_named_and_the_next_is_asked() -> None:
+def test_the_answer_of_another_unit_is_named_and_the_next_is_asked():
     script = _two()
     script.receive(_answer(9, 1.5))
     (fault,) = script.taken()
@@ -165,7 +165,7 @@ def test_the_answer_of_another_unit_is_named_and_the_next_is_asked() -> None:
     assert script.wake().send == _rtu(2, 4, 0, 200, 0, 2)
 
 
-def test_the_late_answer_of_a_silent_unit_is_not_that_of_the_next() -> None:
+def test_the_late_answer_of_a_silent_unit_is_not_that_of_the_next():
     script = _two()
     assert script.wake().wake_ns is not None
     while not script.sent.endswith(_rtu(2, 4, 0, 200, 0, 2)):
@@ -179,7 +179,7 @@ def test_the_late_answer_of_a_silent_unit_is_not_that_of_the_next() -> None:
 
 
 @pytest.mark.parametrize("alone", [True, False])
-def test_another_master_is_named(alone: bool) -> None:
+def test_another_master_is_named(alone):
     units = [_unit(1)] if alone else [_unit(1), _unit(2)]
     asks, answers = _rtu(2, 3, 0, 16, 0, 4), _rtu(2, 3, 8, *range(8))
     other = [(k * S // 7 + at, data) for k in range(7, 70) for at, data in ((0, asks), (3_000_000, answers))]
@@ -191,7 +191,7 @@ def test_another_master_is_named(alone: bool) -> None:
     assert read == wanted
 
 
-def test_a_line_that_another_master_keeps_busy_is_named() -> None:
+def test_a_line_that_another_master_keeps_busy_is_named():
     host = daq.gauges.host([_unit(1)])
     other = [(k * S // 50, _rtu(2, 3, 0, 16, 0, 4)) for k in range(500)]
     items = SimulatedLine(LINE.character_ns, other=other).run(
@@ -202,14 +202,14 @@ def test_a_line_that_another_master_keeps_busy_is_named() -> None:
 
 @pytest.mark.parametrize("framing", ["rtu", "ascii"])
 @pytest.mark.parametrize("count", [1, 2])
-def test_an_adapter_that_echoes_does_no_harm(framing: str, count: int) -> None:
+def test_an_adapter_that_echoes_does_no_harm(framing, count):
     units = [_unit(number, framing=framing) for number in range(1, count + 1)]
     line = SimulatedLine(LINE.character_ns, echo=True)
     items = _simulated(daq.gauges.host(units), units, 10, line)
     assert len(_samples(items, 0)) > 500 and not [item for item in items if isinstance(item, Fault)]
 
 
-def test_an_echo_in_single_bytes() -> None:
+def test_an_echo_in_single_bytes():
     unit = _unit(1, address=0x0204, value={"address": 0x0204, "type": "int16"}, count=1)
     script = Script(daq.gauges.host([unit]))
     request = script.wake().send
@@ -219,7 +219,7 @@ def test_an_echo_in_single_bytes() -> None:
     assert isinstance(sample, Sample) and sample.values == (7.0,)
 
 
-def test_an_answer_that_is_intact_without_its_last_byte_is_whole() -> None:
+def test_an_answer_that_is_intact_without_its_last_byte_is_whole():
     """The checksum of this one ends in 0, and so does what is left of it."""
     script = Script(daq.gauges.host([_unit(2, word_order="big", byte_order="little")]))
     script.wake()
@@ -229,7 +229,7 @@ def test_an_answer_that_is_intact_without_its_last_byte_is_whole() -> None:
     assert isinstance(sample, Sample) and sample.size == 9
 
 
-def test_a_gateway_is_asked_with_one_numbering() -> None:
+def test_a_gateway_is_asked_with_one_numbering():
     script = Script(daq.gauges.host([_unit(1, port=TCP), _unit(2, port=TCP)]))
     requests = [script.wake().send]
     for number in range(1, 6):
@@ -242,7 +242,7 @@ def test_a_gateway_is_asked_with_one_numbering() -> None:
     assert [values[0][0], values[1][1]] == [0.25, 0.5] and len(values) == 5
 
 
-def test_two_probes_of_one_orbit_unit() -> None:
+def test_two_probes_of_one_orbit_unit():
     probes = [
         gauge("solartron_orbit", parameter=2, status_parameter=3),
         gauge("solartron_orbit", parameter=8, status_parameter=9),
@@ -276,7 +276,7 @@ def _wired(units: Sequence[ModbusMap], served: Sequence[ModbusMap], seconds: flo
 
 
 @pytest.mark.real_time(held_up_s=TIMEOUT_S)  # a computer that stands still for so long is a unit's silence
-def test_eight_units_on_a_pty_at_115200() -> None:
+def test_eight_units_on_a_pty_at_115200():
     items = _wired(_eight(), _eight(), 3.0)
     counts = Counter({column: len(_samples(items, column)) for column in range(UNITS)})
     mean = counts.total() / UNITS

@@ -49,7 +49,7 @@ def _of_rtde(program: int = 2, safety: int = 1, scaling: float = 1.0, slider: fl
     return _last(robot, script)
 
 
-def test_condition_of_rtde() -> None:
+def test_condition_of_rtde():
     shown = _of_rtde(slider=0.4)
     assert shown.pop("speed_percent") == pytest.approx(40)
     assert shown == {
@@ -64,7 +64,7 @@ def test_condition_of_rtde() -> None:
 @pytest.mark.parametrize(
     ("code", "state"), [(0, "STOPPED"), (1, "STOPPED"), (2, "RUNNING"), (3, "PAUSED"), (4, "PAUSED"), (5, "RUNNING")]
 )
-def test_the_states_of_a_program_in_rtde(code: int, state: str) -> None:
+def test_the_states_of_a_program_in_rtde(code, state):
     assert _of_rtde(program=code)["program_state"] == ProgramState[state]
 
 
@@ -83,21 +83,21 @@ def test_the_states_of_a_program_in_rtde(code: int, state: str) -> None:
         (13, "SAFEGUARD_STOP"),
     ],
 )
-def test_the_states_of_safety_in_rtde(code: int, state: str) -> None:
+def test_the_states_of_safety_in_rtde(code, state):
     assert _of_rtde(safety=code)["safety_state"] == SafetyState[state]
 
 
-def test_codes_that_rtde_does_not_define_are_not_known() -> None:
+def test_codes_that_rtde_does_not_define_are_not_known():
     shown = _of_rtde(program=77, safety=-5)
     assert math.isnan(shown["program_state"]) and math.isnan(shown["safety_state"])
 
 
 @pytest.mark.parametrize("scaling", [math.inf, math.nan, 1e300])
-def test_a_speed_that_none_can_be_is_not_known(scaling: float) -> None:
+def test_a_speed_that_none_can_be_is_not_known(scaling):
     assert math.isnan(_of_rtde(scaling=scaling)["speed_percent"])
 
 
-def test_a_field_that_a_controller_does_not_know_costs_that_field_alone() -> None:
+def test_a_field_that_a_controller_does_not_know_costs_that_field_alone():
     robot = rtde()
     script = Script(daq.feedback.host(robot))
     script.receive(_packet(b"V", b"\1"))
@@ -116,21 +116,21 @@ def test_a_field_that_a_controller_does_not_know_costs_that_field_alone() -> Non
     assert shown["program_state"] == ProgramState.PAUSED and shown["temperature6_c"] == 36.0
 
 
-def test_joints_that_a_controller_does_not_know_are_refused_all_the_same() -> None:
+def test_joints_that_a_controller_does_not_know_are_refused_all_the_same():
     script = Script(daq.feedback.host(rtde()))
     script.receive(_packet(b"V", b"\1"))
     step = script.receive(_packet(b"O", b"\0" + ",".join(["DOUBLE", *["NOT_FOUND"] * 7]).encode()))
     (fault,) = script.taken()
-    assert fault.kind is FaultKind.DEVICE_ERROR and "actual_q" in fault.detail and step.hang_up  # type: ignore[union-attr]
+    assert fault.kind is FaultKind.DEVICE_ERROR and "actual_q" in fault.detail and step.hang_up
 
 
-def test_a_controller_without_a_condition_knows_none_of_its_fields() -> None:
+def test_a_controller_without_a_condition_knows_none_of_its_fields():
     script = Script(daq.feedback.device(rtde(condition=False), lambda now_ns: [0.0] * 6))
     asked = struct.pack(">d", 125) + b"timestamp,safety_mode"
     assert script.receive(_packet(b"O", asked)).send == _packet(b"O", b"\0DOUBLE,NOT_FOUND")
 
 
-def test_a_recipe_that_ends_with_a_comma_is_served_as_by_a_real_controller() -> None:
+def test_a_recipe_that_ends_with_a_comma_is_served_as_by_a_real_controller():
     """SDU's ur_rtde 1.6.5 asks so, and calls the fields by their places in the answer."""
     script = Script(daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6))
     asked = struct.pack(">d", 125) + b"timestamp,runtime_state,safety_mode,"
@@ -148,7 +148,7 @@ def test_a_recipe_that_ends_with_a_comma_is_served_as_by_a_real_controller() -> 
     ],
     ids=["on, running", "off, stopped", "undefined", "neither", "cut off"],
 )
-def test_motor_state_and_rapid_state_of_egm(states: bytes, motors: float | None, program: float | None) -> None:
+def test_motor_state_and_rapid_state_of_egm(states, motors, program):
     joints = b"\x0a\x36" + (b"\x09" + struct.pack("<d", 1.0)) * 6
     script = Script(daq.feedback.host(egm()))
     script.receive(b"\x0a\x04\x08\x01\x18\x02" + b"\x12\x38" + joints + states)
@@ -162,7 +162,7 @@ def test_motor_state_and_rapid_state_of_egm(states: bytes, motors: float | None,
     assert all(map(math.isnan, shown.values()))
 
 
-def test_rtde_gives_the_flange_without_the_tool_set_in_the_controller() -> None:
+def test_rtde_gives_the_flange_without_the_tool_set_in_the_controller():
     robot = rtde(condition=False, pose=True)
     script = Script(daq.feedback.host(robot))
     script.receive(_packet(b"V", b"\1"))
@@ -173,7 +173,7 @@ def test_rtde_gives_the_flange_without_the_tool_set_in_the_controller() -> None:
     assert [shown[f"controller_{axis}_mm"] for axis in "xyz"] == pytest.approx([400, -200, 450])
 
 
-def test_egm_gives_the_pose_of_the_tool() -> None:
+def test_egm_gives_the_pose_of_the_tool():
     joints = b"\x0a\x36" + (b"\x09" + struct.pack("<d", 1.0)) * 6
     place = b"".join(bytes([key]) + struct.pack("<d", value) for key, value in ((9, 400.0), (17, -200.0), (25, 300.0)))
     turn = b"".join(
@@ -200,7 +200,7 @@ def test_egm_gives_the_pose_of_the_tool() -> None:
         (0b0100, 0b001, 4, "RECOVERY"),
     ],
 )
-def test_the_bytes_of_state_of_stream_motion(state: int, robot: int, contact: int, safety: str) -> None:
+def test_the_bytes_of_state_of_stream_motion(state, robot, contact, safety):
     script = Script(daq.feedback.host(j519(version=3)))
     script.receive(struct.pack(">III4BI27ff256x", 202, 3, 1, state, robot, contact, 0, 1000, *[1.0] * 27, 1.0))
     shown = _last(j519(), script)
@@ -221,7 +221,7 @@ ROB = b'<Rob Type="KUKA"><AIPos A1="1" A2="1" A3="1" A4="1" A5="1" A6="1"/>%b<IP
         (b'<Override>1e999</Override><Drives xOn="1"/>', math.nan, math.nan),
     ],
 )
-def test_the_elements_of_rsi_that_a_rig_file_names(elements: bytes, percent: float, motors: float) -> None:
+def test_the_elements_of_rsi_that_a_rig_file_names(elements, percent, motors):
     robot = rsi(condition={"speed_percent": "Override", "motors_on": "Drives.On"})
     script = Script(daq.feedback.host(robot))
     step = script.receive(ROB % elements)
@@ -229,7 +229,7 @@ def test_the_elements_of_rsi_that_a_rig_file_names(elements: bytes, percent: flo
     assert _last(robot, script) == pytest.approx({"speed_percent": percent, "motors_on": motors}, nan_ok=True)
 
 
-def test_the_fields_of_a_line_that_a_rig_file_names() -> None:
+def test_the_fields_of_a_line_that_a_rig_file_names():
     robot = lines(fields=("temperature2_c", *(f"q{axis}_deg" for axis in range(1, 7)), "signal", "program_state"))
     script = Script(daq.feedback.host(robot))
     script.receive(b"41.5,1,2,3,4,5,6,7,2\n")
@@ -240,7 +240,7 @@ def test_the_fields_of_a_line_that_a_rig_file_names() -> None:
 
 
 @pytest.mark.parametrize("robot", [rtde(), egm(), j519(version=3), rsi(condition={"payload_kg": "Load"})])
-def test_emulated_robot_is_undisturbed_by_default(robot: Feedback) -> None:
+def test_emulated_robot_is_undisturbed_by_default(robot):
     device = daq.feedback.device(robot, lambda now_ns: [1.0] * 6)
     host = Script(daq.feedback.host(robot))
     controller = Script(device)
@@ -256,7 +256,7 @@ def test_emulated_robot_is_undisturbed_by_default(robot: Feedback) -> None:
 AMPERES = (0.5, -2.25, 1.75, 0.125, -0.5, 0.25)
 
 
-def test_the_currents_of_rtde_and_of_an_older_controller_without() -> None:
+def test_the_currents_of_rtde_and_of_an_older_controller_without():
     robot = rtde(currents=True, condition=False)
     script = Script(daq.feedback.host(robot))
     asked = script.receive(_packet(b"V", b"\1")).send
@@ -272,14 +272,14 @@ def test_the_currents_of_rtde_and_of_an_older_controller_without() -> None:
     assert all(math.isnan(value) for value in _last(robot, script).values())
 
 
-def test_no_currents_are_asked_for_unless_the_rig_file_wants_them() -> None:
+def test_no_currents_are_asked_for_unless_the_rig_file_wants_them():
     script = Script(daq.feedback.host(rtde()))
     assert b"current" not in script.receive(_packet(b"V", b"\1")).send
     assert not [name for name in robot_stream(rtde()).columns if name.startswith("current")]
 
 
 @pytest.mark.parametrize("version", [1, 3, 4])
-def test_the_currents_of_stream_motion(version: int) -> None:
+def test_the_currents_of_stream_motion(version):
     """Nine floats each of pose, joints and currents."""
     places, joints = [1.0] * 9, [10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 0.0, 0.0, 0.0]
     numbers = struct.pack(">27f", *places, *joints, *AMPERES, 7.0, 8.0, 9.0)
@@ -296,7 +296,7 @@ def test_the_currents_of_stream_motion(version: int) -> None:
 
 
 @pytest.mark.parametrize("robot", [rtde(currents=True), j519(version=3, currents=True), j519(version=1, currents=True)])
-def test_an_emulated_robot_sends_its_currents(robot: Feedback) -> None:
+def test_an_emulated_robot_sends_its_currents(robot):
     beside = robot_stream(robot).columns[6:]
     undisturbed = [UNDISTURBED[name] for name in beside[: -len(AMPERES)]]
     device = daq.feedback.device(robot, lambda now_ns: [1.0] * 6 + undisturbed + list(AMPERES))
@@ -307,6 +307,6 @@ def test_an_emulated_robot_sends_its_currents(robot: Feedback) -> None:
     assert tuple(_last(robot, host).values())[-6:] == AMPERES
 
 
-def test_kuka_has_no_currents_in_amperes() -> None:
+def test_kuka_has_no_currents_in_amperes():
     with pytest.raises(ValueError, match="unknown part 'current1_a'"):
         rsi(condition={"current1_a": "MACur.A1"})

@@ -16,8 +16,7 @@ import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import STIR, STIR_EVERY_NS, STIR_NS
 from rigs.schema.condition import POSE
-from rigs.schema.feedback import Feedback, columns_beside_joints
-from rigs.schema.gauges import Gauge
+from rigs.schema.feedback import columns_beside_joints
 from tests.support.drivers import FEEDBACKS, GAUGES, keyence, modbus, rtde, sylvac
 from tests.support.simulated_conversation import S, simulate
 
@@ -41,12 +40,12 @@ def _samples(items: Sequence[object]) -> list[Sample]:
         (daq.apps.robot_drivers, {feedback.interface for _, feedback in FEEDBACKS} - {"opc_ua_robotics"}),
     ],
 )
-def test_every_driver_is_held_to_the_contract(package, tested) -> None:
+def test_every_driver_is_held_to_the_contract(package, tested):
     assert {module.name for module in pkgutil.iter_modules(package.__path__)} == tested
 
 
 @pytest.mark.parametrize(("name", "gauges", "resolution_mm"), GAUGES, ids=[case[0] for case in GAUGES])
-def test_gauge_gives_the_planted_values(name: str, gauges: Sequence[Gauge], resolution_mm: float) -> None:
+def test_gauge_gives_the_planted_values(name, gauges, resolution_mm):
     planted: list[list[float]] = []
 
     def read(now_ns: int) -> list[float]:
@@ -76,7 +75,7 @@ def test_gauge_gives_the_planted_values(name: str, gauges: Sequence[Gauge], reso
 
 
 @pytest.mark.parametrize(("name", "gauges", "resolution_mm"), GAUGES, ids=[case[0] for case in GAUGES])
-def test_gauge_reports_a_head_in_error(name: str, gauges: Sequence[Gauge], resolution_mm: float) -> None:
+def test_gauge_reports_a_head_in_error(name, gauges, resolution_mm):
     def read(now_ns: int) -> list[float]:
         return [math.nan if 2 * S < now_ns < 3 * S else 1.0] * len(gauges)
 
@@ -95,7 +94,7 @@ def test_gauge_reports_a_head_in_error(name: str, gauges: Sequence[Gauge], resol
 
 
 @pytest.mark.parametrize(("name", "feedback"), FEEDBACKS, ids=[case[0] for case in FEEDBACKS])
-def test_feedback_gives_the_planted_angles(name: str, feedback: Feedback) -> None:
+def test_feedback_gives_the_planted_angles(name, feedback):
     def read(now_ns: int) -> list[float]:
         changing = {
             "signal": now_ns // S % 4,
@@ -130,7 +129,7 @@ def _shown(values: list[float], name: str) -> list[float]:
     return [*values[:6], math.nan, *values[7:]] if without_safety else values
 
 
-def test_nothing_is_lost_in_a_minute_of_rtde() -> None:
+def test_nothing_is_lost_in_a_minute_of_rtde():
     controller = daq.feedback.device(rtde(), lambda now_ns: [now_ns * 1e-9] * 6)
     samples = _samples(simulate(daq.feedback.host(rtde()), controller, 60 * S))
     assert controller.sent == len(samples) == 60 * 500 + 1
@@ -138,7 +137,7 @@ def test_nothing_is_lost_in_a_minute_of_rtde() -> None:
     assert steps == {2000}
 
 
-def test_nothing_is_lost_in_a_minute_of_sylvac() -> None:
+def test_nothing_is_lost_in_a_minute_of_sylvac():
     gauge = sylvac(mode="continuous")
     taken = []
 
@@ -153,7 +152,7 @@ def test_nothing_is_lost_in_a_minute_of_sylvac() -> None:
     assert [round(sample.values[0] * 1e3) for sample in samples] == list(range(1, len(samples) + 1))
 
 
-def test_a_skipped_packet_is_counted() -> None:
+def test_a_skipped_packet_is_counted():
     host, device = daq.feedback.host(rtde()), daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6)
     device.connected(0)
     step = host.connected(0)
@@ -167,7 +166,7 @@ def test_a_skipped_packet_is_counted() -> None:
     assert [(fault.kind, fault.count) for fault in skipped] == [(FaultKind.SKIPPED, 3), (FaultKind.SKIPPED, 1)]
 
 
-def test_a_late_tick_sends_every_period_missed() -> None:
+def test_a_late_tick_sends_every_period_missed():
     device = daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6)
     host = daq.feedback.host(rtde())
     device.connected(0)
@@ -178,7 +177,7 @@ def test_a_late_tick_sends_every_period_missed() -> None:
     assert len(_samples(items)) == device.sent == 501
 
 
-def test_the_gauge_clock_is_read_to_the_microsecond() -> None:
+def test_the_gauge_clock_is_read_to_the_microsecond():
     device = daq.gauges.device([modbus()], lambda now_ns: [1.0])
     samples = _samples(simulate(daq.gauges.host([modbus()]), device, 2 * S, character_ns=CHARACTER_NS))
     assert samples
@@ -186,7 +185,7 @@ def test_the_gauge_clock_is_read_to_the_microsecond() -> None:
         assert sample.device_time_s == pytest.approx(sample.requested_ns * 1e-9, abs=1.1e-6)
 
 
-def test_doubtful_readings_carry_their_status() -> None:
+def test_doubtful_readings_carry_their_status():
     gauge = modbus(status={"address": 200, "type": "uint16", "good": (), "doubtful": (1,)})
     items = simulate(
         daq.gauges.host([gauge]), daq.gauges.device([gauge], lambda now_ns: [1.0]), S, character_ns=S // 1000
@@ -194,7 +193,7 @@ def test_doubtful_readings_carry_their_status() -> None:
     assert {sample.status for sample in _samples(items)} == {1}
 
 
-def test_one_head_in_error_leaves_the_other() -> None:
+def test_one_head_in_error_leaves_the_other():
     gauges = [keyence(channel=1), keyence(channel=2)]
     device = daq.gauges.device(gauges, lambda now_ns: [math.nan, 2.0])
     items = simulate(daq.gauges.host(gauges), device, 3 * S, character_ns=CHARACTER_NS)

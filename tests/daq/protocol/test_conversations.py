@@ -38,7 +38,7 @@ def _rtu(*content: int) -> bytes:
 # --- Polling: what every asked instrument has in common ---
 
 
-def test_the_line_is_quiet_before_the_first_request() -> None:
+def test_the_line_is_quiet_before_the_first_request():
     script = Script(daq.gauges.host([sylvac(timeout_s=0.5)]))
     assert script.sent == b"OUT0\r" and script.step.wake_ns == S // 2
     script.receive(b"+1.000\r", S // 4)
@@ -46,7 +46,7 @@ def test_the_line_is_quiet_before_the_first_request() -> None:
     assert script.wake().send == b"?\r"
 
 
-def test_the_stamps_are_those_of_the_pieces() -> None:
+def test_the_stamps_are_those_of_the_pieces():
     script = _asked(sylvac())
     requested_ns = script.now_ns
     first_ns = requested_ns + S // 10
@@ -57,7 +57,7 @@ def test_the_stamps_are_those_of_the_pieces() -> None:
     assert step.send == b"?\r" and step.wake_ns == first_ns + 2 + S // 2
 
 
-def test_silence_is_reported_and_the_late_answer_ignored() -> None:
+def test_silence_is_reported_and_the_late_answer_ignored():
     script = _asked(sylvac())
     script.wake()
     _fault(script, FaultKind.SILENT, "0.5 s", "cable")
@@ -70,7 +70,7 @@ def test_silence_is_reported_and_the_late_answer_ignored() -> None:
     assert _fault(script, FaultKind.LATE, "timeout_s").count == 1
 
 
-def test_half_an_answer_is_no_answer() -> None:
+def test_half_an_answer_is_no_answer():
     script = _asked(sylvac())
     script.receive(b"+1.0")
     script.wake()
@@ -82,7 +82,7 @@ def test_half_an_answer_is_no_answer() -> None:
     assert isinstance(sample, Sample) and sample.values == (2.0,)
 
 
-def test_more_than_the_answer_is_not_taken_for_the_next() -> None:
+def test_more_than_the_answer_is_not_taken_for_the_next():
     script = _asked(sylvac())
     script.receive(b"+1.000\r+2.000\r+3.0")
     (sample,) = script.taken()
@@ -93,14 +93,14 @@ def test_more_than_the_answer_is_not_taken_for_the_next() -> None:
     assert script.sent == b"?\r"
 
 
-def test_an_error_answer_makes_a_pause() -> None:
+def test_an_error_answer_makes_a_pause():
     script = _asked(sylvac())
     step = script.receive(b"ERR0\r")
     assert step.send == b"" and step.wake_ns == script.now_ns + PAUSE_NS
     assert script.wake().send == b"?\r"
 
 
-def test_repeated_error_is_reported_once_a_second() -> None:
+def test_repeated_error_is_reported_once_a_second():
     script = _asked(sylvac())
     while script.now_ns < 10 * S:
         script.receive(b"ERR0\r")
@@ -110,7 +110,7 @@ def test_repeated_error_is_reported_once_a_second() -> None:
     assert 85 <= sum(fault.count for fault in faults) <= 95
 
 
-def test_a_silence_ends_the_counting() -> None:
+def test_a_silence_ends_the_counting():
     script = _asked(sylvac())
     for _ in range(3):
         script.receive(b"ERR0\r")
@@ -120,7 +120,7 @@ def test_a_silence_ends_the_counting() -> None:
     assert faults == [(DEVICE_ERROR, 1), (DEVICE_ERROR, 2), (FaultKind.SILENT, 1)]
 
 
-def test_continuous_instrument_is_reported_and_silenced() -> None:
+def test_continuous_instrument_is_reported_and_silenced():
     script = Script(daq.gauges.host([sylvac()]))
     for number in range(1, 101):
         script.receive(b"+1.000\r", number * S // 10)
@@ -130,7 +130,7 @@ def test_continuous_instrument_is_reported_and_silenced() -> None:
     assert script.sent == b"OUT0\r" * 6
 
 
-def test_garbage_without_end_is_one_fault() -> None:
+def test_garbage_without_end_is_one_fault():
     script = _asked(keyence())
     for _ in range(100):
         script.receive(bytes(range(32, 127)) * 10)
@@ -140,7 +140,7 @@ def test_garbage_without_end_is_one_fault() -> None:
 # --- Sylvac ---
 
 
-def test_sylvac_continuous() -> None:
+def test_sylvac_continuous():
     script = Script(daq.gauges.host([sylvac(mode="continuous")]))
     assert script.sent == b"OUT1\r"
     script.receive(b"+1.000\r-2.0", 5)
@@ -152,7 +152,7 @@ def test_sylvac_continuous() -> None:
     _fault(script, FaultKind.SILENT)
 
 
-def test_burst_of_garbage_is_reported_with_its_count() -> None:
+def test_burst_of_garbage_is_reported_with_its_count():
     script = Script(daq.gauges.host([sylvac(mode="continuous")]))
     script.receive(b"\x7f@\r" * 5000 + b"+1.000\r")
     first, rest, sample = script.taken()
@@ -160,7 +160,7 @@ def test_burst_of_garbage_is_reported_with_its_count() -> None:
     assert (first.count, rest.count) == (1, 4999)
 
 
-def test_late_answers_are_counted_also_where_the_link_is_then_lost() -> None:
+def test_late_answers_are_counted_also_where_the_link_is_then_lost():
     host = daq.gauges.host([sylvac()])
     script = asked(host)
     script.wake()
@@ -172,7 +172,7 @@ def test_late_answers_are_counted_also_where_the_link_is_then_lost() -> None:
     assert script.sent.endswith(b"?\r") and host.handle_link_loss(script.now_ns) == ()
 
 
-def test_sylvac_cable() -> None:
+def test_sylvac_cable():
     device = daq.gauges.device([sylvac()], lambda now_ns: [-1.5 if now_ns < 5 else math.nan])
     script = Script(device)
     script.receive(b"?\rID?\rUNI?\rSET?\rMOD?\rXYZ\r", 1)
@@ -188,7 +188,7 @@ def test_sylvac_cable() -> None:
 # --- Keyence ---
 
 
-def test_keyence_a_head_missing() -> None:
+def test_keyence_a_head_missing():
     script = _asked(keyence(channel=1), keyence(channel=2))
     assert script.receive(b"M0,-00.007\r\n").send == b"M0\r\n"
     sample, fault = script.taken()
@@ -196,7 +196,7 @@ def test_keyence_a_head_missing() -> None:
     assert isinstance(fault, Fault) and fault.kind is MISSING and "channel 2" in fault.detail
 
 
-def test_keyence_unit_refuses_unknown_commands() -> None:
+def test_keyence_unit_refuses_unknown_commands():
     script = Script(daq.gauges.device([keyence()], lambda now_ns: [0.007]))
     assert script.receive(b"M0\r\n").send == b"M0,+00.007\r\n"
     assert script.receive(b"XX,1\r\n").send == b"ER,XX,00\r\n"
@@ -207,7 +207,7 @@ def test_keyence_unit_refuses_unknown_commands() -> None:
 BAUMER_REPLY = _rtu(1, 4, 26, 0, 0, 0, 0, 0x7C, 0x37, 0x42, 0x8B, *[0] * 10, 0, 5, 0, 0, 0xA1, 0x20, 0, 7)
 
 
-def test_baumer_over_rtu() -> None:
+def test_baumer_over_rtu():
     script = Script(daq.gauges.host([modbus()]))
     assert script.wake().send == _rtu(1, 4, 0, 200, 0, 13)
     requested_ns = script.now_ns
@@ -224,7 +224,7 @@ def test_baumer_over_rtu() -> None:
     ("code", "name"),
     [(1, "ILLEGAL_FUNCTION"), (2, "ILLEGAL_ADDRESS"), (4, "DEVICE_FAILURE"), (11, "GATEWAY"), (99, "unknown")],
 )
-def test_modbus_exceptions(code: int, name: str) -> None:
+def test_modbus_exceptions(code, name):
     script = _asked(modbus())
     step = script.receive(_rtu(1, 0x84, code))
     _fault(script, DEVICE_ERROR, str(code), name)
@@ -235,7 +235,7 @@ def _with_quality(quality: int) -> bytes:
     return _rtu(*BAUMER_REPLY[:3], 0, quality, *BAUMER_REPLY[5:-2])
 
 
-def test_modbus_status() -> None:
+def test_modbus_status():
     script = _asked(modbus())
     script.receive(_with_quality(1))
     (sample,) = script.taken()
@@ -255,7 +255,7 @@ def test_modbus_status() -> None:
     ],
     ids=["checksum", "unit", "function", "count", "zeros"],
 )
-def test_rtu_garbage_is_drained(reply: bytes) -> None:
+def test_rtu_garbage_is_drained(reply):
     script = _asked(modbus())
     script.receive(reply)
     _fault(script, GARBLED)
@@ -273,7 +273,7 @@ def _tcp(number: int, *content: int) -> bytes:
     return struct.pack(">HHH", number, 0, len(content)) + bytes(content)
 
 
-def test_modbus_tcp_transaction_ids() -> None:
+def test_modbus_tcp_transaction_ids():
     script = Script(daq.gauges.host([modbus(port=TCP)]))
     content = BAUMER_REPLY[:-2]
     assert script.wake().send == _tcp(1, 1, 4, 0, 200, 0, 13)
@@ -298,7 +298,7 @@ def test_modbus_tcp_transaction_ids() -> None:
     ],
     ids=["unit", "function", "count", "cut", "protocol"],
 )
-def test_modbus_tcp_garbage(reply: bytes) -> None:
+def test_modbus_tcp_garbage(reply):
     script = _asked(modbus(port=TCP))
     script.receive(reply)
     _fault(script, GARBLED)
@@ -308,7 +308,7 @@ def _joints_reply(number: int, state: int, *angles: float) -> bytes:
     return _tcp(number, 1, 3, 26, *struct.pack(">6fH", *angles, state))
 
 
-def test_modbus_joints() -> None:
+def test_modbus_joints():
     script = asked(daq.feedback.host(joints()))
     script.receive(_joints_reply(1, 2, 1.5, -2, 3, 4, 5, 360), script.now_ns + 3)
     (sample,) = script.taken()
@@ -328,7 +328,7 @@ def test_modbus_joints() -> None:
         (2, 1e30, GARBLED, "word_order"),
     ],
 )
-def test_modbus_joints_that_are_none(state: int, last: float, kind: FaultKind, word: str) -> None:
+def test_modbus_joints_that_are_none(state, last, kind, word):
     script = asked(daq.feedback.host(joints()))
     script.receive(_joints_reply(1, state, 1, 2, 3, 4, 5, last))
     _fault(script, kind, word)
@@ -348,7 +348,7 @@ def test_modbus_joints_that_are_none(state: int, last: float, kind: FaultKind, w
         (b"\1\4\0" + _rtu(1, 4, 0, 202, 0, 2), _rtu(1, 4, 4, 0, 0, 0x3F, 0x80)),
     ],
 )
-def test_modbus_gauge_answers(request_: bytes, answer: bytes) -> None:
+def test_modbus_gauge_answers(request_, answer):
     script = Script(daq.gauges.device([modbus()], lambda now_ns: [1.0]))
     assert script.receive(request_).send == answer
 
@@ -368,7 +368,7 @@ VERSION, RECIPE, STARTED = _rtde(b"V", b"\1"), _rtde(b"O", b"\1DOUBLE,VECTOR6D")
 ANGLES = (0.0, -90.0, 90.0, 45.0, -45.0, 360.0)
 
 
-def test_rtde_handshake_and_data() -> None:
+def test_rtde_handshake_and_data():
     script = Script(daq.feedback.host(rtde(rate_hz=125, condition=False)))
     assert script.sent == bytes.fromhex("0005560002")
     assert script.receive(VERSION).send == _rtde(b"O", struct.pack(">d", 125) + b"timestamp,actual_q")
@@ -392,7 +392,7 @@ def test_rtde_handshake_and_data() -> None:
         ([VERSION, RECIPE, _rtde(b"S", b"\0")], "start"),
     ],
 )
-def test_rtde_refusals(replies: list[bytes], word: str) -> None:
+def test_rtde_refusals(replies, word):
     script = Script(daq.feedback.host(rtde(condition=False)))
     for reply in replies:
         script.receive(reply)
@@ -405,7 +405,7 @@ def test_rtde_refusals(replies: list[bytes], word: str) -> None:
     [b"\0\2U", b"\xff\xffU", b"\0\5?ab", _rtde(b"U", b"\1"), _data(1, *ANGLES, recipe=2), VERSION, _rtde(b"M", b"\7")],
     ids=["short", "long", "kind", "size", "recipe", "unasked", "text"],
 )
-def test_rtde_out_of_step_asks_for_a_new_link(packet: bytes) -> None:
+def test_rtde_out_of_step_asks_for_a_new_link(packet):
     script = Script(daq.feedback.host(rtde(condition=False)))
     script.receive(VERSION + RECIPE + STARTED + packet + _data(1, *ANGLES))
     _fault(script, GARBLED)
@@ -413,14 +413,14 @@ def test_rtde_out_of_step_asks_for_a_new_link(packet: bytes) -> None:
     assert script.receive(_data(2, *ANGLES)).hang_up and script.taken() == []
 
 
-def test_rtde_numbers_that_are_none() -> None:
+def test_rtde_numbers_that_are_none():
     script = Script(daq.feedback.host(rtde(condition=False)))
     script.receive(VERSION + RECIPE + STARTED + _data(math.nan, *ANGLES))
     _fault(script, GARBLED, "nan")
     assert not script.step.hang_up
 
 
-def test_rtde_silence() -> None:
+def test_rtde_silence():
     script = Script(daq.feedback.host(rtde(timeout_s=2, condition=False)))
     assert script.step.wake_ns == 2 * S
     script.wake()
@@ -428,7 +428,7 @@ def test_rtde_silence() -> None:
     assert script.step.hang_up
 
 
-def test_rtde_texts() -> None:
+def test_rtde_texts():
     script = Script(daq.feedback.host(rtde(condition=False)))
     script.receive(_rtde(b"M", b"\2hi\4RTDE\3"))
     assert script.taken() == []
@@ -437,14 +437,14 @@ def test_rtde_texts() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, 1e-300, 501.0, math.inf, math.nan])
-def test_rtde_controller_refuses_rates(rate_hz: float) -> None:
+def test_rtde_controller_refuses_rates(rate_hz):
     script = Script(daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6))
     wrong = _rtde(b"O", struct.pack(">d", rate_hz) + b"timestamp,actual_q")
     assert script.receive(wrong).send == _rtde(b"O", b"\0DOUBLE,VECTOR6D")
     assert script.receive(_rtde(b"S")).send == _rtde(b"S", b"\0")
 
 
-def test_rtde_controller_refuses() -> None:
+def test_rtde_controller_refuses():
     script = Script(daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6))
     assert script.receive(_rtde(b"V", b"\0\1")).send == _rtde(b"V", b"\0")
     assert script.receive(_rtde(b"S")).send == _rtde(b"S", b"\0")
@@ -460,7 +460,7 @@ def test_rtde_controller_refuses() -> None:
 # --- Lines ---
 
 
-def test_line_feed() -> None:
+def test_line_feed():
     script = Script(daq.feedback.host(lines()))
     script.receive(b"1500,1,2,3,4,5,-6\n", 7)
     assert script.taken() == [Sample((1, 2, 3, 4, 5, -6), NO_TIME, 7, 7, 18, 1.5)]
@@ -483,13 +483,13 @@ def test_line_feed() -> None:
         (b"\n", "fields"),
     ],
 )
-def test_line_feed_garbage(line: bytes, word: str) -> None:
+def test_line_feed_garbage(line, word):
     script = Script(daq.feedback.host(lines()))
     script.receive(line)
     _fault(script, GARBLED, word)
 
 
-def test_a_datagram_holds_whole_lines_and_continues_nothing() -> None:
+def test_a_datagram_holds_whole_lines_and_continues_nothing():
     script = Script(daq.feedback.host(lines(port="udp://127.0.0.1:9000", listens=True)))
     script.receive(b"1000,1,2,3,4,5,6\r\n1010,1,2,3,4,5,6")
     assert [item.device_time_s for item in script.taken() if isinstance(item, Sample)] == [1.0, 1.01]
@@ -499,7 +499,7 @@ def test_a_datagram_holds_whole_lines_and_continues_nothing() -> None:
     assert len(script.taken()) == 1
 
 
-def test_a_datagram_that_was_overtaken_is_left_out_and_a_new_start_is_not() -> None:
+def test_a_datagram_that_was_overtaken_is_left_out_and_a_new_start_is_not():
     script = Script(daq.feedback.host(lines(port="udp://127.0.0.1:9000", listens=True)))
     for clock_ms in (5000, 5020, 5010):
         script.receive(b"%d,1,2,3,4,5,6\n" % clock_ms)
@@ -509,7 +509,7 @@ def test_a_datagram_that_was_overtaken_is_left_out_and_a_new_start_is_not() -> N
     assert isinstance(sample, Sample) and sample.device_time_s == 0
 
 
-def test_line_feed_silence_once_per_timeout() -> None:
+def test_line_feed_silence_once_per_timeout():
     script = Script(daq.feedback.host(lines(timeout_s=2)))
     script.wake()
     _fault(script, FaultKind.SILENT)

@@ -53,7 +53,7 @@ def status(number: int, joint: float = 1.0, stamp_ms: int = 1000, kind: int = 0)
     return head + struct.pack(">27f", *[500.0] * 9, *[joint] * 6, *[0.0] * 3, *[2.0] * 9)
 
 
-def test_rsi_reads_the_angles_and_answers_with_the_same_ipoc() -> None:
+def test_rsi_reads_the_angles_and_answers_with_the_same_ipoc():
     script = Script(daq.feedback.host(rsi()))
     assert script.sent == b""  # the controller speaks first
     step = script.receive(ROB, 9)
@@ -61,12 +61,12 @@ def test_rsi_reads_the_angles_and_answers_with_the_same_ipoc() -> None:
     assert script.taken() == [Sample(RSI_ANGLES, NO_TIME, 9, 9, len(ROB), 123645634.563)]
 
 
-def test_rsi_answers_with_every_digit_of_the_ipoc() -> None:
+def test_rsi_answers_with_every_digit_of_the_ipoc():
     answer = Script(daq.feedback.host(rsi())).receive(rob(8).replace(b">8<", b">0000000008<")).send
     assert answer == b'<Sen Type="ImFree"><IPOC>0000000008</IPOC></Sen>'
 
 
-def test_rsi_answers_by_the_name_that_is_configured_or_not_at_all() -> None:
+def test_rsi_answers_by_the_name_that_is_configured_or_not_at_all():
     assert Script(daq.feedback.host(rsi(sentype="Cell-3"))).receive(rob(8)).send.startswith(b'<Sen Type="Cell-3">')
     silent = Script(daq.feedback.host(rsi(onlysend=True)))
     silent.receive(rob(8))
@@ -98,7 +98,7 @@ def test_rsi_answers_by_the_name_that_is_configured_or_not_at_all() -> None:
         (b"x" * (LIMIT + 1), GARBLED, False),
     ],
 )
-def test_rsi_texts_that_are_none(text: bytes, kind: FaultKind, answered: bool) -> None:
+def test_rsi_texts_that_are_none(text, kind, answered):
     script = Script(daq.feedback.host(rsi()))
     assert bool(script.receive(text).send) == answered
     (fault,) = script.taken()
@@ -107,7 +107,7 @@ def test_rsi_texts_that_are_none(text: bytes, kind: FaultKind, answered: bool) -
     assert isinstance(script.taken()[-1], Sample)  # the next one is as good as ever
 
 
-def test_rsi_reports_late_answers() -> None:
+def test_rsi_reports_late_answers():
     script = Script(daq.feedback.host(rsi()))
     for ipoc, delay in ((4, 0), (8, 2), (12, 3), (16, 0)):
         script.receive(rob(ipoc).replace(b"<IPOC>", f'<Delay D="{delay}"/><IPOC>'.encode()), ipoc)
@@ -116,7 +116,7 @@ def test_rsi_reports_late_answers() -> None:
     assert sum(fault.count for fault in late) == 3 and "late" in late[0].detail
 
 
-def test_rsi_controller_counts_the_answers_that_are_not_there() -> None:
+def test_rsi_controller_counts_the_answers_that_are_not_there():
     script = Script(daq.feedback.device(rsi(), lambda now_ns: [1.0] * 6))
     first = script.wake().send
     ipoc = first.partition(b"<IPOC>")[2].partition(b"<")[0]
@@ -126,7 +126,7 @@ def test_rsi_controller_counts_the_answers_that_are_not_there() -> None:
     assert b'<Delay D="1"/>' in script.wake().send  # that was the answer to the one before
 
 
-def test_egm_reads_the_measured_angles_and_the_clock_and_sends_nothing() -> None:
+def test_egm_reads_the_measured_angles_and_the_clock_and_sends_nothing():
     script = Script(daq.feedback.host(egm()))
     script.receive(EGM, 5)
     (sample,) = script.taken()
@@ -157,7 +157,7 @@ def test_egm_reads_the_measured_angles_and_the_clock_and_sends_nothing() -> None
         (b"GET / HTTP/1.1\r\n\r\n", GARBLED),
     ],
 )
-def test_egm_messages_that_are_none(message: bytes, kind: FaultKind) -> None:
+def test_egm_messages_that_are_none(message, kind):
     script = Script(daq.feedback.host(egm()))
     script.receive(message)
     (fault,) = script.taken()
@@ -166,7 +166,7 @@ def test_egm_messages_that_are_none(message: bytes, kind: FaultKind) -> None:
     assert isinstance(script.taken()[-1], Sample)
 
 
-def test_j519_asks_for_the_status_and_never_for_more() -> None:
+def test_j519_asks_for_the_status_and_never_for_more():
     script = Script(daq.feedback.host(j519(version=1)))
     assert script.sent == bytes.fromhex("00000000 00000001")
     packet = status(41, -12.5, 86_400_002)
@@ -194,14 +194,14 @@ def test_j519_asks_for_the_status_and_never_for_more() -> None:
         b"",
     ],
 )
-def test_j519_packets_that_are_none(packet: bytes) -> None:
+def test_j519_packets_that_are_none(packet):
     script = Script(daq.feedback.host(j519()))
     script.receive(packet)
     (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is GARBLED
 
 
-def test_j519_controller_stops_when_it_is_asked_to() -> None:
+def test_j519_controller_stops_when_it_is_asked_to():
     script = Script(daq.feedback.device(j519(version=1), lambda now_ns: [1.0] * 6))
     assert script.step.wake_ns is None
     script.receive(bytes(7) + b"\1")
@@ -239,7 +239,7 @@ def _status_of(version: int, number: int, angle_deg: float, stamp_ms: int) -> by
     ],
     ids=["1", "2 of 25 bytes", "3", "4", "newer"],
 )
-def test_j519_starts_the_version_that_the_controller_has(answer: bytes, start: bytes) -> None:
+def test_j519_starts_the_version_that_the_controller_has(answer, start):
     script = Script(daq.feedback.host(j519()))
     assert script.sent == ASKS
     assert script.receive(answer).send == start and script.taken() == []
@@ -247,7 +247,7 @@ def test_j519_starts_the_version_that_the_controller_has(answer: bytes, start: b
 
 
 @pytest.mark.parametrize("version", [3, 4])
-def test_j519_statuses_of_fanucs_own_driver(version: int) -> None:
+def test_j519_statuses_of_fanucs_own_driver(version):
     script = Script(daq.feedback.host(j519()))
     script.receive(_capability(version))
     packet = _status_of(version, 41, -12.5, 86_400_002)
@@ -258,7 +258,7 @@ def test_j519_statuses_of_fanucs_own_driver(version: int) -> None:
     assert isinstance(skipped, Fault) and (skipped.kind, skipped.count) == (FaultKind.SKIPPED, 2)
 
 
-def test_j519_a_controller_that_does_not_know_the_question_is_started_as_before() -> None:
+def test_j519_a_controller_that_does_not_know_the_question_is_started_as_before():
     script = Script(daq.feedback.host(j519()))
     assert [script.wake().send for _ in range(3)] == [START_1, ASKS, START_1]
     script.receive(status(1, 2.0))
@@ -266,7 +266,7 @@ def test_j519_a_controller_that_does_not_know_the_question_is_started_as_before(
 
 
 @pytest.mark.parametrize("packet", [_capability(3)[:-1], _capability(3) + b"\0", b"\0\0\0\7"])
-def test_j519_answers_on_the_version_that_are_none(packet: bytes) -> None:
+def test_j519_answers_on_the_version_that_are_none(packet):
     script = Script(daq.feedback.host(j519()))
     assert script.receive(packet).send == b""
     (fault,) = script.taken()
@@ -274,7 +274,7 @@ def test_j519_answers_on_the_version_that_are_none(packet: bytes) -> None:
 
 
 @pytest.mark.parametrize(("version", "size"), [(1, 132), (2, 132), (3, 388), (4, 416)])
-def test_j519_the_emulated_controller_of_each_version(version: int, size: int) -> None:
+def test_j519_the_emulated_controller_of_each_version(version, size):
     script = Script(daq.feedback.device(j519(version=version), lambda now_ns: [1.0] * 6))
     assert len(script.receive(ASKS).send) == (0 if version == 1 else 25 if version == 2 else 28)
     for other in {START_1, START_3, START_4} - {struct.pack(">II", 200 if version > 2 else 0, version)}:
@@ -298,7 +298,7 @@ def _word(item: Item) -> tuple[str, int]:
 
 
 @pytest.mark.parametrize("name", PACKETS)
-def test_lost_doubled_and_reordered_datagrams_are_reported(name: str) -> None:
+def test_lost_doubled_and_reordered_datagrams_are_reported(name):
     feedback, packet, step = PACKETS[name]
     start = 1000 * step
     heard = _heard(feedback, [packet(start + step * n) for n in (0, 1, 4, 2, 4, 5)])
@@ -307,20 +307,20 @@ def test_lost_doubled_and_reordered_datagrams_are_reported(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["egm", "j519"])
-def test_numbers_of_32_bits_wrap_without_a_fault(name: str) -> None:
+def test_numbers_of_32_bits_wrap_without_a_fault(name):
     feedback, packet, _ = PACKETS[name]
     assert _heard(feedback, [packet(n % 2**32) for n in range(2**32 - 2, 2**32 + 2)]) == [("sample", 1)] * 4
 
 
 @pytest.mark.parametrize("name", PACKETS)
-def test_restarted_counter_is_reported_without_loss(name: str) -> None:
+def test_restarted_counter_is_reported_without_loss(name):
     feedback, packet, step = PACKETS[name]
     heard = _heard(feedback, [packet(5_000_000 * step), packet(step), packet(2 * step)])
     assert heard == [("sample", 1), (SKIPPED, 1), ("sample", 1), ("sample", 1)]
 
 
 @pytest.mark.parametrize("name", PACKETS)
-def test_count_restarts_after_a_silence(name: str) -> None:
+def test_count_restarts_after_a_silence(name):
     feedback, packet, step = PACKETS[name]
     script = Script(daq.feedback.host(feedback))
     script.receive(packet(step), 0)
@@ -331,7 +331,7 @@ def test_count_restarts_after_a_silence(name: str) -> None:
 
 
 @pytest.mark.parametrize(("feedback", "sent"), [(egm(), 1), (rsi(), 1), (lines(), 11)])
-def test_a_tick_that_is_late_sends_one_datagram_or_all_that_a_stream_lacks(feedback: Feedback, sent: int) -> None:
+def test_a_tick_that_is_late_sends_one_datagram_or_all_that_a_stream_lacks(feedback, sent):
     device = daq.feedback.device(feedback, lambda _: [0.0] * 6)
     assert device.connected(5 * S).wake_ns == 5 * S
     wake_ns = device.tick(5 * S + S // 10).wake_ns
@@ -339,5 +339,5 @@ def test_a_tick_that_is_late_sends_one_datagram_or_all_that_a_stream_lacks(feedb
     assert wake_ns is not None and (wake_ns <= 5 * S + S // 10) is (sent == 1)  # the next at once, or in its time
 
 
-def test_faster_rsi_controller_loses_nothing() -> None:
+def test_faster_rsi_controller_loses_nothing():
     assert _heard(rsi(cycle_ms=12), [rob(4 * n) for n in range(1, 5)]) == [("sample", 1)] * 4

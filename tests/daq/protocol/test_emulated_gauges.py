@@ -54,7 +54,7 @@ def _rig_text(interface: str, *, shared: bool) -> str:
 @pytest.mark.parametrize(
     ("interface", "shared"), [(name, False) for name in INTERFACES] + [(name, True) for name in SHARED]
 )
-def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) -> None:
+def test_an_emulated_cell_with_this_gauge_is_read(interface, shared):
     rig = parse(_rig_text(interface, shared=shared), "cell")
     motion = Swinging()
     age_ns = (rig.gauges.g1.timing.cycle_ms or 0.0) * 1e6
@@ -77,7 +77,7 @@ def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) 
 
 
 @pytest.mark.parametrize("interface", INTERFACES)
-def test_two_gauges_share_a_port_only_where_one_answer_holds_both(interface: str) -> None:
+def test_two_gauges_share_a_port_only_where_one_answer_holds_both(interface):
     text = _rig_text(interface, shared=True)
     if gauge(interface).bus:
         with refused("rig_file.value"):
@@ -91,7 +91,7 @@ def test_two_gauges_share_a_port_only_where_one_answer_holds_both(interface: str
 
 
 @pytest.mark.parametrize("interface", [name for name, needed in NEEDED.items() if "line" in needed])
-def test_unknown_line_settings_must_be_given(interface: str) -> None:
+def test_unknown_line_settings_must_be_given(interface):
     data: dict[str, Any] = yaml.safe_load(_rig_text(interface, shared=False))
     del data["gauges"]["g1"]["line"]
     assert LINE["line"] == data["gauges"]["g2"]["line"]
@@ -99,7 +99,7 @@ def test_unknown_line_settings_must_be_given(interface: str) -> None:
         parse(yaml.safe_dump(data), "cell")
 
 
-def test_emulated_gauge_follows_the_timing_of_the_rig_file() -> None:
+def test_emulated_gauge_follows_the_timing_of_the_rig_file():
     """A cycle of 200 ms and an answer 30 ms after the request."""
     data = yaml.safe_load(_rig_text("tesa_tt", shared=False))
     for probe in data["gauges"].values():

@@ -1,10 +1,8 @@
-from __future__ import annotations
-
 from daq.protocol.conversation import Fault, FaultKind
 from daq.protocol.framing import LIMIT, DelimitedLines, Message, Sized
 
 
-def test_a_delimiter_cut_in_two_ends_a_line_too_long() -> None:
+def test_a_delimiter_cut_in_two_ends_a_line_too_long():
     frames = DelimitedLines(b"\r\n")
     (fault,) = frames.feed(b"x" * LIMIT + b"\r", 1)
     assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
@@ -12,7 +10,7 @@ def test_a_delimiter_cut_in_two_ends_a_line_too_long() -> None:
     assert not frames.pending
 
 
-def test_a_stream_out_of_step_stays_so_until_cleared() -> None:
+def test_a_stream_out_of_step_stays_so_until_cleared():
     frames = Sized(1, lambda head: 2 if head == b"a" else None)
     good, fault = frames.feed(b"a1?a2", 1)
     assert good == Message(b"a1", 2, 1, 1) and isinstance(fault, Fault)

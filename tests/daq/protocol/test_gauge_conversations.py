@@ -17,7 +17,7 @@ CASES = [(name, reply, expected) for name, of in POLLED.items() for reply, expec
 
 
 @pytest.mark.parametrize(("name", "reply", "expected"), CASES, ids=[f"{name} {reply!r}" for name, reply, _ in CASES])
-def test_each_reply_becomes_its_reading_or_a_fault_with_a_remedy(name: str, reply: bytes, expected: str) -> None:
+def test_each_reply_becomes_its_reading_or_a_fault_with_a_remedy(name, reply, expected):
     case = POLLED[name]
     script = case.begun()
     requested_ns = script.now_ns
@@ -32,7 +32,7 @@ def test_each_reply_becomes_its_reading_or_a_fault_with_a_remedy(name: str, repl
     assert step.send == case.request
 
 
-def test_one_feature_deactivated_leaves_the_other() -> None:
+def test_one_feature_deactivated_leaves_the_other():
     script = asked(daq.gauges.host([gauge("mahr_c1202", channel=1), gauge("mahr_c1202", channel=2)]))
     script.receive(b"1 +012.34 mm;2 ERR6;3 ERR6\r")
     sample, fault = script.taken()
@@ -40,7 +40,7 @@ def test_one_feature_deactivated_leaves_the_other() -> None:
     assert isinstance(fault, Fault) and "feature 2" in fault.detail
 
 
-def test_a_refusal_counts_once_however_many_gauges_share_it() -> None:
+def test_a_refusal_counts_once_however_many_gauges_share_it():
     script = asked(daq.gauges.host([gauge("magnescale_lt", channel=1), gauge("magnescale_lt", channel=2)]))
     for _ in range(3):
         script.receive(b"?\r\n")
@@ -50,7 +50,7 @@ def test_a_refusal_counts_once_however_many_gauges_share_it() -> None:
 
 
 @pytest.mark.parametrize(("protocol", "word"), [("optorsd", "menu"), ("m1240", "master")])
-def test_c1208_in_its_menu_is_reported_silent(protocol: str, word: str) -> None:
+def test_c1208_in_its_menu_is_reported_silent(protocol, word):
     script = asked(daq.gauges.host([gauge("mahr_c1208", protocol=protocol)]))
     script.wake()
     (fault,) = script.taken()
@@ -80,7 +80,7 @@ DEVICES = [
 
 
 @pytest.mark.parametrize(("interface", "command", "good", "bad"), DEVICES)
-def test_emulated_gauge_answers(interface: str, command: bytes, good: bytes, bad: bytes) -> None:
+def test_emulated_gauge_answers(interface, command, good, bad):
     script = Script(daq.gauges.device([gauge(interface)], lambda now_ns: [-1.5 if now_ns < S else float("nan")]))
     assert script.receive(command, 1).send == good
     assert script.receive(command, S).send == bad
@@ -96,7 +96,7 @@ def test_emulated_gauge_answers(interface: str, command: bytes, good: bytes, bad
     ],
     ids=["before message", "in number", "last digit", "first character"],
 )
-def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply: bytes, value_mm: float | None) -> None:
+def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply, value_mm):
     """A NUL in a message is a character of wrong parity: without it the number would be another."""
     script = POLLED["nd287"].begun()
     script.receive(reply)
@@ -113,7 +113,7 @@ def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply: bytes
         (b"\x0210000011\r\n", "mm", "to go"),
     ],
 )
-def test_nd287_whose_display_shows_something_else_is_not_read(status: bytes, units: str, words: str) -> None:
+def test_nd287_whose_display_shows_something_else_is_not_read(status, units, words):
     script = asked(daq.gauges.host([gauge("heidenhain_nd287", units=units)]))
     for _ in range(2):
         script.receive(status)
@@ -124,13 +124,13 @@ def test_nd287_whose_display_shows_something_else_is_not_read(status: bytes, uni
 
 
 @pytest.mark.parametrize("status", [b"\x15", b"\x020000\r\n", b"\x02-    1.5000\r\n"])
-def test_nd287_with_another_status_bar_is_read_all_the_same(status: bytes) -> None:
+def test_nd287_with_another_status_bar_is_read_all_the_same(status):
     script = asked(daq.gauges.host([gauge("heidenhain_nd287")]))
     assert script.receive(status).send == b"\x1bA0100\r"
     assert script.taken() == []
 
 
-def test_nd287_switched_to_inch_while_it_is_read_is_noticed() -> None:
+def test_nd287_switched_to_inch_while_it_is_read_is_noticed():
     script = POLLED["nd287"].begun()
     asked_next, readings = b"\x1bA0100\r", 0
     while asked_next == b"\x1bA0100\r":
@@ -158,7 +158,7 @@ def _listening(**changes: object) -> Script:
 
 
 @pytest.mark.parametrize(("x", "mm"), [(643, 0.0), (32760, 5.0), (64877, 10.0)])
-def test_ild1420_distances(x: int, mm: float) -> None:
+def test_ild1420_distances(x, mm):
     script = _listening()
     script.receive(value(x)[:1], 3)
     script.receive(value(x)[1:], 5)
@@ -167,7 +167,7 @@ def test_ild1420_distances(x: int, mm: float) -> None:
     assert (sample.requested_ns, sample.first_byte_ns, sample.last_byte_ns, sample.size) == (NO_TIME, 3, 5, 3)
 
 
-def test_ild1420_counts_from_its_zero() -> None:
+def test_ild1420_counts_from_its_zero():
     script = _listening(zero_mm=5)
     script.receive(value(32760))
     (sample,) = script.taken()
@@ -178,7 +178,7 @@ def test_ild1420_counts_from_its_zero() -> None:
     ("x", "word"),
     [(0, "before"), (642, "before"), (64878, "behind"), (262074, "behind"), (262075, "262075"), (262143, "262143")],
 )
-def test_ild1420_errors(x: int, word: str) -> None:
+def test_ild1420_errors(x, word):
     script = _listening()
     script.receive(value(x))
     (fault,) = script.taken()
@@ -187,7 +187,7 @@ def test_ild1420_errors(x: int, word: str) -> None:
 
 @pytest.mark.parametrize("position", range(3))
 @pytest.mark.parametrize("damage", ["lost", "twice", "text", "block"])
-def test_ild1420_finds_its_place_again(damage: str, position: int) -> None:
+def test_ild1420_finds_its_place_again(damage, position):
     """Whatever is lost or comes between, no value is made of pieces of two."""
     true = [10_000 + 4_321 * k for k in range(8)]
     stream = b"".join(map(value, true))
@@ -204,7 +204,7 @@ def test_ild1420_finds_its_place_again(damage: str, position: int) -> None:
     assert FaultKind.GARBLED in {item.kind for item in items if isinstance(item, Fault)}
 
 
-def test_ild1420_takes_none_of_several_values() -> None:
+def test_ild1420_takes_none_of_several_values():
     script = _listening()
     for k in range(1000):
         script.receive(value(30_000, further=True) + value(2000), k * S // 1000)
@@ -213,7 +213,7 @@ def test_ild1420_takes_none_of_several_values() -> None:
     assert len(faults) < 5
 
 
-def test_ild1420_is_asked_again_after_a_silence() -> None:
+def test_ild1420_is_asked_again_after_a_silence():
     script = _listening()
     assert script.wake().send == b"OUTPUT RS422\n"
     (fault,) = script.taken()
@@ -241,7 +241,7 @@ def _orbit() -> Script:
     return script
 
 
-def test_orbit_reading_and_status() -> None:
+def test_orbit_reading_and_status():
     script = _orbit()
     requested_ns = script.now_ns
     assert script.receive(_float(1.25), S).send == STATUS
@@ -254,7 +254,7 @@ def test_orbit_reading_and_status() -> None:
     ("code", "word"),
     [(18, "under range"), (19, "over range"), (246, "incompatible"), (247, "no probe"), (7, "manual")],
 )
-def test_orbit_status_words(code: int, word: str) -> None:
+def test_orbit_status_words(code, word):
     script = _orbit()
     script.receive(_float(1.25))
     step = script.receive(_float(code))
@@ -263,7 +263,7 @@ def test_orbit_status_words(code: int, word: str) -> None:
     assert step.wake_ns == script.now_ns + PAUSE_NS and script.wake().send == READ
 
 
-def test_orbit_without_its_status_is_no_reading() -> None:
+def test_orbit_without_its_status_is_no_reading():
     script = _orbit()
     script.receive(_float(1.25))
     script.wake()
@@ -277,7 +277,7 @@ def test_orbit_without_its_status_is_no_reading() -> None:
     assert isinstance(sample, Sample) and sample.values == (2.5,)
 
 
-def test_modbus_ascii_on_the_wire() -> None:
+def test_modbus_ascii_on_the_wire():
     script = Script(daq.gauges.host([gauge("solartron_orbit", framing="ascii", port=SERIAL)]))
     assert script.wake().send == b":01031F42000299\r\n"
     assert script.receive(b":0103043FA0000019\r\n").send == b":01031F43000298\r\n"

@@ -58,7 +58,7 @@ def fault(items: list[Item], kind: FaultKind, *words: str) -> None:
     assert all(word in one.detail for word in words), one.detail
 
 
-def test_it_subscribes_and_sends_nothing_else() -> None:
+def test_it_subscribes_and_sends_nothing_else():
     server = Server()
     (asked,) = server.heard()
     assert isinstance(asked, TextMessage) and json.loads(asked.data) == SUBSCRIBED
@@ -66,14 +66,14 @@ def test_it_subscribes_and_sends_nothing_else() -> None:
     assert server.heard() == []
 
 
-def test_joints_are_taken_by_their_names_and_the_stamp_is_the_clock() -> None:
+def test_joints_are_taken_by_their_names_and_the_stamp_is_the_clock():
     mixed = {"name": ["hand", *reversed(PANDA)], "position": [9.0, *reversed(HALVES)]}
     (sample,) = Server().text(published(**mixed))
     assert isinstance(sample, Sample) and sample.device_time_s == 7.25
     assert sample.values == pytest.approx([math.degrees(angle) for angle in HALVES])
 
 
-def test_a_message_in_pieces_and_two_in_one() -> None:
+def test_a_message_in_pieces_and_two_in_one():
     server = Server()
     data = server.socket.send(TextMessage(published(), message_finished=True))
     for byte in data:
@@ -99,37 +99,37 @@ def test_a_message_in_pieces_and_two_in_one() -> None:
         ('{"op": "status", "level": "error", "msg": "no type"}', FaultKind.DEVICE_ERROR, ("rosbridge: no type",)),
     ],
 )
-def test_invalid_joint_state_is_a_fault(text: str, kind: FaultKind, words: tuple[str, ...]) -> None:
+def test_invalid_joint_state_is_a_fault(text, kind, words):
     server = Server()
     fault(server.text(text), kind, *words)
     assert len(server.text(published())) == 1  # and the next is read
 
 
-def test_a_hand_that_publishes_on_the_same_topic_does_no_harm() -> None:
+def test_a_hand_that_publishes_on_the_same_topic_does_no_harm():
     server = Server()
     hand = published(9, name=["finger"], position=[0.01])
     assert [type(item) for item in server.text(published(), hand, published(8), hand)] == [Sample, Sample]
 
 
-def test_repeated_message_counts_once_and_a_simulation_may_restart() -> None:
+def test_repeated_message_counts_once_and_a_simulation_may_restart():
     server = Server()
     items = server.text(published(50), published(50), published(49, 900_000_000), published(51), published(1))
     assert [getattr(item, "kind", None) for item in items] == [None, FaultKind.LATE, FaultKind.LATE, None, None]
 
 
-def test_a_driver_that_leaves_the_stamp_empty_has_no_clock() -> None:
+def test_a_driver_that_leaves_the_stamp_empty_has_no_clock():
     samples = Server().text(published(0, 0), published(0, 0))
     assert len(samples) == 2 and all(isinstance(one, Sample) and math.isnan(one.device_time_s) for one in samples)
 
 
-def test_pings_are_answered() -> None:
+def test_pings_are_answered():
     server = Server()
     server.heard()
     assert server.say(Ping(b"there?")) == []
     assert server.heard() == [Pong(b"there?")]
 
 
-def test_a_server_that_closes_or_refuses_ends_the_link() -> None:
+def test_a_server_that_closes_or_refuses_ends_the_link():
     server = Server()
     fault(server.say(CloseConnection(1001, "going away")), FaultKind.DEVICE_ERROR, "1001 going away")
     assert server.script.step.hang_up
@@ -145,20 +145,20 @@ def test_a_server_that_closes_or_refuses_ends_the_link() -> None:
 @pytest.mark.parametrize(
     "answer", [b"MODBUS\r\n\r\n", b"HTTP/1.1 200 OK\r\n\r\n<html>", b"HTTP/1.1 101 \xff\r\nUpgrade: \xff\r\n\r\n"]
 )
-def test_another_server_is_not_taken_for_one(answer: bytes) -> None:
+def test_another_server_is_not_taken_for_one(answer):
     script = Script(daq.feedback.host(joint_states()))
     script.receive(answer)
     assert script.step.hang_up and len(script.taken()) == 1
 
 
-def test_a_server_that_does_not_answer_is_left_after_the_timeout() -> None:
+def test_a_server_that_does_not_answer_is_left_after_the_timeout():
     script = Script(daq.feedback.host(joint_states(timeout_s=2)))
     script.wake()
     fault(script.taken(), FaultKind.SILENT, "2 s", "WebSocket")
     assert script.step.hang_up and script.now_ns == 2 * S
 
 
-def test_a_topic_without_a_publisher_is_silent_once_per_timeout() -> None:
+def test_a_topic_without_a_publisher_is_silent_once_per_timeout():
     server = Server(topic="/arm/joint_states")
     server.script.wake()
     server.script.wake()
@@ -167,7 +167,7 @@ def test_a_topic_without_a_publisher_is_silent_once_per_timeout() -> None:
     assert isinstance(items[0], Fault) and "/arm/joint_states" in items[0].detail and not server.script.step.hang_up
 
 
-def test_a_message_without_end_ends_the_link() -> None:
+def test_a_message_without_end_ends_the_link():
     server = Server()
     items = server.say(*[TextMessage("x" * 1000, message_finished=False)] * (LIMIT // 1000 + 1))
     fault(items, FaultKind.GARBLED, str(LIMIT))
@@ -188,7 +188,7 @@ def _served(handler: Callable[[Any], None]) -> Iterator[str]:
         thread.join()
 
 
-def test_our_host_reads_a_server_of_the_websockets_library() -> None:
+def test_our_host_reads_a_server_of_the_websockets_library():
     asked, items = [], list[Item]()
 
     def handler(connection: Any) -> None:

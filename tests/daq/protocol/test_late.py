@@ -21,7 +21,7 @@ RTU = modbus(timeout_s=TIMEOUT_S)
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_each_value_belongs_to_its_own_request(name: str) -> None:
+def test_each_value_belongs_to_its_own_request(name):
     requests = 10_000 if name == next(iter(CASES)) else 300
     late = simulated(CASES[name], requests, 7)
     assert late.requests >= requests * (0.7 if "orbit" in name else 1) and late.shifted == 0
@@ -32,20 +32,20 @@ def test_each_value_belongs_to_its_own_request(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name, gauge in CASES.items() if gauge.port != TCP])
-def test_without_the_drain_answers_are_one_behind(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_drain_answers_are_one_behind(name, monkeypatch):
     # private: the driver as it would be without the drain
     monkeypatch.setattr(Polled, "_give_up", lambda self, items, now_ns: self._ask(items, now_ns))
     monkeypatch.setattr(Resync, "ask", lambda self, count: count)
     assert simulated(CASES[name], 500, 7).shifted > 50
 
 
-def test_the_drain_alone_does_not_hold_back_an_answer_of_three_time_outs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_drain_alone_does_not_hold_back_an_answer_of_three_time_outs(monkeypatch):
     assert simulated(RTU, 500, 7, slowest=3).shifted == 0
     monkeypatch.setattr(Resync, "ask", lambda self, count: count)
     assert simulated(RTU, 500, 7, slowest=3).shifted > 50
 
 
-def test_an_instrument_that_answers_nothing_but_its_usual_request_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_instrument_that_answers_nothing_but_its_usual_request_is_read(monkeypatch):
     answer = RtuRequests.feed
 
     def usual(self: RtuRequests, data: bytes, now_ns: int) -> list[Message]:
@@ -79,7 +79,7 @@ class _InMenu:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name: str) -> None:
+def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name):
     instrument = Numbered()
     device = _InMenu(daq.gauges.device([CASES[name]], instrument.read))
     items = simulate(daq.gauges.host([CASES[name]]), device, 12 * S, character_ns=500_000)
@@ -94,6 +94,6 @@ def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name: s
 
 
 @pytest.mark.real_time
-def test_over_a_pty_as_well() -> None:
+def test_over_a_pty_as_well():
     late = wired(RTU, 10, 7)
     assert late.requests >= 10 and late.shifted == 0 and late.samples

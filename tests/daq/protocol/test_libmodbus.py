@@ -163,18 +163,18 @@ def _values(items: Sequence[Item]) -> set[float]:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_each_layout_of_a_float_over_rtu(layout: str) -> None:
+def test_each_layout_of_a_float_over_rtu(layout):
     with _rtu_unit(7, layout, -12.3456) as port:
         assert _values(_items(daq.gauges.host([_gauge(port, layout)]), port, 20)) == {-12.3456}
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_each_layout_of_a_float_over_tcp(layout: str) -> None:
+def test_each_layout_of_a_float_over_tcp(layout):
     with _tcp_server(layout, 69.743) as port:
         assert _values(_items(daq.gauges.host([_gauge(port, layout)]), port, 20)) == {69.743}
 
 
-def test_missing_unit_on_a_line_with_libmodbus() -> None:
+def test_missing_unit_on_a_line_with_libmodbus():
     with _rtu_unit(7, "abcd", 1.25) as port:
         gauges = [_gauge(port, "abcd"), _gauge(port, "abcd", unit=8, timeout_s=0.05)]
         items = _items(daq.gauges.host(gauges), port, 60)
@@ -186,7 +186,7 @@ def test_missing_unit_on_a_line_with_libmodbus() -> None:
     assert silent.count("unit 8, input register 100") >= 2 and len(silent) <= 2 * silent.count(silent[0])
 
 
-def test_its_refusals_are_understood() -> None:
+def test_its_refusals_are_understood():
     with _rtu_unit(7, "abcd", 1.25) as port:
         gauge = _gauge(port, "abcd", address=FIRST + REGISTERS, value={"address": FIRST + REGISTERS, "type": "float32"})
         (fault, *_) = _items(daq.gauges.host([gauge]), port, 1)

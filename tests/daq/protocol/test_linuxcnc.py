@@ -27,7 +27,7 @@ def changed(count: int, lost: int = 0, homed: int = 1) -> bytes:
     return LINE.replace(b"9595", b"%d" % count).replace(b" 0 \n", b" %d \n" % lost).replace(b" 1 7", b" %d 7" % homed)
 
 
-def test_line_gives_joints_signal_and_the_count_of_servo_periods_as_clock() -> None:
+def test_line_gives_joints_signal_and_the_count_of_servo_periods_as_clock():
     (sample,) = received(LINE)
     assert isinstance(sample, Sample)
     assert sample.values == (10.0, 50.0, -60.0, 10.0, 40.0, 20.0, 7.0)
@@ -43,7 +43,7 @@ def test_line_gives_joints_signal_and_the_count_of_servo_periods_as_clock() -> N
         ((changed(9000), changed(0)), 1),  # restarted
     ],
 )
-def test_lost_samples_are_counted_and_a_restart_is_reported(lines: tuple[bytes, ...], count: int) -> None:
+def test_lost_samples_are_counted_and_a_restart_is_reported(lines, count):
     first, fault, last = received(*lines)
     assert isinstance(fault, Fault) and (fault.kind, fault.count) == (FaultKind.SKIPPED, count)
     assert isinstance(first, Sample) and isinstance(last, Sample)
@@ -58,12 +58,12 @@ def test_lost_samples_are_counted_and_a_restart_is_reported(lines: tuple[bytes, 
         (LINE.replace(b"50.000000", b"5e7"), FaultKind.GARBLED),
     ],
 )
-def test_positions_without_homing_and_damaged_lines_are_no_samples(line: bytes, kind: FaultKind) -> None:
+def test_positions_without_homing_and_damaged_lines_are_no_samples(line, kind):
     (fault,) = received(line)
     assert isinstance(fault, Fault) and fault.kind is kind
 
 
-def test_served_client_gets_complete_new_lines_only_and_a_new_client_replaces_it() -> None:
+def test_served_client_gets_complete_new_lines_only_and_a_new_client_replaces_it():
     lines, sampler = os.pipe()
     with socket.create_server(("127.0.0.1", 0)) as server:
         thread = threading.Thread(target=rigfeed.serve, args=(lines, server))

@@ -45,9 +45,9 @@ def _pymodbus_server(*units: list[int]) -> Iterator[int]:
     thread.start()
     assert ready.wait(60)
     try:
-        yield started["port"]  # type: ignore[misc]
+        yield started["port"]
     finally:
-        started["loop"].call_soon_threadsafe(started["stop"])  # type: ignore[attr-defined]
+        started["loop"].call_soon_threadsafe(started["stop"])
         thread.join(60)
 
 
@@ -73,7 +73,7 @@ def _talk(conversation: Conversation, link: socket.socket, enough: int) -> list[
         step = conversation.received(data, time.monotonic_ns())
 
 
-def test_our_host_reads_pymodbus_server() -> None:
+def test_our_host_reads_pymodbus_server():
     registers = [1, 0, 0x7C37, 0x428B, *[0] * 5, 5, 0, 7, 0]
     with _pymodbus_server(registers) as port:
         gauge = modbus(port=f"tcp://127.0.0.1:{port}", timeout_s=0.05)
@@ -86,7 +86,7 @@ def test_our_host_reads_pymodbus_server() -> None:
     assert {sample.device_time_s for sample in samples} == {5.000007}
 
 
-def test_our_host_reads_three_units_behind_one_address_of_pymodbus() -> None:
+def test_our_host_reads_three_units_behind_one_address_of_pymodbus():
     """Each in another layout, as pymodbus' own client packs numbers of 64, 32 and 16 bits."""
     kinds = {"float64": -1.25, "int32": -70000, "uint16": 54321}
     types = ModbusTcpClient.DATATYPE
@@ -108,7 +108,7 @@ def test_our_host_reads_three_units_behind_one_address_of_pymodbus() -> None:
     assert read == [{value} for value in kinds.values()]
 
 
-def test_our_host_understands_pymodbus_refusal() -> None:
+def test_our_host_understands_pymodbus_refusal():
     with _pymodbus_server([0] * 5) as port:
         gauge = modbus(port=f"tcp://127.0.0.1:{port}", timeout_s=0.05)
         with socket.create_connection(("127.0.0.1", port), timeout=60) as link:
@@ -117,7 +117,7 @@ def test_our_host_understands_pymodbus_refusal() -> None:
     assert "ILLEGAL_ADDRESS" in fault.detail
 
 
-def test_pymodbus_client_reads_our_device() -> None:
+def test_pymodbus_client_reads_our_device():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         device = daq.gauges.device([modbus(port=f"tcp://127.0.0.1:{port}")], lambda now_ns: [69.743])

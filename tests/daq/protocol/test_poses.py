@@ -9,7 +9,7 @@ VECTORS = [*RNG.normal(0, 1.5, (20, 3)), np.zeros(3), np.array([np.pi, 0, 0]), n
 
 
 @pytest.mark.parametrize("vector", VECTORS)
-def test_rotations_are_those_of_scipy(vector: np.ndarray) -> None:
+def test_rotations_are_those_of_scipy(vector):
     expected = Rotation.from_rotvec(vector)
     x, y, z, w = expected.as_quat()
     np.testing.assert_allclose(rotation_of(vector.tolist()), expected.as_matrix(), atol=1e-12)
@@ -22,7 +22,7 @@ def test_rotations_are_those_of_scipy(vector: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("vector", VECTORS)
-def test_flange_is_the_tool_without_its_offset(vector: np.ndarray) -> None:
+def test_flange_is_the_tool_without_its_offset(vector):
     offset = [0.01, -0.02, 0.15, 0.2, 0.3, -1.0]
     flange = columns_of(rotation_of(vector.tolist()), (400.0, -200.0, 333.0))
     tool, sent = tool_fields(flange, offset)

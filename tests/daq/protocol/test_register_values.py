@@ -34,12 +34,12 @@ def _laid(number: float, kind: str, word_order: str, byte_order: str) -> list[in
     data = np.array([number], dtype=f">{NUMPY[name]}{bits // 8}").tobytes()
     words = [data[k : k + 2] for k in range(0, len(data), 2)]
     ordered = words if word_order == "big" else words[::-1]
-    return [int.from_bytes(word, byte_order) for word in ordered]  # type: ignore[arg-type]
+    return [int.from_bytes(word, byte_order) for word in ordered]
 
 
 @pytest.mark.parametrize(("word_order", "byte_order"), ORDERS)
 @pytest.mark.parametrize("kind", VALUES)
-def test_every_type_in_every_order(kind: str, word_order: str, byte_order: str) -> None:
+def test_every_type_in_every_order(kind, word_order, byte_order):
     value = ValueRegister.model_validate({"address": 203, "type": kind})
     block = modbus(value=value, word_order=word_order, byte_order=byte_order, **PLAIN)
     registers = [0xAAAA] * block.count
@@ -64,7 +64,7 @@ def test_every_type_in_every_order(kind: str, word_order: str, byte_order: str) 
         ("uint32", 0, -1),
     ],
 )
-def test_ranges_of_the_types(kind: str, most: float, too_much: float) -> None:
+def test_ranges_of_the_types(kind, most, too_much):
     register = ValueRegister.model_validate({"address": 202, "type": kind})
     assert fits(most, register) and not fits(too_much, register) and not fits(math.nan, register)
     pack([0] * 13, register, modbus(), most)
@@ -85,7 +85,7 @@ def _float_gauge(**changes: object) -> ModbusMap:
 
 
 @pytest.mark.parametrize("clock_s", [12.5, math.inf, -math.inf, math.nan])
-def test_a_clock_that_is_no_time_is_none(clock_s: float) -> None:
+def test_a_clock_that_is_no_time_is_none(clock_s):
     value, clock = {"address": 200, "type": "float32"}, {"address": 202, "type": "float32"}
     plain = PLAIN | {"clock_s": clock}
     item = _read(
@@ -101,7 +101,7 @@ def _swapped(value_mm: float) -> list[int]:
 
 
 @pytest.mark.parametrize("value_mm", [0.3, 0.8, 69.743, 1.0])
-def test_swapped_bytes_are_a_fault_that_names_the_order(value_mm: float) -> None:
+def test_swapped_bytes_are_a_fault_that_names_the_order(value_mm):
     item = _read(_float_gauge(), _swapped(value_mm))
     assert isinstance(item, Fault) and item.kind is FaultKind.GARBLED
     assert f"{value_mm:.4g} mm" in item.detail and "byte_order: little" in item.detail
@@ -109,7 +109,7 @@ def test_swapped_bytes_are_a_fault_that_names_the_order(value_mm: float) -> None
     assert isinstance(good, Sample) and good.values == pytest.approx((value_mm,))
 
 
-def test_swapped_bytes_within_any_length_are_out_of_the_stated_range() -> None:
+def test_swapped_bytes_within_any_length_are_out_of_the_stated_range():
     """12.34 mm would be 3098 mm, which only the range of the gauge excludes."""
     assert isinstance(_read(_float_gauge(), _swapped(12.34)), Sample)
     item = _read(_float_gauge(range_mm=(-20, 20)), _swapped(12.34))
@@ -128,7 +128,7 @@ def _answered(script: Script, registers: list[int]) -> Sample | Fault | None:
 
 
 @pytest.mark.parametrize(("word_order", "byte_order"), ORDERS[1:])
-def test_a_probe_in_a_wrong_order_that_moves_gives_no_readings(word_order: str, byte_order: str) -> None:
+def test_a_probe_in_a_wrong_order_that_moves_gives_no_readings(word_order, byte_order):
     """A number in a wrong order can be a length by chance; after one that is none, the next are not believed."""
     script = Script(daq.gauges.host([_float_gauge()]))
     travel_mm = np.random.default_rng(5).permutation(np.linspace(-2, 2, 2001))
@@ -138,7 +138,7 @@ def test_a_probe_in_a_wrong_order_that_moves_gives_no_readings(word_order: str, 
 
 
 @pytest.mark.parametrize(("word_order", "byte_order"), ORDERS[1:])
-def test_a_slow_probe_in_a_wrong_order_gives_few_readings(word_order: str, byte_order: str) -> None:
+def test_a_slow_probe_in_a_wrong_order_gives_few_readings(word_order, byte_order):
     """A circle moves a gauge by some 0.05 mm, so numbers in a wrong order are lengths for hundreds of readings."""
     motion_mm = 0.05 * np.sin(np.linspace(0, 2 * np.pi, 1001)) + np.random.default_rng(5).normal(0, 0.0005, 1001)
     shares = []
@@ -149,7 +149,7 @@ def test_a_slow_probe_in_a_wrong_order_gives_few_readings(word_order: str, byte_
     assert np.mean(shares) < 0.08, shares
 
 
-def test_a_swapped_number_below_a_nanometre_is_a_fault_though_it_stays() -> None:
+def test_a_swapped_number_below_a_nanometre_is_a_fault_though_it_stays():
     """0.731 mm is 5.7e-18 mm, a rounding error by its size, in each reading of a probe at rest."""
     script = Script(daq.gauges.host([_float_gauge(range_mm=(-2.5, 2.5))]))
     items = [_answered(script, _laid(0.731, "float32", "little", "big")) for _ in range(50)]
@@ -159,20 +159,20 @@ def test_a_swapped_number_below_a_nanometre_is_a_fault_though_it_stays() -> None
 
 
 @pytest.mark.parametrize("value_mm", [0.0, -1.96e-16, 3e-8])
-def test_near_zero_result_is_a_reading(value_mm: float) -> None:
+def test_near_zero_result_is_a_reading(value_mm):
     """A gauge that reckons in double precision may send its rounding error in single."""
     item = _read(_float_gauge(), _laid(value_mm, "float32", "big", "big"))
     assert isinstance(item, Sample) and item.values[0] == pytest.approx(value_mm, abs=1e-12)
 
 
-def test_a_probe_in_the_right_order_gives_all_its_readings_also_through_zero() -> None:
+def test_a_probe_in_the_right_order_gives_all_its_readings_also_through_zero():
     script = Script(daq.gauges.host([_float_gauge()]))
     travel_mm = np.float32(0.3) - np.linspace(0.2, 0.4, 2001, dtype=np.float32)
     items = [_answered(script, _laid(float(v), "float32", "big", "big")) for v in travel_mm]
     assert all(isinstance(item, Sample) for item in items)
 
 
-def test_a_reading_at_the_limit_passes_and_one_beyond_is_left_out() -> None:
+def test_a_reading_at_the_limit_passes_and_one_beyond_is_left_out():
     ranged = _float_gauge(range_mm=(-2, 2))
     at_limit = _read(ranged, _laid(2.0, "float32", "big", "big"))
     assert isinstance(at_limit, Sample) and at_limit.values == (2.0,)
@@ -189,7 +189,7 @@ def test_a_reading_at_the_limit_passes_and_one_beyond_is_left_out() -> None:
         ("sylvac_opto_rs", b"+3.1\r"),
     ],
 )
-def test_a_text_gauge_out_of_its_range(interface: str, reply: bytes) -> None:
+def test_a_text_gauge_out_of_its_range(interface, reply):
     for range_mm, kind in (((-4, 4), Sample), ((-3, 3), Fault)):
         script = asked(daq.gauges.host([gauge(interface, range_mm=range_mm)]))
         script.receive(reply)
@@ -198,14 +198,14 @@ def test_a_text_gauge_out_of_its_range(interface: str, reply: bytes) -> None:
         assert isinstance(item, Sample) or "-3 to 3 mm" in item.detail
 
 
-def test_a_streamed_gauge_out_of_its_range() -> None:
+def test_a_streamed_gauge_out_of_its_range():
     script = Script(daq.gauges.host([gauge("sylvac_opto_rs", mode="continuous", range_mm=(-3, 3))]))
     script.receive(b"+3.100\r+2.900\r")
     fault, sample = script.taken()
     assert isinstance(fault, Fault) and isinstance(sample, Sample) and sample.values == (2.9,)
 
 
-def test_one_head_out_of_its_range_leaves_the_other() -> None:
+def test_one_head_out_of_its_range_leaves_the_other():
     script = asked(daq.gauges.host([keyence(channel=1, range_mm=(-1, 1)), keyence(channel=2, range_mm=(-9, 9))]))
     script.receive(b"M0,+01.100,+01.200\r\n")
     sample, fault = script.taken()
@@ -213,7 +213,7 @@ def test_one_head_out_of_its_range_leaves_the_other() -> None:
     assert isinstance(fault, Fault) and fault.kind is FaultKind.DEVICE_ERROR
 
 
-def test_an_orbit_probe_out_of_its_range() -> None:
+def test_an_orbit_probe_out_of_its_range():
     script = Script(daq.gauges.host([gauge("solartron_orbit", range_mm=(-1, 1))]))
     device = daq.gauges.device([gauge("solartron_orbit")], lambda now_ns: [1.5])
     sent = script.wake().send
@@ -223,7 +223,7 @@ def test_an_orbit_probe_out_of_its_range() -> None:
     assert isinstance(item, Fault) and "-1 to 1 mm" in item.detail
 
 
-def test_a_doubtful_status_that_a_run_cannot_keep_is_refused() -> None:
+def test_a_doubtful_status_that_a_run_cannot_keep_is_refused():
     """A run stores the status in 32 bits, which would turn 2³² into good."""
 
     def with_doubtful(code: int) -> StatusRegister:

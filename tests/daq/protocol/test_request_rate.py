@@ -32,14 +32,14 @@ def _requested_ns(late_ns: int, stall_at_ns: int = -1, stall_ns: int = 0) -> np.
 
 
 @pytest.mark.parametrize("late_ns", [0, 300_000, 1_000_000])
-def test_a_computer_that_is_a_little_late_each_time_still_asks_as_often_as_it_may(late_ns: int) -> None:
+def test_a_computer_that_is_a_little_late_each_time_still_asks_as_often_as_it_may(late_ns):
     asked_ns = _requested_ns(late_ns)
     asked_ns = asked_ns[asked_ns >= asked_ns[-1] - 2000 * MS]
     rate_hz = (len(asked_ns) - 1) * 1e9 / np.ptp(asked_ns)
     assert 0.97 * RATE_HZ < rate_hz <= 1.001 * RATE_HZ  # but for the pauses that stir the line
 
 
-def test_stall_is_not_followed_by_a_burst() -> None:
+def test_stall_is_not_followed_by_a_burst():
     asked_ns = _requested_ns(0, stall_at_ns=2000 * MS, stall_ns=400 * MS)
     afterwards = asked_ns[asked_ns >= 2400 * MS]
     assert np.diff(afterwards).min() >= 0.9e9 / RATE_HZ

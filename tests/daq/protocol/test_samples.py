@@ -31,7 +31,7 @@ MANY = [Sample((k / 7, k / 3), NO_TIME, 10 * k, 10 * k + 3, 3, k / 11, k % 2) fo
 FAULT = Fault(FaultKind.SILENT, 1, "nothing")
 
 
-def test_a_block_holds_the_samples_that_it_is_made_of() -> None:
+def test_a_block_holds_the_samples_that_it_is_made_of():
     block = SampleBlock.of(MANY)
     assert list(block) == MANY and len(block) == 20 and block[3] == MANY[3] and block[-1] == MANY[-1]
     assert list(block[5:9]) == MANY[5:9] and list(block.chosen(block.status == 1)) == MANY[1::2]
@@ -39,7 +39,7 @@ def test_a_block_holds_the_samples_that_it_is_made_of() -> None:
     assert not len(SampleBlock.of([])) and not len(SampleBlock.joined([])) and list(NO_SAMPLES) == []
 
 
-def test_packing_keeps_the_order_and_every_sample() -> None:
+def test_packing_keeps_the_order_and_every_sample():
     items: list[Item] = [FAULT, *MANY[:3], SampleBlock.of(MANY[3:9]), FAULT, FAULT, *MANY[9:]]
     found = packed(items)
     assert [size_of(item) for item in found] == [1, 3, 6, 1, 1, 11] and found[0] is FAULT
@@ -69,7 +69,7 @@ def _cut(data: bytes, cuts: list[int]) -> list[Arrival]:
 
 
 @given(PIECES, st.lists(st.integers(0, 10_000), max_size=12), st.integers(1, 6))
-def test_array_reader_equals_message_reader(data: bytes, cuts: list[int], at_once: int) -> None:
+def test_array_reader_equals_message_reader(data, cuts, at_once):
     arrivals = _cut(b"\x80" + data, cuts)
     single, gathering = gauges.host([GAUGE]), gauges.host([GAUGE])
     assert isinstance(gathering, Gathering)
@@ -94,7 +94,7 @@ def _plain(items: list[Item]) -> list[object]:
 
 @pytest.mark.parametrize("begin", [b"", b"OUTPUT RS422\r\n->"])
 @pytest.mark.parametrize("damage", [b"", b"\xff", b"\x00"])
-def test_arrays_are_used_again_once_a_stream_is_in_step(begin: bytes, damage: bytes) -> None:
+def test_arrays_are_used_again_once_a_stream_is_in_step(begin, damage):
     conversation = gauges.host([GAUGE])
     assert isinstance(conversation, Gathering)
     conversation.connected(0)
@@ -104,7 +104,7 @@ def test_arrays_are_used_again_once_a_stream_is_in_step(begin: bytes, damage: by
     assert len(samples_of(items)) >= 9995 and len(singly) < 100
 
 
-def test_arrays_are_used() -> None:
+def test_arrays_are_used():
     conversation = gauges.host([GAUGE])
     assert isinstance(conversation, Gathering)
     conversation.connected(0)
@@ -118,7 +118,7 @@ def test_arrays_are_used() -> None:
 
 
 @given(st.lists(st.integers(0, 10_000), max_size=12), st.integers(1, 6))
-def test_packets_of_a_controller_decoded_together_are_the_same_samples(cuts: list[int], at_once: int) -> None:
+def test_packets_of_a_controller_decoded_together_are_the_same_samples(cuts, at_once):
     robot = URRTDE.model_validate({"interface": "ur_rtde", "port": "tcp://127.0.0.1:1", "condition": False})
     device = feedback.device(robot, lambda _: (0.0,) * 6)
     device.connected(0)

@@ -85,7 +85,7 @@ def _recorded(name: str, damage: Damage, one_in: float, seed: int, replies: int 
 
 
 @pytest.mark.parametrize("name", TEXT_GAUGES)
-def test_damaged_answers_give_no_false_reading(name: str) -> None:
+def test_damaged_answers_give_no_false_reading(name):
     outcomes = [_recorded(name, _lost_or_doubled, 200, seed) for seed in range(3)]
     assert sum(one.damaged for one in outcomes) >= 15
     assert [one.false_mm for one in outcomes] == [[], [], []]
@@ -93,7 +93,7 @@ def test_damaged_answers_give_no_false_reading(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TEXT_GAUGES)
-def test_a_sound_line_has_no_faults(name: str) -> None:
+def test_a_sound_line_has_no_faults(name):
     outcome = _recorded(name, _lost_or_doubled, math.inf, 0)
     assert outcome.kinds == Counter() and outcome.right > 1900
 
@@ -108,7 +108,7 @@ def _answers(script: Script, *replies: bytes) -> list[Any]:
     return items
 
 
-def test_in_or_mm_pressed_on_a_gauge_that_sends_no_unit_is_a_fault_and_no_reading() -> None:
+def test_in_or_mm_pressed_on_a_gauge_that_sends_no_unit_is_a_fault_and_no_reading():
     script = asked(daq.gauges.host([sylvac()]))
     before = _answers(script, *[b"-0.55%02d\r" % k for k in range(20)])
     assert all(isinstance(item, Sample) for item in before)
@@ -120,7 +120,7 @@ def test_in_or_mm_pressed_on_a_gauge_that_sends_no_unit_is_a_fault_and_no_readin
     assert back.values == (-0.5512,)
 
 
-def test_a_plug_that_was_pulled_does_not_hide_that_in_or_mm_was_pressed() -> None:
+def test_a_plug_that_was_pulled_does_not_hide_that_in_or_mm_was_pressed():
     first, second = (daq.gauges.host([sylvac()]) for _ in range(2))
     _answers(asked(first), *[b"-0.5509\r"] * 20)
     hand_on(first, second)
@@ -128,7 +128,7 @@ def test_a_plug_that_was_pulled_does_not_hide_that_in_or_mm_was_pressed() -> Non
     assert {item.kind for item in after} == {FaultKind.MISSHAPEN, FaultKind.UNIT_CHANGED}
 
 
-def test_a_continuous_gauge_is_held_to_its_shape_as_well() -> None:
+def test_a_continuous_gauge_is_held_to_its_shape_as_well():
     script = Script(daq.gauges.host([sylvac(mode="continuous")]))
     for k in range(30):
         script.receive(b"+1.2%03d\r" % k, S + k)
@@ -155,27 +155,25 @@ def test_a_continuous_gauge_is_held_to_its_shape_as_well() -> None:
         "first damaged",
     ],
 )
-def test_numbers_of_another_length_are_believed_where_the_gauge_moved_there(
-    replies: list[bytes], readings_mm: int
-) -> None:
+def test_numbers_of_another_length_are_believed_where_the_gauge_moved_there(replies, readings_mm):
     items = _answers(asked(daq.gauges.host([sylvac()])), *replies)
     assert sum(isinstance(item, Sample) for item in items) == readings_mm
 
 
-def test_damaged_readings_before_the_shape_is_known_are_reported() -> None:
+def test_damaged_readings_before_the_shape_is_known_are_reported():
     items = _answers(asked(daq.gauges.host([sylvac()])), b"+1.485\r", b"+1.2485\r", b"+1.2486\r")
     doubts = [item for item in items if isinstance(item, Fault) and item.kind is FaultKind.DOUBTFUL]
     assert [doubt.count for doubt in doubts] == [1]
 
 
-def test_a_doubled_comma_shifts_no_head_to_the_place_of_another() -> None:
+def test_a_doubled_comma_shifts_no_head_to_the_place_of_another():
     one = gauge("keyence_dl_rs1a", channel=2)
     items = _answers(asked(daq.gauges.host([one])), *[b"M0,+01.000,+02.000\r\n"] * 20, b"M0,,+01.000,+02.000\r\n")
     assert {item.values for item in items if isinstance(item, Sample)} == {(2.0,)}
     assert isinstance(items[-1], Fault) and items[-1].kind is FaultKind.MISSHAPEN
 
 
-def test_a_gauge_that_ends_its_lines_with_cr_lf_is_read() -> None:
+def test_a_gauge_that_ends_its_lines_with_cr_lf_is_read():
     script = Script(daq.gauges.host([sylvac(mode="continuous")]))
     for data in (b"+1.2001\r\n+1.2002\r", b"\n", b"+1.2003\r\n"):
         script.receive(data, S)
@@ -185,7 +183,7 @@ def test_a_gauge_that_ends_its_lines_with_cr_lf_is_read() -> None:
 
 
 @pytest.mark.parametrize("heard", [b"A0100\r\n", b"0100\r\n", b"\x1bA01 12.3\r\n"])
-def test_part_of_a_request_is_reported_as_echo(heard: bytes) -> None:
+def test_part_of_a_request_is_reported_as_echo(heard):
     """An RS-485 adapter that turns round late misses the first characters of its own echo."""
     script = asked(daq.gauges.host([gauge("heidenhain_nd287")]))
     script.receive(b"\x0200010012\r\n")
@@ -193,7 +191,7 @@ def test_part_of_a_request_is_reported_as_echo(heard: bytes) -> None:
     assert isinstance(fault, Fault) and "echo" in fault.detail
 
 
-def test_part_of_a_modbus_request_is_reported_as_echo() -> None:
+def test_part_of_a_modbus_request_is_reported_as_echo():
     script = Script(daq.gauges.host([modbus()]))
     script.wake()
     request, script.sent = script.sent, b""
@@ -203,14 +201,14 @@ def test_part_of_a_modbus_request_is_reported_as_echo() -> None:
     assert isinstance(items[0], Fault) and "echo" in items[0].detail
 
 
-def test_other_bytes_are_no_echo() -> None:
+def test_other_bytes_are_no_echo():
     assert echoed_part(b"?\r", b"?\r") == 0
     assert echoed_part(b"\x1bA0100\r", b"\x02-    1.5") == 0
 
 
 @pytest.mark.parametrize("sigma_mm", [0.0002, 0.001, 0.02])
 @pytest.mark.parametrize("name", ["sylvac", "c1208 optorsd", "keyence"])
-def test_a_gauge_that_scatters_around_zero_is_not_doubted(name: str, sigma_mm: float) -> None:
+def test_a_gauge_that_scatters_around_zero_is_not_doubted(name, sigma_mm):
     keys = dict(TEXT_GAUGES[name])
     one = gauge(keys.pop("interface"), **keys)
     rng, now_ns = random.Random(5), 0

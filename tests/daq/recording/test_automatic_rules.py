@@ -33,7 +33,7 @@ def told(automatic: str, text: str = UR10E.replace("  rate_hz: 500\n", SIGNAL)) 
     return []
 
 
-def test_rules_on_a_signal_and_on_motions_are_good() -> None:
+def test_rules_on_a_signal_and_on_motions_are_good():
     rules = """
 automatic:
   rules:
@@ -45,14 +45,14 @@ retention: {days: 90, gigabytes: 200}"""
     assert told(rules) == []
 
 
-def test_the_example_of_the_documents_is_good() -> None:
+def test_the_example_of_the_documents_is_good():
     page = (Path(__file__).parents[3] / "docs" / "recording.md").read_text()
     (example,) = re.findall(r"```yaml\n(feedback: .*?)```", page, re.S)
     data = yaml.safe_load(UR10E) | yaml.safe_load(example)
     assert len(data["automatic"]["rules"]) == 3 and told("", yaml.safe_dump(data)) == []
 
 
-def test_every_mistake_of_the_rules_is_reported() -> None:
+def test_every_mistake_of_the_rules_is_reported():
     rules = """
 automatic:
   rules:
@@ -84,13 +84,13 @@ retention: {}"""
 
 
 @pytest.mark.parametrize("event", ["signal: 1", "from_deg: [0, 0, 0, 0, 0, 0], to_deg: [5, 0, 0, 0, 0, 0]"])
-def test_two_rules_for_one_event_are_refused(event: str) -> None:
+def test_two_rules_for_one_event_are_refused(event):
     rules = ", ".join(f"{{when: {{{event}}}, test: {test}, direction: cw}}" for test in ("yaw", "roll"))
     (problem,) = told(f"automatic: {{rules: [{rules}]}}")
     assert "automatic: rules 1 and 2 " in problem
 
 
-def test_rules_need_signals_and_gauges_of_the_cell() -> None:
+def test_rules_need_signals_and_gauges_of_the_cell():
     rules = "automatic: {rules: [{when: {signal: 1}, test: yaw, direction: cw}]}"
     (problem,) = told(rules, UR10E)
     assert "rule 1 waits" in problem
@@ -101,7 +101,7 @@ def test_rules_need_signals_and_gauges_of_the_cell() -> None:
 
 
 @pytest.mark.parametrize("signal", ["{}", "{outputs: [0], int_register: 3}", "{outputs: [1, 1]}", "{outputs: [18]}"])
-def test_a_signal_has_one_place(signal: str) -> None:
+def test_a_signal_has_one_place(signal):
     (problem,) = told("", UR10E.replace("  rate_hz: 500\n", f"  rate_hz: 500\n  signal: {signal}\n"))
     assert "feedback.signal" in problem
 
@@ -144,9 +144,7 @@ STOPS = np.concatenate(
 
 
 @pytest.mark.parametrize(("q1_deg", "test", "still_s"), [(TURN, "yaw", 2.0), (STOPS, "radial", 3.0)])
-def test_the_rule_of_a_run_knows_its_program_again(
-    tmp_path: Path, q1_deg: np.ndarray, test: str, still_s: float
-) -> None:
+def test_the_rule_of_a_run_knows_its_program_again(tmp_path, q1_deg, test, still_s):
     rule = rule_of(read_run(lap(tmp_path, q1_deg, test=test)))
     assert (rule.test, rule.direction, rule.still_s) == (test, "cw" if test == "yaw" else None, still_s)
     again = np.append(q1_deg + 0.01, np.full(400, q1_deg[-1] + 0.01))
@@ -158,7 +156,7 @@ def test_the_rule_of_a_run_knows_its_program_again(
     assert [command for sample in samples(-again) for command in trigger.feed(sample)] == []
 
 
-def test_the_rule_of_a_run_with_a_signal_waits_for_it(tmp_path: Path) -> None:
+def test_the_rule_of_a_run_with_a_signal_waits_for_it(tmp_path):
     signal = np.concatenate([STAND, np.full(900, 7.0), np.full(100, math.nan), np.zeros(200)])
     rule = rule_of(read_run(lap(tmp_path, TURN, signal)))
     assert rule.when.signal == 7 and rule.when.from_deg is None
@@ -168,12 +166,12 @@ def test_the_rule_of_a_run_with_a_signal_waits_for_it(tmp_path: Path) -> None:
     ("q1_deg", "code"),
     [(STAND, "rule.still"), (TURN[100:], "rule.moving"), (STAND[:0], "rule.still"), (NIGHT, "rule.invalid")],
 )
-def test_a_run_without_an_event_has_no_rule(tmp_path: Path, q1_deg: np.ndarray, code: str) -> None:
+def test_a_run_without_an_event_has_no_rule(tmp_path, q1_deg, code):
     with refused(code):
         rule_of(read_run(lap(tmp_path, q1_deg)))
 
 
-def test_the_command_prints_a_section_for_the_rig_file(tmp_path: Path) -> None:
+def test_the_command_prints_a_section_for_the_rig_file(tmp_path):
     cw, radial = lap(tmp_path / "a", TURN), lap(tmp_path / "b", -STOPS, test="radial")
     done = CliRunner().invoke(app, ["automatic", str(cw), str(radial)])
     assert done.exit_code == 0 and told(done.stdout) == []

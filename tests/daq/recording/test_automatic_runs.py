@@ -68,7 +68,7 @@ def printing(tmp_path: Path) -> Iterator[Bench]:
         yield bench
 
 
-def test_a_program_after_the_other_is_a_run_each(printing: Bench) -> None:
+def test_a_program_after_the_other_is_a_run_each(printing):
     cell = printing.start()
     cell.all_reading()
     said = cell.until(lambda state: state["automatic"]["signal"] == 0)
@@ -97,7 +97,7 @@ def test_a_program_after_the_other_is_a_run_each(printing: Bench) -> None:
     assert gauge[0] < robot["last_byte_ns"][began]
 
 
-def test_people_come_first(cell: Bench) -> None:
+def test_people_come_first(cell):
     cell.start().all_reading()
     cell.until(lambda state: state["automatic"]["signal"] == 0)
     cell.motion.program = 1
@@ -114,7 +114,7 @@ def test_people_come_first(cell: Bench) -> None:
     assert mine.exit_status == "complete" and mine.operator != "automatic"
 
 
-def test_a_silent_gauge_is_why_nothing_started(cell: Bench) -> None:
+def test_a_silent_gauge_is_why_nothing_started(cell):
     cell.motion.mm["g2"] = OFF
     cell.start()
     cell.until(lambda state: state["automatic"]["signal"] == 0)
@@ -157,7 +157,7 @@ def _signal_on(arbiter: Arbiter, buffers: dict[str, StreamBuffer], on: range) ->
     arbiter.feed(samples)
 
 
-def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
+def test_a_recording_that_cannot_be_ends_none(tmp_path):
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 200))
     arbiter.after_round()
@@ -175,7 +175,7 @@ def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
     recorder._io.shut_down()
 
 
-def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
+def test_a_run_of_a_blink_is_kept_and_marked(tmp_path):
     """Without threads the blink has its length on any machine."""
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 80))
@@ -187,7 +187,7 @@ def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
     assert manifest.counters["robot"]["samples"] == 150 + 50  # all from 0.5 s on, where the recorder began, to now
 
 
-def test_a_disk_that_refuses_is_why_nothing_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_refuses_is_why_nothing_started(tmp_path, monkeypatch):
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 200))
     monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
@@ -201,9 +201,7 @@ def test_a_disk_that_refuses_is_why_nothing_started(tmp_path: Path, monkeypatch:
     recorder._io.shut_down()
 
 
-def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(
-    tmp_path: Path, making: tuple[threading.Event, threading.Event]
-) -> None:
+def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(tmp_path, making):
     asked, done = making
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 200))
@@ -228,9 +226,7 @@ def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(
     assert manifest.counters["robot"] == {"samples": 200}  # from a second before the signal
 
 
-def test_a_lap_that_begins_before_the_disk_has_the_one_before_is_kept_as_that_is(
-    tmp_path: Path, making: tuple[threading.Event, threading.Event]
-) -> None:
+def test_a_lap_that_begins_before_the_disk_has_the_one_before_is_kept_as_that_is(tmp_path, making):
     asked, done = making
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 80))

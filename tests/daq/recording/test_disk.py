@@ -103,7 +103,7 @@ class Written:
         return [former, follower]
 
 
-def test_the_log_names_a_direction_where_there_is_one(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_log_names_a_direction_where_there_is_one(tmp_path, caplog):
     caplog.set_level("INFO", "rigd")
     written = Written(tmp_path)
     written.recorder.stop_run().result()
@@ -122,9 +122,7 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
     return Written(tmp_path)
 
 
-def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
-    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(written, monkeypatch, caplog):
     written.round()
     monkeypatch.setattr(durable, "free_bytes", lambda _: 3_000_000)
     state = written.round()
@@ -156,9 +154,7 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     ],
     ids=["fsync", "gone", "read-only", "quota"],
 )
-def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
-    written: Written, number: int, calls: tuple[str, ...], caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(written, number, calls, caplog):
     written.round()
     with failing(number, *calls):
         state = written.round()
@@ -174,9 +170,7 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
 
 
 @pytest.mark.parametrize("resumed", [True, False])
-def test_dropped_samples_are_counted_despite_a_failing_disk(
-    written: Written, monkeypatch: pytest.MonkeyPatch, resumed: bool
-) -> None:
+def test_dropped_samples_are_counted_despite_a_failing_disk(written, monkeypatch, resumed):
     """A chunk vanishes, and the run that follows is lost before its first write, with the count that it was to hold."""
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 1e9)
     written.round()
@@ -206,9 +200,7 @@ def test_dropped_samples_are_counted_despite_a_failing_disk(
         assert bool(written.recorder.losses.counts[name]) is not resumed
 
 
-def test_loss_without_a_following_run_is_logged_and_in_the_status(
-    written: Written, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_loss_without_a_following_run_is_logged_and_in_the_status(written, caplog):
     written.round()
     written.deliver(7)
     with failing(errno.EIO, "pwrite", "fsync"), refused("recording.failed"):
@@ -220,7 +212,7 @@ def test_loss_without_a_following_run_is_logged_and_in_the_status(
     assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10  # the rest is there
 
 
-def test_loss_is_counted_if_the_run_closes_after_it_was_abandoned(written: Written) -> None:
+def test_loss_is_counted_if_the_run_closes_after_it_was_abandoned(written):
     """Its disk is back by then: the run closes without an error, and without what could not be written."""
     closing, disk = threading.Event(), written.recorder._io._thread
     written.round()
@@ -241,7 +233,7 @@ def _plain() -> dict[str, Any]:
     return {**who, "rig_text": "", "operator": "", "streams": {}}
 
 
-def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written: Written) -> None:
+def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written):
     written.round()
     with failing(errno.EIO, "pwrite"):
         written.round()
@@ -254,9 +246,7 @@ def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written
     written.accounted()
 
 
-def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(
-    written: Written, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(written, caplog):
     written.round()
     (written.path / "g1-0001.arrow").unlink()
     written.round()
@@ -267,9 +257,7 @@ def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(
     assert len(read_run(former).streams["g1"]["g1_mm"]) == 20
 
 
-def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(
-    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(written, monkeypatch, caplog):
     """Its disk is there all the time, so nothing has to be mounted and nothing waited for."""
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 1e9)
     written.round()
@@ -295,12 +283,12 @@ def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(
     ],
 )
 def test_stop_or_start_ends_the_waiting(
-    written: Written,
-    end: Callable[[Recorder], object],
-    code: str,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+    written,
+    end,
+    code,
+    monkeypatch,
+    caplog,
+):
     monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
     written.round()
     written.round(7)
@@ -311,9 +299,7 @@ def test_stop_or_start_ends_the_waiting(
     assert written.round()["waiting"] is None
 
 
-def test_a_slow_sync_keeps_nothing_from_the_disk(
-    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_slow_sync_keeps_nothing_from_the_disk(written, monkeypatch, caplog):
     syncing, done = threading.Event(), threading.Event()
 
     def slow(fd: int) -> None:
@@ -330,7 +316,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
             written.deliver()
             written.recorder._round()
         state = written.recorder.state()
-        assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)  # type: ignore[index]
+        assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)
         assert written.writer.stored()["g1"] == 90  # with the system, where a kill does not reach it
     finally:
         done.set()
@@ -340,9 +326,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
     assert "disk: slow sync: has taken" in caplog.text
 
 
-def test_run_kept_open_by_a_program_error_is_reported(
-    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_run_kept_open_by_a_program_error_is_reported(written, monkeypatch, caplog):
     """No client waits for the end of a run that the robot ended."""
     monkeypatch.setattr(RunWriter, "close", lambda *_: 1 / 0)
     written.recorder.stop_run()
@@ -351,9 +335,7 @@ def test_run_kept_open_by_a_program_error_is_reported(
     assert str(written.recorder.state()["last_end"]).startswith("failed")
 
 
-def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
-    written: Written, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(written, monkeypatch):
     """At the end of a chunk, when the next one waits for the disk to have all of it."""
     syncing, done = threading.Event(), threading.Event()
 
@@ -397,9 +379,7 @@ def stalled(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, 
         done.set()
 
 
-def test_closing_a_chunk_keeps_nothing_from_the_disk(
-    written: Written, monkeypatch: pytest.MonkeyPatch, stalled: tuple[threading.Event, threading.Event]
-) -> None:
+def test_closing_a_chunk_keeps_nothing_from_the_disk(written, monkeypatch, stalled):
     monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
     begun, done = stalled
     while not begun.is_set():
@@ -417,9 +397,7 @@ def test_closing_a_chunk_keeps_nothing_from_the_disk(
     assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(written.delivered))
 
 
-def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_run_waiting(
-    written: Written, stalled: tuple[threading.Event, threading.Event]
-) -> None:
+def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_run_waiting(written, stalled):
     begun, done = stalled
     written.round()
     closing = written.recorder.stop_run()
@@ -436,9 +414,7 @@ def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_
     assert verify(written.path) == verify(follower) == []
 
 
-def test_a_slow_write_keeps_no_reader_waiting(
-    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_slow_write_keeps_no_reader_waiting(written, monkeypatch, caplog):
     begun, done = threading.Event(), threading.Event()
 
     def slow(fd: int, data: memoryview, offset: int, write: Callable[..., int] = os.pwrite) -> int:
@@ -468,9 +444,7 @@ def test_a_slow_write_keeps_no_reader_waiting(
 
 
 @pytest.mark.parametrize("stopped", [False, True], ids=["goes on", "stopped meanwhile"])
-def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
-    written: Written, making: tuple[threading.Event, threading.Event], stopped: bool
-) -> None:
+def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(written, making, stopped):
     asked, done = making
     written.recorder.stop_run().result()
     written.delivered = 0
@@ -495,9 +469,7 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     assert ("enough" in load_manifest(path).reason) == stopped
 
 
-def test_samples_during_the_start_of_a_run_are_bounded(
-    written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_samples_during_the_start_of_a_run_are_bounded(written, making, monkeypatch):
     monkeypatch.setattr("daq.recording.active_run.MOST_PENDING", 30)
     monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
     asked, done = making
@@ -512,9 +484,7 @@ def test_samples_during_the_start_of_a_run_are_bounded(
     assert written.recorder.stop_run().result().counters["g1"] == {"samples": 70, "dropped": 50}
 
 
-def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
-    written: Written, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(written, monkeypatch):
     reviving, done = threading.Event(), threading.Event()
 
     def slow(path: Path, recover_and_log: Callable[[Path], None] = daq.recording.active_run.recover_and_log) -> None:
@@ -539,9 +509,7 @@ def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
     written.accounted()
 
 
-def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
-    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(written, monkeypatch, caplog):
     asked, done = threading.Event(), threading.Event()
 
     def refuse(path: Path) -> None:
@@ -567,9 +535,7 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
     assert "was abandoned, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
 
 
-def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_first(
-    written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_first(written, making, monkeypatch):
     """The missed samples are recorded in the previous run, and none of them in the next."""
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 60.0)  # tried again when this says so
     asked, done = making
@@ -598,9 +564,7 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
     assert all(verify(path) == [] for path in written.runs.iterdir())
 
 
-def test_a_disk_that_makes_no_run_is_given_no_more_to_make(
-    written: Written, making: tuple[threading.Event, threading.Event]
-) -> None:
+def test_a_disk_that_makes_no_run_is_given_no_more_to_make(written, making):
     """Samples of all waiting runs stay in memory."""
     _, done = making
     written.recorder.stop_run().result()
@@ -619,9 +583,7 @@ def test_a_disk_that_makes_no_run_is_given_no_more_to_make(
     written.recorder.stop_run().result()
 
 
-def test_program_error_during_the_start_of_a_run_ends_the_daemon(
-    written: Written, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_program_error_during_the_start_of_a_run_ends_the_daemon(written, monkeypatch):
     written.recorder.stop_run().result()
     written.deliver()
     ended: list[type[BaseException]] = []

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,7 +23,7 @@ def text(**further: dict[str, Any]) -> str:
     return yaml.safe_dump(data)
 
 
-def test_tests_measure_with_two_and_all_are_recorded() -> None:
+def test_tests_measure_with_two_and_all_are_recorded():
     gauges = parse(text(g3=HEADS, g5=HEADS | {"channel": 2}), "bench").gauges
     assert [name for name, _ in gauges] == ["g1", "g2"]
     assert list(gauges.recorded) == ["g1", "g2", "g3", "g5"] and gauges.baseline_mm == 50
@@ -42,13 +41,13 @@ def test_tests_measure_with_two_and_all_are_recorded() -> None:
         ({"g9": HEADS}, "unknown key"),
     ],
 )
-def test_further_gauges_follow_the_rules_of_the_first_two(further: dict[str, Any], told: str) -> None:
+def test_further_gauges_follow_the_rules_of_the_first_two(further, told):
     with pytest.raises(RigFileError) as refused:
         parse(text(**further), "bench")
     assert told in str(refused.value)
 
 
-def test_four_gauges_are_recorded_exported_and_shown(tmp_path: Path) -> None:
+def test_four_gauges_are_recorded_exported_and_shown(tmp_path):
     with SimulatedBench(tmp_path, text(g3=HEADS, g4=HEADS | {"channel": 2})) as bench:
         bench.motion.mm |= {"g3": 0.3, "g4": -0.4}
         bench.start().all_reading()

@@ -137,7 +137,7 @@ def _require_people_first(
         assert after == before and len(actions) == 1  # what is rejected changes nothing
 
 
-def test_every_sequence_of_events() -> None:
+def test_every_sequence_of_events():
     """All sequences of nine events; those that lead to the same point go on as one."""
     points: set[Point] = {(RecorderState(), World())}
     phases: set[type] = set()
@@ -165,7 +165,7 @@ def _goes_on(state: RecorderState, world: World) -> None:
 
 @settings(max_examples=300)
 @given(data=st.data())
-def test_long_sequences_of_events(data: st.DataObject) -> None:
+def test_long_sequences_of_events(data):
     point = (RecorderState(), World())
     for _ in range(data.draw(st.integers(10, 80))):
         point = follow(point, data.draw(st.sampled_from(list(events(point[1])))))
@@ -179,7 +179,7 @@ def _after(*happened: Event) -> RecorderState:
     return point[0]
 
 
-def test_pauses_double_up_to_a_minute() -> None:
+def test_pauses_double_up_to_a_minute():
     state, pauses, now_s = _after(StartRequested(MINE), Created(1), FULL, Closed(1)), [], 0.0
     for run in range(2, 9):
         assert isinstance(state.phase, Waiting)
@@ -190,19 +190,19 @@ def test_pauses_double_up_to_a_minute() -> None:
     assert pauses == [FIRST_PAUSE_S, 5, 10, 20, 40, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
 
 
-def test_a_run_that_was_removed_is_followed_at_once() -> None:
+def test_a_run_that_was_removed_is_followed_at_once():
     state = _after(StartRequested(MINE), Created(1), replace(FULL, removed=True), Closed(1))
     assert step(state, Tick(0.2))[1] == (Create(2, MINE, resumes=True),)
 
 
-def test_a_run_that_is_tried_again_has_the_run_before_closed() -> None:
+def test_a_run_that_is_tried_again_has_the_run_before_closed():
     waiting = _after(StartRequested(MINE), Created(1), FULL)
     assert step(waiting, Tick(LONG_S)) == (waiting, ())
     assert step(step(waiting, Closed(1))[0], Tick(LONG_S))[1] == (Create(2, MINE, resumes=True),)
 
 
 @pytest.mark.parametrize("happened", [(), (Created(1),), (Created(1), FULL)])
-def test_a_person_takes_over_from_the_robot(happened: tuple[Event, ...]) -> None:
+def test_a_person_takes_over_from_the_robot(happened):
     state, actions = step(_after(StartRequested(THEIRS), *happened), StartRequested(MINE))
     assert state.phase == Beginning(MINE, 2) and actions[-1] == Create(2, MINE)
     why = "a person started mine"
@@ -214,7 +214,7 @@ def test_a_person_takes_over_from_the_robot(happened: tuple[Event, ...]) -> None
     assert ended[len(happened)]
 
 
-def test_a_disk_that_makes_no_run_is_asked_for_no_third() -> None:
+def test_a_disk_that_makes_no_run_is_asked_for_no_third():
     state = _after(StartRequested(MINE), ENOUGH, StartRequested(MINE), ENOUGH)
     assert step(state, StartRequested(MINE)) == (state, (Reject("making"),))
     assert not isinstance(step(step(state, RunRefused(1, 0.0))[0], StartRequested(MINE))[1][0], Reject)

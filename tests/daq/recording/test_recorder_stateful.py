@@ -74,7 +74,7 @@ class Recordings(RuleBasedStateMachine):
         # private _io, _thread, _creator, _round: the test takes the place of the recorder's threads
         self.recorder._io.shut_down()
         self.disk, self.creator = ByHand(), ByHand()
-        self.recorder._io._thread, self.recorder._io._creator = self.disk, self.creator  # type: ignore[assignment]
+        self.recorder._io._thread, self.recorder._io._creator = self.disk, self.creator
         self.failing = ExitStack()
         self.fails = False
         self.delivered = self.waiting = self.taken = 0
@@ -203,7 +203,7 @@ class Recordings(RuleBasedStateMachine):
 
 
 @pytest.mark.parametrize("examples", cases((20, 300), {20}))
-def test_each_reading_is_in_one_run_or_counted(monkeypatch: pytest.MonkeyPatch, examples: int) -> None:
+def test_each_reading_is_in_one_run_or_counted(monkeypatch, examples):
     # private: a sync at every round
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
     tried = (Phase.explicit, Phase.reuse, Phase.generate)  # to shrink a failure takes minutes, its steps are printed

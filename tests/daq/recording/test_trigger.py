@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import pytest
 
@@ -51,7 +50,7 @@ class Robot:
         return (self.now_ns - command.at_ns) / S
 
 
-def test_a_signal_starts_and_its_end_and_a_stand_stop() -> None:
+def test_a_signal_starts_and_its_end_and_a_stand_stop():
     robot = Robot(CW, ACW)
     assert robot.does(5, 0) == []
     (start,) = robot.does(20, 1, deg_s=10)
@@ -62,7 +61,7 @@ def test_a_signal_starts_and_its_end_and_a_stand_stop() -> None:
     assert robot.does(60, 0) == []
 
 
-def test_robot_at_rest_before_the_signal_ended_has_time() -> None:
+def test_robot_at_rest_before_the_signal_ended_has_time():
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(5, 1, deg_s=10)
@@ -71,7 +70,7 @@ def test_robot_at_rest_before_the_signal_ended_has_time() -> None:
     assert [robot.ago(command) for command in robot.did] == [pytest.approx(3 - 0.01 - 2.0, abs=0.011)]
 
 
-def test_a_robot_that_drives_on_ends_the_run_too() -> None:
+def test_a_robot_that_drives_on_ends_the_run_too():
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(5, 1, deg_s=10)
@@ -80,7 +79,7 @@ def test_a_robot_that_drives_on_ends_the_run_too() -> None:
     assert isinstance(stop, StopRun) and "ended 10 s ago" in stop.why
 
 
-def test_the_next_lap_ends_the_one_before() -> None:
+def test_the_next_lap_ends_the_one_before():
     robot = Robot(CW, ACW)
     robot.does(1, 0)
     robot.does(5, 1, deg_s=10)
@@ -93,7 +92,7 @@ def test_the_next_lap_ends_the_one_before() -> None:
     assert isinstance(stop, StopRun) and isinstance(start, StartRun) and start.rule is ACW
 
 
-def test_outputs_that_switch_one_after_the_other_are_one_change() -> None:
+def test_outputs_that_switch_one_after_the_other_are_one_change():
     robot = Robot(rule(signal=3), CW)
     robot.does(1, 0)
     assert robot.does(0.05, 1) == []
@@ -101,7 +100,7 @@ def test_outputs_that_switch_one_after_the_other_are_one_change() -> None:
     assert isinstance(start, StartRun) and start.rule.when.signal == 3
 
 
-def test_a_signal_that_only_flickers_neither_starts_nor_ends() -> None:
+def test_a_signal_that_only_flickers_neither_starts_nor_ends():
     robot = Robot(CW)
     robot.does(1, 0)
     for _ in range(20):
@@ -112,7 +111,7 @@ def test_a_signal_that_only_flickers_neither_starts_nor_ends() -> None:
 
 
 @pytest.mark.parametrize("before", [[1], [NAN, 1]])
-def test_a_signal_that_is_on_when_first_heard_is_no_start(before: Sequence[float]) -> None:
+def test_a_signal_that_is_on_when_first_heard_is_no_start(before):
     robot = Robot(CW)
     assert [command for value in before for command in robot.does(5, value, deg_s=3)] == []
     assert robot.trigger.signal == 1
@@ -120,7 +119,7 @@ def test_a_signal_that_is_on_when_first_heard_is_no_start(before: Sequence[float
     assert len(robot.does(5, 1)) == 1
 
 
-def test_an_unknown_signal_changes_nothing() -> None:
+def test_an_unknown_signal_changes_nothing():
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(1, 1, deg_s=1)
@@ -128,7 +127,7 @@ def test_an_unknown_signal_changes_nothing() -> None:
     assert robot.does(5, 1, deg_s=1) == []
 
 
-def test_a_robot_that_is_not_heard_any_more_ends_the_run() -> None:
+def test_a_robot_that_is_not_heard_any_more_ends_the_run():
     robot = Robot(CW)
     assert robot.silent(100) == []
     robot.does(1, 0)
@@ -139,14 +138,14 @@ def test_a_robot_that_is_not_heard_any_more_ends_the_run() -> None:
     assert robot.silent(100) == []
 
 
-def test_a_gap_does_not_hide_that_the_signal_changed() -> None:
+def test_a_gap_does_not_hide_that_the_signal_changed():
     robot = Robot(CW)
     robot.does(1, 0)
     assert robot.silent(30) == []
     assert len(robot.does(1, 1)) == 1
 
 
-def test_forgotten_rule_does_not_end() -> None:
+def test_forgotten_rule_does_not_end():
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(5, 1)
@@ -162,7 +161,7 @@ MOVES = rule(from_deg=HOME, to_deg=ON), rule(direction="acw", from_deg=HOME, to_
 
 
 @pytest.mark.parametrize(("deg_s", "direction"), [(4, "cw"), (-4, "acw"), (0.5, "cw"), (60, "cw")])
-def test_a_departure_starts_with_the_direction_it_takes(deg_s: float, direction: str) -> None:
+def test_a_departure_starts_with_the_direction_it_takes(deg_s, direction):
     robot = Robot(*MOVES)
     assert robot.does(3) == []
     left_ns = robot.now_ns
@@ -174,20 +173,20 @@ def test_a_departure_starts_with_the_direction_it_takes(deg_s: float, direction:
     assert isinstance(stop, StopRun) and stop.in_order
 
 
-def test_only_a_robot_at_rest_departs() -> None:
+def test_only_a_robot_at_rest_departs():
     robot = Robot(*MOVES)
     robot.q1 = -30
     assert robot.does(20, deg_s=5) == []  # it comes from elsewhere and passes
 
 
-def test_a_robot_that_leaves_for_elsewhere_has_not_departed() -> None:
+def test_a_robot_that_leaves_for_elsewhere_has_not_departed():
     robot = Robot(rule(from_deg=HOME, to_deg=ON))
     robot.does(2)
     assert robot.does(10, deg_s=-5) + robot.does(20, deg_s=5) == []
     assert robot.q1 == pytest.approx(50)
 
 
-def test_two_laps_with_a_stand_at_the_start_between_are_two_runs() -> None:
+def test_two_laps_with_a_stand_at_the_start_between_are_two_runs():
     robot = Robot(rule(from_deg=HOME, to_deg=ON))
     robot.does(2)
     assert [type(c) for c in robot.does(9, deg_s=4)] == [StartRun]
@@ -196,7 +195,7 @@ def test_two_laps_with_a_stand_at_the_start_between_are_two_runs() -> None:
     assert [type(c) for c in robot.does(9, deg_s=4)] == [StopRun, StartRun]
 
 
-def test_stops_at_targets_shorter_than_still_s_are_one_run() -> None:
+def test_stops_at_targets_shorter_than_still_s_are_one_run():
     robot = Robot(rule("radial", None, 5, from_deg=HOME, to_deg=ON))
     robot.does(2)
     did = [command for _ in range(10) for command in (*robot.does(2, deg_s=5), *robot.does(4))]
@@ -204,7 +203,7 @@ def test_stops_at_targets_shorter_than_still_s_are_one_run() -> None:
     assert [type(command) for command in robot.does(2)] == [StopRun]
 
 
-def test_encoders_that_flicker_at_rest_stand_still() -> None:
+def test_encoders_that_flicker_at_rest_stand_still():
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(1, 1, deg_s=5)
@@ -215,7 +214,7 @@ def test_encoders_that_flicker_at_rest_stand_still() -> None:
     assert [type(command) for command in stops] == [StopRun]
 
 
-def test_a_robot_that_creeps_does_not_stand_still() -> None:
+def test_a_robot_that_creeps_does_not_stand_still():
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(2, 1, deg_s=1)
@@ -225,7 +224,7 @@ def test_a_robot_that_creeps_does_not_stand_still() -> None:
 # --- What came before ---
 
 
-def test_five_seconds_and_the_whole_last_round_are_at_hand() -> None:
+def test_five_seconds_and_the_whole_last_round_are_at_hand():
     recent = PretriggerBuffer(["robot"])
     stamps = [number * S // 10 for number in range(1000)]
     samples = [Sample((1.0,), NO_TIME, at_ns, at_ns, 60) for at_ns in stamps]

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import yaml
 
@@ -27,7 +26,7 @@ def allowed(gauges: str, feedback: str, interface: str = "ur_rtde", **more: bool
     return [line.partition("=")[2] for line in lines]
 
 
-def test_an_address_is_allowed_and_no_other() -> None:
+def test_an_address_is_allowed_and_no_other():
     assert allowed("/dev/ttyUSB0 /dev/ttyUSB1", "tcp://192.168.1.10:30004") == ["192.168.1.10"]
     assert allowed("tcp://192.168.1.20:502 tcp://[fd00::5]:502", "tcp://192.168.1.20:30004") == [
         "192.168.1.20",
@@ -35,23 +34,23 @@ def test_an_address_is_allowed_and_no_other() -> None:
     ]
 
 
-def test_a_name_is_allowed_with_who_knows_it() -> None:
+def test_a_name_is_allowed_with_who_knows_it():
     assert allowed("/dev/ttyUSB0 /dev/ttyUSB1", "tcp://robot.plant:30004") == ["192.168.7.7", "fd00::7", "127.0.0.53"]
 
 
-def test_for_a_controller_that_speaks_first_private_networks_are_allowed() -> None:
+def test_for_a_controller_that_speaks_first_private_networks_are_allowed():
     found = allowed("/dev/ttyUSB0 /dev/ttyUSB1", "udp://0.0.0.0:49152", "kuka_rsi")
     assert {"10.0.0.0/8", "192.168.0.0/16"} < set(found) and "any" not in found
     assert "10.0.0.0/8" in allowed("/dev/ttyUSB0 /dev/ttyUSB1", "tcp://192.168.1.5:9000", "line_feed", listens=True)
     assert allowed("/dev/ttyUSB0 /dev/ttyUSB1", "udp://192.168.1.5:60015", "fanuc_stream_motion") == ["192.168.1.5"]
 
 
-def test_unknown_name_is_one_line() -> None:
+def test_unknown_name_is_one_line():
     with refused("address.unresolved"):
         resolved("no-such-host.invalid")
 
 
-def test_as_scripts_install_calls_it(tmp_path: Path) -> None:
+def test_as_scripts_install_calls_it(tmp_path):
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("name: [")
     command = [sys.executable, "-m", "daq.service.addresses"]

@@ -43,13 +43,13 @@ def _edited(bench: Bench, **gauges: str) -> None:
     bench.rig.write_text(yaml.safe_dump(data))
 
 
-def test_a_missing_port_is_named_with_the_ports_there_are(bench: Bench) -> None:
+def test_a_missing_port_is_named_with_the_ports_there_are(bench):
     _edited(bench, g1="/dev/ttyNOPE")
     told = bench.fails("rigd", bench.rig, code=4)
     assert "g1, /dev/ttyNOPE: " in told
 
 
-def test_zeros_of_a_view_are_noted_in_the_run_and_leave_its_rows(bench: Bench) -> None:
+def test_zeros_of_a_view_are_noted_in_the_run_and_leave_its_rows(bench):
     bench.start().all_reading()
     with Client(bench.socket) as client:
         label = {"name": "lap", "test": "yaw", "direction": "cw"}
@@ -62,12 +62,12 @@ def test_zeros_of_a_view_are_noted_in_the_run_and_leave_its_rows(bench: Bench) -
     assert set(np.asarray(read.streams["g1"]["g1_mm"])) == {0.1}
 
 
-def test_a_wrong_port_is_no_serial_device(bench: Bench) -> None:
+def test_a_wrong_port_is_no_serial_device(bench):
     _edited(bench, g1="/dev/null")
     assert "g1, /dev/null" in bench.fails("rigd", bench.rig, code=4)
 
 
-def test_every_closed_link_is_reported(bench: Bench) -> None:
+def test_every_closed_link_is_reported(bench):
     with socket.create_server(("127.0.0.1", 0)) as server:
         free = server.getsockname()[1]
     _edited(bench, g1="/dev/ttyNOPE", feedback=f"tcp://127.0.0.1:{free}")
@@ -77,7 +77,7 @@ def test_every_closed_link_is_reported(bench: Bench) -> None:
     assert "connection refused" in done.stderr
 
 
-def test_five_mistakes_of_a_rig_file_are_reported(bench: Bench) -> None:
+def test_five_mistakes_of_a_rig_file_are_reported(bench):
     text = bench.rig.read_text() + "effects:\n- {effect: backlash, axis: 1, width_deg: 0.02}\n"
     for old, new in (
         ("radius_mm", "radius_mn"),
@@ -96,7 +96,7 @@ def test_five_mistakes_of_a_rig_file_are_reported(bench: Bench) -> None:
         assert len(lines) == 5 and all(line.startswith("error: ") and ", line " in line for line in lines)
 
 
-def test_an_error_code_of_a_gauge_is_counted_and_keeps_a_recording_from_starting(bench: Bench) -> None:
+def test_an_error_code_of_a_gauge_is_counted_and_keeps_a_recording_from_starting(bench):
     bench.start().all_reading()
     bench.motion.mm["g1"] = OFF
     bench.until(lambda state: state["streams"]["g1"]["age_s"]["g1_mm"] > 3)
@@ -106,7 +106,7 @@ def test_an_error_code_of_a_gauge_is_counted_and_keeps_a_recording_from_starting
 
 
 @pytest.mark.real_time(match="no answer within")
-def test_no_head_on_the_second_channel(tmp_path: Path) -> None:
+def test_no_head_on_the_second_channel(tmp_path):
     with Bench(tmp_path, rig_text("keyence")) as bench:
         bench.motion.mm["g2"] = OFF
         bench.start().until(lambda state: "g1_mm" in state["streams"]["g1_g2"]["last"])
@@ -116,7 +116,7 @@ def test_no_head_on_the_second_channel(tmp_path: Path) -> None:
         assert done.returncode == 0  # gauge 1 alone is enough for a radial test
 
 
-def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench: Bench) -> None:
+def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)
@@ -136,7 +136,7 @@ def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench: B
     assert len(run.streams["g2"]["g2_mm"]) > 20
 
 
-def test_garbage_is_reported_and_never_a_reading(bench: Bench) -> None:
+def test_garbage_is_reported_and_never_a_reading(bench):
     master, slave = os.openpty()
     _edited(bench, g1=os.ttyname(slave))
     stop = threading.Event()
@@ -163,7 +163,7 @@ def test_garbage_is_reported_and_never_a_reading(bench: Bench) -> None:
         os.close(slave)
 
 
-def test_reconnected_robot_reports_the_gap(bench: Bench) -> None:
+def test_reconnected_robot_reports_the_gap(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)
@@ -178,13 +178,13 @@ def test_reconnected_robot_reports_the_gap(bench: Bench) -> None:
     assert bench.run("rig", "verify", path).returncode == 0
 
 
-def test_a_second_daemon_on_the_same_rig_is_refused(running: Bench) -> None:
+def test_a_second_daemon_on_the_same_rig_is_refused(running):
     told = running.fails("rigd", running.rig, code=4)
     assert "a different rigd" in told and str(running.daemon.pid if running.daemon else "") in told
     running.all_reading()
 
 
-def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None:
+def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench):
     limit = 200_000
     bench.start(preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
     bench.all_reading()
@@ -203,7 +203,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None
     bench.record("again")
 
 
-def test_ctrl_c_while_recording_closes_the_run(bench: Bench) -> None:
+def test_ctrl_c_while_recording_closes_the_run(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(50)
@@ -216,7 +216,7 @@ def test_ctrl_c_while_recording_closes_the_run(bench: Bench) -> None:
     assert not bench.socket.exists()
 
 
-def test_killed_while_recording_keeps_all_but_the_last_second(bench: Bench) -> None:
+def test_killed_while_recording_keeps_all_but_the_last_second(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(600)
@@ -241,7 +241,7 @@ def test_killed_while_recording_keeps_all_but_the_last_second(bench: Bench) -> N
     bench.start().all_reading()
 
 
-def test_run_without_a_stream_is_reported(bench: Bench) -> None:
+def test_run_without_a_stream_is_reported(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)
@@ -251,13 +251,13 @@ def test_run_without_a_stream_is_reported(bench: Bench) -> None:
     assert bench.run("rig", "verify", path).returncode == 3
 
 
-def test_a_run_that_is_still_recorded_is_not_analysed(bench: Bench) -> None:
+def test_a_run_that_is_still_recorded_is_not_analysed(bench):
     bench.start().all_reading()
     path = bench.record()
     assert "being recorded" in bench.fails("rig", "analyse", path, code=3)
 
 
-def test_resting_robot_is_no_lap(bench: Bench) -> None:
+def test_resting_robot_is_no_lap(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)
@@ -279,11 +279,11 @@ def test_resting_robot_is_no_lap(bench: Bench) -> None:
         (("status", "--rig", "other"), 4, "no daemon"),
     ],
 )
-def test_impossible_requests_are_refused(running: Bench, command: tuple[str, ...], code: int, told: str) -> None:
+def test_impossible_requests_are_refused(running, command, code, told):
     assert told in running.fails("rig", *command, code=code)
 
 
-def test_a_second_recording_is_refused_and_the_first_goes_on(bench: Bench) -> None:
+def test_a_second_recording_is_refused_and_the_first_goes_on(bench):
     bench.start().all_reading()
     path = bench.record("first")
     told = bench.fails("rig", "record", "start", "second", "--test", "yaw", "--direction", "cw", code=4)
@@ -292,11 +292,11 @@ def test_a_second_recording_is_refused_and_the_first_goes_on(bench: Bench) -> No
     assert read_run(path).manifest.name == "first"
 
 
-def test_missing_daemon_is_reported(bench: Bench) -> None:
+def test_missing_daemon_is_reported(bench):
     assert "start rigd: rigd RIG" in bench.fails("rig", "status", code=4)
 
 
-def test_live_into_a_pipe_prints_the_state_once(bench: Bench) -> None:
+def test_live_into_a_pipe_prints_the_state_once(bench):
     bench.start().all_reading()
     done = bench.run("rig", "live")
     assert done.returncode == 0
@@ -304,14 +304,14 @@ def test_live_into_a_pipe_prints_the_state_once(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("command", [("interfaces",), ("interfaces", "--json"), ("check", "ur10e")])
-def test_output_onto_a_full_disk_is_one_line(command: tuple[str, ...]) -> None:
+def test_output_onto_a_full_disk_is_one_line(command):
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([BIN / "rig", *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and os.strerror(errno.ENOSPC) in done.stderr
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8:strict"])
-def test_a_terminal_that_knows_not_every_letter_gets_the_rest(tmp_path: Path, encoding: str) -> None:
+def test_a_terminal_that_knows_not_every_letter_gets_the_rest(tmp_path, encoding):
     file = tmp_path / os.fsdecode(b"z\xf6lle.yaml")
     file.write_text(rig_text())
     env = os.environ | {"PYTHONIOENCODING": encoding}
@@ -320,7 +320,7 @@ def test_a_terminal_that_knows_not_every_letter_gets_the_rest(tmp_path: Path, en
         assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_run_cut_within_a_write_is_recovered_with_its_loss(bench: Bench) -> None:
+def test_run_cut_within_a_write_is_recovered_with_its_loss(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(300)
@@ -332,7 +332,7 @@ def test_run_cut_within_a_write_is_recovered_with_its_loss(bench: Bench) -> None
     assert "robot-0001.arrow.torn" in loss
 
 
-def test_a_socket_left_by_a_daemon_that_was_killed_hides_no_other(bench: Bench) -> None:
+def test_a_socket_left_by_a_daemon_that_was_killed_hides_no_other(bench):
     bench.socket.parent.mkdir()
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(bench.socket.with_name("other.sock")))
@@ -344,24 +344,24 @@ def test_a_socket_left_by_a_daemon_that_was_killed_hides_no_other(bench: Bench) 
     assert "no daemon" in bench.fails("rig", "status", "--rig", "bench", code=4)
 
 
-def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench: Bench) -> None:
+def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench):
     long = bench.folder / f"{'x' * 120}.sock"
     assert str(long) in bench.fails("rigd", bench.rig, "--socket", long, "--capture", "cell.rigcap", code=4)
     assert not (bench.folder / "cell.rigcap").exists()
 
 
-def test_unusable_runs_directory_is_reported_at_the_start(bench: Bench) -> None:
+def test_unusable_runs_directory_is_reported_at_the_start(bench):
     (bench.folder / "runs").touch()
     bench.start()
     assert "give rigd a" in "".join(bench.said)
 
 
-def test_invalid_host_name_is_reported(bench: Bench) -> None:
+def test_invalid_host_name_is_reported(bench):
     _edited(bench, feedback=f"tcp://{'a' * 64}:30004")
     assert "host name" in bench.fails("rigd", bench.rig, code=4)
 
 
-def test_a_socket_that_speaks_nonsense_gets_an_answer(running: Bench) -> None:
+def test_a_socket_that_speaks_nonsense_gets_an_answer(running):
     with socket.socket(socket.AF_UNIX) as sock:
         sock.connect(str(running.socket))
         sock.sendall(b"nonsense\n[1]\n" + b"[" * 5000 + b'\n{"command": "fly"}\n')
@@ -371,7 +371,7 @@ def test_a_socket_that_speaks_nonsense_gets_an_answer(running: Bench) -> None:
         answers.close()
 
 
-def test_only_owner_and_group_may_use_the_socket(running: Bench) -> None:
+def test_only_owner_and_group_may_use_the_socket(running):
     assert running.socket.stat().st_mode & 0o777 == 0o660
     assert running.socket.parent.stat().st_mode & 0o777 == 0o700
 
@@ -387,7 +387,7 @@ def _sockets_of(pid: int) -> set[str]:
     return inodes
 
 
-def test_nothing_listens_on_the_network(running: Bench) -> None:
+def test_nothing_listens_on_the_network(running):
     assert running.daemon is not None
     inodes = _sockets_of(running.daemon.pid)
     assert inodes  # its control socket at least
@@ -398,7 +398,7 @@ def test_nothing_listens_on_the_network(running: Bench) -> None:
             assert not ((table.startswith("udp") or cells[3] == listening) and cells[9] in inodes)
 
 
-def test_help_of_the_installed_command(bench: Bench) -> None:
+def test_help_of_the_installed_command(bench):
     """The help of each command is checked in the process of the tests (tests/analysis/cli/test_help.py)."""
     assert "status" in bench.run("rig", "--help").stdout
     done = bench.run("rig", "status", "--help")
@@ -406,7 +406,7 @@ def test_help_of_the_installed_command(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("alike", ["rig file", "runs"])
-def test_a_second_daemon_with_another_socket_is_refused(bench: Bench, alike: str) -> None:
+def test_a_second_daemon_with_another_socket_is_refused(bench, alike):
     """By a link to the rig file with runs of its own, and by a copy of it with the same runs."""
     bench.start().all_reading()
     other = bench.folder / "other.yaml"

@@ -90,7 +90,7 @@ def without(key: str) -> dict[str, Any]:
         json.dumps({**STATUS, "streams": {"g1": {**STATUS["streams"]["g1"], "age_s": {}}}}).encode() + b"\n",
     ],
 )
-def test_an_answer_that_is_not_rigds_is_one_line(tmp_path: Path, line: bytes) -> None:
+def test_an_answer_that_is_not_rigds_is_one_line(tmp_path, line):
     with answering(tmp_path / "rigd" / "cell.sock", line):
         for command in (["status"], ["live"]):
             done = ran(*command, XDG_RUNTIME_DIR=str(tmp_path))
@@ -103,7 +103,7 @@ def test_an_answer_that_is_not_rigds_is_one_line(tmp_path: Path, line: bytes) ->
     "command", [["status"], ["live"], ["metrics"], ["record", "start", "a", "--test", "pose"], ["record", "stop"]]
 )
 @pytest.mark.parametrize("ok", [True, False])
-def test_a_hostile_answer_reaches_no_terminal_as_it_is(tmp_path: Path, command: list[str], ok: bool) -> None:
+def test_a_hostile_answer_reaches_no_terminal_as_it_is(tmp_path, command, ok):
     stream = {**STATUS["streams"]["g1"], "last_fault": HOSTILE, "counters": {HOSTILE: 3}}
     answer = {
         **STATUS,
@@ -130,7 +130,7 @@ def test_a_hostile_answer_reaches_no_terminal_as_it_is(tmp_path: Path, command: 
         assert not any(line.strip() == "rig: forged" for line in lines)
 
 
-def test_an_endless_line_is_given_up_on_with_little_memory(tmp_path: Path) -> None:
+def test_an_endless_line_is_given_up_on_with_little_memory(tmp_path):
     with (
         answering(tmp_path / "rigd" / "cell.sock", b"x" * (1 << 20), pause_s=1e-6) as path,
         Client(path) as client,
@@ -139,7 +139,7 @@ def test_an_endless_line_is_given_up_on_with_little_memory(tmp_path: Path) -> No
         client.ask("status")
 
 
-def test_an_answer_in_drops_is_not_waited_for_longer_than_any(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_answer_in_drops_is_not_waited_for_longer_than_any(tmp_path, monkeypatch):
     monkeypatch.setattr(daq.service.client, "ANSWERS_S", 0.5)
     with (
         answering(tmp_path / "rigd" / "cell.sock", b" ", pause_s=0.05) as path,
@@ -149,7 +149,7 @@ def test_an_answer_in_drops_is_not_waited_for_longer_than_any(tmp_path: Path, mo
         client.ask("status")
 
 
-def test_a_directory_that_others_can_write_is_no_place_for_a_socket(tmp_path: Path) -> None:
+def test_a_directory_that_others_can_write_is_no_place_for_a_socket(tmp_path):
     outer = tmp_path / "outer"
     outer.mkdir()
     with answering(outer / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
@@ -166,7 +166,7 @@ def test_a_directory_that_others_can_write_is_no_place_for_a_socket(tmp_path: Pa
 
 
 @ROOT_ONLY
-def test_a_socket_that_another_user_put_there_is_refused(tmp_path: Path) -> None:
+def test_a_socket_that_another_user_put_there_is_refused(tmp_path):
     tmp_path.chmod(0o1777)
     with answering(tmp_path / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
         os.chown(path.parent, SOMEBODY, SOMEBODY)
@@ -184,7 +184,7 @@ def test_a_socket_that_another_user_put_there_is_refused(tmp_path: Path) -> None
 
 
 @ROOT_ONLY
-def test_a_directory_that_the_system_made_for_a_service_is_trusted_with_its_user(tmp_path: Path) -> None:
+def test_a_directory_that_the_system_made_for_a_service_is_trusted_with_its_user(tmp_path):
     with answering(tmp_path / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
         os.chown(path.parent, SOMEBODY, SOMEBODY)
         os.chown(path, SOMEBODY, SOMEBODY)
@@ -193,7 +193,7 @@ def test_a_directory_that_the_system_made_for_a_service_is_trusted_with_its_user
 
 
 @ROOT_ONLY
-def test_a_program_of_another_user_behind_a_trusted_name_is_refused(tmp_path: Path) -> None:
+def test_a_program_of_another_user_behind_a_trusted_name_is_refused(tmp_path):
     folder = tmp_path / "rigd"
     folder.mkdir()
     os.chown(folder, SOMEBODY, SOMEBODY)
@@ -230,7 +230,7 @@ def lock(path: Path) -> None:
     InstanceLock.take("cell", path).release()
 
 
-def test_a_lock_spoils_nothing_that_it_finds(tmp_path: Path) -> None:
+def test_a_lock_spoils_nothing_that_it_finds(tmp_path):
     notes, place = tmp_path / "notes.txt", tmp_path / "rigd" / "cell.lock"
     notes.write_text("precious" * 5)
     place.parent.mkdir(mode=0o700)
@@ -254,7 +254,7 @@ def test_a_lock_spoils_nothing_that_it_finds(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o1777])
-def test_lock_is_in_a_private_directory(tmp_path: Path, mode: int) -> None:
+def test_lock_is_in_a_private_directory(tmp_path, mode):
     place = tmp_path / "shared"
     place.mkdir()
     place.chmod(mode)

@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import socket
-from pathlib import Path
 
 import pytest
 
@@ -17,7 +16,7 @@ from daq.store import RunWriter, load_manifest, new_manifest
 from tests.support.refusals import refused
 
 
-def test_other_file_in_place_of_the_socket_stays(tmp_path: Path) -> None:
+def test_other_file_in_place_of_the_socket_stays(tmp_path):
     file, folder = tmp_path / "notes.txt", tmp_path / "folder"
     file.write_text("precious")
     folder.mkdir()
@@ -27,7 +26,7 @@ def test_other_file_in_place_of_the_socket_stays(tmp_path: Path) -> None:
     assert file.read_text() == "precious"
 
 
-def test_an_error_in_the_program_is_no_mistake_of_who_asked() -> None:
+def test_an_error_in_the_program_is_no_mistake_of_who_asked():
     def fails(_: object) -> dict[str, object]:
         raise ValueError("unforeseen")
 
@@ -36,7 +35,7 @@ def test_an_error_in_the_program_is_no_mistake_of_who_asked() -> None:
     assert "not JSON" in reply(b"{", fails)["what"] and "a JSON object" in reply(b"[]", fails)["what"]
 
 
-def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path, monkeypatch):
     def full(fd: int, data: bytes) -> int:
         raise OSError(errno.ENOSPC, "full")
 
@@ -52,7 +51,7 @@ def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypat
     lock.release()
 
 
-def test_hanging_daemon_is_distinguished_from_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hanging_daemon_is_distinguished_from_none(tmp_path, monkeypatch):
     """It takes a few connections and answers none; then the system takes no more."""
     monkeypatch.setattr(daq.service.client, "socket_directory", lambda: tmp_path)
     monkeypatch.setattr(daq.service.client, "ANSWERS_S", 0.1)
@@ -70,7 +69,7 @@ def test_hanging_daemon_is_distinguished_from_none(tmp_path: Path, monkeypatch: 
                 pass
 
 
-def test_an_operator_of_another_encoding_is_recorded(tmp_path: Path) -> None:
+def test_an_operator_of_another_encoding_is_recorded(tmp_path):
     """As the command line of a Latin-1 terminal gives him."""
     operator = json.loads(json.dumps(os.fsdecode("Müller".encode("latin-1"))))
     label = RunLabel(name="lap", test="radial", operator=operator)

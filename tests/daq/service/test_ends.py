@@ -5,7 +5,6 @@ import signal
 import struct
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
@@ -20,10 +19,10 @@ from daq.wire.links import Link
 from rigs.errors import CellError
 from rigs.load import parse
 from rigs.schema.feedback import URRTDE, LineFeed
-from tests.support.bench import Bench, rig_text
+from tests.support.bench import rig_text
 
 
-def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(tmp_path: Path) -> None:
+def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(tmp_path):
     asked, may_answer, commands = threading.Event(), threading.Event(), []
 
     def answer(request: dict[str, object]) -> dict[str, object]:
@@ -59,7 +58,7 @@ def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(t
     assert commands == ["record_stop"]
 
 
-def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch):
     opening, resolved = threading.Event(), threading.Event()
 
     def resolve(*_: object) -> Link:
@@ -91,7 +90,7 @@ def _lost(stream: Stream) -> Link:
 
 
 @pytest.mark.parametrize("joint", ["nan", "inf", "-inf", "NaN", "1e400", "", "--1", "0x10", "1e99", "45123456"])
-def test_a_joint_that_is_no_number_gets_through_no_line_feed(joint: str) -> None:
+def test_a_joint_that_is_no_number_gets_through_no_line_feed(joint):
     host = daq.feedback.host(LineFeed(interface="line_feed", port="tcp://robot:1"))
     host.connected(0)
     (fault,) = host.received(f"17,1.5,2,3,{joint},5,6\n".encode(), 1).items
@@ -99,7 +98,7 @@ def test_a_joint_that_is_no_number_gets_through_no_line_feed(joint: str) -> None
 
 
 @pytest.mark.parametrize("joint", [math.nan, math.inf, -math.inf, 1.7e308, 1e99])
-def test_a_joint_that_is_no_number_gets_through_no_rtde(joint: float) -> None:
+def test_a_joint_that_is_no_number_gets_through_no_rtde(joint):
     host = daq.feedback.host(URRTDE(interface="ur_rtde", port="tcp://robot:1", condition=False, pose=False))
     host.connected(0)
     for kind, payload in ((b"V", b"\1"), (b"O", b"\1DOUBLE,VECTOR6D"), (b"S", b"\1")):
@@ -112,6 +111,6 @@ def _packet(kind: bytes, payload: bytes) -> bytes:
     return struct.pack(">HB", 3 + len(payload), kind[0]) + payload
 
 
-def test_ctrl_c_ends_an_emulated_cell_with_130(bench: Bench) -> None:
+def test_ctrl_c_ends_an_emulated_cell_with_130(bench):
     with bench.emulating("paper-fanuc", end=signal.SIGINT, code=130):
         pass

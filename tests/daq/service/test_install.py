@@ -56,9 +56,7 @@ def _people_s(root: Path) -> dict[Path, str]:
 @pytest.mark.parametrize(
     ("mode", "owner", "refused"), [(0o666, 0, True), (0o644, 65534, True), (0o644, 0, False), (0o664, 0, False)]
 )
-def test_a_checkout_that_others_can_write_is_not_run_by_root(
-    tmp_path: Path, mode: int, owner: int, refused: bool
-) -> None:
+def test_a_checkout_that_others_can_write_is_not_run_by_root(tmp_path, mode, owner, refused):
     """Its Python is none, so that it ends there where it is not refused before."""
     (tmp_path / "scripts").mkdir(mode=0o755)
     install = Path(shutil.copy(INSTALL, tmp_path / "scripts" / "install"))
@@ -75,7 +73,7 @@ def test_a_checkout_that_others_can_write_is_not_run_by_root(
     assert ("is no Python" in done.stderr) != refused
 
 
-def test_the_addresses_of_each_rig_file_are_allowed(tmp_path: Path) -> None:
+def test_the_addresses_of_each_rig_file_are_allowed(tmp_path):
     """With a Python that stands for the installed one: which rig needs what is test_addresses."""
     python = tmp_path / "opt/rig/bin/python"
     python.parent.mkdir(parents=True)
@@ -102,7 +100,7 @@ def test_the_addresses_of_each_rig_file_are_allowed(tmp_path: Path) -> None:
     assert not list(units.iterdir()) and len(list((tmp_path / "etc/rig").iterdir())) == 2
 
 
-def test_uninstalling_keeps_files_of_the_user(tmp_path: Path) -> None:
+def test_uninstalling_keeps_files_of_the_user(tmp_path):
     python = _python_with_pip()
     _environment_of_the_lock(tmp_path / "opt/rig", python)
     made = _people_s(tmp_path)
@@ -140,7 +138,7 @@ def test_uninstalling_keeps_files_of_the_user(tmp_path: Path) -> None:
         (["--root"], 2, "--root needs a directory"),
     ],
 )
-def test_without_root_it_is_one_line(options: list[str], code: int, says: str) -> None:
+def test_without_root_it_is_one_line(options, code, says):
     nobody = [] if os.getuid() else ["unshare", "--user"]
     if nobody and (not shutil.which("unshare") or subprocess.run([*nobody, "true"], check=False).returncode):
         pytest.skip("always root")
@@ -153,7 +151,7 @@ def _pins(lock: str) -> dict[str, str]:
     return dict(re.findall(r"^([a-z0-9-]+)==(\S+)", (ROOT / "scripts" / lock).read_text(), re.M))
 
 
-def test_cell_gets_the_tested_versions() -> None:
+def test_cell_gets_the_tested_versions():
     runtime, developing = _pins("runtime.lock"), _pins("requirements.lock")
     assert runtime.items() < developing.items()
     needed = re.search(r"^dependencies = \[(.*?)^\]", (ROOT / "pyproject.toml").read_text(), re.M | re.S)
@@ -168,7 +166,7 @@ RULE = re.compile(
 )
 
 
-def test_the_udev_rules_are_rules() -> None:
+def test_the_udev_rules_are_rules():
     """By the grammar of udev(7): matches first, then at least one assignment; `udevadm verify` where there is one."""
     path = ROOT / "systemd" / "99-rig.rules"
     rules = [line for line in path.read_text().splitlines() if line and line[0] != "#"]

@@ -34,9 +34,7 @@ BY_SYSTEMD = {
 """As a booted systemd 252 wrote them, without the fields that nobody reads here."""
 
 
-def test_severities_reach_the_journal_and_a_traceback_keeps_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_severities_reach_the_journal_and_a_traceback_keeps_its_own(tmp_path, monkeypatch, capfd):
     status = os.fstat(2)
     monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino}")
     formatter = journal.formatter()
@@ -50,7 +48,7 @@ def test_severities_reach_the_journal_and_a_traceback_keeps_its_own(
     assert rows == ["<7>g1", "<6>g1", "<4>g1", "<3>g1"]
 
 
-def test_redirected_standard_error_names_the_severity(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_redirected_standard_error_names_the_severity(monkeypatch):
     """A child whose standard error was redirected inherits the variable all the same."""
     monkeypatch.setenv("JOURNAL_STREAM", "1:2")
     assert not journal.is_journal()
@@ -59,7 +57,7 @@ def test_redirected_standard_error_names_the_severity(monkeypatch: pytest.Monkey
     assert journal.with_severity("error: x", journal.ERROR) == "error: x"
 
 
-def test_the_daemon_itself_marks_its_lines(tmp_path: Path) -> None:
+def test_the_daemon_itself_marks_its_lines(tmp_path):
     with (tmp_path / "journal").open("w+") as file:
         status = os.fstat(file.fileno())
         env = {**os.environ, "JOURNAL_STREAM": f"{status.st_dev}:{status.st_ino}"}
@@ -68,7 +66,7 @@ def test_the_daemon_itself_marks_its_lines(tmp_path: Path) -> None:
         assert file.read().startswith("<3>error: no-such-rig: ")
 
 
-def test_lines_for_a_person() -> None:
+def test_lines_for_a_person():
     warned, watchdog = journal.entry(WARNED), journal.entry(BY_SYSTEMD)
     assert warned.at == datetime.fromtimestamp(1795168800, UTC) and warned.rig == watchdog.rig == "cell"
     clock = f"{warned.at:%Y-%m-%d %H:%M:%S}"
@@ -87,7 +85,7 @@ def _plain(text: str) -> str:
 
 
 @pytest.mark.skipif(not shutil.which("journalctl"), reason="no journalctl")
-def test_empty_journal_is_one_line() -> None:
+def test_empty_journal_is_one_line():
     with refused("daemon.no_log"):
         list(journal.read("no-such-rig"))
     with refused("daemon.no_log"):
@@ -96,7 +94,7 @@ def test_empty_journal_is_one_line() -> None:
         list(journal.read(None, "whenever"))
 
 
-def test_output_of_journalctl_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_of_journalctl_is_read(tmp_path, monkeypatch):
     """A stand-in prints what a booted system's journal did; the real one is read in scripts/booted."""
     program = tmp_path / "journalctl"
     rows = "\n".join(json.dumps(fields) for fields in (WARNED, BY_SYSTEMD))

@@ -5,7 +5,6 @@ import os
 import random
 import re
 import signal
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -17,7 +16,6 @@ from daq.service.exposition import Metric, render
 from daq.service.maintenance import Maintenance, write_atomically
 from rigs.errors import CellError
 from rigs.text import plain_lines
-from tests.support.bench import Bench
 from tests.support.nightly import examples
 
 _LINE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\["\\n])*",?)*)\})? (\S+)', re.ASCII)
@@ -53,7 +51,7 @@ def _plain(quoted: str) -> str:
 
 
 @examples(30, 100)
-def test_whatever_a_label_holds_is_read_back(examples: int) -> None:
+def test_whatever_a_label_holds_is_read_back(examples):
     @settings(max_examples=examples)
     @given(st.text(), st.dictionaries(st.sampled_from("abc"), st.text()), st.floats())
     def holds(words: str, labels: dict[str, str], value: float) -> None:
@@ -65,11 +63,11 @@ def test_whatever_a_label_holds_is_read_back(examples: int) -> None:
     holds()
 
 
-def test_metric_without_value_is_left_out() -> None:
+def test_metric_without_value_is_left_out():
     assert render([Metric("rig_x", "gauge", "x", ())]) == ""
 
 
-def test_daemon_exports_readings_and_recordings(bench: Bench) -> None:
+def test_daemon_exports_readings_and_recordings(bench):
     target = bench.folder / "textfile" / "rig.prom"
     target.parent.mkdir()
     bench.options = ["--metrics", target]
@@ -103,14 +101,12 @@ def test_daemon_exports_readings_and_recordings(bench: Bench) -> None:
     assert not target.exists()  # a daemon that has ended tells nothing
 
 
-def test_unwritable_metrics_file_is_reported_at_the_start(bench: Bench) -> None:
+def test_unwritable_metrics_file_is_reported_at_the_start(bench):
     told = bench.fails("rigd", bench.rig, "--metrics", bench.folder / "nowhere" / "rig.prom", code=4)
     assert "nowhere/rig.prom: " in told
 
 
-def test_a_file_of_metrics_that_cannot_be_written_any_more_ends_nothing(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_file_of_metrics_that_cannot_be_written_any_more_ends_nothing(tmp_path, caplog):
     folder = tmp_path / "there"
     keeper = Maintenance(folder / "rig.prom", lambda: "x 1\n", None)
     for _ in range(3):
@@ -121,7 +117,7 @@ def test_a_file_of_metrics_that_cannot_be_written_any_more_ends_nothing(
         keeper.start()
 
 
-def test_a_file_of_somebody_else_is_neither_replaced_nor_removed(bench: Bench) -> None:
+def test_a_file_of_somebody_else_is_neither_replaced_nor_removed(bench):
     before = bench.rig.read_bytes()
     told = bench.fails("rigd", bench.rig, "--metrics", bench.rig, code=4)
     assert f"{bench.rig}: exists already" in told
@@ -131,7 +127,7 @@ def test_a_file_of_somebody_else_is_neither_replaced_nor_removed(bench: Bench) -
     assert "pipe: exists already" in told
 
 
-def test_only_metrics_are_removed_at_the_end(tmp_path: Path) -> None:
+def test_only_metrics_are_removed_at_the_end(tmp_path):
     path, metrics = tmp_path / "rig.prom", render([Metric("rig_x", "gauge", "X.", (({}, 1.0),))])
     path.write_text(metrics)  # as a daemon that was killed leaves it
     for text, left in ((metrics, []), ("Dear all,", [path])):  # the latter as if another program had written it
@@ -142,7 +138,7 @@ def test_only_metrics_are_removed_at_the_end(tmp_path: Path) -> None:
         assert list(tmp_path.iterdir()) == left
 
 
-def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_a_file_is_there_whole_or_not_at_all(tmp_path):
     path = tmp_path / "rig.prom"
     write_atomically(path, "old\n")
     write_atomically(path, "a directory's name \udcff\n")
@@ -166,7 +162,7 @@ def _samples(seconds: float, ppm: float, start_s: float, rng: random.Random, dev
     return samples
 
 
-def test_the_drift_of_a_clock_shows_through_late_messages() -> None:
+def test_the_drift_of_a_clock_shows_through_late_messages():
     watch, rng = DriftMonitor(), random.Random(3)
     watch.feed(_samples(9, 30, 500, rng))
     assert watch.state() is None
@@ -176,7 +172,7 @@ def test_the_drift_of_a_clock_shows_through_late_messages() -> None:
     assert state.offset_s == pytest.approx(-500 + 0.009, abs=1e-3) and 0.003 < state.late_s < 0.02
 
 
-def test_restarted_clock_is_watched_again() -> None:
+def test_restarted_clock_is_watched_again():
     watch, rng = DriftMonitor(), random.Random(4)
     watch.feed(_samples(100, 0, 500, rng))
     watch.feed(_samples(25, 0, 600, rng, device_s=3.0))
@@ -184,7 +180,7 @@ def test_restarted_clock_is_watched_again() -> None:
     assert state is not None and state.offset_s == pytest.approx(597, abs=1e-3) and state.drift_ppm is None
 
 
-def test_an_instrument_without_a_clock_has_no_drift() -> None:
+def test_an_instrument_without_a_clock_has_no_drift():
     watch = DriftMonitor()
     watch.feed([Sample((1.0,), NO_TIME, number, number, 7) for number in range(100)])
     assert watch.state() is None

@@ -12,7 +12,6 @@ from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample, SampleB
 from daq.service.answers import LONGEST_ANSWER, read_answer
 from daq.service.client import Client
 from daq.service.daemon import MOST, recent_samples
-from tests.support.bench import Bench
 from tests.support.refusals import refused
 
 
@@ -32,26 +31,26 @@ def numbers(stream: dict[str, Any]) -> list[float]:
     return [row[1] for row in stream["rows"]]
 
 
-def test_each_sample_comes_once() -> None:
+def test_each_sample_comes_once():
     buffer = delivered(5)
     assert numbers(asked(buffer)) == [1, 2, 3, 4, 5] and asked(buffer)["newest"] == 5
     assert numbers(asked(buffer, 3)) == [4, 5] and numbers(asked(buffer, 5)) == []
 
 
-def test_recorded_samples_remain_visible() -> None:
+def test_recorded_samples_remain_visible():
     buffer = delivered(5)
     buffer.drain()
     assert len(numbers(asked(buffer))) == 5
 
 
-def test_many_are_thinned_evenly_to_the_newest() -> None:
+def test_many_are_thinned_evenly_to_the_newest():
     found = numbers(asked(delivered(990)))
     assert len(found) <= MOST and found[-1] == 990
     assert len({b - a for a, b in pairwise(found)}) == 1
     assert len(numbers(asked(delivered(5000)))) <= MOST
 
 
-def test_blocks_of_a_quick_stream_are_cut_where_the_client_is_and_bounded() -> None:
+def test_blocks_of_a_quick_stream_are_cut_where_the_client_is_and_bounded():
     buffer = StreamBuffer("g1", ("g1_mm",))
     for first in range(0, 4800, 240):
         block = [Sample((float(k),), NO_TIME, k, k, 3) for k in range(first + 1, first + 241)]
@@ -61,17 +60,17 @@ def test_blocks_of_a_quick_stream_are_cut_where_the_client_is_and_bounded() -> N
     assert newest == 4800 and [kept[0].values, kept[-1].values] == [(3601.0,), (4800.0,)]
 
 
-def test_client_of_an_earlier_daemon_gets_nothing_until_it_asks_again() -> None:
+def test_client_of_an_earlier_daemon_gets_nothing_until_it_asks_again():
     assert numbers(asked(delivered(5), 4000)) == []
 
 
-def test_a_fault_is_no_sample() -> None:
+def test_a_fault_is_no_sample():
     buffer = delivered(2)
     buffer.deliver([Fault(FaultKind.SILENT, 3, "nothing")])
     assert asked(buffer)["newest"] == 2 and len(numbers(asked(buffer))) == 2
 
 
-def test_no_answer_is_longer_than_a_client_takes() -> None:
+def test_no_answer_is_longer_than_a_client_takes():
     buffers = {f"s{k}": delivered(1000, *[-math.pi * 1e5] * 7, math.nan, math.inf) for k in range(3)}
     answer = recent_samples({"command": "samples", "rig": True}, buffers, "x: 1\n" * 300_000)
     assert answer["rig_lines"] == [] and len(json.dumps(answer)) < LONGEST_ANSWER / 20
@@ -82,7 +81,7 @@ def test_no_answer_is_longer_than_a_client_takes() -> None:
 @pytest.mark.parametrize(
     "request_", [{"after": 3}, {"after": {"g1": -1}}, {"after": {"g1": "x"}}, {"rig": "maybe"}, {"more": 1}]
 )
-def test_a_wrong_request_is_refused_in_one_line(request_: dict[str, Any]) -> None:
+def test_a_wrong_request_is_refused_in_one_line(request_):
     with refused("daemon.bad_request"):
         recent_samples({"command": "samples", **request_}, {}, "")
 
@@ -96,13 +95,13 @@ def test_a_wrong_request_is_refused_in_one_line(request_: dict[str, Any]) -> Non
         {"columns": [], "rows": []},
     ],
 )
-def test_an_answer_of_another_shape_is_not_taken(stream: dict[str, Any]) -> None:
+def test_an_answer_of_another_shape_is_not_taken(stream):
     answer = {"ok": True, "now_ns": 1, "rig_lines": [], "streams": {"g1": stream}}
     with pytest.raises(ValueError, match="streams"):
         read_answer("samples", json.dumps(answer).encode())
 
 
-def test_a_running_daemon_hands_on_its_rig_file_and_its_samples(bench: Bench) -> None:
+def test_a_running_daemon_hands_on_its_rig_file_and_its_samples(bench):
     bench.start().all_reading()
     with Client(bench.socket) as client:
         answer = client.ask("samples", rig=True)

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[3]
 UNIT = ROOT / "systemd" / "rigd@.service"
 
 
-def test_systemd_hears_ready_watchdog_and_stopping(bench: Bench) -> None:
+def test_systemd_hears_ready_watchdog_and_stopping(bench):
     address = bench.folder / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(address))
@@ -33,7 +33,7 @@ def test_systemd_hears_ready_watchdog_and_stopping(bench: Bench) -> None:
             heard = manager.recv(4096)
 
 
-def test_the_watchdog_is_fed_while_a_gauge_is_gone(bench: Bench) -> None:
+def test_the_watchdog_is_fed_while_a_gauge_is_gone(bench):
     """A lost instrument is no reason to restart a daemon that is trying to get it back."""
     address = bench.folder / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
@@ -49,7 +49,7 @@ def test_the_watchdog_is_fed_while_a_gauge_is_gone(bench: Bench) -> None:
 
 
 @pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="no systemd-analyze")
-def test_the_unit_is_valid_and_hardened(tmp_path: Path) -> None:
+def test_the_unit_is_valid_and_hardened(tmp_path):
     unit = tmp_path / "rigd@cell.service"
     unit.write_text(UNIT.read_text().replace("/opt/rig/bin/rigd", sys.executable))
     done = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True, check=False)
@@ -61,14 +61,14 @@ def test_the_unit_is_valid_and_hardened(tmp_path: Path) -> None:
     assert f"rates it {exposure}." in (ROOT / "docs" / "service.md").read_text()
 
 
-def test_the_unit_is_limited() -> None:
+def test_the_unit_is_limited():
     told = dict(line.split("=", 1) for line in UNIT.read_text().splitlines() if "=" in line and line[0] != "#")
     assert told["IPAddressDeny"] == "any" and "IPAddressAllow" not in told
     assert told["MemoryMax"] and int(told["TasksMax"]) > 64 and int(told["LimitNOFILE"]) >= 1024
 
 
 @pytest.mark.skipif(not shutil.which("systemd-sysusers"), reason="no systemd-sysusers")
-def test_the_unit_runs_as_the_user_that_sysusers_makes(tmp_path: Path) -> None:
+def test_the_unit_runs_as_the_user_that_sysusers_makes(tmp_path):
     (tmp_path / "etc").mkdir()
     subprocess.run(["systemd-sysusers", f"--root={tmp_path}", UNIT.with_name("rig.sysusers")], check=True)
     name, _, uid, gid, _, home, shell = (tmp_path / "etc" / "passwd").read_text().strip().split(":")
@@ -80,7 +80,7 @@ def test_the_unit_runs_as_the_user_that_sysusers_makes(tmp_path: Path) -> None:
     assert told["User"] == told["Group"] == "rig" and "DynamicUser" not in told
 
 
-def test_the_group_may_read_a_run_and_use_the_socket(bench: Bench) -> None:
+def test_the_group_may_read_a_run_and_use_the_socket(bench):
     bench.start(umask=0o027).all_reading()
     path = bench.record()
     bench.recorded(20)
@@ -129,9 +129,7 @@ Recorder._drain_buffers = break_down
     [(BROKEN_READER, "read robot", "AttributeError"), (BROKEN_WRITER, "write", "TypeError")],
     ids=["reader", "writer"],
 )
-def test_an_error_in_the_program_closes_the_run_as_failed_and_ends_the_daemon(
-    bench: Bench, patch: str, thread: str, error: str
-) -> None:
+def test_an_error_in_the_program_closes_the_run_as_failed_and_ends_the_daemon(bench, patch, thread, error):
     _failing_daemon(bench, patch).all_reading()
     path = bench.record()
     assert bench.daemon is not None
@@ -146,7 +144,7 @@ def test_an_error_in_the_program_closes_the_run_as_failed_and_ends_the_daemon(
 
 
 @pytest.mark.parametrize("command", [["--help"], ["analyse", "--help"], ["record", "start", "--help"]])
-def test_help_loads_nothing_heavy(command: list[str]) -> None:
+def test_help_loads_nothing_heavy(command):
     program = (
         "import sys; sys.argv = ['rig', *sys.argv[1:]]\n"
         "from analysis.cli import main\n"

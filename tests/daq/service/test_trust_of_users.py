@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from daq.service.trust import InstanceLock
@@ -12,7 +8,7 @@ from tests.support.refusals import refused
     ("port", "same"),
     [("tcp://localhost:15021", "tcp://127.0.0.1:15021"), ("tcp://Gauge.example:1", "TCP://gauge.EXAMPLE:1")],
 )
-def test_one_gauge_is_read_by_one_daemon_however_its_port_is_written(port: str, same: str) -> None:
+def test_one_gauge_is_read_by_one_daemon_however_its_port_is_written(port, same):
     first = InstanceLock.take_gauge("g1", port)
     with refused("gauge.in_use"):
         InstanceLock.take_gauge("g1", same)
@@ -21,7 +17,7 @@ def test_one_gauge_is_read_by_one_daemon_however_its_port_is_written(port: str, 
     InstanceLock.take_gauge("g1", same).release()
 
 
-def test_a_serial_port_is_one_under_all_its_names(tmp_path: Path) -> None:
+def test_a_serial_port_is_one_under_all_its_names(tmp_path):
     (tmp_path / "tty").write_bytes(b"")
     (tmp_path / "by-id").symlink_to(tmp_path / "tty")
     first = InstanceLock.take_gauge("g1", str(tmp_path / "tty"))

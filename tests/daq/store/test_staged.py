@@ -1,10 +1,7 @@
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 from daq.store.run_directory import files_into, new_directory
 
@@ -19,7 +16,7 @@ with new_directory(Path(sys.argv[1])) as made:
 """
 
 
-def test_remains_of_a_killed_process_are_removed_by_the_next_command(tmp_path: Path) -> None:
+def test_remains_of_a_killed_process_are_removed_by_the_next_command(tmp_path):
     child = subprocess.Popen([sys.executable, "-c", FILLS, tmp_path / "run"], stdout=subprocess.PIPE, text=True)
     with child:
         assert child.stdout and child.stdout.readline() == "filled\n"
@@ -35,7 +32,7 @@ def test_remains_of_a_killed_process_are_removed_by_the_next_command(tmp_path: P
     assert sorted(one.name for one in tmp_path.iterdir()) == [".mine.tmp", "file", "other"]
 
 
-def test_two_that_are_being_filled_do_not_remove_each_other(tmp_path: Path) -> None:
+def test_two_that_are_being_filled_do_not_remove_each_other(tmp_path):
     with new_directory(tmp_path / "one") as first, new_directory(tmp_path / "two") as second:
         (first / "a").write_text("1")
         (second / "b").write_text("2")

@@ -28,7 +28,7 @@ def _revived(bench: Bench, path: Path) -> None:
     assert len(read_run(path).streams["robot"]["q1_deg"]) > 20
 
 
-def test_next_start_recovers_a_killed_recording(bench: Bench) -> None:
+def test_next_start_recovers_a_killed_recording(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.until(lambda state: min(state["synced"].values()) > 20)
@@ -42,7 +42,7 @@ def test_next_start_recovers_a_killed_recording(bench: Bench) -> None:
     assert f"recovered {path}, " in said
 
 
-def test_two_daemons_share_a_runs_directory(bench: Bench, tmp_path: Path) -> None:
+def test_two_daemons_share_a_runs_directory(bench, tmp_path):
     (tmp_path / "runs").mkdir()
     (tmp_path / "second").mkdir()
     (tmp_path / "second" / "runs").symlink_to(tmp_path / "runs")
@@ -68,7 +68,7 @@ def test_two_daemons_share_a_runs_directory(bench: Bench, tmp_path: Path) -> Non
     assert verify(second) == []
 
 
-def test_unusual_directories_are_kept_and_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_unusual_directories_are_kept_and_reported(tmp_path, caplog):
     for name, file, data in (("empty", ".lock", b""), ("other", "notes.txt", b"x"), ("newer", "manifest.json", b"{}")):
         (tmp_path / name).mkdir()
         (tmp_path / name / file).write_bytes(data)
@@ -81,7 +81,7 @@ def test_unusual_directories_are_kept_and_reported(tmp_path: Path, caplog: pytes
     assert "not recovered: " in told and "newer" in told and "a different version" in told
 
 
-def test_unreadable_directory_does_not_stop_recovery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreadable_directory_does_not_stop_recovery(tmp_path, monkeypatch):
     """As lost+found, which belongs to root, on a disk that the runs have to themselves."""
     (tmp_path / "lost+found").mkdir()
     writer = RunWriter.create(tmp_path, new_manifest(name="lap", test="radial", direction=None, **WHO))
@@ -112,7 +112,7 @@ main()
 """
 
 
-def test_a_small_real_disk_fills_up_and_is_cleared(bench: Bench) -> None:
+def test_a_small_real_disk_fills_up_and_is_cleared(bench):
     unshare = ["unshare", "--mount", "--map-root-user", "sh", "-c", SMALL_DISK]
     size = TO_BEGIN_BYTES + 2 * MARGIN_BYTES
     (bench.folder / "runs").mkdir()

@@ -40,13 +40,13 @@ def assert_true(data: bytes) -> int:
     return len(found.batches)
 
 
-def test_sound_chunk() -> None:
+def test_sound_chunk():
     found = salvage(FILE, SCHEMA)
     assert (found.rows, found.closed, found.unread, found.damage) == (15, True, 0, None)
     assert bits(found.batches[1]["g1_mm"]) == bits([s.values[0] for s in samples(5, 1, 5)])
 
 
-def test_truncated_at_every_byte() -> None:
+def test_truncated_at_every_byte():
     for length in range(len(FILE)):
         found = salvage(FILE[:length], SCHEMA)
         complete = sum(end <= length for end in ENDS[1:])
@@ -57,7 +57,7 @@ def test_truncated_at_every_byte() -> None:
         assert found.unread == length - max((e for e in ENDS if e <= length), default=0), length
 
 
-def test_one_bit_flipped_in_every_byte() -> None:
+def test_one_bit_flipped_in_every_byte():
     for place in range(len(FILE)):
         data = bytearray(FILE)
         data[place] ^= 1 << (place % 8)
@@ -68,7 +68,7 @@ def test_one_bit_flipped_in_every_byte() -> None:
             assert count == 3  # a damaged head costs no batch
 
 
-def test_flipped_value_is_caught() -> None:
+def test_flipped_value_is_caught():
     place = FILE.index(bits([BATCHES[1]["g1_mm"][0].as_py()])[:8])
     data = bytearray(FILE)
     data[place] ^= 1
@@ -80,13 +80,13 @@ def test_flipped_value_is_caught() -> None:
 
 @pytest.mark.parametrize("after", [0, 1, 2, 3])
 @pytest.mark.parametrize("zeros", [1, 4, 8, 64, 4096])
-def test_zeros_at_a_batch_boundary_are_no_clean_end(after: int, zeros: int) -> None:
+def test_zeros_at_a_batch_boundary_are_no_clean_end(after, zeros):
     found = salvage(FILE[: ENDS[after]] + bytes(zeros), SCHEMA)
     assert (len(found.batches), found.closed, found.unread) == (after, False, zeros)
     assert found.damage
 
 
-def test_batches_lost_from_the_middle_or_moved_are_caught() -> None:
+def test_batches_lost_from_the_middle_or_moved_are_caught():
     start = head(SCHEMA)
     assert salvage(start + FRAMES[0] + FRAMES[2] + END, SCHEMA).rows == 5
     assert salvage(start + FRAMES[1] + FRAMES[0] + END, SCHEMA).rows == 0
@@ -95,13 +95,13 @@ def test_batches_lost_from_the_middle_or_moved_are_caught() -> None:
 
 @given(st.integers(0, len(FILE)), st.integers(1, 600), st.sampled_from([0, 0xFF, 0x7F]))
 @example(0, len(FILE), 0)
-def test_overwritten_range(place: int, length: int, value: int) -> None:
+def test_overwritten_range(place, length, value):
     data = FILE[:place] + bytes([value]) * length + FILE[place + length :]
     assert assert_true(data) >= sum(end <= place for end in ENDS[1:])
 
 
 @given(st.binary(max_size=300), st.integers(0, len(FILE)))
-def test_any_bytes(junk: bytes, place: int) -> None:
+def test_any_bytes(junk, place):
     assert_true(junk)
     assert_true(FILE[:place] + junk)
     opening_in(junk)
@@ -109,12 +109,12 @@ def test_any_bytes(junk: bytes, place: int) -> None:
 
 
 @pytest.mark.parametrize("length", [b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"\xff\xff\xff\xff"])
-def test_huge_length_in_a_header(length: bytes) -> None:
+def test_huge_length_in_a_header(length):
     place = ENDS[1] + 4
     assert assert_true(FILE[:place] + length + FILE[place + 4 :]) == 1
 
 
-def test_parquet_keeps_every_bit_and_the_opening() -> None:
+def test_parquet_keeps_every_bit_and_the_opening():
     table = table_of(tuple(BATCHES), SCHEMA)
     data = to_parquet(table)
     back = from_parquet(data)
@@ -123,11 +123,11 @@ def test_parquet_keeps_every_bit_and_the_opening() -> None:
     assert opening_in(data) == opening_in(FILE) == b'{"run": 1}'
 
 
-def test_damaged_opening_is_none() -> None:
+def test_damaged_opening_is_none():
     assert opening_in(FILE.replace(b'"run": 1', b'"run": 2')) is None
 
 
-def test_faults_and_odd_codes() -> None:
+def test_faults_and_odd_codes():
     schema = schema_of(FAULTS, ())
     surrogate = Fault(FaultKind.DEVICE_ERROR, 7, "\udcff", 2)
     batch = batch_of([("g1", fault()), ("g2", surrogate)], schema, 5)

@@ -4,7 +4,6 @@ import os
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
@@ -31,7 +30,7 @@ def no_descriptor(but: int = 0) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("but", [0, 1, 2])
-def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_some(tmp_path: Path, but: int) -> None:
+def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_some(tmp_path, but):
     with no_descriptor(but), pytest.raises(CellError, match=REMEDY) as error:
         start(tmp_path)
     assert "make room" not in str(error.value)
@@ -39,7 +38,7 @@ def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_
     start(tmp_path).close("complete", "", {})
 
 
-def test_a_run_that_cannot_go_on_asks_for_descriptors(tmp_path: Path) -> None:
+def test_a_run_that_cannot_go_on_asks_for_descriptors(tmp_path):
     writer = record(tmp_path)
     with no_descriptor(), pytest.raises(CellError, match=REMEDY) as error:
         writer.append("g1", samples(4))

@@ -61,7 +61,7 @@ def said(run: Path) -> str:
     return "\n".join(line.removeprefix(str(run)).lstrip(": /") for line in (verdict.summary, *verdict.lines))
 
 
-def test_line_has_the_documented_form(run: Path) -> None:
+def test_line_has_the_documented_form(run):
     last, kinds = "", []
     for line in (run / "ledger.jsonl").read_text().splitlines():
         record = json.loads(line)
@@ -77,12 +77,12 @@ def test_line_has_the_documented_form(run: Path) -> None:
 
 
 @pytest.mark.parametrize("file", ["g1-0001.parquet", "g1-0002.parquet", "g1-0003.parquet", "robot-0003.parquet"])
-def test_a_chunk_and_its_record_are_missed_even_where_the_chain_was_made_to_fit(run: Path, file: str) -> None:
+def test_a_chunk_and_its_record_are_missed_even_where_the_chain_was_made_to_fit(run, file):
     forget_chunk(run, file)
     assert said(run).startswith("not whole") and f"of {file[:-13]} are missing" in said(run)
 
 
-def test_a_stream_that_is_gone_is_missed(run: Path) -> None:
+def test_a_stream_that_is_gone_is_missed(run):
     for file in sorted(run.glob("g1-*")):
         forget_chunk(run, file.name)
     verdict, counted, missing = said(run).splitlines()
@@ -90,7 +90,7 @@ def test_a_stream_that_is_gone_is_missed(run: Path) -> None:
     assert CliRunner().invoke(app, ["verify", str(run)]).exit_code == 3
 
 
-def test_faults_that_are_gone_are_missed(run: Path) -> None:
+def test_faults_that_are_gone_are_missed(run):
     forget_chunk(run, "faults-0001.parquet")
     seal = ledger_records(run)[-1]
     seal["seal"]["rows"]["faults"] = 0
@@ -99,13 +99,13 @@ def test_faults_that_are_gone_are_missed(run: Path) -> None:
     assert verdict == "not whole" and counted.startswith("15 garbled of g1")
 
 
-def test_renumbered_chunk_is_reported(run: Path) -> None:
+def test_renumbered_chunk_is_reported(run):
     (run / "g1-0003.parquet").rename(run / "g1-0004.parquet")
     edit_chunk(run, "g1-0003.parquet", {"file": "g1-0004.parquet"})
     assert "chunk 3 of g1 is missing" in said(run)
 
 
-def test_a_ledger_that_is_cut_is_a_run_that_was_never_ended(run: Path) -> None:
+def test_a_ledger_that_is_cut_is_a_run_that_was_never_ended(run):
     lines = (run / "ledger.jsonl").read_bytes().splitlines(keepends=True)
     for count in range(len(lines)):
         (run / "ledger.jsonl").write_bytes(b"".join(lines[:count]))
@@ -115,7 +115,7 @@ def test_a_ledger_that_is_cut_is_a_run_that_was_never_ended(run: Path) -> None:
 
 
 @examples(20, 60)
-def test_nothing_changes_in_a_ledger_unseen(whole: Path, run: Path, examples: int) -> None:
+def test_nothing_changes_in_a_ledger_unseen(whole, run, examples):
     @settings(max_examples=examples)
     @given(data=st.data())
     def holds(data: st.DataObject) -> None:
@@ -155,9 +155,7 @@ def without_g1(run: Path) -> list[bytes]:
 
 
 @pytest.mark.parametrize("interrupted", [False, True])
-def test_unverifiable_seal_still_counts_missing_rows(
-    run: Path, monkeypatch: pytest.MonkeyPatch, interrupted: bool
-) -> None:
+def test_unverifiable_seal_still_counts_missing_rows(run, monkeypatch, interrupted):
     (run / "ledger.jsonl").write_bytes(b"".join(without_g1(run)))
     assert said(run).startswith("not whole")
     if interrupted:
@@ -174,20 +172,20 @@ def refuse_to_open(run: Path) -> None:
     raise OSError(errno.EIO, os.strerror(errno.EIO))
 
 
-def test_damaged_first_line_does_not_hide_the_seal(run: Path) -> None:
+def test_damaged_first_line_does_not_hide_the_seal(run):
     (run / "ledger.jsonl").write_bytes(b"x" + b"".join(without_g1(run)))
     recover(run)
     assert "rows 0 to 19 of g1 are missing" in said(run)
 
 
-def test_a_seal_of_another_run_claims_nothing(run: Path, tmp_path: Path) -> None:
+def test_a_seal_of_another_run_claims_nothing(run, tmp_path):
     shutil.copy(finished(tmp_path / "other") / "ledger.jsonl", run / "ledger.jsonl.torn")
     (run / "ledger.jsonl").write_bytes(b"".join(without_g1(run)[:-1]))
     recover(run)
     assert said(run) == CUT
 
 
-def test_missing_ledger_is_rebuilt_from_the_chunks(run: Path) -> None:
+def test_missing_ledger_is_rebuilt_from_the_chunks(run):
     (run / "ledger.jsonl").unlink()
     assert "ledger.jsonl: is missing" in said(run)
     recover(run)
@@ -195,7 +193,7 @@ def test_missing_ledger_is_rebuilt_from_the_chunks(run: Path) -> None:
     assert load_manifest(run).counters == {"g1": {"samples": 20, "garbled": 15}, "robot": {"samples": 20}}
 
 
-def test_a_manifest_that_was_changed_is_refused_and_comes_back_from_a_chunk(run: Path) -> None:
+def test_a_manifest_that_was_changed_is_refused_and_comes_back_from_a_chunk(run):
     before = (run / "manifest.json").read_text()
     (run / "manifest.json").write_text(before.replace('"cw"', '"acw"'))
     with refused("run.damaged"):
@@ -206,14 +204,14 @@ def test_a_manifest_that_was_changed_is_refused_and_comes_back_from_a_chunk(run:
     assert said(run).startswith("recovered: no rows")
 
 
-def test_a_ledger_of_another_run_is_set_aside(run: Path, tmp_path: Path) -> None:
+def test_a_ledger_of_another_run_is_set_aside(run, tmp_path):
     shutil.copy(finished(tmp_path / "other") / "ledger.jsonl", run / "ledger.jsonl")
     recover(run)
     assert (run / "ledger.jsonl.torn").exists() and said(run).startswith("recovered: no rows")
     assert_holds(read_run(run), 20)
 
 
-def test_lines_after_a_torn_seal_are_reported_and_cut_by_the_next_record(run: Path) -> None:
+def test_lines_after_a_torn_seal_are_reported_and_cut_by_the_next_record(run):
     with (run / "ledger.jsonl").open("ab") as ledger:
         ledger.write(b'{"sha256":"12')
     lines = len(ledger_lines := (run / "ledger.jsonl").read_bytes().split(b"\n"))
@@ -223,7 +221,7 @@ def test_lines_after_a_torn_seal_are_reported_and_cut_by_the_next_record(run: Pa
     assert said(run) == "whole" and load_manifest(run).operator == "bob"
 
 
-def test_recovery_after_a_failed_end_names_the_missing_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recovery_after_a_failed_end_names_the_missing_rows(tmp_path, monkeypatch):
     writer = record(tmp_path)
 
     def refuse(table: object) -> bytes:
@@ -246,9 +244,7 @@ def test_recovery_after_a_failed_end_names_the_missing_rows(tmp_path: Path, monk
 
 @pytest.mark.parametrize("name", ["g1-0001.arrow", "ledger.jsonl", "manifest.json"])
 @pytest.mark.parametrize("moved", [False, True])
-def test_a_file_that_vanishes_is_noticed_at_the_next_write_and_no_row_is_lost(
-    tmp_path: Path, name: str, moved: bool
-) -> None:
+def test_a_file_that_vanishes_is_noticed_at_the_next_write_and_no_row_is_lost(tmp_path, name, moved):
     writer = record(tmp_path / "runs")
     if moved:
         (writer.path / name).rename(tmp_path / name)
@@ -264,7 +260,7 @@ def test_a_file_that_vanishes_is_noticed_at_the_next_write_and_no_row_is_lost(
     assert_holds(read_run(writer.path), 16)
 
 
-def test_an_old_run_reads_and_is_not_sealed(old: Path) -> None:
+def test_an_old_run_reads_and_is_not_sealed(old):
     assert_holds(read_run(old), 20)
     assert said(old).startswith("whole; sealed: no, ")
     assert recover(old).nothing_to_do and not (old / "ledger.jsonl").exists()
@@ -280,7 +276,7 @@ def test_an_old_run_reads_and_is_not_sealed(old: Path) -> None:
         ("g1-0003.parquet", "g1 has 16 rows"),
     ],
 )
-def test_an_old_run_misses_a_chunk_that_went_with_its_entry(old: Path, file: str, missed: str) -> None:
+def test_an_old_run_misses_a_chunk_that_went_with_its_entry(old, file, missed):
     manifest = json.loads((old / "manifest.json").read_text())
     manifest["chunks"] = [chunk for chunk in manifest["chunks"] if chunk["file"] != file]
     (old / "manifest.json").write_text(json.dumps(manifest))
@@ -289,7 +285,7 @@ def test_an_old_run_misses_a_chunk_that_went_with_its_entry(old: Path, file: str
 
 
 @pytest.mark.parametrize("lost", [None, "manifest.json"])
-def test_an_old_crash_is_recovered_and_sealed(tmp_path: Path, lost: str | None) -> None:
+def test_an_old_crash_is_recovered_and_sealed(tmp_path, lost):
     path = Path(shutil.copytree(OLD / "version-1-crashed", tmp_path / "old"))
     if lost:
         (path / lost).unlink()
@@ -300,7 +296,7 @@ def test_an_old_crash_is_recovered_and_sealed(tmp_path: Path, lost: str | None) 
     assert_holds(read_run(path), 12)
 
 
-def test_a_whole_old_run_with_a_file_left_over_gets_a_ledger_with_all_that_was_known(old: Path) -> None:
+def test_a_whole_old_run_with_a_file_left_over_gets_a_ledger_with_all_that_was_known(old):
     relabel(old, direction="acw")
     (old / "g1-0009.parquet.tmp").touch()
     before = load_manifest(old)
@@ -311,29 +307,29 @@ def test_a_whole_old_run_with_a_file_left_over_gets_a_ledger_with_all_that_was_k
     assert said(old).startswith("recovered: no rows")
 
 
-def test_a_manifest_of_a_version_to_come_is_refused(run: Path) -> None:
+def test_a_manifest_of_a_version_to_come_is_refused(run):
     edit_manifest(run, {"version": 3})
     with refused("file.newer_version"):
         read_run(run)
 
 
 @given(st.binary(max_size=400))
-def test_any_bytes_are_a_ledger_that_ends_early(data: bytes) -> None:
+def test_any_bytes_are_a_ledger_that_ends_early(data):
     line, last = line_of(LedgerEntry(opening="0" * 64), "")
     found = verified(line + data)
     assert found.entries[0] == LedgerEntry(opening="0" * 64) and found.unread == len(data) and found.last == last
 
 
-def test_counters_are_compared_only_where_the_run_ended_in_order(tmp_path: Path) -> None:
+def test_counters_are_compared_only_where_the_run_ended_in_order(tmp_path):
     """The last faults of a run that the disk ended need not be on it."""
     for ending, lines in (("failed", 0), ("complete", 1)):
         writer = start(tmp_path)
         writer.append_faults("g1", [fault(2)])
-        writer.close(ending, "", {"g1": {"garbled": 7}})  # type: ignore[arg-type]
+        writer.close(ending, "", {"g1": {"garbled": 7}})
         assert len(verify(writer.path)) == lines
 
 
-def test_a_run_that_is_being_recorded_is_not_to_be_recovered(tmp_path: Path) -> None:
+def test_a_run_that_is_being_recorded_is_not_to_be_recovered(tmp_path):
     writer = record(tmp_path)
     (problem,) = verify(writer.path)
     assert problem.startswith(f"{writer.path}: ") and problem.endswith("rig record stop")
@@ -341,14 +337,14 @@ def test_a_run_that_is_being_recorded_is_not_to_be_recovered(tmp_path: Path) -> 
     assert any("`rig recover" in line for line in verify(writer.path))
 
 
-def test_a_crash_is_not_whole_until_it_is_recovered(tmp_path: Path) -> None:
+def test_a_crash_is_not_whole_until_it_is_recovered(tmp_path):
     path = crash(record(tmp_path))
     assert said(path).startswith("not whole")
     recover(path)
     assert said(path) == CUT
 
 
-def test_run_with_truncated_end_is_never_called_complete(tmp_path: Path) -> None:
+def test_run_with_truncated_end_is_never_called_complete(tmp_path):
     """The last ledger lines, their chunks and the seal are missing, so the original length is unknown."""
     run = finished(tmp_path)
     was = judge(run)
@@ -364,7 +360,7 @@ def test_run_with_truncated_end_is_never_called_complete(tmp_path: Path) -> None
     assert verified_as.exit_code == 3 and "given seal" in verified_as.output
 
 
-def test_the_seal_stays_the_one_that_was_printed(run: Path, tmp_path: Path) -> None:
+def test_the_seal_stays_the_one_that_was_printed(run, tmp_path):
     writer = record(tmp_path)
     writer.close("complete", "asked", {})
     assert judge(writer.path).seal == writer.seal != judge(run).seal

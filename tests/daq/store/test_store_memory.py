@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import ctypes
 import subprocess
 import sys
@@ -27,12 +25,12 @@ print(libc.mallinfo2().hblkhd - before >> 20)
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="glibc before 2.33")
 @pytest.mark.parametrize(("called", "mapped_mib"), [("", "0"), ("keep_large_blocks_apart()", "4")])
-def test_after_a_chunk_large_blocks_are_still_mapped_by_themselves(called: str, mapped_mib: str) -> None:
+def test_after_a_chunk_large_blocks_are_still_mapped_by_themselves(called, mapped_mib):
     done = subprocess.run([sys.executable, "-c", MAPPED.format(called)], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == mapped_mib
 
 
-def test_the_first_rows_import_nothing() -> None:
+def test_the_first_rows_import_nothing():
     """An import would hold up the thread that drains the readers, as that of pandas did."""
     script = """
 import sys, numpy as np, pyarrow as pa

@@ -1,8 +1,5 @@
 """A small sample of `scripts/dev powercut`: crash states of recordings on a disk that forgets what was not synced."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from random import Random
 
 import pytest
@@ -12,7 +9,7 @@ from tests.support.powercut_trial import recording, trial
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
-def test_synced_rows_survive_a_power_cut(tmp_path: Path, seed: int) -> None:
+def test_synced_rows_survive_a_power_cut(tmp_path, seed):
     (tmp_path / "recording").mkdir()
     recorded = recording(tmp_path / "recording", seed)
     real, logged = IoWorker.read(tmp_path / "recording"), survivors(recorded.before, recorded.log, None)
@@ -21,7 +18,7 @@ def test_synced_rows_survive_a_power_cut(tmp_path: Path, seed: int) -> None:
     assert "brought back" in kinds
 
 
-def test_simulated_disk_forgets_only_unsynced_data() -> None:
+def test_simulated_disk_forgets_only_unsynced_data():
     log = [Link(0, "a", 1, False), Write(1, 0, b"x" * 9000), Sync(1), Sync(0), Write(1, 9000, b"y" * 9000)]
     log += [Link(0, "b", 2, False), Write(2, 0, b"z"), Sync(2)]
     states = [survivors(IoWorker(), log, Random(seed)).tree() for seed in range(200)]

@@ -29,7 +29,7 @@ def assert_recovered(path: Path, rows: int, exit_status: str = "recovered") -> N
     assert load_manifest(path).exit_status == exit_status
 
 
-def test_crash_is_recovered_once(tmp_path: Path) -> None:
+def test_crash_is_recovered_once(tmp_path):
     path = crash(record(tmp_path, batches=5, chunk_rows=8))
     done = recover(path)
     assert done.rows == {"g1": 4, "robot": 4, "faults": 5}
@@ -38,14 +38,14 @@ def test_crash_is_recovered_once(tmp_path: Path) -> None:
     assert load_manifest(path).counters == {"g1": {"samples": 20, "garbled": 15}, "robot": {"samples": 20}}
 
 
-def test_complete_run_needs_nothing(tmp_path: Path) -> None:
+def test_complete_run_needs_nothing(tmp_path):
     path = finished(tmp_path)
     before = (path / "manifest.json").read_bytes()
     assert recover(path).nothing_to_do
     assert (path / "manifest.json").read_bytes() == before
 
 
-def test_a_test_of_a_package_that_is_not_here_needs_the_package(tmp_path: Path) -> None:
+def test_a_test_of_a_package_that_is_not_here_needs_the_package(tmp_path):
     manifest = finished(tmp_path) / "manifest.json"
     text = manifest.read_text().replace('"yaw"', '"height"')
     manifest.write_text(text)
@@ -55,7 +55,7 @@ def test_a_test_of_a_package_that_is_not_here_needs_the_package(tmp_path: Path) 
     assert manifest.read_text() == text
 
 
-def test_torn_chunk_is_kept(tmp_path: Path) -> None:
+def test_torn_chunk_is_kept(tmp_path):
     path = crash(record(tmp_path))
     torn = (path / "g1-0001.arrow").read_bytes()[:-3]
     (path / "g1-0001.arrow").write_bytes(torn)
@@ -68,7 +68,7 @@ def test_torn_chunk_is_kept(tmp_path: Path) -> None:
     assert recover(path).nothing_to_do
 
 
-def test_damaged_head_loses_nothing(tmp_path: Path) -> None:
+def test_damaged_head_loses_nothing(tmp_path):
     path = crash(record(tmp_path))
     data = (path / "g1-0001.arrow").read_bytes()
     (path / "g1-0001.arrow").write_bytes(bytes(64) + data[64:])
@@ -76,7 +76,7 @@ def test_damaged_head_loses_nothing(tmp_path: Path) -> None:
     assert_recovered(path, 12)
 
 
-def test_empty_and_foreign_files(tmp_path: Path) -> None:
+def test_empty_and_foreign_files(tmp_path):
     path = crash(record(tmp_path))
     (path / "g1-0002.arrow").touch()
     (path / "g9-0001.arrow").write_bytes(b"x")
@@ -94,9 +94,7 @@ class Crash(BaseException):
 @pytest.mark.parametrize("step", ["finish", "append", "delete_chunk"])
 @pytest.mark.parametrize("when", ["before", "after"])
 @pytest.mark.parametrize("nth", [1, 4])
-def test_crash_while_closing_a_chunk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, when: str, nth: int
-) -> None:
+def test_crash_while_closing_a_chunk(tmp_path, monkeypatch, step, when, nth):
     writer = record(tmp_path, batches=5, chunk_rows=8)
     owner = Ledger if step == "append" else StreamWriter
     original, calls = getattr(owner, step), iter(range(1, 100))
@@ -124,7 +122,7 @@ def test_crash_while_closing_a_chunk(
 
 
 @pytest.mark.parametrize("nth", range(1, 6))
-def test_recovery_may_itself_be_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
+def test_recovery_may_itself_be_interrupted(tmp_path, monkeypatch, nth):
     path = crash(record(tmp_path))
     (path / "manifest.json").write_bytes(b"{")
     renames, rename = iter(range(1, 100)), os.replace
@@ -142,7 +140,7 @@ def test_recovery_may_itself_be_interrupted(tmp_path: Path, monkeypatch: pytest.
     assert_recovered(path, 12)
 
 
-def test_damaged_parquet_with_its_recording_chunk(tmp_path: Path) -> None:
+def test_damaged_parquet_with_its_recording_chunk(tmp_path):
     path = crash(record(tmp_path))
     (path / "g1-0001.parquet").write_bytes(b"PAR1 half a file")
     assert "g1-0001.parquet" in recover(path).losses
@@ -150,7 +148,7 @@ def test_damaged_parquet_with_its_recording_chunk(tmp_path: Path) -> None:
     assert_recovered(path, 12)
 
 
-def test_whole_parquet_is_not_replaced_by_a_torn_recording_chunk(tmp_path: Path) -> None:
+def test_whole_parquet_is_not_replaced_by_a_torn_recording_chunk(tmp_path):
     writer = record(tmp_path)
     # private: the run is left between two steps of closing a chunk
     stream_writer = writer._writers["g1"]
@@ -163,7 +161,7 @@ def test_whole_parquet_is_not_replaced_by_a_torn_recording_chunk(tmp_path: Path)
 
 @pytest.mark.parametrize("damage", [None, b"", b"{", b"\xff\xfe"])
 @pytest.mark.parametrize("end", [crash, RunWriter.close])
-def test_lost_manifest_is_rebuilt(tmp_path: Path, damage: bytes | None, end: object) -> None:
+def test_lost_manifest_is_rebuilt(tmp_path, damage, end):
     writer = record(tmp_path, batches=5, chunk_rows=8)
     opening = writer.manifest.opening()
     if end is crash:
@@ -179,9 +177,7 @@ def test_lost_manifest_is_rebuilt(tmp_path: Path, damage: bytes | None, end: obj
     assert (writer.path / "manifest.json.torn").exists() == (damage is not None)
 
 
-def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(tmp_path, monkeypatch):
     path = finished(tmp_path)
     before = load_manifest(path)
 
@@ -199,7 +195,7 @@ def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
     assert load_manifest(path) == before and verify(path) == []
 
 
-def test_lost_manifest_without_a_chunk_is_reported(tmp_path: Path) -> None:
+def test_lost_manifest_without_a_chunk_is_reported(tmp_path):
     path = crash(record(tmp_path, batches=0))
     (path / "manifest.json").unlink()
     with refused("run.not_recovered"):
@@ -221,7 +217,7 @@ for i in range(10**9):
 
 
 @pytest.mark.parametrize("lines", [1, 7, 40])
-def test_kill_9_keeps_all_that_was_synced(tmp_path: Path, lines: int) -> None:
+def test_kill_9_keeps_all_that_was_synced(tmp_path, lines):
     with subprocess.Popen(python(KILLED, tmp_path), stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as child:
         assert child.stdout
         path = Path(child.stdout.readline().strip())
@@ -287,7 +283,7 @@ def run_full(command: list[str]) -> tuple[Path, int, str]:
 
 
 @pytest.mark.parametrize("limit", [2000, 3000, 4001, 20_000])
-def test_file_that_may_not_grow(tmp_path: Path, limit: int) -> None:
+def test_file_that_may_not_grow(tmp_path, limit):
     path, synced, closed = run_full(python(FULL, tmp_path, limit))
     if closed != "closed":
         assert closed.startswith(f"{path}: ")
@@ -300,7 +296,7 @@ def test_file_that_may_not_grow(tmp_path: Path, limit: int) -> None:
     assert load_manifest(path).exit_status == ("failed" if closed == "closed" else "recovered")
 
 
-def test_disk_that_is_full(tmp_path: Path) -> None:
+def test_disk_that_is_full(tmp_path):
     disk, saved = tmp_path / "disk", tmp_path / "saved"
     disk.mkdir()
     script = (
@@ -320,7 +316,7 @@ def test_disk_that_is_full(tmp_path: Path) -> None:
     assert synced <= len(read_run(moved).streams["g1"]["sequence"]) <= synced + 4
 
 
-def test_failed_fsync_condemns_the_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_fsync_condemns_the_writer(tmp_path, monkeypatch):
     writer = record(tmp_path)
     writer.append("g1", samples(4, 1, 12))
 
@@ -338,7 +334,7 @@ def test_failed_fsync_condemns_the_writer(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(read_run(writer.path).streams["g1"]["sequence"]) == 16
 
 
-def test_a_run_that_could_not_be_closed_is_not_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_could_not_be_closed_is_not_complete(tmp_path, monkeypatch):
     writer = record(tmp_path)
     monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
     with refused("run.not_writable"):
@@ -352,7 +348,7 @@ def test_a_run_that_could_not_be_closed_is_not_complete(tmp_path: Path, monkeypa
     assert load_manifest(writer.path).reason == f"asked; {os.strerror(errno.ENOSPC)}"
 
 
-def test_chunk_that_could_not_be_closed_is_closed_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunk_that_could_not_be_closed_is_closed_at_the_end(tmp_path, monkeypatch):
     writer = record(tmp_path, batches=1, chunk_rows=8)
     writer.append("g1", samples(4, 1, 4))
     monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
@@ -364,7 +360,7 @@ def test_chunk_that_could_not_be_closed_is_closed_at_the_end(tmp_path: Path, mon
     assert len(read_run(writer.path).streams["g1"]["sequence"]) == 8
 
 
-def test_start_on_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_start_on_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "pwrite", lambda *arguments: refuse(arguments))
     with refused("run.not_writable"):
         record(tmp_path)

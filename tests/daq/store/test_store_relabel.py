@@ -29,7 +29,7 @@ def _files(run: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in run.iterdir() if file.name not in (LEDGER, durable.LOCK)}
 
 
-def test_the_new_words_hold_and_the_old_ones_are_kept(run: Path) -> None:
+def test_the_new_words_hold_and_the_old_ones_are_kept(run):
     before, files = load_manifest(run), _files(run)
     relabel(run, direction="acw")
     relabel(run, test="roll", operator="bob")
@@ -45,14 +45,14 @@ def test_the_new_words_hold_and_the_old_ones_are_kept(run: Path) -> None:
     assert listed.manifest == after and read_run(run).manifest == after
 
 
-def test_a_manifest_without_a_history_reads_and_is_written_as_before(run: Path) -> None:
+def test_a_manifest_without_a_history_reads_and_is_written_as_before(run):
     before = (run / MANIFEST).read_bytes() + (run / LEDGER).read_bytes()
     assert b"relabelled" not in before
     relabel(run, direction="cw", operator="ada")
     assert (run / MANIFEST).read_bytes() + (run / LEDGER).read_bytes() == before  # these are the words that it has
 
 
-def test_a_run_that_is_no_circle_any_more_has_no_direction(run: Path) -> None:
+def test_a_run_that_is_no_circle_any_more_has_no_direction(run):
     assert relabel(run, test="radial").direction is None
     with refused("run.no_direction"):
         relabel(run, test="yaw")
@@ -60,7 +60,7 @@ def test_a_run_that_is_no_circle_any_more_has_no_direction(run: Path) -> None:
     assert len(load_manifest(run).relabelled) == 4
 
 
-def test_invalid_label_is_refused_and_changes_nothing(run: Path) -> None:
+def test_invalid_label_is_refused_and_changes_nothing(run):
     before = (run / MANIFEST).read_bytes()
     with refused("request.direction"):
         relabel(run, test="radial", direction="acw")
@@ -76,7 +76,7 @@ def test_invalid_label_is_refused_and_changes_nothing(run: Path) -> None:
     assert (run / MANIFEST).read_bytes() == before
 
 
-def test_a_run_being_recorded_or_not_closed_is_refused(tmp_path: Path) -> None:
+def test_a_run_being_recorded_or_not_closed_is_refused(tmp_path):
     writer = record(tmp_path)
     with refused("run.in_use"):
         relabel(writer.path, direction="acw")
@@ -87,7 +87,7 @@ def test_a_run_being_recorded_or_not_closed_is_refused(tmp_path: Path) -> None:
     assert relabel(path, direction="acw").exit_status == "recovered"
 
 
-def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> None:
+def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path):
     columns = pa.table({"t_s": [0.0], "direction": ["cw"]})
     who = {"rig_name": "r", "rig_text": "", "operator": "", "source": "s.csv", "source_sha256": "0"}
     run = table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
@@ -99,7 +99,7 @@ def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> 
         relabel(tmp_path / "lap", test="radial")
 
 
-def test_lines_that_cannot_be_verified_are_not_replaced(run: Path) -> None:
+def test_lines_that_cannot_be_verified_are_not_replaced(run):
     relabel(run, operator="anna")
     relabel(run, operator="berta")
     ledger = (run / LEDGER).read_bytes()
@@ -114,7 +114,7 @@ def test_lines_that_cannot_be_verified_are_not_replaced(run: Path) -> None:
     assert kept.read_bytes() == damaged
 
 
-def test_a_disk_that_refuses_leaves_the_old_label(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_refuses_leaves_the_old_label(run, monkeypatch):
     def full(fd: int, data: bytes, offset: int) -> None:
         raise OSError(errno.ENOSPC, "full")
 
@@ -125,7 +125,7 @@ def test_a_disk_that_refuses_leaves_the_old_label(run: Path, monkeypatch: pytest
     assert load_manifest(run).direction == "cw"
 
 
-def test_command_relabels_several_runs_and_analyse_reports_it_once(tmp_path: Path) -> None:
+def test_command_relabels_several_runs_and_analyse_reports_it_once(tmp_path):
     rig, text = load("paper-fanuc")
     runs = list(write_simulated(rig, text, "yaw", ("acw",), [1, 2], tmp_path))
     done = CliRunner().invoke(app, ["relabel", *map(str, runs), "--operator", "bob", "--test", "roll"])
@@ -141,7 +141,7 @@ def test_command_relabels_several_runs_and_analyse_reports_it_once(tmp_path: Pat
     assert CliRunner().invoke(app, ["relabel", str(runs[0])]).exit_code == 2
 
 
-def test_a_relabelled_table_saved_again_is_whole_and_keeps_its_history(tmp_path: Path) -> None:
+def test_a_relabelled_table_saved_again_is_whole_and_keeps_its_history(tmp_path):
     rig, text = load("paper-fanuc")
     (run,) = write_simulated(rig, text, "yaw", ("acw",), [1], tmp_path)
     relabel(run, test="roll", operator="bob")

@@ -35,7 +35,7 @@ def _exported(runs: Path) -> Path:
     return path
 
 
-def test_marks_do_not_affect_manifest_and_verify(run: Path) -> None:
+def test_marks_do_not_affect_manifest_and_verify(run):
     before = (run / "manifest.json").read_bytes()
     assert load_marks(run) == RunMarks()
     mark_exported(run, "csv", Path("/elsewhere/table.csv"))
@@ -48,12 +48,12 @@ def test_marks_do_not_affect_manifest_and_verify(run: Path) -> None:
     assert (run / "manifest.json").read_bytes() == before and verify(run) == []
 
 
-def test_a_copy_whose_name_is_no_utf8_is_marked(run: Path) -> None:
+def test_a_copy_whose_name_is_no_utf8_is_marked(run):
     mark_exported(run, "csv", Path(os.fsdecode(b"/elsewhere/k\xf6ln.csv")))
     assert [export.file for export in load_marks(run).exports] == ["/elsewhere/k\\udcf6ln.csv"]
 
 
-def test_damaged_marks_are_reported_and_the_run_stays(run: Path) -> None:
+def test_damaged_marks_are_reported_and_the_run_stays(run):
     mark_exported(run, "csv", Path("a.csv"))
     (run / MARKS).write_text('{"kept": "perhaps"}')
     assert ["marks.json" in problem for problem in verify(run)] == [True]
@@ -62,7 +62,7 @@ def test_damaged_marks_are_reported_and_the_run_stays(run: Path) -> None:
         mark_kept(run, True)
 
 
-def test_unmarkable_run_is_reported(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unmarkable_run_is_reported(run, tmp_path, monkeypatch):
     with refused("run.missing"):
         mark_kept(tmp_path / "nothing", True)
     writer = record(tmp_path / "open")
@@ -81,7 +81,7 @@ def test_unmarkable_run_is_reported(run: Path, tmp_path: Path, monkeypatch: pyte
     assert "not delete" in done.stderr
 
 
-def test_a_run_counts_as_exported_once_its_copy_is_on_the_disk(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_counts_as_exported_once_its_copy_is_on_the_disk(run, monkeypatch):
     """Else rigd deletes a run of which a power cut takes the copy."""
     output, synced = run.parent.parent / "raw.mcap", []
 
@@ -95,7 +95,7 @@ def test_a_run_counts_as_exported_once_its_copy_is_on_the_disk(run: Path, monkey
     assert isinstance(done.exception, CellError) and "not marked" in str(done.exception)
 
 
-def test_an_export_marks_its_run_and_the_list_shows_it(run: Path) -> None:
+def test_an_export_marks_its_run_and_the_list_shows_it(run):
     done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap", "-o", str(run.parent.parent / "raw.mcap")])
     assert done.exit_code == 0 and done.stderr == ""
     assert [(export.format, Path(export.file).name) for export in load_marks(run).exports] == [("mcap", "raw.mcap")]
@@ -113,7 +113,7 @@ def test_an_export_marks_its_run_and_the_list_shows_it(run: Path) -> None:
 # --- What may go ---
 
 
-def test_only_a_whole_exported_run_that_is_not_kept_may_go(tmp_path: Path) -> None:
+def test_only_a_whole_exported_run_that_is_not_kept_may_go(tmp_path):
     runs = tmp_path / "runs"
     plain, exported, kept = finished(runs), _exported(runs), _exported(runs)
     mark_kept(kept, True)
@@ -149,20 +149,20 @@ def _manifest(tmp_path_factory: pytest.TempPathFactory) -> None:
     _MANIFEST = look(finished(tmp_path_factory.mktemp("one"))).manifest
 
 
-def test_old_run_is_deleted() -> None:
+def test_old_run_is_deleted():
     found = [_info(1, 10, 1), _info(2, 91, 1), _info(3, 400, 1), _info(4, 400, 1, exported=False)]
     assert [str(run.path) for run in decide(found, LIMITS, NOW_S).delete] == ["3", "2"]
     assert decide(found, Retention(gigabytes=1), NOW_S).delete == ()
 
 
-def test_the_oldest_go_until_the_rest_fits() -> None:
+def test_the_oldest_go_until_the_rest_fits():
     half = 500_000_000
     found = [_info(1, 1, half), _info(2, 3, half), _info(3, 2, half), _info(4, 4, half, kept=True)]
     decision = decide(found, LIMITS, NOW_S)
     assert [str(run.path) for run in decision.delete] == ["2", "3"] and decision.over == 0
 
 
-def test_protected_excess_is_counted() -> None:
+def test_protected_excess_is_counted():
     found = [_info(1, 1, 1_500_000_000, exported=False), _info(2, 1, 7)]
     decision = decide(found, LIMITS, NOW_S)
     assert [str(run.path) for run in decision.delete] == ["2"] and decision.over == 500_000_000
@@ -173,8 +173,8 @@ runs = st.lists(st.tuples(st.floats(0, 500), st.integers(0, 10**9), st.booleans(
 
 @given(runs)
 def test_whatever_there_is_nothing_goes_that_may_not_and_not_more_than_has_to(
-    drawn: list[tuple[float, int, bool, bool]],
-) -> None:
+    drawn,
+):
     found = [_info(number, *one) for number, one in enumerate(drawn)]
     decision = decide(found, LIMITS, NOW_S)
     assert all(run.may_go for run in decision.delete)
@@ -190,7 +190,7 @@ def test_whatever_there_is_nothing_goes_that_may_not_and_not_more_than_has_to(
 # --- Doing it ---
 
 
-def test_deletions_are_reported_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_deletions_are_reported_and_counted(tmp_path, caplog):
     caplog.set_level("INFO")
     runs = tmp_path / "runs"
     retention = RunRetention(runs, "cell", Retention(gigabytes=0.001))
@@ -208,7 +208,7 @@ def test_deletions_are_reported_and_counted(tmp_path: Path, caplog: pytest.LogCa
     assert caplog.text.count("allowed") == 1  # not each time
 
 
-def test_runs_of_another_rig_are_nobodys_business_here(tmp_path: Path) -> None:
+def test_runs_of_another_rig_are_nobodys_business_here(tmp_path):
     theirs = _exported(tmp_path)
     retention = RunRetention(tmp_path, "other", Retention(days=1, gigabytes=0.001))
     (theirs / "big").write_bytes(bytes(2_000_000))
@@ -216,7 +216,7 @@ def test_runs_of_another_rig_are_nobodys_business_here(tmp_path: Path) -> None:
     assert theirs.exists() and retention.state()["runs"] == 0
 
 
-def test_private_directory_does_not_stop_retention(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_private_directory_does_not_stop_retention(tmp_path, monkeypatch):
     """As lost+found, which belongs to root: a disk of their own is what the doctor advises for the runs."""
     (tmp_path / "lost+found").mkdir()
     stat = Path.stat
@@ -234,7 +234,7 @@ def test_private_directory_does_not_stop_retention(tmp_path: Path, monkeypatch: 
     assert not path.exists()
 
 
-def test_vanishing_file_hides_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_vanishing_file_hides_no_run(tmp_path, monkeypatch):
     """As a run has them that is being recorded."""
     path, listed = finished(tmp_path), Path.iterdir
     before = look(path).size
@@ -242,7 +242,7 @@ def test_vanishing_file_hides_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert look(path).size == before
 
 
-def test_a_deletion_that_was_cut_off_leaves_no_half_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_deletion_that_was_cut_off_leaves_no_half_run(tmp_path, monkeypatch):
     path = _exported(tmp_path)
 
     def killed(gone: Path) -> None:
@@ -258,7 +258,7 @@ def test_a_deletion_that_was_cut_off_leaves_no_half_run(tmp_path: Path, monkeypa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_run_that_cannot_be_deleted_stops_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_cannot_be_deleted_stops_no_other(tmp_path, monkeypatch):
     stuck, other = _exported(tmp_path), _exported(tmp_path)
     rename = Path.rename
 

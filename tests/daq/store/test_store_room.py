@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import math
 import struct
-from pathlib import Path
 from random import Random
 
 import pytest
@@ -35,9 +34,7 @@ def wild(count: int, width: int, random: Random) -> list[Sample]:
 @pytest.mark.parametrize(("batches", "rows"), [(1, 1), (1, 2000), (200, 5), (5, 1000)])
 @pytest.mark.parametrize("rig_text", ["", "x" * 100_000])
 @pytest.mark.parametrize("synced", [True, False])
-def test_closing_needs_no_more_room_than_reserved(
-    tmp_path: Path, batches: int, rows: int, rig_text: str, synced: bool
-) -> None:
+def test_closing_needs_no_more_room_than_reserved(tmp_path, batches, rows, rig_text, synced):
     random = Random(1)
     with watched(tmp_path) as disk:
         writer = start(tmp_path / "runs", 10**9, rig_text)
@@ -53,7 +50,7 @@ def test_closing_needs_no_more_room_than_reserved(
         assert disk.peak - before <= said + blocks < MARGIN_BYTES
 
 
-def test_a_recording_ends_whole_before_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_ends_whole_before_the_disk_is_full(tmp_path, monkeypatch):
     monkeypatch.setattr(daq.store.writer, "MARGIN_BYTES", 16 * BLOCK)
     monkeypatch.setattr(daq.store.run_directory, "TO_BEGIN_BYTES", 32 * BLOCK)
     with watched(tmp_path, capacity=1_000_000) as disk:
@@ -71,13 +68,13 @@ def test_a_recording_ends_whole_before_the_disk_is_full(tmp_path: Path, monkeypa
     assert load_manifest(writer.path).counters == {"g1": {"samples": rows}}
 
 
-def test_no_run_begins_on_a_disk_that_is_nearly_full(tmp_path: Path) -> None:
+def test_no_run_begins_on_a_disk_that_is_nearly_full(tmp_path):
     with watched(tmp_path, capacity=60 << 20), pytest.raises(NearlyFull):
         record(tmp_path / "runs")
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-def test_a_run_may_have_any_number_of_chunks(tmp_path: Path) -> None:
+def test_a_run_may_have_any_number_of_chunks(tmp_path):
     """Each costs a line of the ledger, however many there are, and nothing that was written changes."""
     with watched(tmp_path):
         writer, rows = start(tmp_path, chunk_rows=4), 0
@@ -98,8 +95,8 @@ def test_a_run_may_have_any_number_of_chunks(tmp_path: Path) -> None:
     assert_holds(read_run(writer.path), rows)
 
 
-def test_the_run_that_follows_names_the_former(tmp_path: Path) -> None:
+def test_the_run_that_follows_names_the_former(tmp_path):
     common = {"test": "yaw", "direction": None, "rig_name": "r", "rig_text": "", "operator": "", "streams": {}}
-    writer = RunWriter.create(tmp_path, new_manifest(name="x", follows="20261120T093000Z_x", **common))  # type: ignore[arg-type]
+    writer = RunWriter.create(tmp_path, new_manifest(name="x", follows="20261120T093000Z_x", **common))
     writer.close("complete", "", {})
     assert load_manifest(writer.path).follows == "20261120T093000Z_x"

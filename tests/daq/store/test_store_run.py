@@ -46,7 +46,7 @@ def run(whole: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(whole, tmp_path / "moved"))
 
 
-def test_round_trip(run: Path) -> None:
+def test_round_trip(run):
     read = read_run(run)
     assert_holds(read, 20)
     assert [(f["stream"], f["kind"], f["count"]) for f in read.faults] == [
@@ -55,7 +55,7 @@ def test_round_trip(run: Path) -> None:
     assert verify(run) == []
 
 
-def test_manifest_is_complete(run: Path) -> None:
+def test_manifest_is_complete(run):
     manifest = load_manifest(run)
     assert (manifest.rig_text, manifest.rig_sha256) == (RIG_TEXT, sha256(RIG_TEXT.encode()))
     assert (manifest.test, manifest.direction, manifest.operator) == ("yaw", "cw", "ada")
@@ -74,13 +74,13 @@ def test_manifest_is_complete(run: Path) -> None:
     assert by_targets.corrected == "targets"
 
 
-def test_two_runs_never_share_a_directory(tmp_path: Path) -> None:
+def test_two_runs_never_share_a_directory(tmp_path):
     paths = {finished(tmp_path, 1) for _ in range(3)}
     assert len(paths) == 3
     assert all(re.fullmatch(r"\d{8}T\d{6}Z_yaw-cw(\.\d)?", path.name) for path in paths)
 
 
-def test_run_without_a_row(tmp_path: Path) -> None:
+def test_run_without_a_row(tmp_path):
     writer = start(tmp_path)
     writer.sync()
     writer.close("interrupted", "stopped", {})
@@ -88,7 +88,7 @@ def test_run_without_a_row(tmp_path: Path) -> None:
     assert verify(writer.path) == []
 
 
-def test_chunks_rotate_by_age(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunks_rotate_by_age(tmp_path, monkeypatch):
     monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
     path = finished(tmp_path, batches=3, chunk_rows=1000)
     assert len(load_manifest(path).chunks_of("robot")) == 3
@@ -96,17 +96,17 @@ def test_chunks_rotate_by_age(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden", "a\n", "\udcff"])
-def test_bad_names_are_refused(tmp_path: Path, name: str) -> None:
+def test_bad_names_are_refused(tmp_path, name):
     common = {"test": "yaw", "direction": None, "rig_name": "r", "rig_text": "", "operator": ""}
     with pytest.raises(FileError):
-        RunWriter.create(tmp_path, new_manifest(name=name, streams={"g1": ("g1_mm",)}, **common))  # type: ignore[arg-type]
+        RunWriter.create(tmp_path, new_manifest(name=name, streams={"g1": ("g1_mm",)}, **common))
     for streams in ({"faults": ()}, {name: ("x",)}, {"g1": ("x", "x")}, {"g1": ("status",)}):
         with pytest.raises(FileError):
-            RunWriter.create(tmp_path, new_manifest(name="ok", streams=streams, **common))  # type: ignore[arg-type]
+            RunWriter.create(tmp_path, new_manifest(name="ok", streams=streams, **common))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_synced_rows_are_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_synced_rows_are_on_the_disk(tmp_path, monkeypatch):
     synced: dict[str, object] = {}
 
     def fsync(fd: int) -> None:
@@ -127,7 +127,7 @@ def test_synced_rows_are_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert {"manifest.json", "g1-0001.parquet"} <= synced[writer.path.name]
 
 
-def test_recording_run_is_neither_read_nor_recovered(tmp_path: Path) -> None:
+def test_recording_run_is_neither_read_nor_recovered(tmp_path):
     writer = record(tmp_path)
     for refuse in (read_run, recover):
         with refused("run.in_use"):
@@ -136,14 +136,14 @@ def test_recording_run_is_neither_read_nor_recovered(tmp_path: Path) -> None:
     assert_holds(read_run(writer.path), 12)
 
 
-def test_crashed_run_names_the_cure(tmp_path: Path) -> None:
+def test_crashed_run_names_the_cure(tmp_path):
     path = crash(record(tmp_path))
     with refused("run.not_closed"):
         read_run(path)
     assert any("never closed" in problem for problem in verify(path))
 
 
-def test_missing_run_and_manifest(tmp_path: Path) -> None:
+def test_missing_run_and_manifest(tmp_path):
     for act in (read_run, recover):
         with refused("run.missing"):
             act(tmp_path / "none")
@@ -154,7 +154,7 @@ def test_missing_run_and_manifest(tmp_path: Path) -> None:
     assert "no run" in verify(tmp_path)[0]
 
 
-def test_flipped_bit_in_parquet(run: Path) -> None:
+def test_flipped_bit_in_parquet(run):
     file = run / "g1-0002.parquet"
     data = bytearray(file.read_bytes())
     for place in range(0, len(data), 97):
@@ -166,35 +166,35 @@ def test_flipped_bit_in_parquet(run: Path) -> None:
         data[place] ^= 4
 
 
-def test_deleted_chunk(run: Path) -> None:
+def test_deleted_chunk(run):
     (run / "robot-0003.parquet").unlink()
     assert [line for line in verify(run) if "robot-0003.parquet" in line and "missing" in line] == verify(run)
     with refused("run.chunk_missing"):
         read_run(run)
 
 
-def test_changed_row_count(run: Path) -> None:
+def test_changed_row_count(run):
     edit_chunk(run, "g1-0002.parquet", {"rows": 7})
     assert "has 8 rows" in verify(run)[0]
     with refused("run.damaged"):
         read_run(run)
 
 
-def test_wrong_columns(run: Path) -> None:
+def test_wrong_columns(run):
     edit_manifest(run, {"streams": {"g1": ["g1_um"], "robot": ["q1_deg", "q2_deg"]}})
     assert len(verify(run)) == 3
     with refused("run.damaged"):
         read_run(run)
 
 
-def test_chunk_that_is_no_parquet(run: Path) -> None:
+def test_chunk_that_is_no_parquet(run):
     (run / "g1-0002.parquet").write_bytes(b"PAR1")
     edit_chunk(run, "g1-0002.parquet", {"sha256": sha256(b"PAR1")})
     with refused("run.damaged"):
         read_run(run)
 
 
-def test_text_that_is_none_is_damage(run: Path) -> None:
+def test_text_that_is_none_is_damage(run):
     """Found by scripts/dev fuzz: Arrow reads it, and raises only where a row of it is asked for."""
     file = run / "faults-0001.parquet"
     old = file.read_bytes()
@@ -205,13 +205,13 @@ def test_text_that_is_none_is_damage(run: Path) -> None:
     assert any("faults-0001.parquet" in line for line in verify(run))
 
 
-def test_rows_missing_between_chunks(run: Path) -> None:
+def test_rows_missing_between_chunks(run):
     forget_chunk(run, "g1-0002.parquet")
     chunk, rows = (line.removeprefix(f"{run}: ") for line in verify(run))
     assert chunk.startswith("chunk 2 of g1 ") and rows.startswith("rows 8 to 15 of g1 ")
 
 
-def test_left_over_files_and_rig_text(run: Path) -> None:
+def test_left_over_files_and_rig_text(run):
     shutil.copy(run / "g1-0001.parquet", run / "g1-0009.parquet")
     edit_manifest(run, {"rig_text": "other"})
     text = "\n".join(verify(run))
@@ -219,7 +219,7 @@ def test_left_over_files_and_rig_text(run: Path) -> None:
     assert "rig file" in text
 
 
-def test_chunk_files_stay_inside_the_run(run: Path) -> None:
+def test_chunk_files_stay_inside_the_run(run):
     edit_chunk(run, "g1-0002.parquet", {"file": "../moved/g1-0002.parquet"})
     with refused("run.damaged"):
         read_run(run)
@@ -233,7 +233,7 @@ JUNK = st.recursive(
 
 
 @examples(40, 150)
-def test_mutated_manifest_raises_only_file_errors(whole: Path, run: Path, examples: int) -> None:
+def test_mutated_manifest_raises_only_file_errors(whole, run, examples):
     @settings(max_examples=examples)
     @given(data=st.data())
     def holds(data: st.DataObject) -> None:
@@ -266,24 +266,24 @@ def test_mutated_manifest_raises_only_file_errors(whole: Path, run: Path, exampl
     holds()
 
 
-def test_deeply_nested_manifest(run: Path) -> None:
+def test_deeply_nested_manifest(run):
     (run / "manifest.json").write_bytes(b"[" * 100_000)
     with refused("run.damaged"):
         read_run(run)
 
 
-def test_other_programs_read_a_chunk(run: Path) -> None:
+def test_other_programs_read_a_chunk(run):
     table = pq.read_table(run / "robot-0001.parquet")
     assert table.column_names[-2:] == ["q1_deg", "q2_deg"]
     assert not any(field.nullable for field in table.schema)
 
 
-def test_lock_look_leaves_no_trace(tmp_path: Path) -> None:
+def test_lock_look_leaves_no_trace(tmp_path):
     assert not durable.is_locked(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_reading_leaves_no_thread_behind(whole: Path) -> None:
+def test_reading_leaves_no_thread_behind(whole):
     """A thread of Arrow's that is at work when Python ends aborts the program (arrow issue 34314)."""
     show = (
         "import os, sys; from pathlib import Path; from daq.store import read_run, verify;"
@@ -295,7 +295,7 @@ def test_reading_leaves_no_thread_behind(whole: Path) -> None:
     assert [name for name in threads.stdout.split() if name != "jemalloc_bg_thd"] == [Path(sys.executable).name]
 
 
-def test_directory_of_runs_differs_from_a_run_without_manifest(tmp_path: Path) -> None:
+def test_directory_of_runs_differs_from_a_run_without_manifest(tmp_path):
     path = finished(tmp_path / "runs")
     with refused("run.is_directory_of_runs"):
         read_run(path.parent)
@@ -307,7 +307,7 @@ def test_directory_of_runs_differs_from_a_run_without_manifest(tmp_path: Path) -
         read_run(path)
 
 
-def test_a_run_that_is_named_without_its_time_is_suggested(tmp_path: Path) -> None:
+def test_a_run_that_is_named_without_its_time_is_suggested(tmp_path):
     run = tmp_path / "20261124T020526Z_trial-acw"
     run.mkdir()
     for what in (read_run, recover):

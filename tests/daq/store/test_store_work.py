@@ -30,7 +30,7 @@ def _files(writer: RunWriter, stream: str) -> list[str]:
     return sorted(path.name for path in writer.path.glob(f"{stream}-*"))
 
 
-def test_the_next_chunk_begins_when_the_disk_has_the_one_before(ended: tuple[RunWriter, DiskOperation]) -> None:
+def test_the_next_chunk_begins_when_the_disk_has_the_one_before(ended):
     writer, work = ended
     assert _files(writer, "g1") == ["g1-0001.arrow"] and writer.stored() == work.synced == {"g1": 4, "robot": 4}
     assert writer.begin_roll() is None
@@ -45,7 +45,7 @@ def test_the_next_chunk_begins_when_the_disk_has_the_one_before(ended: tuple[Run
 
 
 @pytest.mark.parametrize("synced", [True, False])
-def test_run_ended_meanwhile_contains_the_held_back_rows(ended: tuple[RunWriter, DiskOperation], synced: bool) -> None:
+def test_run_ended_meanwhile_contains_the_held_back_rows(ended, synced):
     writer, work = ended
     if synced:
         work.wait()
@@ -54,7 +54,7 @@ def test_run_ended_meanwhile_contains_the_held_back_rows(ended: tuple[RunWriter,
     assert_holds(read_run(writer.path), 8)
 
 
-def test_a_crash_with_two_chunks_of_a_stream(ended: tuple[RunWriter, DiskOperation]) -> None:
+def test_a_crash_with_two_chunks_of_a_stream(ended):
     writer, work = ended
     work.wait()
     writer.end_work(None)
@@ -64,7 +64,7 @@ def test_a_crash_with_two_chunks_of_a_stream(ended: tuple[RunWriter, DiskOperati
     assert_holds(read_run(path), 8)
 
 
-def test_clock_step_is_saved_with_the_next_sync(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_clock_step_is_saved_with_the_next_sync(tmp_path, monkeypatch):
     """Whoever appends never waits for the disk, and the manifest is synced."""
     writer = start(tmp_path)
     with monkeypatch.context() as patch:

@@ -78,7 +78,7 @@ def _talk(host: Host, cable: OptoRS, seconds: int) -> list[Item]:
 
 
 @pytest.mark.parametrize("cable", ["duplex", "simplex"])
-def test_a_cable_with_its_lines_is_read(cable: str) -> None:
+def test_a_cable_with_its_lines_is_read(cable):
     probe = sylvac(cable=cable)
     model = OptoRS(cable == "simplex", probe.modem.dtr, probe.modem.rts)
     items = _talk(daq.gauges.host([probe]), model, 20)
@@ -87,7 +87,7 @@ def test_a_cable_with_its_lines_is_read(cable: str) -> None:
 
 
 @pytest.mark.parametrize("cable", ["duplex", "simplex"])
-def test_a_cable_with_the_lines_of_the_other_is_silent(cable: str) -> None:
+def test_a_cable_with_the_lines_of_the_other_is_silent(cable):
     wrong = OptoRS(cable == "simplex", dtr=True, rts=cable == "duplex")
     if cable == "simplex":
         wrong.rts = False
@@ -96,7 +96,7 @@ def test_a_cable_with_the_lines_of_the_other_is_silent(cable: str) -> None:
     assert not [item for item in items if isinstance(item, Sample)]
 
 
-def test_a_simplex_reading_is_requested_when_its_line_goes_off() -> None:
+def test_a_simplex_reading_is_requested_when_its_line_goes_off():
     script = Script(daq.gauges.host([sylvac(cable="simplex")]))
     off = script.wake()
     assert off.dtr is False and off.send == b""
@@ -109,7 +109,7 @@ def test_a_simplex_reading_is_requested_when_its_line_goes_off() -> None:
     assert script.wake().dtr is False and script.now_ns - requested_ns >= 2 * LEAST_OFF_NS
 
 
-def test_a_simplex_cable_cannot_send_continuously() -> None:
+def test_a_simplex_cable_cannot_send_continuously():
     with pytest.raises(ValueError, match="write mode: polled"):
         sylvac(cable="simplex", mode="continuous")
 
@@ -148,9 +148,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         (None, ["TIOCMBIS DTR", "TIOCMBIS RTS"]),
     ],
 )
-def test_the_lines_are_set_before_the_first_byte(
-    calls: list[str], modem: ModemLines | None, set_first: list[str]
-) -> None:
+def test_the_lines_are_set_before_the_first_byte(calls, modem, set_first):
     line = PtyLine.open(LINE)
     link = open_link("g1", line.port, LINE, modem=modem)
     link.write(b"?\r")
@@ -163,7 +161,7 @@ def test_the_lines_are_set_before_the_first_byte(
     assert calls[writes + 1 :][:2] == ["TIOCMBIC DTR", "TIOCMBIS DTR"]
 
 
-def test_a_conversation_moves_the_line(calls: list[str]) -> None:
+def test_a_conversation_moves_the_line(calls):
     line = PtyLine.open(LINE)
     link = open_link("g1", line.port, LINE, modem=sylvac(cable="simplex").modem)
     calls.clear()
@@ -175,7 +173,7 @@ def test_a_conversation_moves_the_line(calls: list[str]) -> None:
     assert calls[:4] == ["TIOCMBIC DTR", "TIOCMBIS DTR"] * 2
 
 
-def test_a_pty_without_modem_lines_is_opened_all_the_same() -> None:
+def test_a_pty_without_modem_lines_is_opened_all_the_same():
     line = PtyLine.open(LINE)
     link = open_link("g1", line.port, LINE, modem=ModemLines(dtr=True, rts=False))
     link.set_dtr(False)
@@ -186,7 +184,7 @@ def test_a_pty_without_modem_lines_is_opened_all_the_same() -> None:
 # --- what a person is shown ---
 
 
-def test_interfaces_and_doctor_show_the_lines() -> None:
+def test_interfaces_and_doctor_show_the_lines():
     (shown,) = [one for one in list_interfaces() if one.name == "sylvac_opto_rs"]
     assert shown.modem == "duplex DTR on, RTS off; simplex DTR on, RTS on"
     text = (SHIPPED / "paper-fanuc.yaml").read_text()
@@ -210,7 +208,7 @@ def test_interfaces_and_doctor_show_the_lines() -> None:
         ("cdi_iq", b"R\r", b"+  1.5000, MM\r\n"),
     ],
 )
-def test_a_request_that_is_echoed_is_no_answer(interface: str, request_: bytes, reply: bytes, cut: int) -> None:
+def test_a_request_that_is_echoed_is_no_answer(interface, request_, reply, cut):
     script = Script(daq.gauges.host([gauge(interface)]))
     assert script.wake().send == request_
     heard = request_ + reply
@@ -220,7 +218,7 @@ def test_a_request_that_is_echoed_is_no_answer(interface: str, request_: bytes, 
     assert isinstance(sample, Sample) and sample.values == (1.5,) and sample.size == len(reply)
 
 
-def test_errors_counted_by_the_port_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_counted_by_the_port_are_reported(monkeypatch):
     """A pty counts nothing, so the counts are given; their places are those of `linux/serial.h`."""
     counts, now_s = [0] * 20, [0.0]
     monkeypatch.setattr(serial_port.fcntl, "ioctl", lambda fd, request, room: struct.pack("@20i", *counts))
@@ -239,7 +237,7 @@ def test_errors_counted_by_the_port_are_reported(monkeypatch: pytest.MonkeyPatch
         os.close(slave)
 
 
-def test_a_port_that_counts_nothing_has_no_line_errors() -> None:
+def test_a_port_that_counts_nothing_has_no_line_errors():
     master, slave = os.openpty()
     try:
         assert serial_port.line_errors(slave) == {}

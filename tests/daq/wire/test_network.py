@@ -60,7 +60,7 @@ def _reading(stream: Stream) -> Iterator[Callable[[str], int]]:
 
 @pytest.mark.real_time(held_up_s=0.05)
 @pytest.mark.parametrize("interface", ["line_feed", "ur_rtde"])
-def test_accepting_silent_peer_is_closed_and_called_again(interface: str) -> None:
+def test_accepting_silent_peer_is_closed_and_called_again(interface):
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(PATIENCE_S)
         port = f"tcp://127.0.0.1:{server.getsockname()[1]}"
@@ -82,7 +82,7 @@ def test_accepting_silent_peer_is_closed_and_called_again(interface: str) -> Non
 
 
 @pytest.mark.real_time
-def test_a_connection_that_brings_something_now_and_then_is_not_dead() -> None:
+def test_a_connection_that_brings_something_now_and_then_is_not_dead():
     with socket.create_server(("127.0.0.1", 0)) as server:
         link = open_link("robot", f"tcp://127.0.0.1:{server.getsockname()[1]}", LINE, dead_s=0.5)
         sock, _ = server.accept()
@@ -96,7 +96,7 @@ def test_a_connection_that_brings_something_now_and_then_is_not_dead() -> None:
                     assert link.read(0.05) == b""
 
 
-def test_the_system_asks_a_silent_tcp_peer_whether_it_is_there() -> None:
+def test_the_system_asks_a_silent_tcp_peer_whether_it_is_there():
     with socket.create_server(("127.0.0.1", 0)) as server:
         link = open_link("robot", f"tcp://127.0.0.1:{server.getsockname()[1]}", LINE, dead_s=10)
         with contextlib.closing(link), socket.socket(fileno=os.dup(link.fileno())) as sock:
@@ -124,7 +124,7 @@ def _caller(stream: Stream) -> socket.socket:
     return sock
 
 
-def test_a_program_that_connects_is_read_and_a_second_one_refused() -> None:
+def test_a_program_that_connects_is_read_and_a_second_one_refused():
     stream = _lines(timeout_s=5)
     with _reading(stream) as count, _caller(stream) as program:
         program.sendall(LISTED)
@@ -137,7 +137,7 @@ def test_a_program_that_connects_is_read_and_a_second_one_refused() -> None:
         assert count("disconnected") == count("garbled") == 0
 
 
-def test_without_a_program_the_port_stays_open_and_the_silence_is_reported() -> None:
+def test_without_a_program_the_port_stays_open_and_the_silence_is_reported():
     stream = _lines()
     with _reading(stream) as count:
         _until(lambda: count("silent") >= 2)
@@ -147,7 +147,7 @@ def test_without_a_program_the_port_stays_open_and_the_silence_is_reported() -> 
         assert count("disconnected") <= 1
 
 
-def test_a_program_that_is_started_again_leaves_no_half_line_behind() -> None:
+def test_a_program_that_is_started_again_leaves_no_half_line_behind():
     stream = _lines(timeout_s=5)
     with _reading(stream) as count:
         for turn in (1, 2, 3):
@@ -166,7 +166,7 @@ def _connected(stream: Stream, sent: bytes) -> bool:
 
 
 @pytest.mark.parametrize("babble", [b"", b"GET / HTTP/1.0\r\n\r\n"])
-def test_one_that_sends_nothing_readable_makes_room_for_the_next(babble: bytes) -> None:
+def test_one_that_sends_nothing_readable_makes_room_for_the_next(babble):
     stream = replace(_lines(timeout_s=5), dead_s=10 * PATIENCE_S)
     with _reading(stream) as count, _caller(stream) as first:
         first.sendall(babble)
@@ -176,7 +176,7 @@ def test_one_that_sends_nothing_readable_makes_room_for_the_next(babble: bytes) 
         assert first.recv(1) == b""
 
 
-def test_a_program_that_vanishes_is_left() -> None:
+def test_a_program_that_vanishes_is_left():
     stream = replace(_lines(timeout_s=0.1), dead_s=0.3)
     with _reading(stream) as count, _caller(stream) as gone:
         gone.sendall(LISTED)
@@ -186,14 +186,14 @@ def test_a_program_that_vanishes_is_left() -> None:
 
 
 @pytest.mark.parametrize("address", ["203.0.113.7", "taken"])
-def test_a_tcp_address_that_cannot_be_ours_is_refused(address: str) -> None:
+def test_a_tcp_address_that_cannot_be_ours_is_refused(address):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = f"tcp://{address.replace('taken', '127.0.0.1')}:{other.getsockname()[1]}"
         with refused("port.not_bound"):
             open_link("robot", port, LINE, listens=True)
 
 
-def test_ros2_joint_states_are_recorded_through_a_new_start_of_the_server(tmp_path: Path) -> None:
+def test_ros2_joint_states_are_recorded_through_a_new_start_of_the_server(tmp_path):
     data = yaml.safe_load(rig_text())
     joints = [f"joint_{axis}" for axis in range(1, 7)]
     data["feedback"] = {"interface": "ros2_joint_states", "port": "tcp://192.168.1.5:9090", "joints": joints}
@@ -201,14 +201,14 @@ def test_ros2_joint_states_are_recorded_through_a_new_start_of_the_server(tmp_pa
 
 
 @pytest.mark.skipif(not OPC_UA, reason="no asyncua")
-def test_an_opc_ua_robot_is_recorded_through_a_new_start_of_its_server(tmp_path: Path) -> None:
+def test_an_opc_ua_robot_is_recorded_through_a_new_start_of_its_server(tmp_path):
     data = yaml.safe_load(rig_text())
     data["feedback"] = {"interface": "opc_ua_robotics", "port": "tcp://192.168.1.5:4840"}
     _recorded_through_a_new_start(data, "disconnected", tmp_path)
 
 
 @pytest.mark.parametrize("port", ["tcp://192.168.1.5:9000", "udp://192.168.1.5:9000"])
-def test_lines_that_call_are_recorded_through_a_new_start_of_their_program(port: str, tmp_path: Path) -> None:
+def test_lines_that_call_are_recorded_through_a_new_start_of_their_program(port, tmp_path):
     data = yaml.safe_load(rig_text())
     data["feedback"] = {"interface": "line_feed", "port": port, "listens": True, "timeout_s": 0.5}
     _recorded_through_a_new_start(data, "disconnected" if port.startswith("tcp") else "silent", tmp_path)
@@ -252,7 +252,7 @@ def _sender(port: int) -> socket.socket:
     return sock
 
 
-def test_a_second_sender_is_counted_and_neither_read_nor_answered() -> None:
+def test_a_second_sender_is_counted_and_neither_read_nor_answered():
     port = _free_port()
     stream = _robot(interface="kuka_rsi", port=f"udp://127.0.0.1:{port}", timeout_s=3)
     with _sender(port) as robot, _sender(port) as stranger, _reading(stream) as count:
@@ -270,7 +270,7 @@ def test_a_second_sender_is_counted_and_neither_read_nor_answered() -> None:
             stranger.recv(100)
 
 
-def test_after_a_silence_another_may_speak() -> None:
+def test_after_a_silence_another_may_speak():
     port = _free_port()
     stream = _robot(interface="kuka_rsi", port=f"udp://127.0.0.1:{port}", timeout_s=0.2)
     with _sender(port) as robot, _sender(port) as again, _reading(stream) as count:
@@ -282,7 +282,7 @@ def test_after_a_silence_another_may_speak() -> None:
         assert count("stranger") == count("skipped") == count("disconnected") == 0
 
 
-def test_only_the_called_controller_is_heard() -> None:
+def test_only_the_called_controller_is_heard():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller:
         controller.bind(("127.0.0.1", 0))
         controller.settimeout(PATIENCE_S)
@@ -301,7 +301,7 @@ def test_only_the_called_controller_is_heard() -> None:
     ("address", "code"),
     [("203.0.113.7", "port.not_bound"), ("taken", "port.not_bound"), ("a" * 64, "address.invalid")],
 )
-def test_an_address_that_cannot_be_ours_is_refused(address: str, code: str) -> None:
+def test_an_address_that_cannot_be_ours_is_refused(address, code):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         port = f"udp://{address.replace('taken', '127.0.0.1')}:{other.getsockname()[1]}"
@@ -317,7 +317,7 @@ FEEDBACKS = {
 
 
 @pytest.mark.parametrize("interface", FEEDBACKS)
-def test_a_robot_on_udp_is_recorded_through_a_new_start_of_its_program(interface: str, tmp_path: Path) -> None:
+def test_a_robot_on_udp_is_recorded_through_a_new_start_of_its_program(interface, tmp_path):
     data = yaml.safe_load(rig_text())
     data["feedback"] = {"interface": interface, "port": FEEDBACKS[interface], "timeout_s": 0.5}
     with Bench(tmp_path, yaml.safe_dump(data)) as bench:

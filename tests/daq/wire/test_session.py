@@ -52,7 +52,7 @@ def _run(conversation: Gathered, link: Pieces) -> list[Item]:
     return delivered
 
 
-def test_pending_bytes_of_a_lost_link_are_delivered_with_their_stamps() -> None:
+def test_pending_bytes_of_a_lost_link_are_delivered_with_their_stamps():
     conversation, before_ns = Gathered(), time.monotonic_ns()
     delivered = _run(conversation, Pieces(b"\1\2", b"", b"\3", b"\4"))
     assert [item.values[0] for item in delivered if isinstance(item, Sample)] == [1, 2, 3, 4]
@@ -61,13 +61,13 @@ def test_pending_bytes_of_a_lost_link_are_delivered_with_their_stamps() -> None:
     assert len(stamps_ns) == 3 and before_ns < stamps_ns[0] <= stamps_ns[1] <= stamps_ns[2] <= time.monotonic_ns()
 
 
-def test_a_gathering_ends_after_as_many_bytes_as_one_read_brings() -> None:
+def test_a_gathering_ends_after_as_many_bytes_as_one_read_brings():
     conversation = Gathered()
     _run(conversation, Pieces(*[bytes(10_000)] * 14))
     assert [sum(len(data) for data, _ in arrivals) for arrivals in conversation.calls] == [70_000, 70_000]
 
 
-def test_a_gathering_ends_after_its_time() -> None:
+def test_a_gathering_ends_after_its_time():
     conversation = Gathered()
     conversation.gather_ns = 0
     assert len(_run(conversation, Pieces(b"\1", b"\2", b"\3"))) == 3

@@ -104,21 +104,19 @@ def theirs(robot: str, moving: Motion, effects: list[Any]) -> np.ndarray:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize(("test", "sense"), [("yaw", 1), ("yaw", -1), ("roll", 1), ("roll", -1), ("radial", 0)])
-def test_readings_without_effects_agree(robot: str, test: str, sense: int) -> None:
+def test_readings_without_effects_agree(robot, test, sense):
     moving = motion(robot, test, sense)
     assert np.abs(ours(robot, moving, []) - theirs(robot, moving, [])).max() < 1e-6
 
 
-def test_every_effect_of_the_vocabulary_is_held_against_the_project() -> None:
+def test_every_effect_of_the_vocabulary_is_held_against_the_project():
     elsewhere = {"rail_line", "base_yields", "base_sags"}  # rails and stands have strangers of their own
     assert {name for name, *_ in EXAMPLES} == set(VOCABULARY) - elsewhere == set(SIZE)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize(("effect", "keys", "shape", "size"), EXAMPLES)
-def test_effects_of_the_page_agree(
-    robot: str, effect: str, keys: dict[str, Any], shape: dict[str, float], size: float
-) -> None:
+def test_effects_of_the_page_agree(robot, effect, keys, shape, size):
     given = VOCABULARY[effect].model_validate(keys | shape | {SIZE[effect]: size})
     fault = Fault(effect, keys, size, shape)
     for test, sense in (("yaw", 1), ("yaw", -1), ("roll", 1), ("radial", 0)):

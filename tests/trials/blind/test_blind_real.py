@@ -31,7 +31,7 @@ def levels(rng: np.random.Generator, targets: tuple[int, ...] = (1, 2)) -> noise
     return noises.drawn_levels(rng, 8, 2, list(targets))
 
 
-def test_every_level_is_within_the_table() -> None:
+def test_every_level_is_within_the_table():
     apart = []
     for seed in range(200):
         rng = np.random.default_rng(seed)
@@ -49,7 +49,7 @@ def test_every_level_is_within_the_table() -> None:
 
 
 @pytest.mark.parametrize("tau_s", [0.0, 0.3, 2.0])
-def test_slow_noise_has_unit_variance_and_the_covariance_that_the_oracle_takes(tau_s: float) -> None:
+def test_slow_noise_has_unit_variance_and_the_covariance_that_the_oracle_takes(tau_s):
     made = noises.slow(60.0, tau_s, 400, np.random.default_rng(1))
     for lag_s in (0.0, 0.2, 1.0):
         k = round(lag_s / noises.SLOW_STEP_S)
@@ -57,7 +57,7 @@ def test_slow_noise_has_unit_variance_and_the_covariance_that_the_oracle_takes(t
         assert found == pytest.approx(float(slow_covariance(np.array([lag_s, 60.0]), tau_s)[0]), abs=0.08)
 
 
-def test_stops_scatter_by_their_targets_own_level_and_tails_are_heavy_where_they_are_asked_for() -> None:
+def test_stops_scatter_by_their_targets_own_level_and_tails_are_heavy_where_they_are_asked_for():
     rng = np.random.default_rng(3)
     own, target = levels(rng), np.repeat([1, 2], 20_000)
     off = np.linalg.norm(noises.stop_scatter(own, 0.0, target, rng), axis=1)
@@ -69,7 +69,7 @@ def test_stops_scatter_by_their_targets_own_level_and_tails_are_heavy_where_they
 
 
 @pytest.mark.parametrize("bursts", [False, True])
-def test_outliers_have_the_stated_number_and_size(bursts: bool) -> None:
+def test_outliers_have_the_stated_number_and_size(bursts):
     cell = noises.CellNoise(50.0, 1e-3, 0.0, 0.005, bursts, 0.1, 1e-3, 1e-4)
     found = noises.wild(cell, np.array([1e-3, 2e-3]), 200_000, np.random.default_rng(4))
     assert np.mean(found != 0) == pytest.approx(0.005, rel=0.15)
@@ -78,7 +78,7 @@ def test_outliers_have_the_stated_number_and_size(bursts: bool) -> None:
     assert np.mean((size >= 10) & (size <= 100)) > 0.97
 
 
-def test_a_healthy_arm_has_everything_at_its_healthy_width() -> None:
+def test_a_healthy_arm_has_everything_at_its_healthy_width():
     names = {Fault(effect, keys, 0.0).name for effect, keys in everything()}
     arms = [healthy_arm(1.0, np.random.default_rng(seed)) for seed in range(60)]
     assert all({fault.name for fault in arm} == names for arm in arms)
@@ -91,7 +91,7 @@ def test_a_healthy_arm_has_everything_at_its_healthy_width() -> None:
         assert square / seats == pytest.approx(1.0, abs=0.6), effect
 
 
-def test_a_planted_wave_and_a_healthy_one_of_the_same_order_are_one_wave() -> None:
+def test_a_planted_wave_and_a_healthy_one_of_the_same_order_are_one_wave():
     planted, own, other = (
         Fault("transmission_error", {"axis": 2}, size, {"order": order, "phase_deg": phase})
         for size, order, phase in ((0.1, 16.0, 350.0), (0.005, 16.0, 100.0), (0.005, 7.0, 20.0))
@@ -106,7 +106,7 @@ def test_a_planted_wave_and_a_healthy_one_of_the_same_order_are_one_wave() -> No
         assert at(angle, whole) == pytest.approx(at(angle, planted, own), abs=1e-12)
 
 
-def test_faults_are_5_to_100_times_healthy_and_large_ones_8() -> None:
+def test_faults_are_5_to_100_times_healthy_and_large_ones_8():
     for kind, least in (("one", 5), ("one_large", 8), ("off_grid", 5)):
         drawn = [drawn_fault(np.random.default_rng(seed), kind) for seed in range(100)]
         times = [abs(fault.size / fault.healthy) for fault in drawn if fault]
@@ -126,7 +126,7 @@ def oracle_of(white: float) -> Oracle:
     return Oracle(sight, noises.drawn_cell(rng, "one", 50.0), dict.fromkeys(("yaw", "roll", "radial"), own), 2, LAPS)
 
 
-def test_oracle_knows_invisible_and_indistinguishable_faults() -> None:
+def test_oracle_knows_invisible_and_indistinguishable_faults():
     """diagnosis-recipe.md, "Twins and the unseen": on a UR10e."""
     scale = Fault("gauge_scale", {"gauge": "g1"}, 0.02)
     (seen,) = oracle_of(1.0).look([scale], 1.0)
@@ -139,7 +139,7 @@ def test_oracle_knows_invisible_and_indistinguishable_faults() -> None:
     assert play.testable and not play.twins
 
 
-def test_the_oracle_sees_less_in_more_noise_and_in_more_background() -> None:
+def test_the_oracle_sees_less_in_more_noise_and_in_more_background():
     fault = Fault("servo_lag", {"axis": 3}, 0.01)
     (quiet,), (noisy,) = oracle_of(1.0).look([fault], 1.0), oracle_of(6.0).look([fault], 1.0)
     (crowded,) = oracle_of(1.0).look([fault], 3.0)
@@ -163,7 +163,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], tuple
     "kind",
     cases((kind for kind in stranger.REAL_KINDS if kind not in ("rate_500", "rate_4000")), ("two", "foreign_third")),
 )
-def test_cases_have_their_kind(kind: str, made: Callable[[str, int], tuple[Path, dict[str, Any]]]) -> None:
+def test_cases_have_their_kind(kind, made):
     case, truth = made(kind, 3)
     count = {"healthy": 0, "foreign_large": 0, "two": 2, "three": 3}.get(kind, 1)
     assert len(truth["hidden"]) == count
@@ -181,18 +181,14 @@ def test_cases_have_their_kind(kind: str, made: Callable[[str, int], tuple[Path,
     assert sum(use == "held_out" for *_, use in uses) == sum(use == "unseen" for *_, use in uses) == 2
 
 
-def test_a_case_is_fixed_by_kind_and_seed(
-    made: Callable[[str, int], tuple[Path, dict[str, Any]]], tmp_path: Path
-) -> None:
+def test_a_case_is_fixed_by_kind_and_seed(made, tmp_path):
     first, _ = made("one", 3)
     second = stranger.generate_real("one", 3, tmp_path / "b", tmp_path / "t")
     names = sorted(path.name for path in first.iterdir() if path.is_file())
     assert filecmp.cmpfiles(first, second, names, shallow=False)[0] == names
 
 
-def test_a_case_is_imported_with_all_its_laps_and_the_truth_leaves_nothing_of_the_gap(
-    tmp_path: Path, made: Callable[[str, int], tuple[Path, dict[str, Any]]]
-) -> None:
+def test_a_case_is_imported_with_all_its_laps_and_the_truth_leaves_nothing_of_the_gap(tmp_path, made):
     """What rig's simulator makes of the true effects closes the gap at the unseen place; no effects leave all of it."""
     job = trial.Job("one", 3, tmp_path)
     trial.make_case(job)

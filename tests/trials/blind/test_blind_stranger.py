@@ -31,7 +31,7 @@ AROUND = {"importlib", "runpy", "subprocess", "multiprocessing", "ctypes"}
 ALLOWED = ({"numpy", "yaml"} | set(sys.stdlib_module_names)) - AROUND
 
 
-def test_the_stranger_imports_nothing_of_the_project() -> None:
+def test_the_stranger_imports_nothing_of_the_project():
     files = sorted(HERE.rglob("*.py"))
     assert len(files) > 10
     for file in files:
@@ -43,7 +43,7 @@ def test_the_stranger_imports_nothing_of_the_project() -> None:
             assert not (isinstance(node, ast.Name) and node.id in ("__import__", "exec", "eval")), file.name
 
 
-def test_screws_agree_with_opw_kinematics() -> None:
+def test_screws_agree_with_opw_kinematics():
     """An arm in the notation of Brandstötter, Angerer and Hofbaur (2014): flange frames by another's code."""
     a1, a2, b, c1, c2, c3, c4 = 254.5, -142.4, 12.0, 450.0, 695.0, 666.3, 95.0
     constants = replace(
@@ -63,7 +63,7 @@ def test_screws_agree_with_opw_kinematics() -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_tool_runs_on_the_circle(robot: str) -> None:
+def test_the_tool_runs_on_the_circle(robot):
     cell = read_cell(robot)
     moving = lap(cell, track_of(cell, cell.circle), "yaw", -1, np.arange(0.0, 30.0, 0.05))
     at, place = pose(cell.arm, moving.q), cell.circle
@@ -77,7 +77,7 @@ def test_the_tool_runs_on_the_circle(robot: str) -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_torque_equals_loss_of_potential_energy(robot: str) -> None:
+def test_torque_equals_loss_of_potential_energy(robot):
     """Minus the derivative of the potential, by finite differences."""
     arm = read_cell(robot).arm
     q, step = np.radians([[10.0, 20.0, -15.0, 30.0, 40.0, 50.0]]), 1e-5
@@ -100,7 +100,7 @@ def _hung(arm: Arm, q: np.ndarray, k: int) -> float:
 
 
 @pytest.mark.parametrize("rounded", [0.0, 0.3, 1.0])
-def test_a_play_lags_by_half_its_width_however_round(rounded: float) -> None:
+def test_a_play_lags_by_half_its_width_however_round(rounded):
     x = np.concatenate([np.linspace(0, 10, 500), np.linspace(10, 0, 500)])
     lag = lagging(x, 0.5, rounded, begin=0.4)
     assert lag[499] == pytest.approx(-0.5, abs=1e-6)
@@ -108,14 +108,14 @@ def test_a_play_lags_by_half_its_width_however_round(rounded: float) -> None:
     assert (np.abs(lag) <= 0.5 + 1e-9).all()
 
 
-def test_reversals_are_found_with_their_direction() -> None:
+def test_reversals_are_found_with_their_direction():
     t = np.linspace(0, 10, 2001)
     found = reversals(t, np.radians(5 * np.sin(t) + 0.001 * np.sin(300 * t)))
     assert [direction for _, direction in found] == [-1, 1, -1]
     assert [when for when, _ in found] == pytest.approx([np.pi / 2, 3 * np.pi / 2, 5 * np.pi / 2], abs=0.05)
 
 
-def test_the_papers_eccentricity() -> None:
+def test_the_papers_eccentricity():
     """measurement.md: e = 14.142 mm at R = 70 mm turns the disk by asin(e/R) = 11.65°."""
     cell = read_cell("paper-fanuc")
     moving = lap(cell, track_of(cell, cell.circle), "yaw", 1, np.arange(0.0, 30.0, 0.02))
@@ -136,7 +136,7 @@ def generated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple
     return case
 
 
-def test_a_case_is_fixed_by_kind_and_seed(generated: Callable[[str], tuple[Path, Path]], tmp_path: Path) -> None:
+def test_a_case_is_fixed_by_kind_and_seed(generated, tmp_path):
     first, truth = generated("two")
     second = stranger.generate("two", 3, tmp_path / "b", tmp_path / "tb")
     names = sorted(path.name for path in first.iterdir())
@@ -145,7 +145,7 @@ def test_a_case_is_fixed_by_kind_and_seed(generated: Callable[[str], tuple[Path,
 
 
 @pytest.mark.parametrize("kind", cases(stranger.KINDS, ("two", "outside")))
-def test_cases_hide_their_kind(kind: str, generated: Callable[[str], tuple[Path, Path]]) -> None:
+def test_cases_hide_their_kind(kind, generated):
     case, path = generated(kind)
     truth = json.loads(path.read_text(encoding="utf-8"))
     count = {"none": 0, "outside": 0, "two": 2, "three": 3}.get(kind, 1)

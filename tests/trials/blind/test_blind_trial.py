@@ -22,7 +22,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("kind", "seed", "condition"), cases(CASES, ()))
-def test_a_blind_case_is_diagnosed_as_the_scorer_has_it(kind: str, seed: int, condition: str, blind_root: Path) -> None:
+def test_a_blind_case_is_diagnosed_as_the_scorer_has_it(kind, seed, condition, blind_root):
     job = Job(kind, seed, blind_root)
     answer = run_job(job)
     assert "error" not in answer, answer
@@ -40,9 +40,7 @@ def test_a_blind_case_is_diagnosed_as_the_scorer_has_it(kind: str, seed: int, co
     ("there", "again"),
     [({"condition": "named"}, False), ({"condition": "named", "code": "old"}, True), ({"error": "x"}, True)],
 )
-def test_a_campaign_uses_an_answer_of_the_same_code_again(
-    there: dict[str, str], again: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_campaign_uses_an_answer_of_the_same_code_again(there, again, tmp_path, monkeypatch):
     job = Job("one", 2, tmp_path)
     job.case.mkdir(parents=True)
     kept = {"code": trial.code()} | there
@@ -51,9 +49,7 @@ def test_a_campaign_uses_an_answer_of_the_same_code_again(
     assert trial.answered(job) == ({"condition": "anew"} if again else kept)
 
 
-def test_a_case_whose_tables_are_refused_is_an_answer_that_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_case_whose_tables_are_refused_is_an_answer_that_is_missing(tmp_path, monkeypatch):
     def refused(_: Job) -> None:
         raise FileError("a.csv", "gauges", "exchange")
 
@@ -66,7 +62,7 @@ def test_a_case_whose_tables_are_refused_is_an_answer_that_is_missing(
     assert "gauges" in json.loads((job.case / "answer.json").read_text())["error"]
 
 
-def test_ctrl_c_ends_the_trial_and_not_one_diagnosis_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_the_trial_and_not_one_diagnosis_alone(monkeypatch):
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 

@@ -42,7 +42,7 @@ def large_share(lag_s: float) -> dict[str, Any]:
     return {"name": "time_lag", "effect": "time_lag", "parameters": {"lag_s": lag_s}, "healthy": 0.001}
 
 
-def test_wilson_interval() -> None:
+def test_wilson_interval():
     """81 of 263 is the example of Newcombe (1998): 0.2553 to 0.3662."""
     assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
     assert wilson(0, 300) == pytest.approx((0, 0.01264), abs=1e-4)
@@ -64,15 +64,13 @@ def test_wilson_interval() -> None:
         ({"error": "singular"}, [BACKLASH], False, False, False, 0),
     ],
 )
-def test_names_are_right_by_fault_or_twin(
-    answer: Any, hidden: list[dict[str, Any]], first: bool, listed: bool, every: bool, wrong: int
-) -> None:
+def test_names_are_right_by_fault_or_twin(answer, hidden, first, listed, every, wrong):
     one = case("one", answer, *hidden)
     assert (one.first, one.listed, one.all_named, len(one.wrong)) == (first, listed, every, wrong)
 
 
 @pytest.mark.parametrize(("lag_s", "wrong"), [(0.006, 0), (0.004, 1)])
-def test_a_name_is_not_wrong_from_five_healthy_sizes_on(lag_s: float, wrong: int) -> None:
+def test_a_name_is_not_wrong_from_five_healthy_sizes_on(lag_s, wrong):
     assert len(case("healthy", said("named", LAG), background=[large_share(lag_s)]).wrong) == wrong
 
 
@@ -86,12 +84,12 @@ def test_a_name_is_not_wrong_from_five_healthy_sizes_on(lag_s: float, wrong: int
         (said("named", remainder={"um": 70.0}), True, False),
     ],
 )
-def test_foreign_signal_is_reported_or_missed(answer: Any, tells: bool, gives_away: bool) -> None:
+def test_foreign_signal_is_reported_or_missed(answer, tells, gives_away):
     one = case("foreign_large", answer, outside=[FOREIGN])
     assert (one.tells_foreign, one.gives_foreign_away) == (tells, gives_away)
 
 
-def test_odds_are_compared_with_how_often_they_are_right() -> None:
+def test_odds_are_compared_with_how_often_they_are_right():
     sure = [case("healthy", said("named", LAG | {"posterior": 0.9}))] * 10
     assert [(one.names, one.right) for one in reliability(sure)] == [(0, 0), (0, 0), (10, 0), (0, 0)]
     assert as_json(sure)["reliability"][2]["told"] == pytest.approx(0.9)
@@ -114,7 +112,7 @@ def perfect() -> list[RealCase]:
     return cases
 
 
-def test_right_answers_reach_every_figure_and_wrong_ones_hardly_any() -> None:
+def test_right_answers_reach_every_figure_and_wrong_ones_hardly_any():
     assert all(row.reached is not False for row in rows_of(perfect()))
     wrong = [RealCase(one.truth, case("x", said("named", LAG, seconds=99.0)).answer) for one in perfect()]
     reached = [row.reached for row in rows_of(wrong)]

@@ -17,36 +17,36 @@ SAMPLE = {"rig_files": 12, "runs": 20, "tables": 60, "chunk_values": 30}
 
 
 @pytest.mark.parametrize("target", targets())
-def test_a_sample_of_mutated_inputs_does_no_harm(target: str) -> None:
+def test_a_sample_of_mutated_inputs_does_no_harm(target):
     inputs = SAMPLE[target] if is_file(target) else 800
     outcome = run_block(Block(target, 5, 0, inputs))
     assert outcome.failure == "" and outcome.inputs >= inputs
 
 
-def test_a_reader_that_raises_is_found_and_its_input_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_that_raises_is_found_and_its_input_shown(monkeypatch):
     monkeypatch.setattr(_Continuous, "read", lambda self, message: float(message.data))
     outcome = run_block(Block("sylvac_opto_rs", 5, 0, 800))
     assert "inputs: " in outcome.failure and "sylvac_opto_rs 5 0 " in outcome.failure
 
 
-def test_a_framer_that_keeps_everything_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_framer_that_keeps_everything_is_found(monkeypatch):
     monkeypatch.setattr("daq.protocol.framing.LIMIT", 10**9)
     assert "bytes" in run_block(Block("sylvac_opto_rs", 5, 0, 200)).failure
 
 
-def test_a_conversation_that_never_recovers_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_conversation_that_never_recovers_is_found(monkeypatch):
     feed = DelimitedLines.feed
 
     def stuck(self: DelimitedLines, data: bytes, now_ns: int) -> object:
-        self.dead = getattr(self, "dead", False) or b"\0" in data  # type: ignore[attr-defined]
-        return [] if self.dead else feed(self, data, now_ns)  # type: ignore[attr-defined]
+        self.dead = getattr(self, "dead", False) or b"\0" in data
+        return [] if self.dead else feed(self, data, now_ns)
 
     monkeypatch.setattr(DelimitedLines, "feed", stuck)
     assert "no reading" in run_block(Block("sylvac_opto_rs", 5, 0, 2000)).failure
 
 
 @pytest.mark.parametrize("key", ["k" * 5000, "a\nb", "\ud800"])
-def test_a_request_with_an_odd_key_gets_a_short_line(key: str) -> None:
+def test_a_request_with_an_odd_key_gets_a_short_line(key):
     asked = {"command": "record_start", "name": "x", "test": "radial", key: "v" * 5000}
     answer = reply(json.dumps(asked).encode(), lambda request: {"run": _label(request).name})
     assert answer["what"].isprintable() and len(answer["what"]) < 300

@@ -1,13 +1,10 @@
-from __future__ import annotations
-
 import copy
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.trials.golden.golden import CASES, KEPT, LONG, Case, changes, file_of, kept, made, normal
+from tests.trials.golden.golden import CASES, KEPT, LONG, changes, file_of, kept, made, normal
 
 SAME_OF_U, SAME = 0.05, 1e-3
 """What another processor may make of a figure: a twentieth of its u, a thousandth of one without. `scripts/dev golden`
@@ -15,37 +12,37 @@ prints every change."""
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.quick], ids=lambda case: case.name)
-def test_output_equals_the_golden_files(case: Case, tmp_path: Path) -> None:
+def test_output_equals_the_golden_files(case, tmp_path):
     said = made(case, tmp_path.resolve() / case.name)
     found = [one for one in changes(kept(case), said) if one.size > (SAME_OF_U if one.of_u else SAME)]
     assert not found, "\n".join(map(str, found))
 
 
-def test_every_case_is_kept_and_nothing_else_is() -> None:
+def test_every_case_is_kept_and_nothing_else_is():
     assert {file_of(case) for case in CASES} == set(KEPT.glob("*.json"))
     assert len({case.name for case in CASES}) == len(CASES)
     assert sum(file.stat().st_size for file in KEPT.glob("*.json")) < 1.15e6  # a tenth: what parts do alone
 
 
-def test_change_is_judged_by_its_uncertainty() -> None:
+def test_change_is_judged_by_its_uncertainty():
     before = {"runs": [{"name": "lap", "figures": {"band_deg": {"value": 0.1, "u": 0.02}}}], "um": 3.0, "u_um": 0.5}
     now = copy.deepcopy(before)
     assert not list(changes(before, now))
-    now["runs"][0]["figures"]["band_deg"]["value"] = 0.11  # type: ignore[index]
+    now["runs"][0]["figures"]["band_deg"]["value"] = 0.11
     now["um"] = 4.0
     band, um = changes(before, now)
     assert band.where == "runs[lap].figures.band_deg.value" and band.of_u and band.size == pytest.approx(0.5)
     assert um.of_u and um.size == pytest.approx(2.0) and "2 u" in str(um)
 
 
-def test_figure_without_u_is_judged_by_its_share() -> None:
+def test_figure_without_u_is_judged_by_its_share():
     level, word, gone = changes({"level": 2.0, "condition": "named", "a": 1}, {"level": 1.0, "condition": "unnamed"})
     assert level.size == 0.5 and not level.of_u
     assert math.isinf(word.size) and "'named' → 'unnamed'" in str(word)
     assert gone.now == "(nothing)"
 
 
-def test_digest_detects_an_exchange_and_ignores_paths_and_times(tmp_path: Path) -> None:
+def test_digest_detects_an_exchange_and_ignores_paths_and_times(tmp_path):
     row = list(np.linspace(0.0, 1.0, LONG + 1))
     other = [*row[1:2], *row[:1], *row[2:]]
     assert normal(row, tmp_path) != normal(other, tmp_path)

@@ -34,7 +34,7 @@ def _held_out(directory: Path, off_mm: dict[int, tuple[float, float, float]]) ->
     return found["accuracy"]["calibrated_um"], found["doubts"]
 
 
-def test_two_wild_readings_of_twenty_do_not_judge(tmp_path: Path) -> None:
+def test_two_wild_readings_of_twenty_do_not_judge(tmp_path):
     """Far ones, and such as only the calibrated model shows: names alone leave more on this arm."""
     clean_um, doubts = _held_out(tmp_path / "clean", {})
     assert clean_um < 130 and not [doubt for doubt in doubts if "outlier" in doubt or "left out" in doubt]

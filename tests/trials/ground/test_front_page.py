@@ -44,7 +44,7 @@ def _with_numbers_out(text: str) -> tuple[str, list[float]]:
 
 @pytest.mark.cpu_limit(300)
 @pytest.mark.timeout(600)
-def test_diagnosis_finds_the_effects_of_the_page(tmp_path: Path) -> None:
+def test_diagnosis_finds_the_effects_of_the_page(tmp_path):
     lines = _commands("Find what is missing")
     said = {line.partition("#")[0].strip(): _ran(line, tmp_path) for line in lines}
     (first, second) = (text for line, text in said.items() if line.startswith("rig diagnose"))
@@ -65,7 +65,7 @@ def test_diagnosis_finds_the_effects_of_the_page(tmp_path: Path) -> None:
 @pytest.mark.skipif(not (DATA / "jacobi").is_dir(), reason="no data")
 @pytest.mark.cpu_limit(120)
 @pytest.mark.parametrize(("task_name", "row"), cases(ROWS.items(), [("ur5-few", "UR5, 30 poses")]))
-def test_table_of_real_arms_is_reproduced(task_name: str, row: str, tmp_path: Path) -> None:
+def test_table_of_real_arms_is_reproduced(task_name, row, tmp_path):
     """The rows of the UR5; the others take minutes: `scripts/dev ground run`."""
     make(tmp_path, 97, Size({}, {}, arms=0), DATA)
     answer = runpy.run_path(str(ROOT / "tests" / "trials" / "ground" / "rig_entry.py"))["answer"]

@@ -62,7 +62,7 @@ def poses_of(found: Scores) -> list[dict[str, Figure]]:
     return [own for own in found.values() if "error_um" in own]
 
 
-def test_the_truth_scores_perfectly(ground: Path, tmp_path: Path) -> None:
+def test_the_truth_scores_perfectly(ground, tmp_path):
     truths(ground, tmp_path)
     found = scored(ground, tmp_path)
     assert len(poses_of(found)) == 2
@@ -73,7 +73,7 @@ def test_the_truth_scores_perfectly(ground: Path, tmp_path: Path) -> None:
     assert len(shares(found)) == 12 and {share for share, _ in shares(found)} == {1}
 
 
-def test_an_empty_answer_scores_nothing(ground: Path, tmp_path: Path) -> None:
+def test_an_empty_answer_scores_nothing(ground, tmp_path):
     found = scored(ground, tmp_path)
     for own in poses_of(found):
         assert own["answered"].value == own["removed"].value == 0
@@ -81,7 +81,7 @@ def test_an_empty_answer_scores_nothing(ground: Path, tmp_path: Path) -> None:
     assert {share for share, _ in shares(found)} == {0}
 
 
-def test_wrong_faults_are_scored_as_such(ground: Path, tmp_path: Path) -> None:
+def test_wrong_faults_are_scored_as_such(ground, tmp_path):
     """A part that is not wrong, with a size that is no number, in cells and arms."""
     for task in read_tasks(ground / "tasks"):
         if task.kind != "poses":
@@ -89,7 +89,7 @@ def test_wrong_faults_are_scored_as_such(ground: Path, tmp_path: Path) -> None:
     assert {share for share, _ in shares(scored(ground, tmp_path))} == {0}
 
 
-def test_half_an_answer_with_words_and_unknown_poses_is_half_answered(ground: Path, tmp_path: Path) -> None:
+def test_half_an_answer_with_words_and_unknown_poses_is_half_answered(ground, tmp_path):
     for task in read_tasks(ground / "tasks"):
         if task.kind == "poses":
             count = len(read_poses(ground / "tasks" / task.name / "test.csv").q)
@@ -101,7 +101,7 @@ def test_half_an_answer_with_words_and_unknown_poses_is_half_answered(ground: Pa
         assert own["removed"].value < 0 and own["error_over_u"].value > 100
 
 
-def test_the_entry_of_the_page_enters(ground: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_entry_of_the_page_enters(ground, tmp_path, monkeypatch):
     """The nominal arm with its frame and target fitted, which removes nothing."""
     page = (ROOT / "docs" / "how-to" / "enter-the-proving-ground.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
@@ -117,7 +117,7 @@ def test_the_entry_of_the_page_enters(ground: Path, tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize("seen", ["poses", "touches"])
-def test_oracle_knows_the_effect_of_a_fault(seen: str) -> None:
+def test_oracle_knows_the_effect_of_a_fault(seen):
     """Places of an arm with a fault less those without, by the generator itself: the effect times its size."""
     robot, ball = load_arm("franka-fr3").robot, BALL_MM
     faults = [Fault("zero", 4, 0.01), Fault("length", 3, 0.1, "d"), Fault("twist", 5, 0.01, "alpha"),
@@ -135,7 +135,7 @@ def test_oracle_knows_the_effect_of_a_fault(seen: str) -> None:
         np.testing.assert_allclose(fault.size * effect.places, really, atol=0.03 * np.abs(really).max())
 
 
-def test_faults_in_poses_and_touches_are_scored_with_their_rivals(ground: Path) -> None:
+def test_faults_in_poses_and_touches_are_scored_with_their_rivals(ground):
     for task in read_tasks(ground / "truth"):
         if not task.kind.startswith("fault_in"):
             continue
@@ -149,7 +149,7 @@ def test_faults_in_poses_and_touches_are_scored_with_their_rivals(ground: Path) 
         assert {one["name"] for one in truth["background"]} <= known
 
 
-def test_rig_names_the_fault_in_touches_from_the_files_alone(ground: Path, tmp_path: Path) -> None:
+def test_rig_names_the_fault_in_touches_from_the_files_alone(ground, tmp_path):
     entry = runpy.run_path(str(ROOT / "tests" / "trials" / "ground" / "rig_entry.py"))
     tasks, truth = read_tasks(ground / "tasks"), ground / "truth"
     (task,) = (
@@ -163,7 +163,7 @@ def test_rig_names_the_fault_in_touches_from_the_files_alone(ground: Path, tmp_p
 
 
 @pytest.mark.parametrize("seen", ["poses", "touches"])
-def test_least_squares_names_a_zero(tmp_path: Path, seen: str) -> None:
+def test_least_squares_names_a_zero(tmp_path, seen):
     robot, rng = load_arm("franka-fr3").robot, np.random.default_rng(5)
     truth = draw_truth(robot, rng, (Fault("zero", 4, 0.4),))
     table = (
@@ -179,7 +179,7 @@ def test_least_squares_names_a_zero(tmp_path: Path, seen: str) -> None:
     assert abs(float(row[2]) - 0.4) < 0.06
 
 
-def test_tasks_tell_nothing_of_the_truth(ground: Path) -> None:
+def test_tasks_tell_nothing_of_the_truth(ground):
     assert not list((ground / "tasks").rglob("*.json"))
     for path in (ground / "tasks").rglob("*.csv"):
         with path.open(encoding="utf-8", newline="") as file:
@@ -190,7 +190,7 @@ def test_tasks_tell_nothing_of_the_truth(ground: Path) -> None:
     assert "effects: []" in next((ground / "tasks").rglob("cell.yaml")).read_text(encoding="utf-8")
 
 
-def test_the_commands_make_score_and_draw(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_commands_make_score_and_draw(tmp_path, capsys):
     main = runpy.run_path(str(ROOT / "tests" / "trials" / "ground" / "__main__.py"))["main"]
     directory = tmp_path / "tiny"
     make_tiny = ["make", str(directory), "--seed", "3", "--tiny"]
@@ -208,7 +208,7 @@ def test_the_commands_make_score_and_draw(tmp_path: Path, capsys: pytest.Capture
     assert (tmp_path / "table.png").stat().st_size > 10_000
 
 
-def test_the_table_of_the_front_page_is_that_of_the_proving_ground() -> None:
+def test_the_table_of_the_front_page_is_that_of_the_proving_ground():
     front, page = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/proving-ground.md"))
     rows = [line for line in front.splitlines() if line.startswith(("| task |", "| UR10 ", "| UR5,", "| WAM "))]
     assert len(rows) > 5

@@ -310,15 +310,13 @@ def commands(group: Any, above: str = "") -> Iterator[str]:
             yield f"{above}{name}"
 
 
-def test_every_command_has_a_case() -> None:
+def test_every_command_has_a_case():
     assert set(commands(all_imported())) == set(cases())
 
 
 @pytest.mark.usefixtures("peer")
 @pytest.mark.parametrize("command", cases())
-def test_commands_print_only_printable_text(
-    command: str, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_commands_print_only_printable_text(command, cell, tmp_path, monkeypatch):
     own = tmp_path / "own"
     own.mkdir()
     monkeypatch.chdir(own)
@@ -337,13 +335,13 @@ def test_commands_print_only_printable_text(
             assert file.suffix != ".html" or "<script>" not in text
 
 
-def test_a_terminal_gets_colours_of_ours_alone(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_gets_colours_of_ours_alone(cell, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     code, out, _ = ran("analyse", *runs(cell))
     assert code == 0 and "\x1b]" not in out and "\x07" not in out
 
 
-def test_pictures_show_dollar_signs_literally(tmp_path: Path) -> None:
+def test_pictures_show_dollar_signs_literally(tmp_path):
     from analysis.apps.report.still_chart import Sheet  # noqa: PLC0415
 
     sheet = Sheet(3, 2)
@@ -357,7 +355,7 @@ def test_pictures_show_dollar_signs_literally(tmp_path: Path) -> None:
     assert (tmp_path / "a.png").stat().st_size > 1000
 
 
-def test_typer_is_asked_for_no_frame(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_typer_is_asked_for_no_frame(capsys, monkeypatch):
     app = typer.Typer()
     app.command()(lambda: (_ for _ in ()).throw(typer.BadParameter(EVIL)))
     monkeypatch.setattr(cli, "app", app)

@@ -48,7 +48,7 @@ def replaced(file: Path, make: Callable[[Path], object]) -> None:
     [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir],
     ids=["a FIFO", "a link to a device", "a directory"],
 )
-def test_no_command_blocks_on_special_files(tmp_path: Path, run: Path, make: Callable[[Path], object]) -> None:
+def test_no_command_blocks_on_special_files(tmp_path, run, make):
     odd = tmp_path / "odd"
     make(odd)
     commands = (
@@ -72,7 +72,7 @@ def test_no_command_blocks_on_special_files(tmp_path: Path, run: Path, make: Cal
         shutil.rmtree(spoilt)
 
 
-def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path, run: Path) -> None:
+def test_a_lock_that_is_a_link_is_not_followed(tmp_path, run):
     outside = tmp_path / "another"
     replaced(run / ".lock", lambda lock: lock.symlink_to(outside))
     with pytest.raises(CellError, match="lock"):
@@ -80,7 +80,7 @@ def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path, run: Path) -> Non
     assert not outside.exists()
 
 
-def test_a_table_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_has_an_end(tmp_path, monkeypatch):
     table = tmp_path / "t.csv"
     columns = [f"q{axis}_deg" for axis in range(1, 7)] + ["x_mm", "y_mm", "z_mm"]
     table.write_text("\n".join([",".join(columns), *[",".join("1" * 9)] * 100]))
@@ -105,7 +105,7 @@ def many_equal_rows(rows: int) -> bytes:
     return bytes(sink.getvalue().to_pybytes())
 
 
-def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded(monkeypatch):
     data = many_equal_rows(120_000_000)
     assert len(data) < 1_000_000
     monkeypatch.setattr("pyarrow.parquet.ParquetFile.read", lambda *_, **__: pytest.fail("decoded"))
@@ -114,9 +114,7 @@ def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded(monkeypatc
 
 
 @pytest.mark.parametrize("is_repeated", [True, False], ids=["repeated", "long"])
-def test_a_small_file_that_stands_for_much_text_is_not_decoded(
-    is_repeated: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_small_file_that_stands_for_much_text_is_not_decoded(is_repeated, monkeypatch):
     monkeypatch.setattr(chunk, "_MOST_DECODED", 1_000_000)  # private: 0.8 GB would take a minute
     text = pa.array(["x" * (10_000 if is_repeated else 2_000_000)])
     table = pa.table({"note": pa.DictionaryArray.from_arrays(pa.array([0] * 1000), text) if is_repeated else text})
@@ -129,7 +127,7 @@ def test_a_small_file_that_stands_for_much_text_is_not_decoded(
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_a_batch_that_is_compressed_is_damage(compression: str) -> None:
+def test_a_batch_that_is_compressed_is_damage(compression):
     """None is ever recorded, and it may stand for any number of rows."""
     schema = schema_of("g1", ("g1_mm",))
     batch = pa.record_batch([pa.array(np.zeros(1000), field.type, safe=False) for field in schema], schema=schema)
@@ -141,7 +139,7 @@ def test_a_batch_that_is_compressed_is_damage(compression: str) -> None:
     assert salvage(chunk.head(schema) + chunk.frame(batch, 0) + chunk.END, schema).rows == 1000
 
 
-def test_a_file_that_no_recorder_has_written_is_named(run: Path) -> None:
+def test_a_file_that_no_recorder_has_written_is_named(run):
     """As a crash would have left it: in no ledger."""
     put_ledger(run, ledger_records(run)[:1])
     (run / "g1-0001.parquet").write_bytes(many_equal_rows(120_000_000))
@@ -153,7 +151,7 @@ def _no_memory(*_: object, **__: object) -> None:
     raise pa.ArrowMemoryError("malloc of size 960000000 failed")
 
 
-def test_where_the_memory_is_short_the_file_is_not_at_fault(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_the_memory_is_short_the_file_is_not_at_fault(run, monkeypatch):
     """A whole chunk that no ledger lists yet, as a crash leaves it: recovery could set it aside for damaged."""
     rows = schema_of("g1", ("g1_mm",)).empty_table()
     columns = {f.name: pa.array([1] * 3, f.type) for f in rows.schema}
@@ -174,7 +172,7 @@ def test_where_the_memory_is_short_the_file_is_not_at_fault(run: Path, monkeypat
         assert any("memory" in line for line in verify(run))
 
 
-def test_a_damaged_length_is_damage_however_much_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damaged_length_is_damage_however_much_it_asks_for(monkeypatch):
     class Damaged:
         schema = schema_of(FAULTS, ())
 
@@ -188,7 +186,7 @@ def test_a_damaged_length_is_damage_however_much_it_asks_for(monkeypatch: pytest
     assert "malloc" in str(salvage(bytes(1000), schema_of(FAULTS, ())).damage)
 
 
-def test_out_of_memory_is_one_line(tmp_path: Path) -> None:
+def test_out_of_memory_is_one_line(tmp_path):
     """Of the whole program, in an address space that is large enough to begin in; a good table takes twice as much."""
     table = tmp_path / "t.csv"
     header = ",".join(["t_s", "direction", *(f"q{axis}_deg" for axis in range(1, 7)), "g1_mm", "g2_mm"])
@@ -215,9 +213,7 @@ def test_out_of_memory_is_one_line(tmp_path: Path) -> None:
         (ValueError("a bug"), False),
     ],
 )
-def test_a_numerical_failure_is_one_line_and_a_bug_is_not(
-    error: Exception, numerical: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_numerical_failure_is_one_line_and_a_bug_is_not(error, numerical, monkeypatch, capsys):
     def fails() -> None:
         raise error
 

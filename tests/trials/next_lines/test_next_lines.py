@@ -1,12 +1,8 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from tests.support import nightly
 from tests.support.measured_series import DATA
-from tests.trials.next_lines.next_line_cases import HintCase, cases, followed
+from tests.trials.next_lines.next_line_cases import cases, followed
 from tests.trials.next_lines.next_lines import Place, follow, hints_of, table
 
 CASES = list(cases(DATA))
@@ -26,7 +22,7 @@ CASES = list(cases(DATA))
         ("rig finds out why a robot arm is not accurate", []),
     ],
 )
-def test_the_commands_of_a_line_are_seen(tmp_path: Path, line: str, commands: list[str]) -> None:
+def test_the_commands_of_a_line_are_seen(tmp_path, line, commands):
     assert [str(hint) for hint in hints_of(line, tmp_path) if hint.words[1:] and hint.words[1] != "finds"] == commands
 
 
@@ -40,13 +36,13 @@ def test_the_commands_of_a_line_are_seen(tmp_path: Path, line: str, commands: li
         ("see rig simulate nobody.yaml", True),  # its error names no command
     ],
 )
-def test_a_dead_end_is_seen(tmp_path: Path, line: str, *, dead: bool) -> None:
+def test_a_dead_end_is_seen(tmp_path, line, *, dead):
     (tmp_path / "place").mkdir()
     assert bool(follow(line, Place(tmp_path / "place"), tmp_path).dead) == dead
 
 
 @pytest.mark.cpu_limit(120)
 @pytest.mark.parametrize("case", nightly.cases(CASES, lambda case: case.quick))
-def test_every_hint_comes_to_an_end(tmp_path: Path, case: HintCase) -> None:
+def test_every_hint_comes_to_an_end(tmp_path, case):
     found = followed(case, tmp_path)
     assert not found.dead, table({case.name: found})

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.real_time  # every sample counts at full pace
 SCRIPT = Path(__file__).parents[3] / "tests" / "trials" / "pace" / "__main__.py"
 
 
-def test_no_sample_is_missing_at_a_quick_pace() -> None:
+def test_no_sample_is_missing_at_a_quick_pace():
     env = {**os.environ, "PATH": f"{BIN}:{os.environ['PATH']}"}
     command = [sys.executable, SCRIPT, "1", "--turns", "1", "--rate", "4000"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=env)

@@ -50,7 +50,7 @@ def _with_u(points: tuple[Point, ...], factor: float) -> tuple[Point, ...]:
 
 
 @pytest.mark.parametrize(("test", "kind"), CELLS)
-def test_planted_is_recovered_within_2u(test: str, kind: str) -> None:
+def test_planted_is_recovered_within_2u(test, kind):
     points = _points(test, kind)
     print(report(scores_of(points), repeated=True))
     assert _sound(points)
@@ -58,7 +58,7 @@ def test_planted_is_recovered_within_2u(test: str, kind: str) -> None:
 
 @pytest.mark.parametrize("factor", [1 / 3, 3])
 @pytest.mark.parametrize(("test", "kind"), CELLS)
-def test_a_wrong_u_would_not_pass(test: str, kind: str, factor: float) -> None:
+def test_a_wrong_u_would_not_pass(test, kind, factor):
     assert not _sound(_with_u(_points(test, kind), factor))
 
 
@@ -81,13 +81,13 @@ def _drawn(u: float, bias: float = 0.0, noise: str = "measured", count: int = 60
         ([Point("yaw", "band_deg", TABLE, np.nan, np.nan, "")], ""),
     ],
 )
-def test_rules_detect_wrong_figures(points: list[Point], fault: str) -> None:
+def test_rules_detect_wrong_figures(points, fault):
     (score,) = scores_of(points)
     faults = "; ".join(score.faults(repeated=True))
     assert fault in faults if fault else not faults
 
 
-def test_a_case_becomes_points(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_case_becomes_points(monkeypatch):
     """A place just over the seam is near; a figure left out, or without u, is missing; a refused run is a point."""
     figures = {"shift_deg": Quantity(359.5, 1.0, "deg"), "rms_deg": Quantity(1.0, np.nan, "deg")}
     truth = {"shift_deg": 0.5, "rms_deg": 1.0, "band_deg": 1.0}
@@ -112,7 +112,7 @@ T_S = np.arange(20_000) * 2e-3
 
 
 @pytest.mark.parametrize("slow_s", [0.3, 0.0])
-def test_slow_noise_has_the_level_that_is_asked(slow_s: float) -> None:
+def test_slow_noise_has_the_level_that_is_asked(slow_s):
     noise = Noise(white_mm=(0, 0), slow_mm=(0.003, 0.004, 0.0), slow_s=slow_s)
     rng = np.random.default_rng(1)
     power = np.mean(
@@ -121,7 +121,7 @@ def test_slow_noise_has_the_level_that_is_asked(slow_s: float) -> None:
     np.testing.assert_allclose(np.sqrt(power), [0.005, 0.003], rtol=0.2)
 
 
-def test_drift_and_slip_begin_with_the_run() -> None:
+def test_drift_and_slip_begin_with_the_run():
     drifting = Noise(white_mm=(0, 0), drift_mm_per_s=(DRIFT_MM_PER_S, 0, 0))
     moved = noise_of(np.random.default_rng(1), drifting, T_S)
     np.testing.assert_allclose(moved[0], 0, atol=1e-12)
@@ -131,7 +131,7 @@ def test_drift_and_slip_begin_with_the_run() -> None:
     assert not slipped[0].any() and not slipped[:, 1].any()
 
 
-def test_a_gauge_with_its_own_cycle_holds_its_value_and_states_the_spread_of_its_time() -> None:
+def test_a_gauge_with_its_own_cycle_holds_its_value_and_states_the_spread_of_its_time():
     rng = np.random.default_rng(1)
     true_s, shown, u_t_s = gauge_times(rng, SINGLE["own cycle"], T_S)
     off_s = true_s - T_S[:, None] + SINGLE["own cycle"].lag_s
@@ -139,7 +139,7 @@ def test_a_gauge_with_its_own_cycle_holds_its_value_and_states_the_spread_of_its
     assert len(np.unique(shown[:, 0])) == pytest.approx(T_S[-1] / 0.1, abs=2)
 
 
-def test_a_circle_table_is_the_circle_of_the_rig_lap_after_lap() -> None:
+def test_a_circle_table_is_the_circle_of_the_rig_lap_after_lap():
     rig, _ = cell_rig()
     rng = np.random.default_rng(2)
     noise, set_up = Noise(white_mm=(0, 0), step_mm=1e-9, uneven=1.0), draw_set_up(rng)
@@ -151,7 +151,7 @@ def test_a_circle_table_is_the_circle_of_the_rig_lap_after_lap() -> None:
     np.testing.assert_allclose(table.g_mm, set_up.readings(phi, -1.0, "yaw"), atol=1e-5)
 
 
-def test_runs_that_are_repeated_become_a_mean_with_its_uncertainty() -> None:
+def test_runs_that_are_repeated_become_a_mean_with_its_uncertainty():
     points = [point for seed in range(FIRST, FIRST + 2) for point in points_of(Job("repeated", "white", seed, 2, 720))]
     there = [point for point in points if np.isfinite(point.error)]
     assert there

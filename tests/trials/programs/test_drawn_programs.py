@@ -27,7 +27,7 @@ _PARTS = [(dialect, part) for part in range(_AT_NIGHT // _DRAWN) for dialect in 
 
 @pytest.mark.skipif(not _FOLLOWS, reason="no tools")
 @pytest.mark.parametrize(("dialect", "part"), cases(_PARTS, lambda one: one[1] == 0))
-def test_no_target_is_farther_off_unless_it_is_listed(dialect: str, part: int) -> None:
+def test_no_target_is_farther_off_unless_it_is_listed(dialect, part):
     for seed in range(part * _DRAWN, (part + 1) * _DRAWN):
         verdict = judge(draw(dialect, seed, plain=False))
         assert not verdict.error, (seed, verdict.error)
@@ -36,7 +36,7 @@ def test_no_target_is_farther_off_unless_it_is_listed(dialect: str, part: int) -
 
 @pytest.mark.skipif(not _FOLLOWS, reason="no tools")
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_plain_programs_are_corrected(dialect: str) -> None:
+def test_plain_programs_are_corrected(dialect):
     verdicts = [judge(draw(dialect, seed, plain=True)) for seed in range(_PLAIN)]
     assert not [story(verdict) for verdict in verdicts if verdict.faults]
     assert sum(verdict.moved for verdict in verdicts) >= 0.95 * sum(verdict.asked for verdict in verdicts) > 0
@@ -51,7 +51,7 @@ def controller(request: pytest.FixtureRequest) -> Iterator[str]:
 
 @pytest.mark.parametrize("controller", ["stated", "added", "unknown"], indirect=True)
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_controllers_with_own_constants_get_no_target_farther_off(dialect: str, controller: str) -> None:
+def test_controllers_with_own_constants_get_no_target_farther_off(dialect, controller):
     plain = [judge(draw(dialect, seed, plain=True)) for seed in range(4)]
     verdicts = plain + [judge(draw(dialect, seed, plain=False)) for seed in range(4)]
     assert not [story(one) for one in verdicts if one.error or any(map(grave, one.faults))]
@@ -69,7 +69,7 @@ def _kinds(dialect: str, correction: Callable[[Draft], Corrected]) -> Counter[st
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_a_correction_in_another_tool_and_frame_is_seen(dialect: str) -> None:
+def test_a_correction_in_another_tool_and_frame_is_seen(dialect):
     away = frame((40.0, -30.0, 60.0), Rotation.from_euler("xyz", [0.1, -0.1, 2.0]))
 
     def wrong(draft: Draft) -> Corrected:
@@ -117,24 +117,24 @@ _POINT = {
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_a_point_elsewhere_is_seen(dialect: str) -> None:
+def test_a_point_elsewhere_is_seen(dialect):
     kinds = _of(dialect, lambda data: re.sub(*_POINT[dialect], data))
     assert kinds["farther off"] + kinds["another posture"] + kinds["another way"] > 0, kinds
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_a_changed_letter_is_seen(dialect: str) -> None:
+def test_a_changed_letter_is_seen(dialect):
     assert _of(dialect, lambda data: data.replace(b"O", b"o").replace(b"e", b"E"))["bytes"] >= 6
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_unlisted_unchanged_targets_are_detected(dialect: str) -> None:
+def test_unlisted_unchanged_targets_are_detected(dialect):
     kinds = _kinds(dialect, lambda draft: Corrected(draft.files, frozenset(), (), 0.04, frozenset(draft.files)))
     assert kinds["silent"] > 6, kinds
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_listed_changed_targets_are_detected(dialect: str) -> None:
+def test_listed_changed_targets_are_detected(dialect):
     def listed(draft: Draft) -> Corrected:
         made = correct(draft)
         rows = {
@@ -148,7 +148,7 @@ def test_listed_changed_targets_are_detected(dialect: str) -> None:
     assert _kinds(dialect, listed)["left, yet changed"] > 6
 
 
-def test_a_program_has_every_way() -> None:
+def test_a_program_has_every_way():
     """A loop is passed none, one and two times, a branch both ways, and a routine without text does two things."""
     from tests.worlds.languages import urscript  # noqa: PLC0415
     from tests.worlds.languages.execution import World, every_way  # noqa: PLC0415

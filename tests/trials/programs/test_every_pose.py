@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 
 import pytest
@@ -33,7 +31,7 @@ _PARTS = [(dialect, part) for part in range(_AT_NIGHT // _DRAWN) for dialect in 
 
 
 @pytest.mark.parametrize(("dialect", "part"), cases(_PARTS, lambda one: one[1] == 0))
-def test_every_pose_in_numbers_is_corrected_or_listed(dialect: str, part: int) -> None:
+def test_every_pose_in_numbers_is_corrected_or_listed(dialect, part):
     others, count = re.compile(_OTHERS[dialect], re.MULTILINE), 0
     for seed in range(part * _DRAWN, (part + 1) * _DRAWN):
         draft = draw(dialect, seed, plain=False)

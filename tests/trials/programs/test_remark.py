@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from analysis.apps.makers import maker_by
@@ -22,7 +20,7 @@ def _words(lines: list[bytes]) -> str:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("ends", [b"\n", b"\r\n"])
-def test_a_remark_is_lines_of_its_own(dialect: str, ends: bytes) -> None:
+def test_a_remark_is_lines_of_its_own(dialect, ends):
     for name, data in draw(dialect, 1, plain=True).files.items():
         before = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\n", ends)
         old, new = before.split(ends), with_remark(maker_by(dialect).reader.remark, name, before, ANYWAY).split(ends)
@@ -35,7 +33,7 @@ def test_a_remark_is_lines_of_its_own(dialect: str, ends: bytes) -> None:
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_program_with_a_remark_behaves_unchanged(dialect: str) -> None:
+def test_program_with_a_remark_behaves_unchanged(dialect):
     draft = draw(dialect, 2, plain=True)
     ways = []
     for files in (
@@ -48,7 +46,7 @@ def test_program_with_a_remark_behaves_unchanged(dialect: str) -> None:
     assert ways[0] and [q for _, q in ways[0]] == [q for _, q in ways[1]]
 
 
-def test_a_last_line_without_an_end_gets_one() -> None:
+def test_a_last_line_without_an_end_gets_one():
     assert with_remark(maker_by("ur").reader.remark, "a.script", b"movej(q)", "mind") == b"movej(q)\n# mind"
     assert with_remark(maker_by("ur").reader.remark, "a.script", b"movej(q)\r", "mind") == b"movej(q)\r# mind\r"
     assert (
@@ -57,7 +55,7 @@ def test_a_last_line_without_an_end_gets_one() -> None:
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_a_program_with_the_mark_is_refused_and_without_it_is_not(dialect: str, tmp_path: Path) -> None:
+def test_a_program_with_the_mark_is_refused_and_without_it_is_not(dialect, tmp_path):
     draft = draw(dialect, 3, plain=True)
     path, data = tmp_path / draft.main, draft.files[draft.main]
     path.write_bytes(data)

@@ -1,7 +1,5 @@
 """A storm of faults in simulated time: the daemon comes through it, and one with a planted bug does not."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.nightly import cases
@@ -19,7 +17,7 @@ FOUND_IN = {
 
 
 @pytest.mark.parametrize("seed", cases((0, 2, 5), (0, 2)))
-def test_the_daemon_comes_through_the_storm_the_same_each_time(seed: int) -> None:
+def test_the_daemon_comes_through_the_storm_the_same_each_time(seed):
     told = weather(seed)
     assert told.violations == [], f"scripts/dev storm --seed {seed}"
     assert told.rows and told.blows
@@ -35,6 +33,6 @@ def test_the_daemon_comes_through_the_storm_the_same_each_time(seed: int) -> Non
 
 # A bug that is planted tests the storm: one of the daemon's and one of its clock in each commit.
 @pytest.mark.parametrize("name", cases(MUTANTS, ("first batch after an outage lost", "stamped after reading")))
-def test_a_planted_bug_is_found(name: str) -> None:
+def test_a_planted_bug_is_found(name):
     with MUTANTS[name]():
         assert weather(FOUND_IN[name]).violations, name

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,28 +23,28 @@ def named(name: str, value: float, sd: float = 1e-4, **more: Any) -> dict[str, A
     return effect | ({"axis": int(axis)} if axis.isdigit() else {}) | more
 
 
-def test_a_name_is_right_by_its_size(cell: Cell) -> None:
+def test_a_name_is_right_by_its_size(cell):
     zero = cell.known.names()["joint_offset 3"]
     assert judge_name(cell, named("joint_offset 3", zero)) == "right"
     assert judge_name(cell, named("joint_offset 3", 10 * zero)) == "wrong"
     assert judge_name(cell, named("joint_offset 3", 10 * zero, sd=abs(4 * zero))) == "right"  # within its uncertainty
 
 
-def test_a_name_is_related_by_cause_and_axis(cell: Cell) -> None:
+def test_a_name_is_related_by_cause_and_axis(cell):
     assert judge_name(cell, named("compliance 2", 1.0)) == "related"
     assert judge_name(cell, named("compliance 3", 1.0)) == "wrong"
     assert judge_name(cell.sound(), named("compliance 2", 1.0)) == "wrong"
     assert judge_name(cell, named("ball_form", 1.0)) == "wrong"
 
 
-def test_fault_with_a_right_rival_is_ambiguous(cell: Cell) -> None:
+def test_fault_with_a_right_rival_is_ambiguous(cell):
     rivals = [named("compliance 2", 1.0, posterior=0.3)]
     assert judge_name(cell, named("ball_form", 1.0, posterior=0.7, rivals=rivals)) == "ambiguous"
     assert judge_name(cell, named("ball_form", 1.0, posterior=0.97, rivals=rivals)) == "wrong"
     assert judge_name(cell, named("ball_form", 1.0, posterior=0.7, rivals=[named("time_lag", 1.0)])) == "wrong"
 
 
-def test_only_certain_names_count(cell: Cell) -> None:
+def test_only_certain_names_count(cell):
     assert judge_name(cell, named("ball_form", 1.0, stands=False, posterior=0.9)) == ""
     assert judge_name(cell, named("ball_form", 1.0, stands=False, posterior=0.96)) == "wrong"
 
@@ -60,11 +59,11 @@ def test_only_certain_names_count(cell: Cell) -> None:
         ({"condition": "named", "acts": [{"why": "fault"}, {"why": "unexplained"}]}, False),
     ],
 )
-def test_answers_that_count_as_reported(answer: dict[str, Any], told: bool) -> None:
+def test_answers_that_count_as_reported(answer, told):
     assert was_told(answer) == told
 
 
-def test_repair_removes_only_its_effect(cell: Cell, tmp_path: Path) -> None:
+def test_repair_removes_only_its_effect(cell, tmp_path):
     rich = replace(cell, known=replace(cell.known, play=np.radians([0.0, 0.2, 0, 0, 0, 0])))
     before, after, calibrated = first_act_um(rich, {"acts": [{"kind": "repair", "effect": "backlash 2"}]}, tmp_path)
     assert after < 0.9 * before
@@ -74,7 +73,7 @@ def test_repair_removes_only_its_effect(cell: Cell, tmp_path: Path) -> None:
     assert after_repair(cell, "repair", "compliance 2", {}).cause is None  # the torsion is of that gear
 
 
-def test_a_wrong_zero_makes_it_worse(cell: Cell, tmp_path: Path) -> None:
+def test_a_wrong_zero_makes_it_worse(cell, tmp_path):
     answer = {
         "acts": [{"kind": "remaster", "effect": "joint_offset 3"}],
         "effects": [named("joint_offset 3", 0.2)],
@@ -83,7 +82,7 @@ def test_a_wrong_zero_makes_it_worse(cell: Cell, tmp_path: Path) -> None:
     assert after > 1.5 * before
 
 
-def test_cells_are_counted() -> None:
+def test_cells_are_counted():
     said = {"imitated": False, "wrong_faults": [], "wrong_certain": ["x"], "related": [], "worse": False, "cpu_s": 6.0}
     rows = [
         {"kind": "cubic torsion", "with": said | {"told": seed > 0}, "sound": said | {"told": True, "cpu_s": 3.0}}

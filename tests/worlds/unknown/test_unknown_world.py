@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,12 +68,12 @@ SEVEN = screws([
     [(ur10e(), UR10E, (-1184.25, -290.7, 60.85)), (seven_axis_arm(), SEVEN, (0.0, 0.0, 1306.0))],
     ids=["UR10e", "seven axes"],
 )
-def test_arms_agree_with_their_drawings(arm: Arm, axes: list[tuple[Array, Array]], end: tuple[float, ...]) -> None:
+def test_arms_agree_with_their_drawings(arm, axes, end):
     q = postures(arm)
     np.testing.assert_allclose(forward(arm, q).flange[:, :3, 3], by_screws(axes, np.array(end), q), atol=1e-8)
 
 
-def test_the_elbow_arm_agrees_with_the_closed_form_of_ortho_parallel_arms() -> None:
+def test_the_elbow_arm_agrees_with_the_closed_form_of_ortho_parallel_arms():
     """Brandstötter, Angerer and Hofbaur, An analytical solution of the inverse kinematics problem of industrial serial
     manipulators with an ortho-parallel basis and a spherical wrist (2014): forward equations of the wrist centre."""
     arm = elbow_arm()
@@ -89,8 +88,8 @@ def test_the_elbow_arm_agrees_with_the_closed_form_of_ortho_parallel_arms() -> N
 
 
 @pytest.mark.parametrize("make", [ur10e, elbow_arm, seven_axis_arm])
-def test_gravity_torque_is_the_slope_of_the_potential(make: object) -> None:
-    arm = replace(make(), payload_kg=3.0)  # type: ignore[operator]
+def test_gravity_torque_is_the_slope_of_the_potential(make):
+    arm = replace(make(), payload_kg=3.0)
     q, step = postures(arm, 5), 1e-5
 
     def potential(at: Array) -> Array:
@@ -105,7 +104,7 @@ def test_gravity_torque_is_the_slope_of_the_potential(make: object) -> None:
 
 
 @pytest.mark.parametrize("seed", range(len(CAUSES)), ids=[kind.kind for kind in CAUSES])
-def test_each_cause_can_be_seen_and_vanishes_at_size_0(seed: int) -> None:
+def test_each_cause_can_be_seen_and_vanishes_at_size_0(seed):
     cell = draw_cell(seed)
     assert cell.cause is not None
     assert cell.cause.kind == CAUSES[seed].kind
@@ -119,7 +118,7 @@ def test_each_cause_can_be_seen_and_vanishes_at_size_0(seed: int) -> None:
     np.testing.assert_allclose(seen_without_noise(gone, planned), sound, atol=1e-9)
 
 
-def test_a_memory_remembers_and_a_posture_does_not() -> None:
+def test_a_memory_remembers_and_a_posture_does_not():
     """In the same posture, hysteresis depends on the direction of arrival and a wandering axis does not."""
     arm = ur10e()
     here, low, high = (np.radians([0, angle, 80, -80, -80, 0]) for angle in (-70.0, -130.0, -20.0))
@@ -138,12 +137,12 @@ def perfect(request: pytest.FixtureRequest) -> Cell:
     return replace(cell, test=request.param, known=no_known(6), noise=QUIET, target=np.zeros(3), frame=np.eye(4))
 
 
-def test_rig_reads_a_perfect_cell_without_a_residual(perfect: Cell, tmp_path: Path) -> None:
+def test_rig_reads_a_perfect_cell_without_a_residual(perfect, tmp_path):
     """The only test with rig: frames, signs and units agree. Tables are rounded to 0.1 µm."""
     from analysis import compare, read_table  # noqa: PLC0415
 
     for path, test, direction in write_cell(perfect, tmp_path):
-        found = compare([read_table(path, tmp_path / "cell.yaml", test, direction or None)])  # type: ignore[arg-type]
+        found = compare([read_table(path, tmp_path / "cell.yaml", test, direction or None)])
         for run in found.runs:
             assert np.abs(run.residuals_mm).max() < 5e-4
         for pose in found.poses:

@@ -45,7 +45,7 @@ def certified(directory: Path, terms: tuple[tuple[Effect, float], ...], *words: 
     return found | {"exit_code": done.returncode, "by_name": {one["name"]: one for one in found["features"]}}
 
 
-def test_common_error_is_rejected_for_positions_and_accepted_for_distances(tmp_path: Path) -> None:
+def test_common_error_is_rejected_for_positions_and_accepted_for_distances(tmp_path):
     asked = ("--tolerance", "A=0.7mm", "--tolerance", "distance:A,B=0.7mm", "--tolerance", "distance:A,D=0.7mm")
     found = certified(tmp_path, SHIFT, *asked)
     verdicts = {name: (one["verdict"], one["corrected"]["verdict"]) for name, one in found["by_name"].items()}
@@ -59,13 +59,13 @@ def test_common_error_is_rejected_for_positions_and_accepted_for_distances(tmp_p
     assert "usual" in found["by_name"]["A"]["cause"]
 
 
-def test_opposite_errors_are_accepted_for_positions_and_rejected_for_distances(tmp_path: Path) -> None:
+def test_opposite_errors_are_accepted_for_positions_and_rejected_for_distances(tmp_path):
     asked = ("--tolerance", "A=0.9mm", "--tolerance", "B=0.9mm", "--tolerance", "distance:A,B=0.6mm")
     found = certified(tmp_path, RIPPLE, *asked)["by_name"]
     assert [found[name]["verdict"] for name in ("A", "B", "distance:A,B")] == ["accept", "accept", "reject"]
 
 
-def test_target_outside_the_measured_region_is_undecided_with_the_reason(tmp_path: Path) -> None:
+def test_target_outside_the_measured_region_is_undecided_with_the_reason(tmp_path):
     found = certified(tmp_path, SHIFT, "--tolerance", "far=50mm", "--tolerance", "distance:A,far=50mm")
     for feature in found["features"]:
         assert (feature["verdict"], feature["probability"], feature["u_mm"]) == ("undecided", None, None)
@@ -73,14 +73,14 @@ def test_target_outside_the_measured_region_is_undecided_with_the_reason(tmp_pat
         assert feature["next"]["q_deg"][0] == pytest.approx(80)
 
 
-def test_straightness_of_two_targets_is_that_of_the_line_between_them(tmp_path: Path) -> None:
+def test_straightness_of_two_targets_is_that_of_the_line_between_them(tmp_path):
     words = [word for targets in ("A,C", "A,far") for word in ("--tolerance", f"straightness:{targets}=0.1mm")]
     line, beyond = certified(tmp_path, RIPPLE, *words)["features"]
     assert 0.005 < line["expected_mm"] < 0.1  # two points alone are always straight
     assert (line["verdict"], beyond["verdict"]) == ("accept", "undecided")
 
 
-def test_unmeasured_arm_decides_nothing(tmp_path: Path) -> None:
+def test_unmeasured_arm_decides_nothing(tmp_path):
     (tmp_path / "targets.csv").write_text(TARGETS)
     done = ran("certify", "targets.csv", "--arm", "ur10e", "--tolerance", "A=50mm", "--json", cwd=tmp_path)
     feature = json.loads(done.stdout)["features"][0]
@@ -101,13 +101,13 @@ def test_unmeasured_arm_decides_nothing(tmp_path: Path) -> None:
         ("flatness:A..far=0.3mm", "certify.form"),
     ],
 )
-def test_wrong_feature_is_one_error_and_the_others_are_judged(tmp_path: Path, tolerance: str, code: str) -> None:
+def test_wrong_feature_is_one_error_and_the_others_are_judged(tmp_path, tolerance, code):
     found = certified(tmp_path, SHIFT, "--tolerance", tolerance, "--tolerance", "B=5mm")
     assert [error["code"] for error in found["errors"]] == [code]
     assert (found["exit_code"], list(found["by_name"])) == (2, ["B"])
 
 
-def test_table_of_features_and_page(tmp_path: Path) -> None:
+def test_table_of_features_and_page(tmp_path):
     rows = "name,kind,targets,tolerance_mm\nedge,distance,A;B,0.3\n,position,all,90\nbad,distance,A;B,wide\n"
     (tmp_path / "features.csv").write_text(rows)
     found = certified(tmp_path, SHIFT, "--features", "features.csv", "-o", "page.html")
@@ -133,7 +133,7 @@ end
 """
 
 
-def test_program_judges_understood_targets_and_lists_the_others(tmp_path: Path) -> None:
+def test_program_judges_understood_targets_and_lists_the_others(tmp_path):
     (tmp_path / "job.script").write_text(PROGRAM)
     words = (
         "--tolerance",
@@ -164,15 +164,13 @@ LEVEL = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [100, 100, 0]])
         ("flatness", 4, [[0, 0, 1], [0, 0, -1], [0, 0, -1], [0, 0, 1]], 2.0),
     ],
 )
-def test_error_of_a_feature_is_that_of_its_points(
-    kind: Any, count: int, moved: list[list[float]], expected: float
-) -> None:
+def test_error_of_a_feature_is_that_of_its_points(kind, count, moved, expected):
     nominal = LEVEL[:count]
     values = Feature("", kind, 1.0, np.arange(count)).values(nominal, (nominal + np.array(moved))[None])
     assert values == pytest.approx([expected], abs=1e-2)
 
 
-def test_draws_have_the_covariance_of_common_and_own_parts() -> None:
+def test_draws_have_the_covariance_of_common_and_own_parts():
     common, own = np.array([[[2.0, 0, 0], [2, 0, 0]]]), np.broadcast_to(np.eye(3), (2, 3, 3))
     drawn = Cause("", "model", np.ones((2, 3)), common, own).draw(np.arange(2), 20_000, np.random.default_rng(0))
     assert drawn.mean(axis=(0, 1)) == pytest.approx([1, 1, 1], abs=0.06)
@@ -180,7 +178,7 @@ def test_draws_have_the_covariance_of_common_and_own_parts() -> None:
     assert np.var(drawn[:, 0, 0]) == pytest.approx(5.0, rel=0.05)
 
 
-def test_growing_error_gives_the_day_on_which_a_feature_leaves_its_tolerance() -> None:
+def test_growing_error_gives_the_day_on_which_a_feature_leaves_its_tolerance():
     runs = tuple(
         RunRecord(
             f"run-{day}", str(day), "r", (dt.datetime(2026, 1, 1, tzinfo=dt.UTC) + dt.timedelta(days=day)).isoformat(),

@@ -1,9 +1,6 @@
 """Answers that are kept between two runs of rig init: private, bounded, and checked when they are read."""
 
-from __future__ import annotations
-
 import os
-from pathlib import Path
 
 import pytest
 
@@ -22,7 +19,7 @@ ANSWERS = Answers(
 )
 
 
-def test_stored_answers_are_read_back(tmp_path: Path) -> None:
+def test_stored_answers_are_read_back(tmp_path):
     rig_file = tmp_path / "cell.yaml"
     assert load_answers(rig_file) == Answers() and load_answers(rig_file).count == 0
     keep_answers(rig_file, ANSWERS)
@@ -34,7 +31,7 @@ def test_stored_answers_are_read_back(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_only_the_owner_can_read_them(tmp_path: Path) -> None:
+def test_only_the_owner_can_read_them(tmp_path):
     keep_answers(tmp_path / "cell.yaml", ANSWERS)
     assert kept_in(tmp_path / "cell.yaml").stat().st_mode & 0o777 == 0o600
 
@@ -52,14 +49,14 @@ def test_only_the_owner_can_read_them(tmp_path: Path) -> None:
         b"x" * 200_000,
     ],
 )
-def test_damaged_answers_are_one_line(tmp_path: Path, data: bytes) -> None:
+def test_damaged_answers_are_one_line(tmp_path, data):
     kept_in(tmp_path / "cell.yaml").write_bytes(data)
     with pytest.raises(FileError) as error:
         load_answers(tmp_path / "cell.yaml")
     assert len(error.value.lines()) == 1 and "cell.yaml.init" in error.value.where
 
 
-def test_a_directory_or_a_pipe_in_their_place(tmp_path: Path) -> None:
+def test_a_directory_or_a_pipe_in_their_place(tmp_path):
     os.mkfifo(kept_in(tmp_path / "a.yaml"))
     kept_in(tmp_path / "b.yaml").mkdir()
     for name in ("a.yaml", "b.yaml"):
@@ -67,7 +64,7 @@ def test_a_directory_or_a_pipe_in_their_place(tmp_path: Path) -> None:
             load_answers(tmp_path / name)
 
 
-def test_answers_of_somebody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_answers_of_somebody_else(tmp_path, monkeypatch):
     keep_answers(tmp_path / "cell.yaml", ANSWERS)
     monkeypatch.setattr(os, "geteuid", lambda: 4242)
     with pytest.raises(FileError) as error:
@@ -75,7 +72,7 @@ def test_answers_of_somebody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert error.value.code == "answers.other_user"
 
 
-def test_a_directory_that_cannot_be_written(tmp_path: Path) -> None:
+def test_a_directory_that_cannot_be_written(tmp_path):
     with pytest.raises(CellError) as error:
         keep_answers(tmp_path / "none" / "cell.yaml", ANSWERS)
     assert error.value.code == "disk.write"

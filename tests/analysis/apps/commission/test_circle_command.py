@@ -38,7 +38,7 @@ def cell(tmp_path: Path) -> Path:
     return path
 
 
-def test_block_is_printed_with_uncertainties_and_nothing_is_written(run: Path, cell: Path) -> None:
+def test_block_is_printed_with_uncertainties_and_nothing_is_written(run, cell):
     before = cell.read_text()
     done = ran("circle", "fit", run, "--rig", cell)
     assert done.returncode == 0, done.stderr
@@ -51,7 +51,7 @@ def test_block_is_printed_with_uncertainties_and_nothing_is_written(run: Path, c
     assert list(cell.parent.iterdir()) == [cell]
 
 
-def test_file_is_written_and_each_old_one_is_kept(run: Path, cell: Path) -> None:
+def test_file_is_written_and_each_old_one_is_kept(run, cell):
     before = cell.read_text()
     done = ran("circle", "fit", run, "--rig", cell, "--write")
     assert done.returncode == 0 and "cell.yaml.1" in done.stderr, done.stderr
@@ -66,7 +66,7 @@ def test_file_is_written_and_each_old_one_is_kept(run: Path, cell: Path) -> None
     assert len(list(cell.parent.iterdir())) == 3 and ran("check", cell).returncode == 0
 
 
-def test_drivable_posture_is_proposed(tmp_path: Path) -> None:
+def test_drivable_posture_is_proposed(tmp_path):
     """An arc with axis 6 turned back so far that a lap from there would leave its limits."""
     circle = circle_of(load("ur10e")[0])
     poses = frame_of(circle).poses(np.radians(np.linspace(0, 90, 300)))
@@ -82,7 +82,7 @@ def test_drivable_posture_is_proposed(tmp_path: Path) -> None:
     assert "posture_deg: [" in done.stderr
 
 
-def test_json_contains_values_and_uncertainties(run: Path) -> None:
+def test_json_contains_values_and_uncertainties(run):
     done = ran("circle", "fit", run, "--json")
     found = json.loads(done.stdout)
     assert found["test"] == "circle" and found["radius_mm"] == pytest.approx(70, abs=0.02)
@@ -90,7 +90,7 @@ def test_json_contains_values_and_uncertainties(run: Path) -> None:
     assert len(found["u"]["centre_mm"]) == 3 and 0 < found["u"]["radius_mm"] < 0.02
 
 
-def test_ball_is_fitted_to_a_circle_or_to_stops(run: Path, cell: Path, tmp_path: Path) -> None:
+def test_ball_is_fitted_to_a_circle_or_to_stops(run, cell, tmp_path):
     done = ran("ball", "fit", run, "--rig", cell, "--write")
     assert done.returncode == 0, done.stderr
     assert yaml.safe_load(cell.read_text())["tests"]["hemisphere"]["centre_mm"] == pytest.approx(
@@ -119,23 +119,23 @@ def code_of(*words: str | Path) -> str:
         (("RUN", "--rig", "paper-fanuc"), "run.other_robot"),
     ],
 )
-def test_impossible_fit_is_refused(words: tuple[str, ...], code: str, run: Path) -> None:
+def test_impossible_fit_is_refused(words, code, run):
     assert code_of("circle", "fit", *(run if word == "RUN" else word for word in words)) == code
 
 
-def test_run_of_single_readings_is_refused(tmp_path: Path) -> None:
+def test_run_of_single_readings_is_refused(tmp_path):
     radial = simulate("ur10e", "radial", seed=1)
     assert ran("circle", "fit", save_run(radial, tmp_path / radial.path)).returncode == 3
 
 
-def test_read_only_file_is_unchanged(run: Path, cell: Path) -> None:
+def test_read_only_file_is_unchanged(run, cell):
     before = cell.read_text()
     cell.chmod(0o440)
     assert code_of("circle", "fit", run, "--rig", cell, "--write") == "file.read_only"
     assert cell.read_text() == before and list(cell.parent.iterdir()) == [cell]
 
 
-def test_unwritable_directory_leaves_the_file_unchanged(run: Path, cell: Path) -> None:
+def test_unwritable_directory_leaves_the_file_unchanged(run, cell):
     before = cell.read_text()
     cell.parent.chmod(0o500)
     try:
@@ -147,14 +147,14 @@ def test_unwritable_directory_leaves_the_file_unchanged(run: Path, cell: Path) -
     assert done.returncode == 4 and cell.read_text() == before
 
 
-def test_live_without_a_daemon_is_refused(tmp_path: Path) -> None:
+def test_live_without_a_daemon_is_refused(tmp_path):
     rig_file = tmp_path / "cell.yaml"
     rig_file.write_text(UR10E.replace("name: ur10e", "name: nobody"))
     done = ran("circle", "fit", "--live", "--rig", rig_file)
     assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and "nobody" in done.stderr
 
 
-def test_live_points_are_fitted_at_ctrl_c(tmp_path: Path) -> None:
+def test_live_points_are_fitted_at_ctrl_c(tmp_path):
     data = yaml.safe_load(rig_text())
     data["feedback"]["rate_hz"] = 125  # a robot that is led by hand needs no more, and four programs look at it
     points = jogged_points()

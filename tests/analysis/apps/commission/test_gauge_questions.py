@@ -45,7 +45,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bo
     return searched, "\n".join([*said, screen.getvalue(), str(ended.value)])
 
 
-def test_ports_are_listed_and_chosen_before_they_are_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ports_are_listed_and_chosen_before_they_are_opened(monkeypatch):
     searched, said = asked(monkeypatch, "")
     assert not searched
     assert all(f"{number} {port}" in said for number, port in enumerate(HERE, 1)) and "FT232R" in said
@@ -54,20 +54,20 @@ def test_ports_are_listed_and_chosen_before_they_are_opened(monkeypatch: pytest.
 @pytest.mark.parametrize(
     ("typed", "chosen"), [("1", [0]), ("2, 1", [1, 0]), ("1 1", [0]), ("all", [0, 1, 2]), ("ALL", [0, 1, 2])]
 )
-def test_the_chosen_ports_are_searched(monkeypatch: pytest.MonkeyPatch, typed: str, chosen: list[int]) -> None:
+def test_the_chosen_ports_are_searched(monkeypatch, typed, chosen):
     assert asked(monkeypatch, f"{typed}\n")[0] == [list(HERE)[place] for place in chosen]
 
 
 @pytest.mark.parametrize("typed", ["0", "4", "x", "1-2", "-1", ","])
-def test_invalid_choice_is_asked_again(monkeypatch: pytest.MonkeyPatch, typed: str) -> None:
+def test_invalid_choice_is_asked_again(monkeypatch, typed):
     searched, said = asked(monkeypatch, f"{typed}\n2\n")
     assert searched == ["/dev/ttyUSB1"] and f"error: {typed!r}" in said
 
 
-def test_ports_named_by_options_are_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ports_named_by_options_are_not_asked_for(monkeypatch):
     assert asked(monkeypatch, "", "/dev/ttyUSB0")[0] == ["/dev/ttyUSB0"]
 
 
-def test_no_unnamed_port_is_opened_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_unnamed_port_is_opened_without_a_terminal(monkeypatch):
     searched, said = asked(monkeypatch, "", terminal=False)
     assert not searched and "--port" in said

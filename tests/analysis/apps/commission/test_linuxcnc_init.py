@@ -1,13 +1,10 @@
-from __future__ import annotations
-
 import ast
 import re
-from pathlib import Path
 
 from tests.support.command_line import ran
 
 
-def test_absent_controller_gets_its_files_and_the_reason_is_named(tmp_path: Path) -> None:
+def test_absent_controller_gets_its_files_and_the_reason_is_named(tmp_path):
     cell = tmp_path / "cell.yaml"
     done = ran("init", cell, "--robot", "linuxcnc://127.0.0.1:1", "--arm", "ur10e")
     assert done.returncode == 4 and "refused" in done.stderr and not cell.exists()
@@ -20,7 +17,7 @@ def test_absent_controller_gets_its_files_and_the_reason_is_named(tmp_path: Path
     assert ast.parse(feed, feature_version=(3, 9)) and not imported & {"daq", "rigs", "analysis"}
 
 
-def test_files_that_exist_are_kept(tmp_path: Path) -> None:
+def test_files_that_exist_are_kept(tmp_path):
     (tmp_path / "linuxcnc").mkdir()
     for name in ("rig.hal", "rigfeed.py"):
         (tmp_path / "linuxcnc" / name).write_text("edited")

@@ -28,7 +28,7 @@ def answers(**changes: Any) -> Answers:
 
 
 @pytest.mark.parametrize("arm", [name for name in arm_names() if len(load_arm(name).robot.axes) == 6])
-def test_every_arm_comes_through(arm: str) -> None:
+def test_every_arm_comes_through(arm):
     chosen = chosen_arm(arm)
     rig = parse(rig_text(answers(), chosen, "cell", TODAY), "cell.yaml")
     assert rig.robot == chosen.robot.model_copy(update={"tool": TOOL})
@@ -37,7 +37,7 @@ def test_every_arm_comes_through(arm: str) -> None:
 
 
 @pytest.mark.parametrize("arm", ["ur10e", "fanuc-m-10ia"])
-def test_the_allowed_error_becomes_limits(arm: str) -> None:
+def test_the_allowed_error_becomes_limits(arm):
     chosen = chosen_arm(arm)
     rig = parse(rig_text(answers(tolerance_mm=0.14), chosen, "cell", TODAY), "cell.yaml")
     assert rig.limits == limits_of_tolerance(0.14, 70.0, chosen.repeatability_mm)
@@ -47,19 +47,19 @@ def test_the_allowed_error_becomes_limits(arm: str) -> None:
 
 
 @pytest.mark.parametrize("group", [group for _, group, _ in GAUGES], ids=[name for name, *_ in GAUGES])
-def test_every_gauge_comes_through(group: Any) -> None:
+def test_every_gauge_comes_through(group):
     rig = parse(rig_text(answers(gauges=tuple(group)), chosen_arm("ur10e"), "cell", TODAY), "cell.yaml")
     placed = [gauge.model_copy(update={"offset_mm": at}) for gauge, at in zip(group, (30.0, -30.0), strict=False)]
     assert [gauge for _, gauge in rig.gauges] == placed
 
 
 @pytest.mark.parametrize("feedback", [one for _, one in FEEDBACKS], ids=[name for name, _ in FEEDBACKS])
-def test_every_robot_comes_through(feedback: Any) -> None:
+def test_every_robot_comes_through(feedback):
     text = rig_text(answers(feedback=feedback), chosen_arm("ur10e"), "cell", TODAY)
     assert parse(text, "cell.yaml").feedback == feedback
 
 
-def test_circle_is_written_and_unconfirmed_values_are_marked() -> None:
+def test_circle_is_written_and_unconfirmed_values_are_marked():
     rig, _ = load("ur10e")
     circle = circle_from_start(rig.robot, [2, -75.3, 101.4, 55.2, 84.6, 107.8], 70.0)
     text = rig_text(answers(circle=circle, gauges=(modbus(),), feedback=rsi()), chosen_arm("ur10e"), "cell", TODAY)
@@ -69,7 +69,7 @@ def test_circle_is_written_and_unconfirmed_values_are_marked() -> None:
     assert all(len(line) < 250 for line in text.splitlines())
 
 
-def test_a_name_that_would_be_more_than_a_name() -> None:
+def test_a_name_that_would_be_more_than_a_name():
     chosen = chosen_arm("ur10e")
     robot = chosen.robot.model_copy(update={"name": "a # b: {c}\nname: forged"})
     text = rig_text(answers(feedback=egm()), type(chosen)(robot, None, "x\nname: forged"), "cell", TODAY)
@@ -77,7 +77,7 @@ def test_a_name_that_would_be_more_than_a_name() -> None:
     assert (rig.name, rig.robot.name) == ("cell", robot.name)
 
 
-def test_a_circle_from_one_pose_has_that_pose() -> None:
+def test_a_circle_from_one_pose_has_that_pose():
     rig, _ = load("paper-fanuc")
     assert rig.tests.circle is not None
     q_deg = list(rig.tests.circle.posture_deg)
@@ -98,7 +98,7 @@ def test_a_circle_from_one_pose_has_that_pose() -> None:
         ("<robot name='x'/>\n", "arm.urdf"),
     ],
 )
-def test_wrong_arm_file_is_refused(tmp_path: Any, text: str, code: str) -> None:
+def test_wrong_arm_file_is_refused(tmp_path, text, code):
     path = tmp_path / "arm.yaml"
     path.write_text(text)
     with pytest.raises(FileError) as error:
@@ -106,7 +106,7 @@ def test_wrong_arm_file_is_refused(tmp_path: Any, text: str, code: str) -> None:
     assert error.value.code == code
 
 
-def test_an_arm_from_a_file_and_one_that_is_not_there(tmp_path: Any) -> None:
+def test_an_arm_from_a_file_and_one_that_is_not_there(tmp_path):
     path = tmp_path / "arm.yaml"
     path.write_text(load("ur10e")[1])
     assert chosen_arm(str(path)).robot == load("ur10e")[0].robot

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -19,27 +18,27 @@ def of_simulation(seed: int | None) -> Measured:
     return simulate("ur10e", "radial", seed=seed)
 
 
-def test_radial_run_shows_the_ball() -> None:
+def test_radial_run_shows_the_ball():
     rig = load("ur10e")[0]
     found = touched_ball([of_simulation(3).run], rig)
-    error = found.centre - np.array(rig.tests.hemisphere.centre_mm)  # type: ignore[union-attr]
+    error = found.centre - np.array(rig.tests.hemisphere.centre_mm)
     assert np.abs(error).max() < 0.02
     assert found.radius_mm == pytest.approx(400, abs=0.02)
     assert list(found.values(rig)) == ["centre_mm"]
 
 
 @pytest.mark.parametrize("gauge", [True, False])
-def test_recorded_run_shows_the_ball_with_and_without_a_gauge(gauge: bool, tmp_path: Path) -> None:
+def test_recorded_run_shows_the_ball_with_and_without_a_gauge(gauge, tmp_path):
     run, rig = recorded_stands(tmp_path, gauge=gauge)
     found = touched_ball([run], rig)
     # Without the gauge nothing shows that the ball is elsewhere than in the middle of where the robot stood.
-    truth = CENTRE if gauge else np.array(rig.tests.hemisphere.centre_mm)  # type: ignore[union-attr]
+    truth = CENTRE if gauge else np.array(rig.tests.hemisphere.centre_mm)
     assert np.abs(found.centre - truth).max() < 0.05
     assert (np.abs(found.centre - truth) < 4 * found.u_centre_mm).all()
     assert any("g1" in doubt for doubt in found.doubts) != gauge
 
 
-def test_rig_file_without_a_hemisphere_gets_radius_and_posture(tmp_path: Path) -> None:
+def test_rig_file_without_a_hemisphere_gets_radius_and_posture(tmp_path):
     run, rig = recorded_stands(tmp_path, gauge=True)
     bare = rig.model_copy(update={"tests": rig.tests.model_copy(update={"hemisphere": None, "repeatability": None})})
     assert set(touched_ball([run], bare).values(bare)) == {"centre_mm", "radius_mm", "posture_deg"}
@@ -51,7 +50,7 @@ def refused(run: Run) -> str:
     return raised.value.code
 
 
-def test_home_position_is_not_used() -> None:
+def test_home_position_is_not_used():
     run = of_simulation(3).run
     assert run.table is not None
     q1 = run.table["q1_deg"].to_numpy().copy()
@@ -67,7 +66,7 @@ def rows_of(run: Run, rows: list[int]) -> Run:
     return replace(run, table=run.table.take(rows))
 
 
-def test_stops_that_determine_no_ball_are_refused() -> None:
+def test_stops_that_determine_no_ball_are_refused():
     run = of_simulation(None).run
     assert run.table is not None and refused(rows_of(run, [0, 10, 20])) == "ball.few_places"
     ring = np.flatnonzero(np.isclose(run.table["polar_deg"].to_numpy(), 90.0))

@@ -42,9 +42,7 @@ def entered(maker: MakerName, *entries: Any) -> ControllerState:
         ("yaskawa", "home position (ABSO data) of axis 2", "pulses", COUNTS_PER_DEG),
     ],
 )
-def test_a_zero_changes_the_reading_as_at_a_controller_that_counts(
-    maker: MakerName, parameter: str, unit: str, per_deg: float
-) -> None:
+def test_a_zero_changes_the_reading_as_at_a_controller_that_counts(maker, parameter, unit, per_deg):
     """Beside a controller that turns counts into readings by the maker's formula."""
     zero, none = np.array([1e5, -2e5, 3e4, 0, 7e3, -1e4]), np.zeros(6)
     model = of(maker).flange
@@ -60,7 +58,7 @@ def test_a_zero_changes_the_reading_as_at_a_controller_that_counts(
     assert np.abs(more_deg[1]) == pytest.approx(0.05)
 
 
-def test_deltas_of_a_universal_robot_are_those_of_the_makers_product() -> None:
+def test_deltas_of_a_universal_robot_are_those_of_the_makers_product():
     """The classic Denavit-Hartenberg product of the maker, by its table of the UR10e."""
     a, d = np.array([0, -0.6127, -0.57155, 0, 0, 0]), np.array([0.1807, 0, 0, 0.17415, 0.11985, 0.11655])
     alpha = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
@@ -87,7 +85,7 @@ def test_deltas_of_a_universal_robot_are_those_of_the_makers_product() -> None:
         ("kuka", "length in $TFLWP", "d", 6),
     ],
 )
-def test_a_length_grows_whichever_its_sign(maker: MakerName, parameter: str, field: str, axis: int) -> None:
+def test_a_length_grows_whichever_its_sign(maker, parameter, field, axis):
     before = getattr(of(maker).arm, field)
     after = getattr(entered(maker, entry(parameter, 0.4, "mm", float(abs(before[axis - 1])))).arm, field)
     grown = np.abs(after) - np.abs(before)
@@ -110,7 +108,7 @@ def test_a_length_grows_whichever_its_sign(maker: MakerName, parameter: str, fie
         ([entry("$LENGTH_A", 0.3, "mm", 123.0)], "entries.other_size"),
     ],
 )
-def test_invalid_entry_is_refused(corrections: Any, code: str) -> None:
+def test_invalid_entry_is_refused(corrections, code):
     given = {"controller": {"name": "kuka", "entries": corrections}} if isinstance(corrections, list) else corrections
     with pytest.raises(FileError) as error:
         of("kuka").entered(given, "corrections.yaml")

@@ -97,7 +97,7 @@ def off_mm(cell: Cell, trace: Trace, more_deg: Array) -> Array:
 
 
 @pytest.mark.parametrize(("maker", "name"), [case for case in CASES if case[0] != "ur"])  # lengths cannot be entered
-def test_entered_corrections_bring_the_tool_onto_the_circle(maker: MakerName, name: str, tmp_path: Path) -> None:
+def test_entered_corrections_bring_the_tool_onto_the_circle(maker, name, tmp_path):
     here = cell(maker, name, tmp_path / "programs")
     file = corrections(here, tmp_path / "found")
     pendant = here.pendant()
@@ -119,7 +119,7 @@ def test_entered_corrections_bring_the_tool_onto_the_circle(maker: MakerName, na
 
 
 @pytest.mark.parametrize(("maker", "name"), CASES)
-def test_without_effects_the_joints_are_the_simulators(maker: MakerName, name: str, tmp_path: Path) -> None:
+def test_without_effects_the_joints_are_the_simulators(maker, name, tmp_path):
     """The program's laps at the speed of the rig file: angles that the plan's own simulator drives, and its time."""
     here = cell(maker, name, tmp_path)
     trace = here.pendant().trace(plans_of(here.hidden, "yaw", 3.0)[1].name)
@@ -141,7 +141,7 @@ def pose_place(rig: Rig, q: Array) -> Array:
 
 @pytest.mark.parametrize("maker", ["ur", "yaskawa"])
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
-def test_targets_are_dwelt_at(maker: MakerName, test: DrivenTest, tmp_path: Path) -> None:
+def test_targets_are_dwelt_at(maker, test, tmp_path):
     here = cell(maker, "ur10e", tmp_path, test)
     trace = here.pendant().trace(f"{test} ur10e")
     stands = np.flatnonzero((np.diff(trace.t_s) > 2.9) & (np.abs(np.diff(trace.q, axis=0)).max(axis=1) < 1e-12))
@@ -150,7 +150,7 @@ def test_targets_are_dwelt_at(maker: MakerName, test: DrivenTest, tmp_path: Path
     assert trace.g_mm.shape == (len(trace.t_s), 2) and np.ptp(trace.g_mm[stands]) < 3.0
 
 
-def test_outputs_and_registers_are_the_signal(tmp_path: Path) -> None:
+def test_outputs_and_registers_are_the_signal(tmp_path):
     text = load("ur10e")[1]
     data = yaml.safe_load(text)
     data["automatic"] = {
@@ -188,7 +188,7 @@ _REJECTED = {
 
 
 @pytest.mark.parametrize("body", _REJECTED.values(), ids=_REJECTED)
-def test_impossible_program_is_rejected(tmp_path: Path, body: str) -> None:
+def test_impossible_program_is_rejected(tmp_path, body):
     (tmp_path / "yaw.script").write_text(f"def a():\n  {body}\nend\na()\n")
     with pytest.raises(FileError) as error:
         Pendant(load("ur10e")[0], tmp_path).trace("yaw")
@@ -206,7 +206,7 @@ def test_impossible_program_is_rejected(tmp_path: Path, body: str) -> None:
         ("/nowhere/yaw.script", "program.unreadable"),
     ],
 )
-def test_unknown_program_is_refused(tmp_path: Path, name: str, code: str) -> None:
+def test_unknown_program_is_refused(tmp_path, name, code):
     for stem in ("lap", "yaw_roll"):
         (tmp_path / f"{stem}.script").write_text("def a():\n  \nend\na()\n")
     (tmp_path / "yaw_fanuc.LS").write_text("/PROG  A\n")

@@ -20,7 +20,7 @@ def robot() -> EmulatedRobot:
     return EmulatedRobot(load("ur10e")[0], {"acw": _STANDING, "cw": _STANDING}, 1)
 
 
-def test_its_program_runs_while_it_drives(robot: EmulatedRobot) -> None:
+def test_its_program_runs_while_it_drives(robot):
     now_ns = time.monotonic_ns()
     assert robot.condition(now_ns)["program_state"] == ProgramState.STOPPED
     robot.start("cw")
@@ -28,7 +28,7 @@ def test_its_program_runs_while_it_drives(robot: EmulatedRobot) -> None:
     assert robot.condition(now_ns + 40 * 10**9)["program_state"] == ProgramState.STOPPED
 
 
-def test_status_follows_commands(robot: EmulatedRobot) -> None:
+def test_status_follows_commands(robot):
     robot.show("speed_percent", "40")
     robot.show("safety_state", "2")
     robot.show("program_state", "2")
@@ -39,7 +39,7 @@ def test_status_follows_commands(robot: EmulatedRobot) -> None:
 @pytest.mark.parametrize(
     ("column", "value"), [("speed", "40"), ("safety_state", "9"), ("program_state", "paused"), ("payload_kg", "")]
 )
-def test_impossible_condition_is_refused(robot: EmulatedRobot, column: str, value: str) -> None:
+def test_impossible_condition_is_refused(robot, column, value):
     with pytest.raises(FileError) as error:
         robot.show(column, value)
     assert error.value.code == "emulated.condition"
@@ -66,7 +66,7 @@ def state(robot: EmulatedRobot) -> tuple[str, float, float]:
     return robot.state(now_ns), robot.condition(now_ns)["program_state"], robot.signal(now_ns)
 
 
-def test_a_person_continues_pauses_and_stops_a_program(robot: EmulatedRobot) -> None:
+def test_a_person_continues_pauses_and_stops_a_program(robot):
     with SimulatedClock(1).running():
         assert not robot.stop() and not robot.pause() and not robot.go_on()
         assert robot.play(_DRIVEN) == 31
@@ -88,7 +88,7 @@ def test_a_person_continues_pauses_and_stops_a_program(robot: EmulatedRobot) -> 
         assert at_deg(robot) == pytest.approx(7.15, abs=0.01) and robot.finished.is_set() and not robot.stop()
 
 
-def test_outputs_that_a_stop_has_left_stay_until_the_next_program_switches_them(robot: EmulatedRobot) -> None:
+def test_outputs_that_a_stop_has_left_stay_until_the_next_program_switches_them(robot):
     with SimulatedClock(1).running():
         robot.play(_DRIVEN)
         clock.sleep(3)
@@ -104,7 +104,7 @@ def test_outputs_that_a_stop_has_left_stay_until_the_next_program_switches_them(
         assert state(robot) == ("done", ProgramState.STOPPED, 0) and robot.finished.is_set()
 
 
-def test_entered_zero_changes_the_reading_at_rest(robot: EmulatedRobot) -> None:
+def test_entered_zero_changes_the_reading_at_rest(robot):
     before = robot.joints_deg(0)
     robot.reads_more(np.radians([0, 0.05, 0, 0, 0, 0]))
     np.testing.assert_allclose(np.subtract(robot.joints_deg(0), before), [0, 0.05, 0, 0, 0, 0], atol=1e-12)

@@ -18,7 +18,7 @@ def rig(*words: str | Path, columns: int = 80) -> Result:
     return CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": str(columns)})
 
 
-def test_the_table_names_every_arm() -> None:
+def test_the_table_names_every_arm():
     done = rig("arms")
     assert done.exit_code == 0
     assert [name for name in arm_names() if f" {name} " not in done.stdout] == []
@@ -26,18 +26,18 @@ def test_the_table_names_every_arm() -> None:
     assert max(map(len, done.stdout.splitlines())) <= 80
 
 
-def test_a_shell_completes_the_names() -> None:
+def test_a_shell_completes_the_names():
     assert completion.arms() == list(arm_names())
 
 
-def test_the_table_as_json_has_all_of_it() -> None:
+def test_the_table_as_json_has_all_of_it():
     found = json.loads(rig("arms", "--json").stdout)["arms"]
     assert [one["name"] for one in found] == list(arm_names())
     assert all(Robot.model_validate(one["robot"]) == load_arm(one["name"]).robot for one in found)
     assert found[0]["sources"]["second"].startswith("robotkinematicscatalogue")
 
 
-def test_an_arm_is_shown_with_its_sources_and_ready_to_be_pasted() -> None:
+def test_an_arm_is_shown_with_its_sources_and_ready_to_be_pasted():
     done = rig("arms", "staubli-tx2-60")
     assert "# Staubli TX2-60, repeatability 0.02 mm" in done.stdout
     assert "# geometry: ros-industrial/staubli_experimental" in done.stdout
@@ -45,7 +45,7 @@ def test_an_arm_is_shown_with_its_sources_and_ready_to_be_pasted() -> None:
     assert json.loads(rig("arms", "staubli-tx2-60", "--json").stdout)["name"] == "staubli-tx2-60"
 
 
-def test_an_arm_is_written_once(tmp_path: Path) -> None:
+def test_an_arm_is_written_once(tmp_path):
     file = tmp_path / "arm.yaml"
     done = rig("arms", "ur10e", "-o", file)
     assert (done.exit_code, done.stdout) == (0, "")
@@ -55,12 +55,12 @@ def test_an_arm_is_written_once(tmp_path: Path) -> None:
     assert "exists already" in str(again.exception)
 
 
-def test_an_option_for_one_arm_asks_for_its_name() -> None:
+def test_an_option_for_one_arm_asks_for_its_name():
     assert rig("arms", "-o", "arm.yaml").exit_code == 2
     assert isinstance(rig("arms", "ur11e").exception, FileError)
 
 
-def test_a_calibration_is_taken_in(tmp_path: Path) -> None:
+def test_a_calibration_is_taken_in(tmp_path):
     lists = "\n".join(f"delta_{name} = [0, 0.0001, 0, 0, 0, 0]" for name in ("theta", "a", "d", "alpha"))
     file = tmp_path / "calibration.conf"
     file.write_text(f"[mounting]\n{lists}\n", encoding="utf-8")
@@ -80,7 +80,7 @@ def urdf(tmp_path: Path) -> Path:
     return file
 
 
-def test_a_urdf_becomes_a_section(urdf: Path, tmp_path: Path) -> None:
+def test_a_urdf_becomes_a_section(urdf, tmp_path):
     done = rig("import-urdf", urdf, "-o", tmp_path / "arm.yaml")
     assert (done.exit_code, done.stdout) == (0, "")
     assert "tool0: " in done.stderr
@@ -91,7 +91,7 @@ def test_a_urdf_becomes_a_section(urdf: Path, tmp_path: Path) -> None:
     assert isinstance(rig("import-urdf", urdf, "-o", tmp_path / "arm.yaml").exception, FileError)
 
 
-def test_urdf_without_build_reports_the_assumed_one(urdf: Path, tmp_path: Path) -> None:
+def test_urdf_without_build_reports_the_assumed_one(urdf, tmp_path):
     """Plays that are usual of hobby servos are faults of an industrial arm."""
     told = " ".join(rig("import-urdf", urdf).stderr.split())
     assert "construction" in told and "--build servo" in told
@@ -100,13 +100,13 @@ def test_urdf_without_build_reports_the_assumed_one(urdf: Path, tmp_path: Path) 
     assert Robot.model_validate(section).design == "servo" and "construction" not in done.stderr
 
 
-def test_nothing_is_written_of_a_bad_urdf(urdf: Path, tmp_path: Path) -> None:
+def test_nothing_is_written_of_a_bad_urdf(urdf, tmp_path):
     done = rig("import-urdf", urdf, "--tip", "link_3", "-o", tmp_path / "arm.yaml")
     assert isinstance(done.exception, FileError)
     assert not (tmp_path / "arm.yaml").exists()
 
 
-def test_names_in_a_urdf_do_not_reach_the_terminal_as_they_are(urdf: Path) -> None:
+def test_names_in_a_urdf_do_not_reach_the_terminal_as_they_are(urdf):
     urdf.write_text(urdf.read_text().replace('"tool0"', '"tip&#x9b;31m&#10;robot: 1"').replace("joint_1", "a&#x202e;"))
     done = rig("import-urdf", urdf)
     assert done.exit_code == 0

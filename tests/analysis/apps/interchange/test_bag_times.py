@@ -67,7 +67,7 @@ def _shift(run: Measured) -> Quantity:
 
 
 @pytest.mark.parametrize("stamped", [False, True])
-def test_late_joints_of_a_steady_pace_or_with_stamps_are_put_right(lap: Measured, stamped: bool) -> None:
+def test_late_joints_of_a_steady_pace_or_with_stamps_are_put_right(lap, stamped):
     late_ms = np.random.default_rng(1).uniform(0, 30, len(lap.table.q))
     run, _ = _imported(lap, bag(*_messages(lap, late_ms, stamped)))
     truth, found = _shift(lap), _shift(run)
@@ -75,7 +75,7 @@ def test_late_joints_of_a_steady_pace_or_with_stamps_are_put_right(lap: Measured
     assert run.u_lag_s > 0.005 and found.u > 0.1  # a cycle of 20 ms, in which a controller latches at some time
 
 
-def test_where_nothing_puts_late_joints_right_their_spread_is_in_u(lap: Measured) -> None:
+def test_where_nothing_puts_late_joints_right_their_spread_is_in_u(lap):
     """A loop without a crystal: 0.03 s of lateness turned the curve by 0.32° with u 0.017°."""
     rng = np.random.default_rng(2)
     table = lap.table
@@ -95,7 +95,7 @@ def test_where_nothing_puts_late_joints_right_their_spread_is_in_u(lap: Measured
     assert 0.2 < abs(found.value - truth.value) < 2 * found.u
 
 
-def test_newest_stamp_of_two_publishers_wins_with_a_doubt(lap: Measured) -> None:
+def test_newest_stamp_of_two_publishers_wins_with_a_doubt(lap):
     sent = _messages(lap, stamped=True)
     states = [one for one in sent if one[0] == "/joint_states"]
     again: Messages = [
@@ -110,7 +110,7 @@ def test_newest_stamp_of_two_publishers_wins_with_a_doubt(lap: Measured) -> None
         assert evaluate(run).figures[name].value == pytest.approx(figure.value, abs=0.01), name
 
 
-def test_a_header_with_an_uneven_clock_is_named_and_the_even_times_of_reception_are_used(lap: Measured) -> None:
+def test_a_header_with_an_uneven_clock_is_named_and_the_even_times_of_reception_are_used(lap):
     """The header of each message had a stamp of up to 30 ms before or after; the doubt was a second publisher."""
     rng = np.random.default_rng(3)
     table = lap.table
@@ -128,7 +128,7 @@ def test_a_header_with_an_uneven_clock_is_named_and_the_even_times_of_reception_
         assert evaluate(run).figures[name].value == pytest.approx(figure.value, abs=0.01), name
 
 
-def test_one_stamp_from_the_future_does_not_make_all_others_old(lap: Measured) -> None:
+def test_one_stamp_from_the_future_does_not_make_all_others_old(lap):
     sent = _messages(lap, stamped=True)
     place = next(k for k, one in enumerate(sent) if one[0] == "/joint_states" and one[2] > 5000)
     odd = joint_state(JOINTS, [0.0] * 6, stamp_ns=BEGIN_NS + 3600 * 10**9)
@@ -138,7 +138,7 @@ def test_one_stamp_from_the_future_does_not_make_all_others_old(lap: Measured) -
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_flipped_bit_is_refused(compression: CompressionType) -> None:
+def test_flipped_bit_is_refused(compression):
     data = bytearray(bag(*_small(), compression=compression))
     records = StreamReader(io.BytesIO(data), emit_chunks=True).records
     chunk = next(one for one in records if isinstance(one, Chunk))
@@ -153,7 +153,7 @@ def test_flipped_bit_is_refused(compression: CompressionType) -> None:
     assert told >= 6
 
 
-def test_missing_chunk_is_refused() -> None:
+def test_missing_chunk_is_refused():
     """An opcode with a changed bit makes a record that no reader knows, and skips."""
     data = bag(*_small())
     records = StreamReader(io.BytesIO(data), emit_chunks=True).records
@@ -164,7 +164,7 @@ def test_missing_chunk_is_refused() -> None:
         table_of_bag(data[:head] + b"\x86" + data[head + 1 :], "lap.mcap", rig())
 
 
-def test_a_bag_without_checksums_is_a_doubt() -> None:
+def test_a_bag_without_checksums_is_a_doubt():
     out = io.BytesIO()
     writer = Writer(out, enable_crcs=False, use_chunking=False)
     writer.start(profile="ros2")
@@ -174,13 +174,13 @@ def test_a_bag_without_checksums_is_a_doubt() -> None:
             channels[topic] = writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", b""))
         at = BEGIN_NS + round(ms * MS)
         writer.add_message(channels[topic], at, data, at)
-    writer.finish()  # type: ignore[no-untyped-call]
+    writer.finish()
     _, doubts = table_of_bag(out.getvalue(), "lap.mcap", rig())
     assert any("checksums" in one for one in doubts)
     assert not any("checksums" in one for one in table_of_bag(bag(*_small()), "lap.mcap", rig())[1])
 
 
-def test_an_index_that_names_one_chunk_often_unpacks_it_once() -> None:
+def test_an_index_that_names_one_chunk_often_unpacks_it_once():
     data = bag(*_small(), ("/camera", "sensor_msgs/msg/Image", 500.0, bytes(8_000_000)))
     records = list(StreamReader(io.BytesIO(data), emit_chunks=True).records)
     index = max((one for one in records if isinstance(one, ChunkIndex)), key=lambda one: one.uncompressed_size)

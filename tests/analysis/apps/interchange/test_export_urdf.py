@@ -24,7 +24,7 @@ def cell(tmp_path: Path) -> Path:
     return file
 
 
-def test_a_urdf_is_written_once(cell: Path, tmp_path: Path) -> None:
+def test_a_urdf_is_written_once(cell, tmp_path):
     done = ran("export-urdf", cell, "-o", tmp_path / "arm.urdf")
     assert done.returncode == 0
     assert "wrote " in done.stderr
@@ -35,7 +35,7 @@ def test_a_urdf_is_written_once(cell: Path, tmp_path: Path) -> None:
     assert ran("import-urdf", tmp_path / "arm.urdf").returncode == 0
 
 
-def test_ignored_effects_are_reported_with_their_share(cell: Path) -> None:
+def test_ignored_effects_are_reported_with_their_share(cell):
     cell.write_text(cell.read_text(encoding="utf-8") + COMPLIANCE, encoding="utf-8")
     done = ran("export-urdf", cell)
     said = re.search(r"by ([\d.]+) µm rms .*; ([\d.]+) µm rms .* \(.*\s+axis 2", done.stderr)
@@ -45,7 +45,7 @@ def test_ignored_effects_are_reported_with_their_share(cell: Path) -> None:
     assert re.search(r"deflection under\s+load of\s+axis 2", done.stdout)
 
 
-def test_driver_file_differs_in_hash_from_the_controller(cell: Path) -> None:
+def test_driver_file_differs_in_hash_from_the_controller(cell):
     done = ran("export-urdf", cell, "--for", "ur-driver")
     assert yaml.safe_load(done.stdout)["kinematics"]["upper_arm"]["pitch"] == pytest.approx(-0.05 * 3.14159265 / 180)
     assert "will report a calibration mismatch" in done.stderr
@@ -54,13 +54,13 @@ def test_driver_file_differs_in_hash_from_the_controller(cell: Path) -> None:
     assert "will report" not in known.stderr
 
 
-def test_a_urdf_has_no_hash(cell: Path) -> None:
+def test_a_urdf_has_no_hash(cell):
     done = ran("export-urdf", cell, "--hash", "calib_42")
     assert done.returncode == 2
     assert done.stdout == ""
 
 
-def test_a_coupled_arm_is_refused_in_one_line(cell: Path, tmp_path: Path) -> None:
+def test_a_coupled_arm_is_refused_in_one_line(cell, tmp_path):
     data = yaml.safe_load(cell.read_text(encoding="utf-8"))
     data["robot"]["coupling"] = [[float(i == k or (i, k) == (2, 1)) for k in range(6)] for i in range(6)]
     cell.write_text(yaml.safe_dump(data), encoding="utf-8")

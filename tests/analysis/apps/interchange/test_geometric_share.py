@@ -25,7 +25,7 @@ def rms_um(apart: np.ndarray) -> float:
     return 1000 * float(np.sqrt((apart[:, :3, 3] ** 2).sum(axis=1).mean()))
 
 
-def test_geometry_goes_in_whole() -> None:
+def test_geometry_goes_in_whole():
     q = work_angles(RIG)
     share = geometric_share(model_of(RIG, [*GEOMETRY, GaugeScale(gauge="g1", relative=0.01)]))
     moved = tool_poses(model_of(RIG, GEOMETRY), q) - tool_poses(model_of(RIG, ()), q)
@@ -34,7 +34,7 @@ def test_geometry_goes_in_whole() -> None:
     assert share.left_out == ()
 
 
-def test_the_rest_is_between_the_model_and_the_arm() -> None:
+def test_the_rest_is_between_the_model_and_the_arm():
     q = work_angles(RIG)
     model = model_of(RIG, [*GEOMETRY, COMPLIANCE])
     share = geometric_share(model)
@@ -43,7 +43,7 @@ def test_the_rest_is_between_the_model_and_the_arm() -> None:
     assert share.left_out == (COMPLIANCE,)
 
 
-def test_a_play_is_half_of_it_from_either_side() -> None:
+def test_a_play_is_half_of_it_from_either_side():
     play = Backlash(axis=1, width_deg=0.02)
     share = geometric_share(model_of(RIG, [play]))
     radius_mm = np.linalg.norm(tool_poses(model_of(RIG, ()), work_angles(RIG))[:, :2, 3], axis=1)

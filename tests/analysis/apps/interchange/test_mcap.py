@@ -69,7 +69,7 @@ def _fits(schema: dict[str, dict[str, dict[str, str]]], values: dict[str, object
         assert type(value) is kinds[schema["properties"][name]["type"]], name
 
 
-def test_every_row_and_value_comes_back_at_its_time(tmp_path: Path) -> None:
+def test_every_row_and_value_comes_back_at_its_time(tmp_path):
     run = recorded(tmp_path)
     messages = written(run, tmp_path / "run.mcap")
     clock = run.manifest.clock
@@ -93,7 +93,7 @@ def test_every_row_and_value_comes_back_at_its_time(tmp_path: Path) -> None:
     )
 
 
-def test_streams_are_merged_by_time(tmp_path: Path) -> None:
+def test_streams_are_merged_by_time(tmp_path):
     run = recorded(tmp_path)
     written(run, tmp_path / "run.mcap")
     with (tmp_path / "run.mcap").open("rb") as source:
@@ -113,7 +113,7 @@ def test_streams_are_merged_by_time(tmp_path: Path) -> None:
         assert Manifest.model_validate_json(manifest.data) == run.manifest
 
 
-def test_a_channel_without_rows_is_there(tmp_path: Path) -> None:
+def test_a_channel_without_rows_is_there(tmp_path):
     writer = RunWriter.create(
         tmp_path,
         new_manifest(
@@ -134,9 +134,7 @@ def imported(folder: Path, test: str, since_s: float = 0.0) -> Run:
     return read_run(folder / "r")
 
 
-def test_rows_out_of_order_and_in_several_parts_keep_their_time_and_number(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rows_out_of_order_and_in_several_parts_keep_their_time_and_number(tmp_path, monkeypatch):
     run = imported(tmp_path, "yaw")
     assert run.table is not None
     reversed_ = run.table.take(list(range(len(run.table)))[::-1])
@@ -147,7 +145,7 @@ def test_rows_out_of_order_and_in_several_parts_keep_their_time_and_number(
     assert [log_ns for log_ns, _, _ in rows] == [round(t_s * 1e9) for t_s in run.table["t_s"].to_pylist()]
 
 
-def test_an_imported_table_is_plotted_by_its_own_time(tmp_path: Path) -> None:
+def test_an_imported_table_is_plotted_by_its_own_time(tmp_path):
     run = imported(tmp_path, "yaw")
     assert run.table is not None
     messages = written(run, tmp_path / "run.mcap")
@@ -155,7 +153,7 @@ def test_an_imported_table_is_plotted_by_its_own_time(tmp_path: Path) -> None:
     assert [log_ns for log_ns, _, _ in messages["/table"]] == [round(t_s * 1e9) for t_s in run.table["t_s"].to_pylist()]
 
 
-def test_a_table_whose_time_begins_below_zero_keeps_its_steps(tmp_path: Path) -> None:
+def test_a_table_whose_time_begins_below_zero_keeps_its_steps(tmp_path):
     run = imported(tmp_path, "yaw", since_s=1.0)
     assert run.table is not None
     messages = written(run, tmp_path / "run.mcap")
@@ -163,13 +161,13 @@ def test_a_table_whose_time_begins_below_zero_keeps_its_steps(tmp_path: Path) ->
     assert times == [round((t_s + 1.0) * 1e9) for t_s in run.table["t_s"].to_pylist()]
 
 
-def test_a_time_that_mcap_cannot_hold_is_refused(tmp_path: Path) -> None:
+def test_a_time_that_mcap_cannot_hold_is_refused(tmp_path):
     run = imported(tmp_path, "yaw", since_s=-9e10)
     with refused("export.time"):
         written(run, tmp_path / "run.mcap")
 
 
-def test_a_table_without_time_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
+def test_a_table_without_time_is_refused_and_leaves_no_file(tmp_path):
     run = imported(tmp_path, "pose")
     with refused("export.time"):
         written(run, tmp_path / "run.mcap")

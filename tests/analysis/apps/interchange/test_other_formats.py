@@ -64,14 +64,14 @@ def mjcf_poses(text: str, rig: Rig, q: Array) -> Array:
 
 
 @pytest.mark.parametrize(("name", "rail"), [*((name, False) for name in ARMS), ("ur10e", True)])
-def test_mjcf_has_the_poses_of_the_model(name: str, rail: bool) -> None:
+def test_mjcf_has_the_poses_of_the_model(name, rail):
     rig = changed(name, rail=rail)
     q = within_limits(rig)
     text = mjcf_text(rig.robot, geometric_arm(model_of(rig)), TRAITS, "cell.yaml")
     require_equal(mjcf_poses(text, rig, q), tool_poses(model_of(rig), q))
 
 
-def test_mjcf_has_play_compliance_and_friction_as_given() -> None:
+def test_mjcf_has_play_compliance_and_friction_as_given():
     rig = changed("ur10e")
     text = mjcf_text(rig.robot, geometric_arm(model_of(rig)), TRAITS, "cell.yaml")
     hinges = {hinge.get("name"): hinge for hinge in ElementTree.fromstring(text.encode()).iter("joint")}  # noqa: S314
@@ -83,14 +83,14 @@ def test_mjcf_has_play_compliance_and_friction_as_given() -> None:
     assert float(hinges[names[0]].get("frictionloss")) == 3.5
 
 
-def test_plays_and_compliances_of_the_rig_file_are_taken() -> None:
+def test_plays_and_compliances_of_the_rig_file_are_taken():
     rig = changed("ur10e").model_copy(
         update={"effects": (Backlash(axis=2, width_deg=0.03), Compliance(axis=3, deg_per_Nm=4e-4))}
     )
     assert joint_traits(rig) == JointTraits({2: 0.03}, {3: 4e-4})
 
 
-def test_friction_is_current_times_torque_for_an_ampere() -> None:
+def test_friction_is_current_times_torque_for_an_ampere():
     seen = {1: Friction(0.5, 0.1, 4), 3: Friction(0.2, 0.1, 4)}
     assert friction_nm(seen, torques_of("10, 10, 8, 5, 5, 5")) == {1: 5.0, 3: pytest.approx(1.6)}
     with refused("export.torques"):
@@ -99,7 +99,7 @@ def test_friction_is_current_times_torque_for_an_ampere() -> None:
         torques_of("10,x")
 
 
-def test_a_xacro_macro_is_the_urdf_with_a_prefix_and_a_parent() -> None:
+def test_a_xacro_macro_is_the_urdf_with_a_prefix_and_a_parent():
     rig = changed("ur10e")
     arm = geometric_arm(model_of(rig))
     text = xacro_text(rig.robot, arm, "cell.yaml")
@@ -116,7 +116,7 @@ def test_a_xacro_macro_is_the_urdf_with_a_prefix_and_a_parent() -> None:
         assert len(ours) == count
 
 
-def test_a_name_that_xacro_would_compute_is_refused() -> None:
+def test_a_name_that_xacro_would_compute_is_refused():
     robot = load_arm("ur5e").robot.model_copy(update={"name": "arm ${1 / 0}"})
     with refused("export.name"):
         xacro_text(robot, geometric_arm(model_of(changed("ur5e"))), "cell.yaml")
@@ -137,7 +137,7 @@ def franka_poses(text: str, q: Array) -> Array:
     return np.array(poses)
 
 
-def test_frankas_file_has_the_poses_of_the_model() -> None:
+def test_frankas_file_has_the_poses_of_the_model():
     rig = changed("franka-fr3")
     arm, q = geometric_arm(model_of(rig)), within_limits(rig)
     outer, inner = np.linalg.inv(arm.T_world_base), np.linalg.inv(arm.T_flange_tool)
@@ -145,7 +145,7 @@ def test_frankas_file_has_the_poses_of_the_model() -> None:
     require_equal(franka_poses(text, q), outer @ tool_poses(model_of(rig), q) @ inner)
 
 
-def test_frankas_file_of_the_nominal_arm_is_frankas_own() -> None:
+def test_frankas_file_of_the_nominal_arm_is_frankas_own():
     rig = changed("franka-fr3").model_copy(update={"effects": ()})
     entries = yaml.safe_load(driver_kinematics(rig.robot, geometric_arm(model_of(rig)), "franka", "cell.yaml"))
     assert entries["joint5"]["kinematic"] == pytest.approx(
@@ -155,7 +155,7 @@ def test_frankas_file_of_the_nominal_arm_is_frankas_own() -> None:
     assert entries["joint7"]["kinematic"]["z"] == pytest.approx(0, abs=1e-12)
 
 
-def test_another_arm_has_no_file_of_franka() -> None:
+def test_another_arm_has_no_file_of_franka():
     rig = changed("kuka-lbr-iiwa-14")
     with refused("export.kinematics"):
         driver_kinematics(rig.robot, geometric_arm(model_of(rig)), "franka", "cell.yaml")

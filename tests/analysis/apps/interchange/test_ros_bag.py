@@ -6,7 +6,6 @@ import csv
 import io
 import struct
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,7 +46,7 @@ def read(data: bytes, by: Rig | None = None) -> tuple[list[str], np.ndarray[Any,
 WHOLE = [*states(range(0, 1000, 10)), *gauges("g1", range(15, 900, 20), 0.1), *gauges("g2", range(3, 990, 20), -0.2)]
 
 
-def test_rows_are_gauge_ones_and_the_rest_is_interpolated() -> None:
+def test_rows_are_gauge_ones_and_the_rest_is_interpolated():
     names, rows, doubts = read(bag(*WHOLE))
     assert names == ["t_s", *(f"q{axis}_deg" for axis in range(1, 7)), "g1_mm", "g2_mm", "u_t_s", "u_lag_s"]
     ms = np.arange(15, 900, 20)
@@ -58,14 +57,14 @@ def test_rows_are_gauge_ones_and_the_rest_is_interpolated() -> None:
     assert len(doubts) == 1 and "reception" in doubts[0]
 
 
-def test_rows_at_a_gap_of_the_joints_are_left_out_and_counted() -> None:
+def test_rows_at_a_gap_of_the_joints_are_left_out_and_counted():
     gone = [one for one in WHOLE if not (one[0] == "/joint_states" and 300 < one[2] < 500)]
     _, rows, doubts = read(bag(*gone))
     assert not ((rows[:, 0] > 0.29) & (rows[:, 0] < 0.48)).any()
     assert "robot: 10 rows" in doubts[0]
 
 
-def test_both_byte_orders_are_read() -> None:
+def test_both_byte_orders_are_read():
     big = [("/joint_states", STATE, ms, joint_state(JOINTS, [0.5] * 6, ">")) for ms in range(0, 1000, 10)]
     _, rows, _ = read(bag(*big, *WHOLE[100:]))
     assert rows[:, 1:7] == pytest.approx(np.degrees(0.5))
@@ -85,39 +84,39 @@ def test_both_byte_orders_are_read() -> None:
         ([("/joint_states", STATE, 1, b"\0\1\0\0\xff\xff")], "two usable"),
     ],
 )
-def test_incomplete_bag_is_refused(messages: list[tuple[str, str, int, bytes]], told: str) -> None:
+def test_incomplete_bag_is_refused(messages, told):
     with pytest.raises(FileError, match=told):
         read(bag(*messages))
 
 
 @pytest.mark.parametrize("bad", [b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 50, joint_state(["a"], [1.0])])
-def test_a_message_that_cannot_be_used_is_left_out_and_counted(bad: bytes) -> None:
+def test_a_message_that_cannot_be_used_is_left_out_and_counted(bad):
     _, rows, doubts = read(bag(*WHOLE, ("/joint_states", STATE, 1200, bad)))
     assert len(rows) == 45 and "/joint_states: 1 of 101 messages" in doubts[0]
 
 
-def test_a_topic_in_another_encoding_is_not_taken_for_cdr() -> None:
+def test_a_topic_in_another_encoding_is_not_taken_for_cdr():
     out = io.BytesIO()
     writer = Writer(out)
     writer.start()
     channel = writer.register_channel("/joint_states", "json", writer.register_schema(STATE, "jsonschema", b""))
     writer.add_message(channel, BEGIN_NS, b'{"position": [0, 0, 0, 0, 0, 0]}', BEGIN_NS)
-    writer.finish()  # type: ignore[no-untyped-call]
+    writer.finish()
     with refused("bag.too_large"):
         read(out.getvalue())
 
 
-def test_bag_of_a_killed_recorder_names_the_repair() -> None:
+def test_bag_of_a_killed_recorder_names_the_repair():
     with refused("bag.damaged"):
         read(bag(*WHOLE)[:-30])
 
 
-def test_rig_without_ros_names_the_missing_key() -> None:
+def test_rig_without_ros_names_the_missing_key():
     with refused("bag.joint_name"):
         read(bag(*WHOLE), parse((SHIPPED / "ur10e.yaml").read_text(), "ur10e.yaml"))
 
 
-def test_truncated_or_damaged_bag_is_refused_or_read_up_to_the_damage() -> None:
+def test_truncated_or_damaged_bag_is_refused_or_read_up_to_the_damage():
     data = bag(*WHOLE)
     for size in range(len(MAGIC), len(data), len(data) // 60):
         for broken in (data[:size], data[:size] + b"\xff\0\x7f" + data[size + 3 :]):
@@ -128,9 +127,7 @@ def test_truncated_or_damaged_bag_is_refused_or_read_up_to_the_damage() -> None:
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
-def test_a_bag_that_stands_for_more_than_a_memory_holds_is_not_unpacked(
-    compression: CompressionType, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bag_that_stands_for_more_than_a_memory_holds_is_not_unpacked(compression, monkeypatch):
     """A chunk may also state less than its frame unpacks to."""
     monkeypatch.setattr(bags, "_MOST_UNPACKED", 1_000_000)  # private: 2 GB would take a minute
     data = bag(*WHOLE, ("/camera", "sensor_msgs/msg/Image", 5, bytes(2_000_000)), compression=compression)
@@ -147,7 +144,7 @@ def _largest_chunk(data: bytes) -> int:
     return max(one.uncompressed_size for one in records if isinstance(one, Chunk))
 
 
-def test_a_bag_of_the_rosbags_library_is_read(tmp_path: Path) -> None:
+def test_a_bag_of_the_rosbags_library_is_read(tmp_path):
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
     typesys = pytest.importorskip("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

@@ -38,7 +38,7 @@ def urdf(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.parametrize("name", cases(CHAINS, list(CHAINS)[::3]))
-def test_the_section_is_the_chain_in_its_own_terms(name: str, tmp_path: Path) -> None:
+def test_the_section_is_the_chain_in_its_own_terms(name, tmp_path):
     chain = CHAINS[name]
     arm = import_urdf(urdf(tmp_path, chain.urdf()))
     assert parsed(arm.section.text) == arm.section.robot
@@ -55,7 +55,7 @@ def test_the_section_is_the_chain_in_its_own_terms(name: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("name", ["abb-irb-120", "abb-irb-1600"])
-def test_the_constants_are_those_of_the_library(name: str, tmp_path: Path) -> None:
+def test_the_constants_are_those_of_the_library(name, tmp_path):
     """Not only the same poses: the same lengths and angles, as a person would write them."""
     chain = SOURCES[name]["geometry"]
     assert isinstance(chain, Chain)
@@ -71,14 +71,14 @@ def test_the_constants_are_those_of_the_library(name: str, tmp_path: Path) -> No
     assert (found.base, found.tool, found.coupling) == (ours.base, ours.tool, ours.coupling)
 
 
-def test_the_right_angles_of_1571_are_named_and_kept(tmp_path: Path) -> None:
+def test_the_right_angles_of_1571_are_named_and_kept(tmp_path):
     chain = SOURCES["doosan-m1013"]["geometry"]
     assert isinstance(chain, Chain)
     (doubt,) = import_urdf(urdf(tmp_path, chain.urdf())).doubts
     assert "joint_1 and joint_2 0.0117 degrees off a right angle, joint_3 and joint_4 0.0117" in doubt
 
 
-def test_axes_that_are_nearly_parallel_are_named_and_kept(tmp_path: Path) -> None:
+def test_axes_that_are_nearly_parallel_are_named_and_kept(tmp_path):
     text = GOOD.replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0.001 1.0 0.0"/>', 1)
     arm = import_urdf(urdf(tmp_path, text))
     assert any("joint_2 and joint_3 0.0573 degrees" in doubt for doubt in arm.doubts)
@@ -87,7 +87,7 @@ def test_axes_that_are_nearly_parallel_are_named_and_kept(tmp_path: Path) -> Non
     assert import_urdf(urdf(tmp_path, GOOD)).doubts == ()
 
 
-def test_masses_that_are_fixed_together_are_one(tmp_path: Path) -> None:
+def test_masses_that_are_fixed_together_are_one(tmp_path):
     def inertial(kg: float, x: float) -> str:
         return f'<inertial><origin xyz="{x} 0 0.1"/><mass value="{kg}"/></inertial>'
 
@@ -101,7 +101,7 @@ def test_masses_that_are_fixed_together_are_one(tmp_path: Path) -> None:
     assert np.hypot(x, y) == pytest.approx((3 * 100 + 1 * 0) / 4)
 
 
-def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path: Path) -> None:
+def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path):
     mesh = '<visual><geometry><mesh filename="package://nowhere/link.stl"/></geometry></visual>'
     finger = (
         '<link name="finger"/><joint name="grip" type="prismatic"><parent link="tool0"/><child link="finger"/></joint>'
@@ -114,7 +114,7 @@ def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path: Path) -> None
     assert len(arm.doubts) == 1 and arm.doubts[0].endswith(": grip")
 
 
-def test_ends_that_are_not_on_their_axes_are_named(tmp_path: Path) -> None:
+def test_ends_that_are_not_on_their_axes_are_named(tmp_path):
     arm = import_urdf(urdf(tmp_path, GOOD), tip="link_6")
     assert arm.section.robot.tool.rpy_deg != (0, 0, 0)
     assert ["axis 6" in doubt for doubt in arm.doubts] == [True]
@@ -124,7 +124,7 @@ def test_ends_that_are_not_on_their_axes_are_named(tmp_path: Path) -> None:
     assert ["axis 1" in doubt for doubt in arm.doubts] == [True]
 
 
-def test_a_base_on_a_branch_of_its_own_is_the_base_frame(tmp_path: Path) -> None:
+def test_a_base_on_a_branch_of_its_own_is_the_base_frame(tmp_path):
     branch = (
         '<link name="base"/><joint name="turned" type="fixed"><parent link="base_link"/><child link="base"/>'
         '<origin xyz="0 0 0.1" rpy="0 0 3.141592653589793"/></joint>'
@@ -233,9 +233,7 @@ BAD = {
         ('lower="-3"', 'lower="-200"', ("limits_deg", "-11459")),
     ],
 )
-def test_a_value_outside_the_range_is_refused_with_joint_key_and_value(
-    given: str, wrong: str, of: tuple[str, str], tmp_path: Path
-) -> None:
+def test_a_value_outside_the_range_is_refused_with_joint_key_and_value(given, wrong, of, tmp_path):
     with pytest.raises(FileError) as refused:
         import_urdf(urdf(tmp_path, GOOD.replace(given, wrong, 1)))
     error = refused.value
@@ -244,7 +242,7 @@ def test_a_value_outside_the_range_is_refused_with_joint_key_and_value(
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind: str, tmp_path: Path) -> None:
+def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind, tmp_path):
     text, what = BAD[kind]
     with pytest.raises(FileError) as refused:
         import_urdf(urdf(tmp_path, text))
@@ -253,7 +251,7 @@ def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind: str, tmp_path: Pa
     assert str(refused.value).startswith(str(tmp_path))
 
 
-def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
+def test_links_in_a_circle_are_refused(tmp_path):
     text = GOOD.replace('<parent link="base_link"/>', '<parent link="link_6"/>')
     with pytest.raises(FileError, match="form a circle"):
         import_urdf(urdf(tmp_path, text))
@@ -269,20 +267,20 @@ def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
         (None, "tool1", "urdf.link_missing"),
     ],
 )
-def test_other_ends_have_other_joints(base: str | None, tip: str | None, code: str, tmp_path: Path) -> None:
+def test_other_ends_have_other_joints(base, tip, code, tmp_path):
     text = GOOD.replace("</robot>", f"{SEVENTH}{MOVED_BASE}</robot>")
     with refused(code):
         import_urdf(urdf(tmp_path, text), base, tip)
 
 
-def test_five_axes_and_four_are_arms(tmp_path: Path) -> None:
+def test_five_axes_and_four_are_arms(tmp_path):
     for axes, base in ((5, "link_1"), (4, "link_2")):
         arm = import_urdf(urdf(tmp_path, GOOD), base).section
         assert len(arm.robot.axes) == len(arm.robot.coupling) == axes
         assert arm.robot.design == "light"
 
 
-def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path: Path) -> None:
+def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path):
     """The way is in the base's frame, the limits are in mm, and the arm stands where the library has it."""
     rail = (
         '<link name="floor"/><joint name="rail" type="prismatic"><parent link="floor"/><child link="base_link"/>'
@@ -300,7 +298,7 @@ def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path: Path) -> None
     assert section.largest_mm < 1e-9  # held against the library at random places of the rail
 
 
-def test_gripper_jaw_is_an_axis_only_if_chosen(tmp_path: Path) -> None:
+def test_gripper_jaw_is_an_axis_only_if_chosen(tmp_path):
     jaw = '<link name="jaw"/>' + SEVENTH.replace('<link name="link_7"/>', "").replace("link_7", "jaw")
     text = GOOD.replace("tool0", "hand").replace("</robot>", f"{jaw.replace('tool0', 'hand')}</robot>")
     with refused("urdf.gripper"):
@@ -309,20 +307,20 @@ def test_gripper_jaw_is_an_axis_only_if_chosen(tmp_path: Path) -> None:
     assert len(import_urdf(urdf(tmp_path, text), tip="jaw").section.robot.axes) == 7
 
 
-def test_a_joint_without_end_gets_limits_and_is_named(tmp_path: Path) -> None:
+def test_a_joint_without_end_gets_limits_and_is_named(tmp_path):
     arm = import_urdf(urdf(tmp_path, GOOD.replace("revolute", "continuous", 1)))
     assert arm.section.robot.axes[0].limits_deg == (-360, 360)
     assert [" joint_1;" in doubt for doubt in arm.doubts] == [True]
 
 
-def test_several_ends_are_asked_for(tmp_path: Path) -> None:
+def test_several_ends_are_asked_for(tmp_path):
     text = GOOD.replace("tool0", "hand").replace("</robot>", f"{SEVENTH.replace('tool0', 'link_6')}</robot>")
     with refused("urdf.tree"):
         import_urdf(urdf(tmp_path, text))
     assert import_urdf(urdf(tmp_path, text), tip="hand").tip == "hand"
 
 
-def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
+def test_a_huge_file_is_not_read(tmp_path):
     file = tmp_path / "arm.urdf"
     with file.open("wb") as sparse:
         sparse.truncate(10**12)
@@ -331,7 +329,7 @@ def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("what", ["missing", "directory", "latin"])
-def test_binary_file_is_refused(what: str, tmp_path: Path) -> None:
+def test_binary_file_is_refused(what, tmp_path):
     file = tmp_path / "arm.urdf"
     if what == "directory":
         file.mkdir()
@@ -341,7 +339,7 @@ def test_binary_file_is_refused(what: str, tmp_path: Path) -> None:
         import_urdf(file)
 
 
-def test_missing_library_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_library_names_the_package(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pytransform3d.urdf", None)
     with pytest.raises(CellError) as error:
         import_urdf(urdf(tmp_path, GOOD))

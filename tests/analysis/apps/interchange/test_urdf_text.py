@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -79,13 +78,13 @@ def written(rig: Rig) -> str:
     return urdf_text(rig.robot, geometric_arm(model_of(rig)), "cell.yaml")
 
 
-def test_library_contains_coupled_and_uncoupled_arms() -> None:
+def test_library_contains_coupled_and_uncoupled_arms():
     assert len(PLAIN) >= 12
     assert COUPLED
 
 
 @pytest.mark.parametrize(("name", "rail"), [*STANDING, ("ur10e", True)])
-def test_independent_readers_give_the_poses_of_the_model(name: str, rail: bool) -> None:
+def test_independent_readers_give_the_poses_of_the_model(name, rail):
     rig = changed(name, rail=rail)
     q = within_limits(rig)
     expected = tool_poses(model_of(rig), q)
@@ -106,7 +105,7 @@ def test_independent_readers_give_the_poses_of_the_model(name: str, rail: bool) 
 
 
 @pytest.mark.parametrize(("name", "rail"), [*STANDING, ("ur10e", True)])
-def test_reimported_arm_has_the_same_poses_limits_and_masses(name: str, rail: bool, tmp_path: Path) -> None:
+def test_reimported_arm_has_the_same_poses_limits_and_masses(name, rail, tmp_path):
     rig = changed(name, seed=1, rail=rail)
     file = tmp_path / "arm.urdf"
     file.write_text(written(rig), encoding="utf-8")
@@ -124,13 +123,13 @@ def test_reimported_arm_has_the_same_poses_limits_and_masses(name: str, rail: bo
 
 
 @pytest.mark.parametrize("name", COUPLED)
-def test_coupled_arm_is_rejected(name: str) -> None:
+def test_coupled_arm_is_rejected(name):
     rig = changed(name)
     with refused("export.kinematics"):
         written(rig)
 
 
-def test_unequal_joint_ratio_is_rejected() -> None:
+def test_unequal_joint_ratio_is_rejected():
     arm = arm_of(load_arm("ur5e").robot)
     with refused("export.kinematics"):
         urdf_text(load_arm("ur5e").robot, replace(arm, coupling=np.diag([1, 1, 1, 1, 2.0, 1])), "cell.yaml")
@@ -143,7 +142,7 @@ def named(name: str, robot_name: str = "arm") -> str:
     return urdf_text(robot, arm_of(robot), "cell.yaml", ["a -- b --- c"])
 
 
-def test_names_are_escaped() -> None:
+def test_names_are_escaped():
     name = """<a & "b'>"""
     root = ElementTree.fromstring(named(name, name).encode())  # noqa: S314
     assert root.get("name") == name
@@ -151,7 +150,7 @@ def test_names_are_escaped() -> None:
 
 
 @pytest.mark.parametrize("name", ["", " ", "a\nb", "a\x1bb", "a\ud800b", "shoulder", "flange-tool"])
-def test_invalid_names_are_rejected(name: str) -> None:
+def test_invalid_names_are_rejected(name):
     with refused("export.name"):
         named(name)
 
@@ -183,12 +182,12 @@ def require_the_drivers(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("name", URS)
-def test_driver_file_gives_the_poses_of_the_model(name: str) -> None:
+def test_driver_file_gives_the_poses_of_the_model(name):
     assert set(URS) >= {"ur3e", "ur5e", "ur10e"}
     require_the_drivers(changed(name))
 
 
-def test_driver_file_of_a_ur10() -> None:
+def test_driver_file_of_a_ur10():
     rig = changed("ur10e")
     require_the_drivers(rig.model_copy(update={"robot": load("ur10")[0].robot}))
 
@@ -205,7 +204,7 @@ kinematics:
 """From ros-industrial/universal_robot, ur_description/config/ur5e/default_kinematics.yaml, commit 6485dfa."""
 
 
-def test_file_of_a_published_arm_gives_the_published_poses() -> None:
+def test_file_of_a_published_arm_gives_the_published_poses():
     text = ur_driver_text(arm_of(load_arm("ur5e").robot), "cell.yaml")
     q = within_limits(changed("ur5e"))
     np.testing.assert_allclose(driver_poses(text, q), driver_poses(PUBLISHED, q), atol=1e-5, rtol=0)
@@ -213,7 +212,7 @@ def test_file_of_a_published_arm_gives_the_published_poses() -> None:
     assert yaml.safe_load(text)["kinematics"]["hash"] == NOT_THE_CONTROLLERS
 
 
-def test_hash_is_the_one_given_by_the_user() -> None:
+def test_hash_is_the_one_given_by_the_user():
     arm = arm_of(load_arm("ur5e").robot)
     text = ur_driver_text(arm, "cell.yaml", "calib_12788084448423163542")
     assert yaml.safe_load(text)["kinematics"]["hash"] == "calib_12788084448423163542"
@@ -222,6 +221,6 @@ def test_hash_is_the_one_given_by_the_user() -> None:
 
 
 @pytest.mark.parametrize("name", ["abb-irb-120", "kuka-kr-6-r900-2", "staubli-tx2-60"])
-def test_arms_of_other_makers_are_rejected(name: str) -> None:
+def test_arms_of_other_makers_are_rejected(name):
     with refused("export.kinematics"):
         ur_driver_text(arm_of(load_arm(name).robot), "cell.yaml")

@@ -107,7 +107,7 @@ def watched_until(source: DaemonSource, view: LiveView, shown: Callable[[LiveVie
     return view
 
 
-def test_samples_become_rows_and_each_is_asked_for_once(path: Path) -> None:
+def test_samples_become_rows_and_each_is_asked_for_once(path):
     with fake(path) as daemon, DaemonSource(path) as source:
         view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and view.state)
         assert view.cell is not None and view.cell.name == "ur10e"
@@ -119,7 +119,7 @@ def test_samples_become_rows_and_each_is_asked_for_once(path: Path) -> None:
         assert sum(request["command"] == "status" for request in list(daemon.asked)) < len(asked)
 
 
-def test_a_further_gauge_is_shown_and_no_row_waits_for_it(path: Path) -> None:
+def test_a_further_gauge_is_shown_and_no_row_waits_for_it(path):
     with fake(path) as daemon, DaemonSource(path) as source:
 
         def once(request: dict[str, Any]) -> dict[str, Any]:
@@ -138,7 +138,7 @@ def test_a_further_gauge_is_shown_and_no_row_waits_for_it(path: Path) -> None:
         assert "g3 0.2500 mm" in plain_line(view, UNITS[0])
 
 
-def test_lost_daemon_is_awaited_and_its_values_stay(path: Path) -> None:
+def test_lost_daemon_is_awaited_and_its_values_stay(path):
     with fake(path) as daemon, DaemonSource(path) as source:
         view = watched_until(source, LiveView(), lambda view: view.cell and len(view.rows) > 3)
         daemon.stop()
@@ -150,14 +150,14 @@ def test_lost_daemon_is_awaited_and_its_values_stay(path: Path) -> None:
         assert view.cell is cell  # the same rig file is not read again
 
 
-def test_an_older_rigd_is_named(path: Path) -> None:
+def test_an_older_rigd_is_named(path):
     refusal = {"ok": False, "where": "rigd", "what": "unknown command 'samples'", "remedy": "x", "exit_code": 4}
     with fake(path) as daemon, DaemonSource(path) as source:
         daemon.answers = lambda request: STATUS if request["command"] == "status" else refusal
         watched_until(source, LiveView(), lambda view: "older" in view.lost)
 
 
-def test_foreign_answer_is_reported_and_asked_again(path: Path) -> None:
+def test_foreign_answer_is_reported_and_asked_again(path):
     with fake(path) as daemon, DaemonSource(path) as source:
         daemon.answers = lambda request: {"ok": True, "streams": {}}
         watched_until(source, LiveView(), lambda view: "than rigd" in view.lost)
@@ -165,18 +165,18 @@ def test_foreign_answer_is_reported_and_asked_again(path: Path) -> None:
         watched_until(source, LiveView(), lambda view: len(view.rows))
 
 
-def test_a_rig_file_that_cannot_be_read_leaves_the_readings(path: Path) -> None:
+def test_a_rig_file_that_cannot_be_read_leaves_the_readings(path):
     with fake(path, "name: [") as _, DaemonSource(path) as source:
         view = watched_until(source, LiveView(), lambda view: len(view.rows) > 2)
         assert view.cell is None and "g1" in view.readings
 
 
-def test_without_a_daemon_it_does_not_begin(path: Path) -> None:
+def test_without_a_daemon_it_does_not_begin(path):
     with pytest.raises(CellError), DaemonSource(path):
         pass
 
 
-def test_a_refused_recording_is_a_notice(path: Path) -> None:
+def test_a_refused_recording_is_a_notice(path):
     refusal = {"ok": False, "where": "g1", "what": "no reading", "remedy": "fix it", "exit_code": 4}
     with fake(path) as daemon, DaemonSource(path) as source:
         daemon.answers = lambda request: refusal if request["command"].startswith("record") else daemon.usual(request)
@@ -192,7 +192,7 @@ def test_a_refused_recording_is_a_notice(path: Path) -> None:
         watched_until(source, LiveView(), told)
 
 
-def test_values_that_are_not_there_are_left_out() -> None:
+def test_values_that_are_not_there_are_left_out():
     streams = {
         "g1_g2": {"newest": 2, "columns": ["g1_mm", "g2_mm"], "rows": [[1e9, 0.1, None], [2e9, 0.2, 0.3]]},
         "robot": {"newest": 0, "columns": [f"q{axis}_deg" for axis in range(1, 7)], "rows": []},
@@ -201,13 +201,13 @@ def test_values_that_are_not_there_are_left_out() -> None:
     assert tracks["g1"].t_s.tolist() == [1, 2] and tracks["g2"].values.tolist() == [[0.3]] and "robot" not in tracks
 
 
-def test_readings_of_a_gauge_that_counts_towards_are_turned() -> None:
+def test_readings_of_a_gauge_that_counts_towards_are_turned():
     streams = {"g1_g2": {"newest": 1, "columns": ["g1_mm", "g2_mm"], "rows": [[1e9, 0.1, 0.2]]}}
     tracks = tracks_of(streams, (1, -1))
     assert tracks["g1"].values.tolist() == [[0.1]] and tracks["g2"].values.tolist() == [[-0.2]]
 
 
-def test_a_real_daemon_is_watched_recorded_lost_and_found_again(tmp_path: Path) -> None:
+def test_a_real_daemon_is_watched_recorded_lost_and_found_again(tmp_path):
     with Bench(tmp_path) as bench:
         bench.start().all_reading()
         with Terminal([BIN / "rig", "live"], 100, 30, {"XDG_RUNTIME_DIR": str(tmp_path)}) as terminal:

@@ -18,7 +18,7 @@ def driven(*stops_deg: float, state: LapProgress | None = None, noise_deg: float
 
 
 @pytest.mark.parametrize("sense", [1, -1])
-def test_a_lap_begins_after_the_lead_in(sense: int) -> None:
+def test_a_lap_begins_after_the_lead_in(sense):
     start = 30.0
     found, shares = driven(start - 12 * sense, start + 180 * sense)
     assert found.sense == sense
@@ -26,7 +26,7 @@ def test_a_lap_begins_after_the_lead_in(sense: int) -> None:
     assert np.nanmin(shares) == pytest.approx(-10 / 360, abs=0.01)
 
 
-def test_a_lap_from_the_very_start_counts_from_there() -> None:
+def test_a_lap_from_the_very_start_counts_from_there():
     assert driven(30, 120)[0].share(START, LEAD) == pytest.approx(0.25, abs=1e-6)
 
 
@@ -40,12 +40,12 @@ def test_a_lap_from_the_very_start_counts_from_there() -> None:
         ((12, 18, 14, 402, 18), 1, 0),  # it finds its start first
     ],
 )
-def test_the_way_back_over_a_lap_is_no_lap_of_the_other_direction(stops: tuple[float, ...], acw: int, cw: int) -> None:
+def test_the_way_back_over_a_lap_is_no_lap_of_the_other_direction(stops, acw, cw):
     found, _ = driven(*stops)
     assert (found.ended().acw, found.ended().cw) == (acw, cw)
 
 
-def test_on_the_way_back_there_is_no_share_of_a_lap_until_it_ends() -> None:
+def test_on_the_way_back_there_is_no_share_of_a_lap_until_it_ends():
     back, _ = driven(18, 402, 200)
     assert back.goes_back and back.sense == -1 and back.share(START, LEAD) is None
     again, _ = driven(200, 18, 210, state=back)
@@ -58,25 +58,25 @@ def test_on_the_way_back_there_is_no_share_of_a_lap_until_it_ends() -> None:
 
 
 @pytest.mark.parametrize("joined_deg", [40, 100, 250, 340])
-def test_a_lap_that_is_joined_late_is_still_this_lap(joined_deg: float) -> None:
+def test_a_lap_that_is_joined_late_is_still_this_lap(joined_deg):
     found, _ = driven(joined_deg, joined_deg + 30)
     assert found.share(START, LEAD) == pytest.approx(joined_deg / 360, abs=1e-6)
 
 
-def test_two_laps_in_one_way_are_two() -> None:
+def test_two_laps_in_one_way_are_two():
     found, _ = driven(18, 402 + 360)
     assert found.share(START, LEAD) == pytest.approx(2 + 12 / 360, abs=1e-6)
     assert found.ended().acw == 2
 
 
-def test_the_noise_of_a_robot_that_stands_is_no_motion() -> None:
+def test_the_noise_of_a_robot_that_stands_is_no_motion():
     found, _ = driven(100, 100.5, 100, 100.5, 100, noise_deg=0.2)
     assert found.sense == 0 and found.share(START, LEAD) is None
     turned, _ = driven(18, 200, 199, 200, 199, 200, noise_deg=0.05)
     assert turned.sense == 1 and turned.cw == 0
 
 
-def test_off_the_circle_there_is_no_lap() -> None:
+def test_off_the_circle_there_is_no_lap():
     found, _ = driven(18, 402)
     off, _, shares = found.after(np.array([np.nan]), START, LEAD)
     assert off.sense == 0 and np.isnan(shares).all() and off.acw == 1

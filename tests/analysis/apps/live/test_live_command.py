@@ -25,7 +25,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lap_run(tmp_path_factory.mktemp("lap"))
 
 
-def test_a_run_is_played_in_lines_to_its_end(run: Path) -> None:
+def test_a_run_is_played_in_lines_to_its_end(run):
     done = ran("live", "--run", run, "--speed", "64", "--plain")
     assert done.returncode == 0 and done.stderr == ""
     first, *_, last = done.stdout.splitlines()
@@ -33,33 +33,33 @@ def test_a_run_is_played_in_lines_to_its_end(run: Path) -> None:
     assert all(line.isprintable() for line in done.stdout.splitlines())
 
 
-def test_runs_are_played_one_after_the_other_with_their_curves_over_each_other(run: Path, tmp_path: Path) -> None:
+def test_runs_are_played_one_after_the_other_with_their_curves_over_each_other(run, tmp_path):
     done = ran("live", "--run", run, "--run", lap_run(tmp_path, direction="cw"), "--speed", "64", "--json")
     shown = [json.loads(line) for line in done.stdout.splitlines()]
     assert [shown[0]["direction"], shown[-1]["direction"]] == ["acw", "cw"]
     assert shown[0]["band_deg"]["cw"] is None and all(shown[-1]["band_deg"].values())
 
 
-def test_a_run_is_played_as_json(run: Path) -> None:
+def test_a_run_is_played_as_json(run):
     done = ran("live", "--run", run, "--speed", "64", "--json")
     last = json.loads(done.stdout.splitlines()[-1])
     assert last["recording"] == "yaw-acw-exact" and last["band_deg"]["acw"] > 0 and last["reversals"] > 10
 
 
 @pytest.mark.parametrize("option", cases(("--plain", "--json", ""), ("",)))
-def test_a_run_is_played_where_nothing_is_posix(run: Path, option: str) -> None:
+def test_a_run_is_played_where_nothing_is_posix(run, option):
     command = [*PORTABLE, "--run", run, "--speed", "64", *option.split()]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, cwd=ROOT)
     assert done.returncode == 0 and done.stderr == "" and "yaw" in done.stdout
 
 
-def test_a_recorded_run_is_played_by_its_aligned_times(tmp_path: Path) -> None:
+def test_a_recorded_run_is_played_by_its_aligned_times(tmp_path):
     done = ran("live", "--run", recorded(tmp_path), "--speed", "64", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["band_deg"]["acw"] > 0
 
 
-def test_run_without_motion_is_refused(tmp_path: Path) -> None:
+def test_run_without_motion_is_refused(tmp_path):
     targets = simulate("ur10e", "radial")
     path = save_run(targets, tmp_path / targets.path)
     done = ran("live", "--run", path)
@@ -68,14 +68,14 @@ def test_run_without_motion_is_refused(tmp_path: Path) -> None:
     assert missing.returncode == 3 and len(missing.stderr.splitlines()) == 1
 
 
-def test_without_a_daemon_it_is_one_line(tmp_path: Path) -> None:
+def test_without_a_daemon_it_is_one_line(tmp_path):
     for options in ((), ("--plain",), ("--json",)):
         done = ran("live", "--rig", "nobody", *options, XDG_RUNTIME_DIR=str(tmp_path))
         assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and done.stdout == ""
 
 
 @pytest.mark.parametrize("option", cases(("--plain", "--json"), ("--json",)))
-def test_lines_of_a_running_daemon_go_on_until_they_are_stopped(tmp_path: Path, option: str) -> None:
+def test_lines_of_a_running_daemon_go_on_until_they_are_stopped(tmp_path, option):
     with Bench(tmp_path) as bench:
         bench.start().all_reading()
         process = subprocess.Popen([BIN / "rig", "live", option], stdout=subprocess.PIPE, env=bench.env, text=True)
@@ -89,7 +89,7 @@ def test_lines_of_a_running_daemon_go_on_until_they_are_stopped(tmp_path: Path, 
         assert once.returncode == 0 and "connected" in once.stdout
 
 
-def test_no_colour_is_sent_where_none_is_wanted(run: Path) -> None:
+def test_no_colour_is_sent_where_none_is_wanted(run):
     for env, coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
         with Terminal([BIN / "rig", "live", "--run", run, "--speed", "64"], 80, 24, env) as terminal:
             terminal.until(lambda text: "ended" in text)

@@ -67,7 +67,7 @@ CONTROLS = [
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
-def test_a_screen_is_exactly_as_large_as_the_terminal(views: list[LiveView], width: int, height: int) -> None:
+def test_a_screen_is_exactly_as_large_as_the_terminal(views, width, height):
     for view in views:
         for controls in CONTROLS:
             lines = screen(view, controls, width, height).lines()
@@ -78,25 +78,25 @@ def test_a_screen_is_exactly_as_large_as_the_terminal(views: list[LiveView], wid
 
 @settings(max_examples=60)
 @given(width=st.integers(1, 260), height=st.integers(1, 80))
-def test_no_size_breaks_it(width: int, height: int) -> None:
+def test_no_size_breaks_it(width, height):
     lines = screen(LiveView(readings={"g1": GaugeReading(0.1, 0.0)}), LiveControls(), width, height).lines()
     assert {cell_len(line) for line in lines} == {width} and len(lines) == height
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
-def test_a_lap_is_shown_whole(views: list[LiveView], width: int, height: int) -> None:
+def test_a_lap_is_shown_whole(views, width, height):
     text = "\n".join(screen(views[3], LiveControls(), width, height).lines())
     for words in ("g1 mm", "g2 mm", "yaw", "φ", "acw", "less sine", "reach", "1 base", "rev, last", "trace", "q quit"):
         assert words in text, (words, text)
     assert sum("⠀" < character <= "⣿" for character in text) > 60
 
 
-def test_missing_values_are_announced() -> None:
+def test_missing_values_are_announced():
     text = "\n".join(screen(LiveView(), LiveControls(), 80, 24).lines())
     assert text.count(" yet") >= 3
 
 
-def test_a_loss_of_the_daemon_is_on_every_size(views: list[LiveView]) -> None:
+def test_a_loss_of_the_daemon_is_on_every_size(views):
     for width, height in ((30, 5), (80, 24), (250, 70)):
         assert "gone" in "\n".join(screen(LiveView(lost="gone"), LiveControls(), width, height).lines())
 
@@ -106,11 +106,11 @@ def connected_state() -> dict[str, object]:
     return {"rig": "ur10e", "recording": None, "streams": {"g1": stream}, "automatic": None, "last_end": ""}
 
 
-def test_disturbed_robot_shows_its_condition() -> None:
+def test_disturbed_robot_shows_its_condition():
     state = connected_state()
     last = {"safety_state": 2.0, "program_state": 1.0, "speed_percent": 40.0, "temperature1_c": 30.0}
     ages_s = {**dict.fromkeys(last, 0.1), "temperature1_c": 100.0}
-    robot = {**state["streams"]["g1"], "last": last, "age_s": ages_s}  # type: ignore[index]
+    robot = {**state["streams"]["g1"], "last": last, "age_s": ages_s}
     view = LiveView(state={**state, "streams": {"robot": robot}})
     text = "\n".join(screen(view, LiveControls(), 120, 40).lines())
     assert "protective stop · speed 40 %" in text and "silent" not in text
@@ -120,7 +120,7 @@ def test_disturbed_robot_shows_its_condition() -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
-def test_all_figures_are_dim_while_the_daemon_is_lost(views: list[LiveView], width: int, height: int) -> None:
+def test_all_figures_are_dim_while_the_daemon_is_lost(views, width, height):
     view = replace(views[3], played=None, state=connected_state())
     assert "connected" in "\n".join(screen(view, LiveControls(), width, height).lines())
     canvas = screen(replace(view, lost="gone"), LiveControls(), width, height)
@@ -137,25 +137,25 @@ def test_all_figures_are_dim_while_the_daemon_is_lost(views: list[LiveView], wid
 
 
 @pytest.mark.parametrize("text", ["monday yaw", "monday", "monday radial acw"])
-def test_a_wrong_label_is_explained_whole_at_80_columns(text: str) -> None:
+def test_a_wrong_label_is_explained_whole_at_80_columns(text):
     controls, _ = LiveControls(prompt=text).pressed("\r", {})
     lines = screen(LiveView(), controls, 80, 24).lines()
     assert controls.message in " ".join(" ".join(lines[-5:-1]).split()) and f"{text}█" in lines[-1]
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (30, 10)])
-def test_a_message_leaves_the_keys_in_sight(width: int, height: int) -> None:
+def test_a_message_leaves_the_keys_in_sight(width, height):
     lines = screen(LiveView(), LiveControls(message="in runs/lap"), width, height).lines()
     assert "in runs/lap" in lines[-2] and "s start" in lines[-1]
 
 
-def test_without_a_curve_no_reach_and_no_sine_are_shown(views: list[LiveView]) -> None:
+def test_without_a_curve_no_reach_and_no_sine_are_shown(views):
     standing = LiveView(views[3].cell)
     text = "\n".join(screen(standing, LiveControls(), 250, 70).lines())
     assert "reach" not in text and "less" not in text and "0.0001" not in text and "acw –" in text
 
 
-def test_without_colour_nothing_but_text_is_sent(views: list[LiveView], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_colour_nothing_but_text_is_sent(views, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("NO_COLOR", "1")
     console = PlainConsole(width=80)
@@ -164,7 +164,7 @@ def test_without_colour_nothing_but_text_is_sent(views: list[LiveView], monkeypa
     assert "\x1b[9" not in captured.get() and "\x1b[3" not in captured.get()
 
 
-def test_a_wide_character_is_cut_and_covered_whole() -> None:
+def test_a_wide_character_is_cut_and_covered_whole():
     canvas = Canvas(4, 1)
     area = canvas.area()
     area.put(0, 0, "机机机")
@@ -178,7 +178,7 @@ def test_a_wide_character_is_cut_and_covered_whole() -> None:
 
 
 @pytest.mark.parametrize("scale", [1, 2, 3])
-def test_large_digits_fill_their_reported_size(scale: int) -> None:
+def test_large_digits_fill_their_reported_size(scale):
     text = "-01.23456789+ "
     canvas = Canvas(width_of(text, scale), height_of(scale))
     put_large(canvas.area(), 0, 0, text, scale, "")

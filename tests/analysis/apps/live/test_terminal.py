@@ -40,7 +40,7 @@ def shows(terminal: pyte.Screen, canvas: Canvas) -> bool:
     return [line.rstrip() for line in terminal.display] == [line.rstrip() for line in canvas.lines()]
 
 
-def test_a_shrunk_and_a_grown_terminal_hold_the_new_picture_alone(view: LiveView) -> None:
+def test_a_shrunk_and_a_grown_terminal_hold_the_new_picture_alone(view):
     out, terminal = io.StringIO(), pyte.Screen(120, 40)
     stream, painter = pyte.Stream(terminal), Painter(out)
     for width, height in [(120, 40), (80, 24), (30, 6), (200, 60), (80, 24), (61, 18), (120, 40)]:
@@ -52,7 +52,7 @@ def test_a_shrunk_and_a_grown_terminal_hold_the_new_picture_alone(view: LiveView
         assert shows(terminal, canvas), (width, height)
 
 
-def test_unchanged_lines_are_not_sent_again(view: LiveView) -> None:
+def test_unchanged_lines_are_not_sent_again(view):
     out = io.StringIO()
     painter = Painter(out)
     for _ in range(2):
@@ -65,7 +65,7 @@ def test_unchanged_lines_are_not_sent_again(view: LiveView) -> None:
     assert len(out.getvalue()) > 1.8 * whole
 
 
-def test_a_picture_too_large_for_its_terminal_does_not_wrap(view: LiveView) -> None:
+def test_a_picture_too_large_for_its_terminal_does_not_wrap(view):
     """The terminal has shrunk since it was measured: one picture is cut, the next one is right."""
     out, terminal = io.StringIO(), pyte.Screen(60, 20)
     with Painter(out) as painter:
@@ -75,7 +75,7 @@ def test_a_picture_too_large_for_its_terminal_does_not_wrap(view: LiveView) -> N
     assert shows(terminal, canvas)
 
 
-def test_keys_of_a_person_reach_the_view(playing: Terminal) -> None:
+def test_keys_of_a_person_reach_the_view(playing):
     playing.type("u")
     playing.until(lambda text: "g1 µm" in text, "units")
     playing.type("z")
@@ -94,17 +94,17 @@ def test_keys_of_a_person_reach_the_view(playing: Terminal) -> None:
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_leaves_the_terminal_as_it_was(playing: Terminal, end: signal.Signals) -> None:
+def test_a_signal_leaves_the_terminal_as_it_was(playing, end):
     playing.process.send_signal(end)
     assert playing.ended() == 0 and playing.is_as_before()
     assert playing.received.endswith(b"\x1b[?1049l")
 
 
-def test_a_resized_terminal_shows_no_old_fragments(playing: Terminal) -> None:
+def test_a_resized_terminal_shows_no_old_fragments(playing):
     for width, height in [(80, 24), (40, 8), (200, 50), (100, 30)]:
         playing.resize(width, height)
         marker = "q quit" if width >= 80 else "reversals"
-        text = playing.until(lambda text, w=width, m=marker: is_fresh(text, w, m), f"{width} x {height}")  # type: ignore[misc]
+        text = playing.until(lambda text, w=width, m=marker: is_fresh(text, w, m), f"{width} x {height}")
         assert text.count("g1 ") == 1 and text.count("g2 ") == 1
         assert text.count("q quit") <= 1 and text.count("trace") == (width >= 80)
 

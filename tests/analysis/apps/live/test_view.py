@@ -30,7 +30,7 @@ def whole(acw: Path) -> LiveView:
     return watched_lap(acw)
 
 
-def test_the_band_is_that_of_the_analysis(acw: Path, whole: LiveView) -> None:
+def test_the_band_is_that_of_the_analysis(acw, whole):
     curve, other = shown_curves(whole)
     measured = evaluate(load_run(acw)).figures["band_deg"]
     assert curve.is_whole and not len(other.phi)
@@ -38,13 +38,13 @@ def test_the_band_is_that_of_the_analysis(acw: Path, whole: LiveView) -> None:
     assert curve.band == pytest.approx(measured.value, rel=0.02)
 
 
-def test_the_error_has_the_shape_that_the_analysis_finds(acw: Path, whole: LiveView) -> None:
+def test_the_error_has_the_shape_that_the_analysis_finds(acw, whole):
     curve, _ = shown_curves(whole)
     expected = evaluate(load_run(acw)).curve.error_deg
     assert np.abs(curve.error - expected).max() < 0.1 * np.ptp(expected)
 
 
-def test_the_reversals_are_those_of_the_analysis(acw: Path, whole: LiveView) -> None:
+def test_the_reversals_are_those_of_the_analysis(acw, whole):
     measured = load_run(acw)
     assert isinstance(measured.table, CircleTable)
     expected = {(turn.axis, round(np.degrees(turn.phi))) for turn in turns(laps_of(measured.table, measured.rig, "x"))}
@@ -54,20 +54,20 @@ def test_the_reversals_are_those_of_the_analysis(acw: Path, whole: LiveView) -> 
         assert any(axis == other and abs((phi - at + 180) % 360 - 180) < 3 for other, at in seen), (axis, phi)
 
 
-def test_a_way_back_is_no_measurement(acw: Path) -> None:
+def test_a_way_back_is_no_measurement(acw):
     unlabelled = watched(played_run(acw, 1.0), view=LiveView(played_run(acw, 1.0).cell))
     for view in (unlabelled, watched_lap(acw)):
         assert len(view.acw.curve().phi) and not len(view.cw.curve().phi)
 
 
-def test_before_half_a_lap_the_mean_alone_is_taken_off(acw: Path) -> None:
+def test_before_half_a_lap_the_mean_alone_is_taken_off(acw):
     early, _ = shown_curves(watched_lap(acw, 5.0))
     assert len(early.phi) and not early.less_sine and not early.is_whole
     later, _ = shown_curves(watched_lap(acw, 14.0))
     assert later.less_sine and not later.is_whole and later.band < early.band
 
 
-def test_extremes_and_trend_are_of_the_readings(whole: LiveView, acw: Path) -> None:
+def test_extremes_and_trend_are_of_the_readings(whole, acw):
     rows = played_run(acw, 1.0).rows
     assert whole.extremes_mm is not None
     assert whole.extremes_mm[:, 0] == pytest.approx(rows.g_mm.min(axis=0))
@@ -81,13 +81,13 @@ def ramp(slope_mm_s: float) -> LiveRows:
     return LiveRows(t_s, np.outer(t_s, [slope_mm_s, -slope_mm_s]), np.full((len(t_s), 6), np.nan))
 
 
-def test_restarting_forgets_curves_and_extremes(whole: LiveView) -> None:
+def test_restarting_forgets_curves_and_extremes(whole):
     fresh = whole.restarted()
     assert fresh.extremes_mm is None and not fresh.reversals and not len(fresh.acw.curve().phi)
     assert len(fresh.rows) == len(whole.rows)
 
 
-def test_the_next_recording_of_a_direction_replaces_its_curve_alone(whole: LiveView) -> None:
+def test_the_next_recording_of_a_direction_replaces_its_curve_alone(whole):
     other = whole.labelled("b", "yaw", "cw")
     assert len(other.acw.curve().phi)
     assert not len(whole.labelled("c", "yaw", "acw").acw.curve().phi)
@@ -100,7 +100,7 @@ def state(**faults: int) -> dict[str, Any]:
     return {"rig": "cell", "recording": None, "streams": {"g1": stream}, "automatic": None, "last_end": ""}
 
 
-def test_new_faults_become_events_and_old_ones_do_not() -> None:
+def test_new_faults_become_events_and_old_ones_do_not():
     view = LiveView().after(Update(state=state(silent=3)))
     assert not view.events
     view = view.after(Update(state=state(silent=5, garbled=1)))
@@ -121,7 +121,7 @@ def words_after(*updates: Update) -> list[str]:
     return [event.words for event in view.events]
 
 
-def test_a_recording_that_was_cut_is_an_event() -> None:
+def test_a_recording_that_was_cut_is_an_event():
     begun = Update(state=recording("lap", "runs/1_lap"), readings={})
     lost, back = Update(lost="waiting"), Update(readings={})
     words = words_after(begun, lost, lost, Update(notice="refused"), lost, back, Update(state=state(), readings={}))
@@ -130,7 +130,7 @@ def test_a_recording_that_was_cut_is_an_event() -> None:
     assert "answers again" in again and "interrupted" in cut
 
 
-def test_interrupted_recording_is_shown_until_the_next() -> None:
+def test_interrupted_recording_is_shown_until_the_next():
     begun, ended = (Update(state=one, readings={}) for one in (recording("lap", "runs/1_lap"), state()))
     view = LiveView().after(begun).after(Update(lost="waiting")).after(ended).after(ended)
     assert "interrupted" in figures(view)["cut"]
@@ -139,7 +139,7 @@ def test_interrupted_recording_is_shown_until_the_next() -> None:
     assert figures(view.after(begun))["cut"] is None
 
 
-def test_a_recording_that_ended_is_no_cut() -> None:
+def test_a_recording_that_ended_is_no_cut():
     begun = Update(state=recording("lap", "runs/1_lap"), readings={})
     ended = Update(state={**state(), "last_end": "complete: asked"}, readings={})
     (ended_as,) = words_after(begun, begun, ended, ended)[1:]
@@ -149,12 +149,12 @@ def test_a_recording_that_ended_is_no_cut() -> None:
     assert one.endswith("lap ended") and other.endswith("lap began: runs/2_lap")
 
 
-def test_a_refused_request_does_not_end_a_loss() -> None:
+def test_a_refused_request_does_not_end_a_loss():
     view = LiveView(lost="waiting").after(Update(notice="no daemon"))
     assert view.lost and not view.after(Update(readings={})).lost
 
 
-def test_reversals_are_counted_beyond_the_events_that_are_kept() -> None:
+def test_reversals_are_counted_beyond_the_events_that_are_kept():
     q = np.zeros((1201, 6))
     q[:, 2] = np.radians(np.arange(1201) % 2 * 5.0)
     view = LiveView(cell_of(load("ur10e")[0])).after(Update(rows=LiveRows(np.arange(1201.0), np.zeros((1201, 2)), q)))
@@ -169,13 +169,13 @@ def test_reversals_are_counted_beyond_the_events_that_are_kept() -> None:
     assert fresh.reversal_counts == (0,) * 6 and not fresh.last_reversals
 
 
-def test_another_rig_file_begins_curves_and_reversals_again(whole: LiveView) -> None:
+def test_another_rig_file_begins_curves_and_reversals_again(whole):
     assert whole.cell is not None
     other = replace(whole, events=(*whole.events, LiveEvent(0.0, "g1: lost"))).after(Update(cell=whole.cell))
     assert not other.reversals and sum(other.reversal_counts) == 0 and other.events == (LiveEvent(0.0, "g1: lost"),)
 
 
-def test_figures_are_plain_types_with_missing_ones_marked(whole: LiveView) -> None:
+def test_figures_are_plain_types_with_missing_ones_marked(whole):
     found = figures(whole)
     assert found["direction"] == "acw" and set(found["gauges"]) == {"g1", "g2"}
     assert len(found["joints_deg"]) == 6
@@ -190,7 +190,7 @@ def test_figures_are_plain_types_with_missing_ones_marked(whole: LiveView) -> No
     assert "5 s old" in plain_line(LiveView(readings={"g1": GaugeReading(0.1, 5.0)}), UNITS[0])
 
 
-def test_the_angle_follows_the_zero_of_the_view(whole: LiveView) -> None:
+def test_the_angle_follows_the_zero_of_the_view(whole):
     zeros = (whole.readings["g1"].mm, whole.readings["g2"].mm)
     assert angle_deg(whole) != pytest.approx(0.0, abs=1e-3)
     assert angle_deg(whole, zeros) == pytest.approx(0.0, abs=1e-12)

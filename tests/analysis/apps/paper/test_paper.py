@@ -27,18 +27,18 @@ def rows() -> dict[tuple[str, str], PaperRow]:
     return {(row.where, row.figure): row for row in rows_of(RIG)}
 
 
-def test_the_ten_reversals_lie_within_one_and_a_half_degrees(rows: dict[tuple[str, str], PaperRow]) -> None:
+def test_the_ten_reversals_lie_within_one_and_a_half_degrees(rows):
     turns = [row for (where, _), row in rows.items() if where == "Table 1" and row.place]
     assert len(turns) == 10
     for row in turns:
         assert row.difference is not None and abs(row.difference) <= 1.5, row
 
 
-def test_gamma_does_not_turn_back(rows: dict[tuple[str, str], PaperRow]) -> None:
+def test_gamma_does_not_turn_back(rows):
     assert rows["Table 1", "gamma turns back"].ours == "none"
 
 
-def test_the_rule_by_arithmetic_and_through_the_evaluation(rows: dict[tuple[str, str], PaperRow]) -> None:
+def test_the_rule_by_arithmetic_and_through_the_evaluation(rows):
     rule = [row.ours for (where, _), row in rows.items() if where == "§2.1"]
     e_over_R = 14.142 / 70
     expected = [206 * 14142 / 70 / 3600, np.degrees(e_over_R), np.degrees(np.arcsin(e_over_R))]
@@ -63,32 +63,30 @@ def test_the_rule_by_arithmetic_and_through_the_evaluation(rows: dict[tuple[str,
         ("Fig. 15", "repeatability, bi-directional", 1.554, 0.02),
     ],
 )
-def test_figures_are_those_of_the_page(
-    rows: dict[tuple[str, str], PaperRow], where: str, figure: str, told: float, within: float
-) -> None:
+def test_figures_are_those_of_the_page(rows, where, figure, told, within):
     assert rows[where, figure].ours == pytest.approx(told, abs=within)
 
 
-def test_the_page_shows_the_table_as_printed(rows: dict[tuple[str, str], PaperRow]) -> None:
+def test_the_page_shows_the_table_as_printed(rows):
     page = (Path(__file__).parents[4] / "docs" / "paper.md").read_text()
     missing = [row.figure for row in rows.values() if row.figure not in page]
     assert not missing
 
 
-def test_theta_jumps_at_237_in_both_directions(rows: dict[tuple[str, str], PaperRow]) -> None:
+def test_theta_jumps_at_237_in_both_directions(rows):
     cw, acw = (rows["Fig. 8", f"yaw jumps at Theta 237°, {direction}"] for direction in ("cw", "acw"))
     assert (cw.ours, acw.ours) == ("-0.45°", "-0.35°")
     assert "1 of 10" in cw.note
     assert "2 of 10" in acw.note
 
 
-def test_same_arm_and_circle_as_the_set_up_that_explains_table_1() -> None:
+def test_same_arm_and_circle_as_the_set_up_that_explains_table_1():
     plain = load_hidden("paper-fanuc").apply_to(load("paper-fanuc")[0])
     assert RIG.robot == plain.robot.model_copy(update={"controller": RIG.robot.controller})
     assert RIG.tests.circle == plain.tests.circle
 
 
-def test_without_effects_nothing_is_left() -> None:
+def test_without_effects_nothing_is_left():
     for test in ("yaw", "roll"):
         curve = circle(RIG, test, "acw", ())
         # The eccentricity's second harmonic is all: e²/2R² of a radian.
@@ -98,7 +96,7 @@ def test_without_effects_nothing_is_left() -> None:
     assert ball.band_mm < 1e-6
 
 
-def test_a_step_is_measured_in_the_direction_of_travel() -> None:
+def test_a_step_is_measured_in_the_direction_of_travel():
     curve = curve_of(simulate(RIG, "yaw", "acw", None, ()), RIG)
     stepped = dataclasses.replace(curve, residual=np.where(curve.phi > np.radians(240), np.radians(0.3), 0.0))
     assert step(stepped, 237, 6) == pytest.approx(0.3)
@@ -106,18 +104,18 @@ def test_a_step_is_measured_in_the_direction_of_travel() -> None:
     assert step(stepped, 357, 6) == pytest.approx(-0.3)
 
 
-def test_difference_of_places_goes_the_short_way() -> None:
+def test_difference_of_places_goes_the_short_way():
     assert PaperRow("", "", 0.0, 359.5, place=True).difference == pytest.approx(-0.5)
     assert PaperRow("", "", "none", "none").difference is None
 
 
-def test_json_is_the_same_table(rows: dict[tuple[str, str], PaperRow]) -> None:
+def test_json_is_the_same_table(rows):
     told = json.loads(CliRunner().invoke(app, ["paper", "--json"], catch_exceptions=False).output)
     assert told["rig"] == "paper-errors"
     assert [row["ours"] for row in told["rows"]] == [row.ours for row in rows.values()]
 
 
-def test_another_rig_can_be_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_rig_can_be_asked_for(capsys):
     plain: Rig = load("paper-fanuc")[0]
     assert len(rows_of(plain)) > 20
     PlainConsole(width=200).print(as_table(plain, rows_of(plain)))
@@ -133,20 +131,18 @@ def simulated() -> SimulatedFigures:
 
 
 def test_each_data_figure_of_the_paper_is_drawn_under_its_own_number(
-    rows: dict[tuple[str, str], PaperRow],
-    simulated: SimulatedFigures,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    rows,
+    simulated,
+    tmp_path,
+    monkeypatch,
+):
     monkeypatch.setattr(pictures, "figures_of", lambda rig, text: simulated)
     written = pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "pictures")
     assert [int(path.name.split("-")[1]) for path in written] == [*DATA_FIGURES]
     assert all(path.stat().st_size > 10_000 for path in written)
 
 
-def test_the_runs_that_are_drawn_give_the_figures_of_the_table(
-    rows: dict[tuple[str, str], PaperRow], simulated: SimulatedFigures
-) -> None:
+def test_the_runs_that_are_drawn_give_the_figures_of_the_table(rows, simulated):
     for direction, result in simulated.yaw.items():
         ours = rows["Fig. 6", f"yaw error band, {direction}"].ours
         assert result.figures["band_deg"].value == pytest.approx(ours, abs=0.02)
@@ -159,18 +155,18 @@ def test_the_runs_that_are_drawn_give_the_figures_of_the_table(
     assert spans_deg[simulated.joints.names.index("gamma")] == pytest.approx(360.0, abs=2.0)  # the full turn
 
 
-def test_a_picture_that_cannot_be_written_is_one_line(rows: dict[tuple[str, str], PaperRow], tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_written_is_one_line(rows, tmp_path):
     (tmp_path / "taken").write_text("a file")
     with pytest.raises(FileError, match="choose a different --plot"):
         pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "taken" / "pictures")
 
 
-def test_the_repeatability_test_that_is_drawn_is_one_like_the_mean_of_the_table() -> None:
+def test_the_repeatability_test_that_is_drawn_is_one_like_the_mean_of_the_table():
     found = repeats(RIG, RIG.effects)
     seed = typical_seed(found)
     for values in found.values():
         assert abs(values[seed] - values.mean()) < 0.3 * values.std()
 
 
-def test_only_gears_are_in_the_simulated_sphere() -> None:
+def test_only_gears_are_in_the_simulated_sphere():
     assert {effect.effect for effect in published.gears(RIG.effects)} == {"transmission_error"}

@@ -45,14 +45,14 @@ EACH = [pytest.param(part, id=f"{name}-{part.name}") for name, rig in PARTS for 
 
 
 @pytest.mark.parametrize("part", EACH)
-def test_each_edge_of_the_file_has_one_partner_that_runs_the_other_way(part: PrintedPart) -> None:
+def test_each_edge_of_the_file_has_one_partner_that_runs_the_other_way(part):
     ways = edges(facets(part.solid.stl()))
     assert set(ways.values()) == {1}
     assert {(b, a) for a, b in ways} == set(ways)
     assert part.solid.volume_mm3 > 1000
 
 
-def test_a_turned_cylinder_has_its_volume() -> None:
+def test_a_turned_cylinder_has_its_volume():
     solid = turned([(0, 10), (5, 10), (5, 0), (0, 0)])
     assert solid.volume_mm3 == pytest.approx(np.pi * 25 * 10, rel=1e-3)
     ring = turned([(5, 10), (5, 0), (3, 0), (3, 10)])
@@ -75,7 +75,7 @@ def rests_at(part: PrintedPart, axis_mm: float, ball_mm: float) -> float:
     return float((points[near, 2] + np.sqrt((ball_mm / 2) ** 2 - away[near] ** 2)).max())
 
 
-def test_the_numbers_are_those_of_the_rig_file() -> None:
+def test_the_numbers_are_those_of_the_rig_file():
     parts = by_name(rig_with(97.5))
     assert parts["bar"].numbers["distance of the sockets"] == 97.5
     assert parts["holder"].numbers["ball's centre above the foot"] == 90.0  # ball_mm: [30, 0, -90]
@@ -87,14 +87,14 @@ def test_the_numbers_are_those_of_the_rig_file() -> None:
 
 
 @pytest.mark.parametrize("ball_mm", [20.0, 25.4])
-def test_a_ball_let_down_into_the_bar_stands_where_the_drawing_has_it(ball_mm: float) -> None:
+def test_a_ball_let_down_into_the_bar_stands_where_the_drawing_has_it(ball_mm):
     bar = by_name(rig_with(), Bought(ball_mm=ball_mm))["bar"]
     for axis in (-60.0, 60.0):
         assert rests_at(bar, axis, ball_mm) == pytest.approx(bar.numbers["ball's centre above the foot"], abs=0.05)
         assert rests_at(bar, axis + 0.5, ball_mm) > rests_at(bar, axis, ball_mm) + 0.2  # it is the lowest place
 
 
-def test_the_magnet_never_touches_the_ball_and_the_cone_holds_it() -> None:
+def test_the_magnet_never_touches_the_ball_and_the_cone_holds_it():
     seat = seat_of(Bought())
     assert seat.centre - 10 - seat.magnet_top == pytest.approx(0.5)
     assert seat.bore < seat.contact < seat.rim
@@ -106,7 +106,7 @@ def test_the_magnet_never_touches_the_ball_and_the_cone_holds_it() -> None:
         parts_of(rig_with(), Bought(screw="M7"))
 
 
-def test_parts_larger_than_the_bed_are_left_out_and_named() -> None:
+def test_parts_larger_than_the_bed_are_left_out_and_named():
     rig = rig_with(400)
     assert "bar" not in by_name(rig)
     assert any("sockets is 424" in remark for remark in remarks_of(rig, Bought()))
@@ -115,14 +115,14 @@ def test_parts_larger_than_the_bed_are_left_out_and_named() -> None:
 
 
 @pytest.mark.parametrize("rig", [rig for _, rig in PARTS], ids=[name for name, _ in PARTS])
-def test_all_that_is_bought_costs_less_than_50_euro(rig: Rig) -> None:
+def test_all_that_is_bought_costs_less_than_50_euro(rig):
     parts = parts_of(rig, Bought())
     assert sum(purchase.euro for purchase in purchases(parts, Bought())) < 50
     text = sheet(parts, Bought(), rig.name, [])
     assert all(f"`{part.name}.stl`" in text for part in parts)
 
 
-def test_the_drawing_is_true_to_scale_and_names_each_part() -> None:
+def test_the_drawing_is_true_to_scale_and_names_each_part():
     parts = parts_of(rig_with(), Bought())
     svg = ElementTree.fromstring(drawing(parts, "so: parts & more"))  # noqa: S314 - our own
     assert svg.get("width") == f"{svg.get('viewBox', '').split()[2]}mm"
@@ -130,12 +130,12 @@ def test_the_drawing_is_true_to_scale_and_names_each_part() -> None:
     assert {"2 × socket", "1 × bar", "1 × holder"} <= set(words) and any(": 120.00" in word for word in words)
 
 
-def test_the_picture_of_the_page_is_the_drawing() -> None:
+def test_the_picture_of_the_page_is_the_drawing():
     kept = (Path(__file__).parents[4] / "docs" / "images" / "parts.svg").read_text(encoding="utf-8")
     assert kept == drawing(parts_of(rig_with(), Bought()), "so: parts to print, mm")
 
 
-def test_the_command_writes_them_and_the_line_of_a_measured_bar(tmp_path: Path) -> None:
+def test_the_command_writes_them_and_the_line_of_a_measured_bar(tmp_path):
     rig = tmp_path / "so.yaml"
     rig.write_text(TEXT, encoding="utf-8")
     done = ran("parts", str(rig), "-o", str(tmp_path / "parts"))
@@ -148,6 +148,6 @@ def test_the_command_writes_them_and_the_line_of_a_measured_bar(tmp_path: Path) 
     measured = ran("parts", str(rig), "--over-balls-mm", "139.96", "--u-mm", "0.03")
     assert measured.stdout.strip() == "distances: [{between: [A, B], distance_mm: 119.96, u_mm: 0.03}]"
     changed = re.sub(r"distances: \[.*\]", measured.stdout.strip(), TEXT)
-    assert parse(changed, "so.yaml").tests.touch.distances[0].distance_mm == 119.96  # type: ignore[union-attr]
+    assert parse(changed, "so.yaml").tests.touch.distances[0].distance_mm == 119.96
     for bad in (["--magnet-mm", "10"], ["--magnet-mm", "a,b"], ["--over-balls-mm", "15"], []):
         assert ran("parts", str(rig), *bad).returncode == 2

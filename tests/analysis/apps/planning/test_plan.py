@@ -57,7 +57,7 @@ def _beside_a_hemisphere() -> list[PossibleTest]:
 APART = KnownSocketDistance(between=("A", "B"), distance_mm=100.0)
 
 
-def test_80_columns_hold_every_size_of_the_table_of_joints_whole() -> None:
+def test_80_columns_hold_every_size_of_the_table_of_joints_whole():
     circle_alone = plan_without_further_tests()
     console = Console(width=80, file=io.StringIO())
     with console.capture() as shown:
@@ -76,8 +76,8 @@ def _with_circle(**changed: object) -> Rig:
 
 
 def test_the_papers_circle_cannot_distinguish_axis_5s_zero_from_a5_and_another_radius_can(
-    circle_alone: CapabilityOfTests,
-) -> None:
+    circle_alone,
+):
     (pair,) = (pair for pair in circle_alone.pairs if set(pair.names) == {"joint_offset 5", "link_geometry 6.a"})
     assert pair.sigma < SEPARABLE
     assert any({"joint_offset 5", "link_geometry 6.a"} <= set(group) for group in circle_alone.groups)
@@ -96,7 +96,7 @@ def _left_um(rig: Rig, a5: Effect) -> float:
     return rms(fit_run_setups([run])[1]) * 1e3
 
 
-def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not_on_another() -> None:
+def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not_on_another():
     nearest = minimize_scalar(lambda delta: _left_um(RIG, LinkGeometry(axis=6, field="a", delta=delta)) ** 2)
     a5 = LinkGeometry(axis=6, field="a", delta=float(nearest.x))
     second = _with_circle(radius_mm=140.0, centre_mm=(831.2, -78.4, 273.2))
@@ -107,8 +107,8 @@ def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not
 
 
 def test_absorbed_and_effectless_errors_have_a_reason(
-    circle_alone: CapabilityOfTests,
-) -> None:
+    circle_alone,
+):
     hidden = {one.name: one for one in circle_alone.hidden}
     assert "set-up" in hidden["joint_offset 1"].hidden
     assert "gravity" in hidden["compliance 1"].hidden
@@ -119,12 +119,12 @@ def test_absorbed_and_effectless_errors_have_a_reason(
     assert "joint_offset 3" not in hidden
 
 
-def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone: CapabilityOfTests) -> None:
+def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone):
     (pair,) = (pair for pair in circle_alone.pairs if pair.names == ("link_geometry 2.d", "link_geometry 3.d"))
     assert pair.further and max(one.sigma for one in pair.further) < 0.3
 
 
-def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() -> None:
+def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs():
     (_, few), (_, many) = (detectabilities_of(_expected(("radial",), runs)) for runs in (1, 4))
     seen = {one.name: one for one in many}
     for one in few:
@@ -147,7 +147,7 @@ def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() ->
     ),
     ids=lambda fault: fault.effect,
 )
-def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault: Effect) -> None:
+def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault):
     expected = _expected(CIRCLE)
     columns = columns_for(expected.linear, expected.candidates)
     variance = columns.variance(HEALTHY)
@@ -162,12 +162,12 @@ def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fa
     assert found.sd(0)[size_field(fault)] == pytest.approx(told, rel=0.25)
 
 
-def test_eccentric_ball_makes_axis_6_detectable(circle_alone: CapabilityOfTests) -> None:
+def test_eccentric_ball_makes_axis_6_detectable(circle_alone):
     (spike,) = (one for one in circle_alone.hidden if one.name == "reversal_spike 6")
     assert "40 mm off axis 6" in spike.further[0].test
 
 
-def test_a_test_that_the_arm_cannot_drive_is_reported_and_not_advised(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_test_that_the_arm_cannot_drive_is_reported_and_not_advised(monkeypatch):
     monkeypatch.setattr("analysis.diagnosis.plan.further_tests.ExpectedPosterior", lambda *_: None)
     slow = [axis.model_copy(update={"speed_deg_s": 80.0}) for axis in RIG.robot.axes]
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": tuple(slow)})})
@@ -177,7 +177,7 @@ def test_a_test_that_the_arm_cannot_drive_is_reported_and_not_advised(monkeypatc
     assert len(found) > 5 and test not in [one.test for one in found]
 
 
-def test_a_rival_may_take_any_size_sign_and_phase() -> None:
+def test_a_rival_may_take_any_size_sign_and_phase():
     gear = TransmissionError(axis=4, order=2, amplitude_deg=0.01)
     for one, other in (
         (gear, gear.model_copy(update={"phase_deg": 100.0, "amplitude_deg": 0.02})),
@@ -188,20 +188,18 @@ def test_a_rival_may_take_any_size_sign_and_phase() -> None:
     assert sigma_between(large, large.model_copy(update={"order": 3.0}))(_beside_a_hemisphere()[0]) > SEPARABLE
 
 
-def test_effects_of_a_pose_test_are_parted_by_the_tests_that_have_a_program() -> None:
+def test_effects_of_a_pose_test_are_parted_by_the_tests_that_have_a_program():
     possible = possible_tests(NO_CIRCLE, ["pose"], [], {})[0]
     sigmas = {test.test: sigma_between(*FAULTS[:2])(test) for test in possible}
     assert "radial" in " ".join(sigmas) and max(sigmas.values()) > 0
 
 
-def test_a_circle_that_cannot_be_driven_is_refused() -> None:
+def test_a_circle_that_cannot_be_driven_is_refused():
     with pytest.raises(FileError, match="limits"):
         plan(_with_circle(radius_mm=140.0), CIRCLE)
 
 
-def test_the_command_prints_words_or_one_object(
-    monkeypatch: pytest.MonkeyPatch, circle_alone: CapabilityOfTests
-) -> None:
+def test_the_command_prints_words_or_one_object(monkeypatch, circle_alone):
     monkeypatch.setattr(
         "analysis.apps.planning.detectability.plan",
         lambda *_: replace(circle_alone, impossible=(("a flight", "no wings"),)),
@@ -220,7 +218,7 @@ def test_the_command_prints_words_or_one_object(
     assert by_name["joint_offset 3"]["unit"] == "deg"
 
 
-def test_unmeasured_socket_distance_is_a_further_test() -> None:
+def test_unmeasured_socket_distance_is_a_further_test():
     touch, known = (Touch(sockets=("A", "B"), distances=apart) for apart in ((), (APART,)))
     rigs = [RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"touch": each})}) for each in (touch, known)]
     words = [[further.choices[0][0] for further in further_tests(rig, ("touch",))] for rig in rigs]
@@ -230,7 +228,7 @@ def test_unmeasured_socket_distance_is_a_further_test() -> None:
     ]
 
 
-def test_an_unknown_test_is_refused_in_one_line() -> None:
+def test_an_unknown_test_is_refused_in_one_line():
     done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,jaw"])
     assert isinstance(done.exception, UseError)
     known = "yaw,roll,radial,repeatability,touch"

@@ -3,7 +3,6 @@ from __future__ import annotations
 import csv
 import io
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,7 +33,7 @@ def places(q: np.ndarray) -> np.ndarray:
     return p + R @ np.array(RIG.robot.tool.xyz_mm)
 
 
-def test_poses_are_within_limits_clear_of_the_floor_and_seen() -> None:
+def test_poses_are_within_limits_clear_of_the_floor_and_seen():
     q = drawn_poses(ARM, 60, SIGHT, np.random.default_rng(1))
     assert len(q) == 60 and is_clear(ARM, q).all() and is_seen(ARM, q, SIGHT).all()
     tool = places(q) - np.array(RIG.robot.base.xyz_mm)
@@ -43,7 +42,7 @@ def test_poses_are_within_limits_clear_of_the_floor_and_seen() -> None:
     assert 0.05 < is_seen(ARM, outside, SIGHT).mean() < 0.5
 
 
-def test_an_arm_between_tracker_and_target_hides_it() -> None:
+def test_an_arm_between_tracker_and_target_hides_it():
     q = drawn_poses(ARM, 200, None, np.random.default_rng(2))
     tool = places(q)
     behind = q[(tool[:, 0] < -400) & (np.abs(tool[:, 1]) < 60) & (np.abs(tool[:, 2] - 200) < 300)]
@@ -53,14 +52,14 @@ def test_an_arm_between_tracker_and_target_hides_it() -> None:
     assert is_seen(ARM, q[tool[:, 0] > 700], low).mean() > 0.8
 
 
-def test_each_next_pose_has_a_clear_way() -> None:
+def test_each_next_pose_has_a_clear_way():
     q = drawn_poses(ARM, 30, None, np.random.default_rng(3))
     driven = in_order_of_ways(ARM, q)
     assert len(driven) > 20
     assert all(is_way_clear(ARM, one, other) for one, other in pairwise(driven))
 
 
-def test_planned_poses_leave_less_than_random_ones() -> None:
+def test_planned_poses_leave_less_than_random_ones():
     rng = np.random.default_rng(4)
     pool = pool_of(RIG, drawn_poses(ARM, 200, None, rng))
     planned = pool.u_mm(pool.choose(20))
@@ -68,13 +67,13 @@ def test_planned_poses_leave_less_than_random_ones() -> None:
     assert planned > pool.u_mm(pool.choose(60)) > 0
 
 
-def test_a_tracker_that_sees_nothing_is_refused() -> None:
+def test_a_tracker_that_sees_nothing_is_refused():
     with refused("plan.few_poses"):
         planned_poses(RIG, 20, Sight(np.array([0.0, 0.0, 100.0])))  # inside the arm
 
 
 @pytest.mark.parametrize("maker", cases(("ur", "fanuc", "kuka", "abb", "yaskawa"), ("fanuc",)))
-def test_the_planned_table_and_a_tracker_s_become_a_run(maker: str, tmp_path: Path) -> None:
+def test_the_planned_table_and_a_tracker_s_become_a_run(maker, tmp_path):
     done = ran("plan", "ur10e", "--poses", "14", "--for", maker, "--tracker", "2500,0,800", "-o", tmp_path / "p")
     assert done.returncode == 0, done.stderr
     assert "random poses" in done.stdout and len(list((tmp_path / "p").iterdir())) > 1
@@ -107,6 +106,6 @@ def test_the_planned_table_and_a_tracker_s_become_a_run(maker: str, tmp_path: Pa
         (("--for", "ur"), "--for, --tracker, --faces and --one-axis require --poses"),
     ],
 )
-def test_contradicting_options_are_refused(options: tuple[str, ...], says: str) -> None:
+def test_contradicting_options_are_refused(options, says):
     done = ran("plan", "ur10e", *options)
     assert done.returncode == 2 and says in " ".join(done.stderr.replace("│", " ").split())

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -57,9 +56,7 @@ def proposed() -> CircleProposal:
     return _of_two_circles()
 
 
-def test_why_a_circle_is_refused_does_not_depend_on_words(
-    every: CircleCandidates, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_why_a_circle_is_refused_does_not_depend_on_words(every, monkeypatch):
     said = RigError.__init__
     monkeypatch.setattr(
         RigError, "__init__", lambda error, where, what, remedy, code="": said(error, "a", "b", "c", code)
@@ -67,7 +64,7 @@ def test_why_a_circle_is_refused_does_not_depend_on_words(
     assert circle_candidates(RIG, CIRCLE, 3).refused == every.refused
 
 
-def test_every_candidate_is_driven_from_its_own_posture_and_takes_its_time(every: CircleCandidates) -> None:
+def test_every_candidate_is_driven_from_its_own_posture_and_takes_its_time(every):
     assert len(every.found) > 5
     assert sum(every.refused.values()) > 0
     assert len({one.words for one in every.found}) == len(every.found)
@@ -85,8 +82,8 @@ def circle_alone() -> tuple[list[Block], dict[str, SetUp]]:
 
 
 def test_information_gives_the_uncertainty_that_the_plan_gives(
-    circle_alone: tuple[list[Block], dict[str, SetUp]],
-) -> None:
+    circle_alone,
+):
     expected = expected_posterior(*circle_alone)
     forms = FormInformation(expected.candidates)
     known = forms.posterior(forms.of(*circle_alone))
@@ -95,9 +92,7 @@ def test_information_gives_the_uncertainty_that_the_plan_gives(
         assert known.sd(one) == pytest.approx(expected.sd(one), rel=0.02), name
 
 
-def test_information_of_two_sets_of_runs_adds_up(
-    every: CircleCandidates, circle_alone: tuple[list[Block], dict[str, SetUp]]
-) -> None:
+def test_information_of_two_sets_of_runs_adds_up(every, circle_alone):
     own, other = circle_alone, planned_blocks(every.found[0].rig, CIRCLE, 1, " further")
     both = expected_posterior([*own[0], *other[0]], {**own[1], **other[1]})
     forms = FormInformation(both.candidates)
@@ -108,8 +103,8 @@ def test_information_of_two_sets_of_runs_adds_up(
 
 
 def test_hidden_errors_of_one_circle_propose_ball_offset_and_radius(
-    proposed: CircleProposal,
-) -> None:
+    proposed,
+):
     words = [one.candidate.words for one in proposed.circles]
     assert "ball 40 mm off axis 6" in words
     testable = {name for one in proposed.circles for name in one.testable}
@@ -118,7 +113,7 @@ def test_hidden_errors_of_one_circle_propose_ball_offset_and_radius(
     assert proposed.used_min <= 120
 
 
-def test_time_that_is_too_short_proposes_nothing(proposed: CircleProposal, every: CircleCandidates) -> None:
+def test_time_that_is_too_short_proposes_nothing(proposed, every):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(proposals, "circle_candidates", lambda *_: every)
         patch.setattr(proposals, "judged", lambda _: proposed.before)
@@ -126,7 +121,7 @@ def test_time_that_is_too_short_proposes_nothing(proposed: CircleProposal, every
     assert found.circles == () and found.after is found.before
 
 
-def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed: CircleProposal, tmp_path: Path) -> None:
+def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed, tmp_path):
     written = write(proposed, TEXT, tmp_path / "circles")
     assert [path.name for path in written] == [
         f"paper-fanuc-circle-{number}.yaml" for number in range(1, len(proposed.circles) + 1)
@@ -140,9 +135,7 @@ def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed: Circ
         write(proposed, TEXT, tmp_path / "circles")
 
 
-def test_command_prints_circles_and_next_step(
-    proposed: CircleProposal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_command_prints_circles_and_next_step(proposed, tmp_path, monkeypatch):
     monkeypatch.setattr(proposals, "propose", lambda *_: proposed)
     monkeypatch.setenv("COLUMNS", "140")
     out = tmp_path / "circles"
@@ -161,7 +154,7 @@ def _without_circle() -> Rig:
     return RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
 
 
-def test_wrong_use_is_one_line(tmp_path: Path) -> None:
+def test_wrong_use_is_one_line(tmp_path):
     for options, told in (
         (["-o", str(tmp_path)], "--output: "),
         (["--propose", "--tests", "radial"], "--tests: "),
@@ -174,6 +167,6 @@ def test_wrong_use_is_one_line(tmp_path: Path) -> None:
         propose(_without_circle(), CIRCLE, 3, 60.0)
 
 
-def test_the_same_circle_is_not_proposed_twice(proposed: CircleProposal) -> None:
+def test_the_same_circle_is_not_proposed_twice(proposed):
     chosen: list[CircleCandidate] = [one.candidate for one in proposed.circles]
     assert len({one.words for one in chosen}) == len(chosen)

@@ -23,7 +23,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [dated_run(directory, day, 0.02 if day < 3 else 0.004) for day in range(6)]
 
 
-def test_change_by_a_repair_exceeds_the_spread(runs: list[Path]) -> None:
+def test_change_by_a_repair_exceeds_the_spread(runs):
     found = {one.figure: one for one in differences(runs[3:], runs[:3])}
     play = found["play_j3_deg"]
     assert play.is_larger and play.difference.value == pytest.approx(-0.016, abs=0.002)
@@ -33,17 +33,17 @@ def test_change_by_a_repair_exceeds_the_spread(runs: list[Path]) -> None:
     assert not found["play_j2_deg"].is_larger and ": within the " in found["play_j2_deg"].sentence
 
 
-def test_the_same_robot_twice_differs_by_no_more_than_its_spread(runs: list[Path]) -> None:
+def test_the_same_robot_twice_differs_by_no_more_than_its_spread(runs):
     assert not any(one.is_larger for one in differences(runs[1:3], [runs[0]]))
 
 
-def test_one_run_a_side_has_no_spread(runs: list[Path]) -> None:
+def test_one_run_a_side_has_no_spread(runs):
     for one in differences(runs[3:4], runs[:1]):
         assert not one.is_larger and not np.isfinite(one.difference.u)
         assert one.to_dict()["difference"]["u"] is None
 
 
-def test_unknown_spread_gives_no_verdict(runs: list[Path]) -> None:
+def test_unknown_spread_gives_no_verdict(runs):
     (line,) = headlines(differences(runs[3:4], runs[:1]))
     assert "unknown" in line
     several = headlines(differences(runs[1:3], [runs[0]]))
@@ -51,7 +51,7 @@ def test_unknown_spread_gives_no_verdict(runs: list[Path]) -> None:
     assert "known" not in " ".join(headlines(differences(runs[3:], runs[:3])))
 
 
-def test_history_of_other_runs_supplies_the_spread(tmp_path: Path) -> None:
+def test_history_of_other_runs_supplies_the_spread(tmp_path):
     before, after = dated_run(tmp_path, 0, 0.01), dated_run(tmp_path, 20, 0.02)
     one = record_of(before, load_manifest(before), fingerprint_of(before))
     rng = np.random.default_rng(1)
@@ -69,7 +69,7 @@ def scattered(record: RunRecord, rng: np.random.Generator) -> dict[str, Quantity
     }
 
 
-def test_runs_that_cannot_be_compared_are_refused(runs: list[Path], tmp_path: Path) -> None:
+def test_runs_that_cannot_be_compared_are_refused(runs, tmp_path):
     with refused("compare.both_sides"):
         differences(runs[:2], runs[1:])
     with refused("compare.nothing_common"):

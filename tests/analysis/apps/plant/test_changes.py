@@ -24,11 +24,11 @@ def found(values: Array) -> list[tuple[int, int]]:
 
 
 @pytest.mark.parametrize("count", [12, 80, 300])
-def test_runs_that_only_scatter_have_no_change(count: int) -> None:
+def test_runs_that_only_scatter_have_no_change(count):
     assert [found(scatter(seed, count)) for seed in range(20)].count([]) >= 19
 
 
-def test_a_step_is_found_at_its_run_with_both_levels() -> None:
+def test_a_step_is_found_at_its_run_with_both_levels():
     values = scatter(1, 120) + 8.0 * (np.arange(120) >= 70)
     (change,) = trend_of(values, np.full(120, 0.5), SERIES).changes
     assert change.first == pytest.approx(69, abs=1) and change.last == pytest.approx(70, abs=1)
@@ -36,20 +36,20 @@ def test_a_step_is_found_at_its_run_with_both_levels() -> None:
     assert 0.05 < change.u < 1 and change.chance < 1e-6 and not change.is_last
 
 
-def test_two_steps_are_both_found() -> None:
+def test_two_steps_are_both_found():
     values = scatter(2, 150) + 8.0 * (np.arange(150) >= 50) - 10.0 * (np.arange(150) >= 100)
     first, second = found(values)
     assert first == pytest.approx((49, 50), abs=1) and second == pytest.approx((99, 100), abs=1)
 
 
-def test_slow_growth_has_its_begin_and_goes_on() -> None:
+def test_slow_growth_has_its_begin_and_goes_on():
     values = scatter(3, 200) + 12.0 * np.clip((np.arange(200) - 100) / 99, 0, 1)
     (change,) = trend_of(values, np.full(200, 0.5), SERIES).changes
     assert 85 <= change.first <= 115 and change.last >= 180
     assert change.after - change.before == pytest.approx(12, abs=3)
 
 
-def test_a_step_is_found_where_most_runs_repeat_a_value() -> None:
+def test_a_step_is_found_where_most_runs_repeat_a_value():
     """As ranges that are floored at zero do, and figures of gauges with coarse steps."""
     stepped = np.repeat([0.01, 0.05], 20)
     assert found(100 * stepped) == [(19, 20)]
@@ -60,27 +60,27 @@ def test_a_step_is_found_where_most_runs_repeat_a_value() -> None:
     assert not trend_of(stepped, np.zeros(40), SERIES).changes  # where nobody knows how well a run is known
 
 
-def test_a_few_small_values_among_zeros_are_no_change() -> None:
+def test_a_few_small_values_among_zeros_are_no_change():
     rng = np.random.default_rng(5)
     floored = np.maximum(rng.normal(-1.6, 1.0, (40, 60)), 0.0)
     assert [trend_of(one, np.full(60, 0.5), SERIES).changes for one in floored].count(()) >= 39
 
 
 @pytest.mark.parametrize("u", [0.0, 0.05, 0.2, 1.0])
-def test_values_read_in_two_steps_are_no_change(u: float) -> None:
+def test_values_read_in_two_steps_are_no_change(u):
     rounded = np.round(np.random.default_rng(7).normal(0.5, 0.5, (60, 30)))
     assert [trend_of(one, np.full(30, u), SERIES).changes for one in rounded].count(()) >= 59
 
 
 @pytest.mark.parametrize("wild", [[40], [40, 41], [0], [79], [10, 30, 60]])
-def test_wild_runs_are_no_change_and_are_named(wild: list[int]) -> None:
+def test_wild_runs_are_no_change_and_are_named(wild):
     values = scatter(4, 80)
     values[wild] += 40.0
     trend = trend_of(values, np.full(80, 0.5), SERIES)
     assert not trend.changes and trend.wild[wild].all() and trend.wild.sum() <= len(wild) + 3
 
 
-def test_a_wild_run_does_not_hide_a_step() -> None:
+def test_a_wild_run_does_not_hide_a_step():
     values = scatter(5, 80) + 9.0 * (np.arange(80) >= 40)
     values[55] += 60.0
     (one,) = found(values)
@@ -88,11 +88,11 @@ def test_a_wild_run_does_not_hide_a_step() -> None:
 
 
 @pytest.mark.parametrize("values", [[], [1.0], [1.0, 2.0, 9.0, 9.0, 9.0], [3.0] * 50])
-def test_too_few_runs_and_runs_that_are_all_alike_have_no_change(values: list[float]) -> None:
+def test_too_few_runs_and_runs_that_are_all_alike_have_no_change(values):
     assert found(np.array(values)) == []
 
 
-def test_more_figures_make_each_harder_to_believe() -> None:
+def test_more_figures_make_each_harder_to_believe():
     values = scatter(6, 60) + 4.0 * (np.arange(60) >= 30)
     alone = trend_of(values, np.full(60, 0.5), 1).changes
     among_many = trend_of(values, np.full(60, 0.5), 10_000).changes
@@ -100,6 +100,6 @@ def test_more_figures_make_each_harder_to_believe() -> None:
     assert not among_many or among_many[0].chance > alone[0].chance
 
 
-def test_the_spread_is_that_between_runs_and_not_of_the_change() -> None:
+def test_the_spread_is_that_between_runs_and_not_of_the_change():
     values = np.random.default_rng(7).standard_normal(300) + 50.0 * (np.arange(300) >= 150)
     assert trend_of(values, np.full(300, 0.5), SERIES).spread == pytest.approx(1.0, rel=0.2)

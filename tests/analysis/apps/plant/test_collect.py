@@ -56,7 +56,7 @@ def content(file: Path) -> list[str]:
         return list(database.iterdump())
 
 
-def test_a_run_is_evaluated_once_until_it_changes(runs: Path, evaluated: list[str]) -> None:
+def test_a_run_is_evaluated_once_until_it_changes(runs, evaluated):
     first = collect(runs, "ur10e")
     assert [run.name for run in first.runs] == ["000-acw", "001-acw", "002-acw"] and not first.notes
     assert len(evaluated) == 3
@@ -69,7 +69,7 @@ def test_a_run_is_evaluated_once_until_it_changes(runs: Path, evaluated: list[st
     assert [run.name for run in third.runs] == ["000-acw", "002-acw", "005-acw"]
 
 
-def test_the_file_is_made_again_with_the_same_content(runs: Path) -> None:
+def test_the_file_is_made_again_with_the_same_content(runs):
     collect(runs, "ur10e")
     before = content(runs / FILE)
     (runs / FILE).unlink()
@@ -77,7 +77,7 @@ def test_the_file_is_made_again_with_the_same_content(runs: Path) -> None:
     assert content(runs / FILE) == before
 
 
-def test_without_a_usable_file_the_history_is_the_same(runs: Path) -> None:
+def test_without_a_usable_file_the_history_is_the_same(runs):
     whole = collect(runs, "ur10e")
     (runs / FILE).unlink()
     (runs / FILE).mkdir()
@@ -85,20 +85,20 @@ def test_without_a_usable_file_the_history_is_the_same(runs: Path) -> None:
     assert found.runs == whole.runs and len(found.notes) == 1
 
 
-def test_several_processes_find_the_same(runs: Path) -> None:
+def test_several_processes_find_the_same(runs):
     alone = collect(runs, "ur10e")
     (runs / FILE).unlink()
     assert collect(runs, "ur10e", jobs=2) == alone
 
 
-def test_runs_of_other_robots_are_not_evaluated(runs: Path) -> None:
+def test_runs_of_other_robots_are_not_evaluated(runs):
     list(write_visits(runs, known_robot(1, 2, 0.0), [0]))
     mine = ["000-acw", "001-acw", "002-acw"]
     assert [run.name for run in collect(runs, "ur10e").runs] == mine
     assert sorted(entries(runs / FILE)) == mine
 
 
-def test_broken_runs_are_named_and_not_fatal(runs: Path) -> None:
+def test_broken_runs_are_named_and_not_fatal(runs):
     (runs / "000-acw" / "manifest.json").write_text("{")
     chunk = next((runs / "001-acw").glob("*.parquet"))
     chunk.write_bytes(chunk.read_bytes()[:-100])
@@ -108,7 +108,7 @@ def test_broken_runs_are_named_and_not_fatal(runs: Path) -> None:
     assert all(run.problem for run in found.broken)
 
 
-def test_a_run_that_lost_its_manifest_is_named(runs: Path) -> None:
+def test_a_run_that_lost_its_manifest_is_named(runs):
     (runs / "000-acw" / "manifest.json").unlink()
     (runs / "deeper").mkdir()
     shutil.move(runs / "001-acw", runs / "deeper")
@@ -118,7 +118,7 @@ def test_a_run_that_lost_its_manifest_is_named(runs: Path) -> None:
     assert all(run.problem for run in found.broken)
 
 
-def test_a_copy_counts_once(runs: Path) -> None:
+def test_a_copy_counts_once(runs):
     shutil.copytree(runs / "000-acw", runs / "copied")
     found = collect(runs, "ur10e")
     assert len(found.runs) == 3 and len(found.notes) == 1
@@ -126,7 +126,7 @@ def test_a_copy_counts_once(runs: Path) -> None:
     assert collect(runs, "ur10e").notes == found.notes
 
 
-def test_a_table_that_was_imported_twice_counts_once(runs: Path) -> None:
+def test_a_table_that_was_imported_twice_counts_once(runs):
     lap = runs.parent / "lap.csv"
     assert CliRunner().invoke(app, ["export", str(runs / "000-acw"), "--to", "csv", "-o", str(lap)]).exit_code == 0
     for name in ("one", "two"):
@@ -141,7 +141,7 @@ def test_a_table_that_was_imported_twice_counts_once(runs: Path) -> None:
         refuse_copies((run.path, run.run.readings_sha256) for run in (one, two))
 
 
-def test_a_robot_goes_by_the_name_of_its_rig_file_or_its_own(runs: Path) -> None:
+def test_a_robot_goes_by_the_name_of_its_rig_file_or_its_own(runs):
     manifest = json.loads((runs / "000-acw" / "manifest.json").read_text())
     name = next(line for line in manifest["rig_text"].splitlines() if line.strip().startswith("name:"))
     own = name.split(":", 1)[1].strip().strip("\"'")

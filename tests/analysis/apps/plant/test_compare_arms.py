@@ -19,7 +19,7 @@ def arm(directory: Path, name: str, effects: str = "", shipped: str = "ur10e") -
     return file
 
 
-def test_a_turned_first_axis_is_a_rotation_that_teaching_takes_away(tmp_path: Path) -> None:
+def test_a_turned_first_axis_is_a_rotation_that_teaching_takes_away(tmp_path):
     one = arm(tmp_path, "old")
     other = arm(tmp_path, "new", "\neffects:\n  - {effect: joint_offset, axis: 1, offset_deg: 0.1}\n")
     done = ran("compare", one, other, "--json")
@@ -38,14 +38,14 @@ def test_a_turned_first_axis_is_a_rotation_that_teaching_takes_away(tmp_path: Pa
     assert "+0.1000" in said
 
 
-def test_an_arm_with_itself_is_nothing_apart_and_its_play_is_shown(tmp_path: Path) -> None:
+def test_an_arm_with_itself_is_nothing_apart_and_its_play_is_shown(tmp_path):
     one = arm(tmp_path, "one", "\neffects:\n  - {effect: backlash, axis: 2, width_deg: 0.02}\n")
     seen = json.loads(ran("compare", one, one, "--json").stdout)
     assert seen["max_mm"] == 0
     assert seen["play_deg"] == [{"2": 0.02}, {"2": 0.02}]
 
 
-def test_without_common_range_there_is_no_u(tmp_path: Path) -> None:
+def test_without_common_range_there_is_no_u(tmp_path):
     known = "found: {date: 2026-11-20, runs: [a], sd: {offset_deg: 0.01}"
     for name, driven, unknown in (("all", "[-360, 360]", 0), ("part", "[0, 1]", 200)):
         joints = ", ".join([driven] * 6)
@@ -56,13 +56,13 @@ def test_without_common_range_there_is_no_u(tmp_path: Path) -> None:
         assert all(f"{unknown} of 200 postures" in doubt for doubt in seen["doubts"])
 
 
-def test_arms_of_two_models_are_refused_in_a_line(tmp_path: Path) -> None:
+def test_arms_of_two_models_are_refused_in_a_line(tmp_path):
     done = ran("compare", arm(tmp_path, "one"), arm(tmp_path, "other", shipped="paper-fanuc"))
     assert done.returncode == 3
     assert "same model" in " ".join(done.stderr.split())
 
 
-def test_runs_decide_between_rig_file_and_urdf(tmp_path: Path) -> None:
+def test_runs_decide_between_rig_file_and_urdf(tmp_path):
     """Two URDFs of one arm that differed by 41 mm were refused."""
     good, other, wrong = arm(tmp_path, "good"), tmp_path / "other.yaml", tmp_path / "wrong.urdf"
     other.write_text(good.read_text().replace("a_mm: -612.7", "a_mm: -571.7"))
@@ -80,7 +80,7 @@ def test_runs_decide_between_rig_file_and_urdf(tmp_path: Path) -> None:
     assert ran("compare", wrong, good, run, "--plot", tmp_path / "p").returncode == 2
 
 
-def test_circles_tell_two_rig_files_apart_and_a_urdf_has_no_tool_for_them(tmp_path: Path) -> None:
+def test_circles_tell_two_rig_files_apart_and_a_urdf_has_no_tool_for_them(tmp_path):
     good, wrong = arm(tmp_path, "good"), tmp_path / "wrong.yaml"
     wrong.write_text(good.read_text().replace("a_mm: -612.7", "a_mm: -610.7"))
     assert ran("simulate", good, "--test", "yaw", "--seed", "1", "-o", tmp_path / "runs").returncode == 0

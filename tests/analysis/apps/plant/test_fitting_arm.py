@@ -28,19 +28,19 @@ def _poses() -> Measured:
 
 
 @pytest.mark.parametrize("right_first", [True, False])
-def test_the_arm_that_was_measured_fits_better_in_either_order(right_first: bool) -> None:
+def test_the_arm_that_was_measured_fits_better_in_either_order(right_first):
     arms = [("right.yaml", RIG), ("wrong.yaml", _other())]
     found = fitting_arm([_poses()], arms if right_first else arms[::-1])
     assert found.better and found.better.file == "right.yaml"
     assert found.better.rms_um < 100 and found.times > 50
 
 
-def test_equal_arms_are_indistinguishable() -> None:
+def test_equal_arms_are_indistinguishable():
     found = fitting_arm([_poses()], [("one.yaml", RIG), ("two.yaml", RIG)])
     assert found.better is None and found.to_dict()["better"] is None
 
 
-def test_an_arm_of_other_axes_is_refused() -> None:
+def test_an_arm_of_other_axes_is_refused():
     robot = RIG.robot.model_copy(update={"axes": RIG.robot.axes[:5], "coupling": None})
     with refused("compare.axes"):
         fitting_arm([_poses()], [("five.yaml", RIG.model_copy(update={"robot": robot})), ("ur10e.yaml", RIG)])

@@ -49,7 +49,7 @@ def fleet(*words: str) -> str:
     return done.output
 
 
-def test_robots_are_listed_by_urgency() -> None:
+def test_robots_are_listed_by_urgency():
     printed = fleet("plant")
     names = re.findall(r"^(robot-\d+) +(\w+)", printed, re.M)
     assert names[0] == ("robot-003", "beyond") and len(names) == 3
@@ -57,7 +57,7 @@ def test_robots_are_listed_by_urgency() -> None:
     assert "30 runs, 30 of them" in printed
 
 
-def test_json_has_every_robot_and_every_run_that_is_left_out() -> None:
+def test_json_has_every_robot_and_every_run_that_is_left_out():
     found = json.loads(fleet("plant", "--json"))
     assert found["robots"][0]["robot"] == "robot-003"
     assert {one["robot"]: one["runs"] for one in found["robots"]} == {"robot-001": 10, "robot-002": 9, "robot-003": 10}
@@ -65,7 +65,7 @@ def test_json_has_every_robot_and_every_run_that_is_left_out() -> None:
     assert len(left_out) == 1 and found["runs"] == 30 and Path(found["catalogue"]).is_file()
 
 
-def test_the_page_opens_the_history_of_each_robot(work: Path) -> None:
+def test_the_page_opens_the_history_of_each_robot(work):
     fleet("plant", "-o", "page/plant.html")
     html = (work / "page" / "plant.html").read_text()
     links = [unquote(link) for link in re.findall(r'<th scope="row"[^>]*><a href="([^"]+)"', html)]
@@ -78,19 +78,19 @@ def test_the_page_opens_the_history_of_each_robot(work: Path) -> None:
     assert "<script" not in html and "http" not in html.replace("http-equiv", "")
 
 
-def test_unchanged_fleet_has_empty_changes_and_marks_simulated_robots(work: Path) -> None:
+def test_unchanged_fleet_has_empty_changes_and_marks_simulated_robots(work):
     simulated = "All runs were simulated or recorded in an emulated cell. No real robot was measured."
     printed = fleet("plant", "-o", "page/plant.html")
     html = (work / "page" / "plant.html").read_text()
     assert simulated in printed and simulated in html and html.count("<small>simulated") == 3
     rows = re.findall(r"<tr>\s*<th scope=.row..*?</tr>", html, re.S)
-    changed = [re.search(r'data-label="what changed">(.*?)</td>', row, re.S)[1] for row in rows]  # type: ignore[index]
+    changed = [re.search(r'data-label="what changed">(.*?)</td>', row, re.S)[1] for row in rows]
     assert "fell from" in changed[0] and changed[1:] == ["", ""]
     assert all(simulated in page.read_text() for page in (work / "page" / "plant-robots").iterdir())
     assert {one["simulated"] for one in json.loads(fleet("plant", "--json"))["robots"]} == {9, 10}
 
 
-def test_a_hostile_name_reaches_no_page_and_no_terminal_raw(work: Path) -> None:
+def test_a_hostile_name_reaches_no_page_and_no_terminal_raw(work):
     name = "<b>\x1b[31m../../x\u202e"
     one = known_robot(1, VISITS, 0.0)
     for path in write_visits(work / "hostile" / os.fsdecode(b"\xff\x1b<i>"), one, [0.0, 1.0]):
@@ -110,7 +110,7 @@ def test_a_hostile_name_reaches_no_page_and_no_terminal_raw(work: Path) -> None:
     assert "\x1b" not in fleet("hostile", "--json")
 
 
-def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
+def test_the_table_has_every_figure_of_every_run(work):
     fleet("plant", "--parquet", "figures.parquet", "--jobs", "2")
     table = pq.read_table(work / "figures.parquet").to_pylist()
     figures = [row for row in table if row["figure"]]
@@ -146,9 +146,7 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
         (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; choose a different --parquet"),
     ],
 )
-def test_wrong_use_is_one_line(
-    work: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], line: str
-) -> None:
+def test_wrong_use_is_one_line(work, capsys, words, line):
     (work / "empty").mkdir(exist_ok=True)
     (work / "letter").write_text("Dear all,")
     pq.write_table(pa.table({"robot": ["mine"]}), work / "own.parquet")
@@ -157,9 +155,7 @@ def test_wrong_use_is_one_line(
     assert (work / "letter").read_text() == "Dear all," and not list(work.glob("*.tmp"))
 
 
-def test_without_a_place_for_its_catalogue_every_run_is_read(
-    work: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_place_for_its_catalogue_every_run_is_read(work, capsys, monkeypatch):
     (work / "letter").write_text("Dear all,")
     monkeypatch.setenv("XDG_CACHE_HOME", str(work / "letter"))
     for _ in range(2):
@@ -169,7 +165,7 @@ def test_without_a_place_for_its_catalogue_every_run_is_read(
     assert json.loads(capsys.readouterr().out)["catalogue"] is None
 
 
-def test_damaged_records_are_read_again(work: Path) -> None:
+def test_damaged_records_are_read_again(work):
     fleet("plant", "--catalogue", "own.sqlite")
     with closing(sqlite3.connect(work / "own.sqlite")) as file, file:
         file.execute("update runs set record = '{'")
@@ -181,14 +177,14 @@ def snippet(language: str) -> str:
     return str(block)
 
 
-def test_the_commands_of_the_page_run(work: Path) -> None:
+def test_the_commands_of_the_page_run(work):
     for line in snippet("sh").splitlines():
         command = line.split("#")[0].split()
         assert command[:2] == ["rig", "fleet"]
         fleet(*command[2:])
 
 
-def test_pandas_example_of_the_page_runs(work: Path) -> None:
+def test_pandas_example_of_the_page_runs(work):
     pytest.importorskip("pandas")
     fleet("plant", "--parquet", "figures.parquet")
     script = [sys.executable, "-W", "error", "-c", snippet("python")]
@@ -196,7 +192,7 @@ def test_pandas_example_of_the_page_runs(work: Path) -> None:
     assert re.search(r"robot-003 .*0\.\d+", printed)
 
 
-def test_duckdb_example_of_the_page_runs(work: Path) -> None:
+def test_duckdb_example_of_the_page_runs(work):
     duckdb = pytest.importorskip("duckdb")
     fleet("plant", "--parquet", "figures.parquet")
     rows = duckdb.sql(snippet("sql")).fetchall()

@@ -43,7 +43,7 @@ def ran(*arguments: str | Path) -> str:
     return done.stdout
 
 
-def test_recorded_files_become_a_sentence_a_table_and_a_page(runs: Path, tmp_path: Path) -> None:
+def test_recorded_files_become_a_sentence_a_table_and_a_page(runs, tmp_path):
     page = tmp_path / "page.html"
     shown = " ".join(ran("history", "ur10e", "--runs", runs, "-o", page).split())
     assert re.search(r"axis 3 rose from 0\.010?\d* to 0\.0[12]\d* ° between 5 and 6 May 2026", shown)
@@ -53,7 +53,7 @@ def test_recorded_files_become_a_sentence_a_table_and_a_page(runs: Path, tmp_pat
     assert not re.search(r'(src|href)="(?!#)', re.sub(r'xlink:href="#', 'xlink:here="#', html))  # needs no other file
 
 
-def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs: Path, tmp_path: Path) -> None:
+def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs, tmp_path):
     limited = tmp_path / "limited.yaml"
     shipped = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"circular_deviation_mm": 0.02}}}))
@@ -66,7 +66,7 @@ def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs: Path, tm
     assert "limit" not in ran("history", "ur10e", "--runs", runs, "--rig", limited)  # this rig file has none
 
 
-def test_json_and_csv_hold_every_point(runs: Path) -> None:
+def test_json_and_csv_hold_every_point(runs):
     answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--figure", "play_j3_deg"))
     (series,) = answer["series"]
     assert [point["run"] for point in series["points"]] == [f"{day:03d}-acw" for day in range(10)]
@@ -77,7 +77,7 @@ def test_json_and_csv_hold_every_point(runs: Path) -> None:
     assert [float(row["value"]) for row in own] == [point["value"] for point in series["points"]]
 
 
-def test_since_and_figure_select_and_unknown_ones_are_refused(runs: Path) -> None:
+def test_since_and_figure_select_and_unknown_ones_are_refused(runs):
     answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--since", "2026-05-08"))
     assert {len(series["points"]) for series in answer["series"]} == {3}
     assert "fewer than 8 runs" in " ".join(answer["remarks"])
@@ -93,7 +93,7 @@ def test_since_and_figure_select_and_unknown_ones_are_refused(runs: Path) -> Non
         ran("history", runs)
 
 
-def test_a_page_has_the_name_of_a_page(runs: Path, tmp_path: Path) -> None:
+def test_a_page_has_the_name_of_a_page(runs, tmp_path):
     letter = tmp_path / "letter.txt"
     letter.write_text("Dear all,")
     done = command_line.ran("history", "ur10e", "--runs", runs, "-o", letter)
@@ -101,7 +101,7 @@ def test_a_page_has_the_name_of_a_page(runs: Path, tmp_path: Path) -> None:
     assert letter.read_text() == "Dear all,"
 
 
-def test_a_copy_is_no_run_after_a_repair(runs: Path, tmp_path: Path) -> None:
+def test_a_copy_is_no_run_after_a_repair(runs, tmp_path):
     run = next(path for path in sorted(runs.iterdir()) if path.is_dir())
     copy = shutil.copytree(run, tmp_path / "copy")
     for words in (("compare", run, "--against", copy), ("calibrate", run, "--hold-out", copy, "--fit", "backlash:1")):
@@ -109,7 +109,7 @@ def test_a_copy_is_no_run_after_a_repair(runs: Path, tmp_path: Path) -> None:
         assert done.returncode == 3 and "copy" in done.stderr
 
 
-def test_compare_takes_every_run_after_against(runs: Path) -> None:
+def test_compare_takes_every_run_after_against(runs):
     after, before = ([runs / f"{day:03d}-acw" for day in days] for days in ((7, 8, 9), (0, 1, 2)))
     answer = json.loads(ran("compare", *after, "--against", *before, "--json"))
     larger = {one["figure"] for one in answer["differences"] if one["is_larger"]}
@@ -120,27 +120,27 @@ def test_compare_takes_every_run_after_against(runs: Path) -> None:
         ran("compare", *after, "--rig", "ur10e", "--against", *before)
 
 
-def test_change_shown_by_several_tests_is_one_sentence() -> None:
+def test_change_shown_by_several_tests_is_one_sentence():
     history = history_of(collected(GREW))
     (play,) = [one for one in sentences(history) if "axis 2" in one]
     assert "axis 2 rose" in play and "also show" in play
 
 
-def test_unchanged_robot_is_reported_as_such() -> None:
+def test_unchanged_robot_is_reported_as_such():
     history = history_of(collected(STILL))
     (line,) = sentences(history)
     assert "within" in line
     assert "32 series of 160 runs evaluated" in remarks(history)[0]
 
 
-def test_other_programs_and_placements_are_series_of_their_own() -> None:
+def test_other_programs_and_placements_are_series_of_their_own():
     half = len(STILL) // 2
     moved = [replace(run, program="other", placement="north") for run in STILL[half:]]
     titles = {series.title for series in history_of(collected([*STILL[:half], *moved])).series}
     assert "yaw acw, placement north" in titles and len(titles) == 8
 
 
-def test_a_page_is_always_the_same(tmp_path: Path) -> None:
+def test_a_page_is_always_the_same(tmp_path):
     history = history_of(collected(GREW), "play_j2_deg")
     for name in ("one.html", "two.html"):
         write_page(history, tmp_path / name)

@@ -62,13 +62,13 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_joint_whose_friction_grew_is_named_and_no_other(runs: Path) -> None:
+def test_a_joint_whose_friction_grew_is_named_and_no_other(runs):
     shown = " ".join(ran("history", RIG_FILE, "--runs", runs).stdout.split())
     assert re.search("axis 3 rose from 0.6.* A between 5 and 6 May 2026", shown)
     assert shown.count(" rose from ") == 1, shown
 
 
-def test_a_limit_of_friction_is_one_like_any_other(runs: Path, tmp_path: Path) -> None:
+def test_a_limit_of_friction_is_one_like_any_other(runs, tmp_path):
     limited = tmp_path / "limited.yaml"
     shipped = yaml.safe_load((SHIPPED / f"{RIG_FILE}.yaml").read_text())
     limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"friction_j3_a": 0.7}}}))

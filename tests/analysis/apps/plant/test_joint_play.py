@@ -1,16 +1,13 @@
-from __future__ import annotations
-
 import pytest
 
 from analysis import evaluate, simulate
 from analysis.apps.plant.joint_play import joint_plays
 from rigs.effects import Backlash, TransmissionError
-from rigs.schema.vocabulary import Direction
 
 
 @pytest.mark.parametrize("direction", ["acw", "cw"])
 @pytest.mark.parametrize(("axis", "width_deg"), [(1, 0.010), (1, 0.024), (3, 0.012)])
-def test_a_play_is_found_at_its_joint(axis: int, width_deg: float, direction: Direction) -> None:
+def test_a_play_is_found_at_its_joint(axis, width_deg, direction):
     wave = TransmissionError(axis=2, order=1, amplitude_deg=0.01)
     run = simulate("ur10e", "yaw", direction, seed=1, effects=[Backlash(axis=axis, width_deg=width_deg), wave])
     plays = joint_plays(evaluate(run))
@@ -22,7 +19,7 @@ def test_a_play_is_found_at_its_joint(axis: int, width_deg: float, direction: Di
 
 
 @pytest.mark.parametrize(("direction", "seed"), [("cw", 5), ("cw", 8), ("acw", 6), ("acw", 11)])
-def test_a_play_between_the_widths_of_the_model_is_no_play_of_another_joint(direction: Direction, seed: int) -> None:
+def test_a_play_between_the_widths_of_the_model_is_no_play_of_another_joint(direction, seed):
     """With widths a factor of 1.41 apart these laps gave 0.023° with a play of joint 5 of -0.004°."""
     run = simulate("ur10e", "yaw", direction, seed=seed, effects=[Backlash(axis=1, width_deg=0.024)])
     plays = joint_plays(evaluate(run))
@@ -30,13 +27,13 @@ def test_a_play_between_the_widths_of_the_model_is_no_play_of_another_joint(dire
     assert abs(plays["play_j5_deg"].value) < 0.001
 
 
-def test_other_tests_have_no_plays() -> None:
+def test_other_tests_have_no_plays():
     assert joint_plays(evaluate(simulate("ur10e", "repeatability", seed=1))) == {}
 
 
 @pytest.mark.parametrize("direction", ["acw", "cw"])
 @pytest.mark.parametrize(("order", "phase_deg"), [(8, 0), (8, 90), (7, 0), (15, 0), (20, 30)])
-def test_a_gear_wave_alone_is_no_play(order: int, phase_deg: float, direction: Direction) -> None:
+def test_a_gear_wave_alone_is_no_play(order, phase_deg, direction):
     """A gear of axis 4 was a play of joint 5 of -0.28° ± 0.03°; other orders are in u, or there is no figure."""
     wave = TransmissionError(axis=4, order=order, amplitude_deg=0.012, phase_deg=phase_deg)
     plays = joint_plays(evaluate(simulate("paper-fanuc", "yaw", direction, seed=1, effects=[wave])))
@@ -46,7 +43,7 @@ def test_a_gear_wave_alone_is_no_play(order: int, phase_deg: float, direction: D
 
 
 @pytest.mark.parametrize("direction", ["acw", "cw"])
-def test_play_is_found_despite_a_gear_wave(direction: Direction) -> None:
+def test_play_is_found_despite_a_gear_wave(direction):
     effects = [TransmissionError(axis=4, order=8, amplitude_deg=0.012), Backlash(axis=1, width_deg=0.02)]
     plays = joint_plays(evaluate(simulate("paper-fanuc", "yaw", direction, seed=1, effects=effects)))
     assert plays["play_j1_deg"].value == pytest.approx(0.02, abs=3 * plays["play_j1_deg"].u)

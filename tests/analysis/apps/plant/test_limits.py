@@ -36,38 +36,38 @@ def judged_words(values: list[float], u: float = 0.0005) -> tuple[str, list[str]
     return against_limit(series), [line for line in sentences(history) if "limit" in line]
 
 
-def test_a_figure_that_crosses_is_reported_with_its_day() -> None:
+def test_a_figure_that_crosses_is_reported_with_its_day():
     table, lines = judged_words([0.024, 0.006, 0.0205, 0.024, 0.0205, 0.026])
     assert table == "beyond 0.02 since 2026-05-04"  # on the 3rd and 5th the uncertainty reaches over the limit
     (line,) = lines
     assert "0.02 ° since 4 May 2026 (run lap-4)" in line and "0.02600 ± 0.00050 °" in line and "3 of 6 runs" in line
 
 
-def test_unproven_figure_is_watched_since_the_last_pass() -> None:
+def test_unproven_figure_is_watched_since_the_last_pass():
     table, lines = judged_words([0.005, 0.0096, 0.024, 0.015])
     assert table == "watch 0.01 since 2026-05-02"
     assert "0.01 ° since 2 May 2026 (run lap-2)" in lines[0]
 
 
-def test_a_repaired_robot_is_within_again_and_its_past_is_named() -> None:
+def test_a_repaired_robot_is_within_again_and_its_past_is_named():
     table, lines = judged_words([0.025, 0.024, 0.005, 0.006])
     assert table == "within 0.01"
     assert "within 0.01 ° since 3 May 2026 (run lap-3)" in lines[0]
     assert "2 of 4 runs outside, from 1 May 2026 to 2 May 2026" in lines[0]
 
 
-def test_a_figure_within_its_limit_and_one_without_a_limit_have_no_sentence() -> None:
+def test_a_figure_within_its_limit_and_one_without_a_limit_have_no_sentence():
     assert judged_words([0.005, 0.006]) == ("within 0.01", [])
     history = history_of(collected(runs_of([0.025, 0.025])), "range_deg")
     assert judge(history.series[0]) is None and sentences(history) == []
     assert as_object(history)["series"][0]["limit"] is None
 
 
-def test_an_unknown_uncertainty_proves_nothing() -> None:
+def test_an_unknown_uncertainty_proves_nothing():
     assert judged_words([0.005, 0.5], float("nan"))[0] == "watch 0.01 since 2026-05-01"
 
 
-def test_a_wild_run_does_not_cross_where_later_ones_contradict_it() -> None:
+def test_a_wild_run_does_not_cross_where_later_ones_contradict_it():
     runs = runs_of([0.005, 0.5, 0.005])
     trend = Trend((), np.array([False, True, False]), 0.0)
     judged = judge(Series("yaw acw", "range_deg", tuple(runs), trend, Limit(fail=0.02)))
@@ -75,13 +75,13 @@ def test_a_wild_run_does_not_cross_where_later_ones_contradict_it() -> None:
 
 
 @pytest.mark.parametrize("last", [1, 2, 3, 5])
-def test_a_damage_that_came_suddenly_is_beyond_the_limit_from_its_first_run_on(last: int) -> None:
+def test_a_damage_that_came_suddenly_is_beyond_the_limit_from_its_first_run_on(last):
     table, lines = judged_words([*[0.005] * 20, *[0.5] * last])
     assert table == "beyond 0.02 since 2026-05-21"
     assert "0.02 ° since 21 May 2026 (run lap-21)" in lines[0]
 
 
-def test_days_are_those_of_the_computers_time_zone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_days_are_those_of_the_computers_time_zone(monkeypatch):
     """Six in the morning of 21 May in Tokyo is 20 May in UTC, in which runs are stored."""
     monkeypatch.setenv("TZ", "Asia/Tokyo")
     time.tzset()
@@ -95,7 +95,7 @@ def test_days_are_those_of_the_computers_time_zone(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("given", [None, Limits()])
-def test_limits_of_a_rig_file_take_the_place_of_those_of_the_newest_run(given: Limits | None) -> None:
+def test_limits_of_a_rig_file_take_the_place_of_those_of_the_newest_run(given):
     history = history_of(collected(runs_of([0.025, 0.025]), LIMITS), "range_deg", limits=given)
     assert (judge(history.series[0]) is None) == (given is not None)
     assert as_object(history)["sentences"] == ([] if given else sentences(history))

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 from analysis.apps.plant.history import _programs, title_of  # private: what two programs are called, without runs
@@ -8,12 +6,12 @@ from analysis.apps.plant.records import RunRecord
 RUN = RunRecord("r", "f", "cell", "2026-11-26T03:00:00+00:00", "yaw", "cw", "left", program="0c441c75")
 
 
-def test_a_title_names_the_placement_and_how_the_robot_was_corrected() -> None:
+def test_a_title_names_the_placement_and_how_the_robot_was_corrected():
     assert title_of("yaw cw", "left", "targets") == "yaw cw, placement left, corrected programs"
     assert title_of("radial", "", "") == "radial"
 
 
-def test_program_is_in_the_title_only_if_two_were_driven_at_one_placement() -> None:
+def test_program_is_in_the_title_only_if_two_were_driven_at_one_placement():
     other = replace(RUN, placement="right", program="2a3ce151")
     assert [title for title, _ in _programs([RUN, other])] == ["yaw cw, placement left", "yaw cw, placement right"]
     changed = replace(RUN, program="2a3ce151")

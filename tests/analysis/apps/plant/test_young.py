@@ -45,7 +45,7 @@ def axis_labels(html: str) -> list[str]:
     return re.findall(r">([^<>]+)</text>", html[html.index("<svg") : html.index("</svg>")])
 
 
-def test_one_run_is_a_table_with_its_date_and_no_axis(tmp_path: Path) -> None:
+def test_one_run_is_a_table_with_its_date_and_no_axis(tmp_path):
     html = page_of(runs_at([0]), tmp_path / "one.html")
     assert "<svg" not in html and html.count("2026-11-25 08:05") == 2
     assert "0.2500 ± 0.0010 °" in html and "0.02000 ± 0.00050 °" in html
@@ -53,7 +53,7 @@ def test_one_run_is_a_table_with_its_date_and_no_axis(tmp_path: Path) -> None:
     assert "histories report a change" not in html  # nothing was looked for
 
 
-def test_one_run_beyond_its_limit_is_no_story_over_time() -> None:
+def test_one_run_beyond_its_limit_is_no_story_over_time():
     history = history_of(collected(runs_at([0]), LIMITS))
     (line,) = sentences(history)
     assert "0.2 °: run lap-0 of 25 Nov 2026 has 0.2500 ± 0.0010 °" in line
@@ -63,7 +63,7 @@ def test_one_run_beyond_its_limit_is_no_story_over_time() -> None:
     assert "value ± u" in shown.get() and "since" not in shown.get()
 
 
-def test_runs_of_one_day_have_times_of_that_day(tmp_path: Path) -> None:
+def test_runs_of_one_day_have_times_of_that_day(tmp_path):
     html = page_of(runs_at([0, 40, 80, 120]), tmp_path / "day.html")
     labels = axis_labels(html)
     assert {"09:00", "10:00"} <= set(labels) and "2026-Nov-25" in labels
@@ -72,21 +72,21 @@ def test_runs_of_one_day_have_times_of_that_day(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("days", [1, 30, 500])
-def test_an_axis_is_as_wide_as_its_runs(tmp_path: Path, days: int) -> None:
+def test_an_axis_is_as_wide_as_its_runs(tmp_path, days):
     html = page_of(runs_at([0, 1440 * days / 2, 1440 * days]), tmp_path / "page.html")
     years = {label for label in axis_labels(html) if re.fullmatch(r"20\d\d(-.*)?", label)}
     assert years <= {"2026", "2027", "2028", "2026-Nov-25", "2026-Nov", "2026-Dec", "2026-Nov-26"}
     assert days > 365 or "2028" not in years
 
 
-def test_runs_of_one_moment_have_no_axis(tmp_path: Path) -> None:
+def test_runs_of_one_moment_have_no_axis(tmp_path):
     assert "<svg" not in page_of(runs_at([0, 0]), tmp_path / "page.html")
 
 
 @pytest.mark.parametrize(
     ("simulated", "runs", "begins"), [(0, 3, ""), (1, 1, "This run"), (3, 3, "All runs"), (1, 3, "1 of 3 runs")]
 )
-def test_simulated_runs_are_called_so(tmp_path: Path, simulated: int, runs: int, begins: str) -> None:
+def test_simulated_runs_are_called_so(tmp_path, simulated, runs, begins):
     said = simulated_runs(simulated, runs)
     assert said.startswith(begins) and bool(said) == bool(begins)
     history = history_of(collected(runs_at(range(runs), simulated=simulated)))

@@ -50,7 +50,7 @@ def about(posture: Array, count: int, deg: float = 40.0) -> Array:
     return posture + np.radians(RNG.uniform(-deg, deg, (count, len(posture))))
 
 
-def test_every_posture_of_a_six_axis_arm_reaches_its_target() -> None:
+def test_every_posture_of_a_six_axis_arm_reaches_its_target():
     rig, plain = ur10(), soft_arm.nominal("ur10")
     flange = plain.frames(POSTURE[None])[:, -1]
     found = find_candidates(arm_of(rig.robot), forward(arm_of(rig.robot), POSTURE[None]), POSTURE)
@@ -60,7 +60,7 @@ def test_every_posture_of_a_six_axis_arm_reaches_its_target() -> None:
     assert np.abs(found.q - POSTURE).max(axis=1).min() < 1e-9  # the posture itself is one of them
 
 
-def test_why_a_target_has_no_posture() -> None:
+def test_why_a_target_has_no_posture():
     rig = ur10()
     arm = arm_of(rig.robot)
     poses = forward(arm, np.stack([POSTURE, np.radians([20.0, -70, 0, -60, -80, 30]), POSTURE]))
@@ -70,7 +70,7 @@ def test_why_a_target_has_no_posture() -> None:
     assert find_candidates(narrow, poses[2:], POSTURE).reasons == {0: "beyond_limits"}
 
 
-def test_a_seventh_axis_is_sampled() -> None:
+def test_a_seventh_axis_is_sampled():
     rig = parse(f"name: arm\n{load_arm('franka-fr3').text}", "x")
     arm = arm_of(rig.robot)
     q = np.radians([10.0, 20, -15, -100, 20, 110, 40])
@@ -95,7 +95,7 @@ def _in_taught_frame(nominal: Array, seen: Array, at: Array, seen_at: Array) -> 
     return off(fitted.x, at, seen_at)
 
 
-def test_error_of_a_zero_equals_that_in_a_taught_frame() -> None:
+def test_error_of_a_zero_equals_that_in_a_taught_frame():
     rig, plain = ur10(JointOffset(axis=3, offset_deg=SIZE_DEG)), soft_arm.nominal("ur10")
     wrong = replace(plain, offset=plain.offset + np.radians(SIZE_DEG) * np.eye(6)[2])
     taught, asked = about(POSTURE, 60), about(POSTURE, 20)
@@ -110,7 +110,7 @@ def test_error_of_a_zero_equals_that_in_a_taught_frame() -> None:
     assert errors.covered.all()
 
 
-def test_a_frame_taught_in_the_order_of_a_grid_is_that_of_the_grid_in_any_order() -> None:
+def test_a_frame_taught_in_the_order_of_a_grid_is_that_of_the_grid_in_any_order():
     """Measured series repeat their orientations in order: every fourth pose alone would teach another frame."""
     rig = ur10(JointOffset(axis=3, offset_deg=SIZE_DEG))
     wrists = np.radians([[-60.0, -80, 30], [-60, 80, 30], [60, -80, 120], [60, 80, 120]])
@@ -120,7 +120,7 @@ def test_a_frame_taught_in_the_order_of_a_grid_is_that_of_the_grid_in_any_order(
     assert in_order.u_mm == pytest.approx(shuffled.u_mm, abs=0.15 * shuffled.u_mm.max())
 
 
-def test_play_moves_the_tool_by_half_its_width_times_its_lever_and_lags() -> None:
+def test_play_moves_the_tool_by_half_its_width_times_its_lever_and_lags():
     """Cases known from physics: a tool near the faulty axis moves less, and a rising joint lags behind."""
     width = 0.1
     rig, plain = ur10(Backlash(axis=1, width_deg=width)), soft_arm.nominal("ur10")
@@ -134,7 +134,7 @@ def test_play_moves_the_tool_by_half_its_width_times_its_lever_and_lags() -> Non
     assert (np.argsort(errors.play_mm) == np.argsort(lever)).all()
 
 
-def test_the_better_side_of_approach_takes_back_a_zero() -> None:
+def test_the_better_side_of_approach_takes_back_a_zero():
     play, zero = Backlash(axis=1, width_deg=0.1), JointOffset(axis=1, offset_deg=0.05)
     errors = PostureErrors(
         error_mm=np.array([[0.0, 1.0, 0.0]]),
@@ -151,7 +151,7 @@ def test_the_better_side_of_approach_takes_back_a_zero() -> None:
     assert errors.expected_mm[0] == pytest.approx(np.sqrt(1 + 1 + 0.01))
 
 
-def test_u_grows_outside_the_measured_region() -> None:
+def test_u_grows_outside_the_measured_region():
     effect, taught = JointOffset(axis=3, offset_deg=SIZE_DEG), about(POSTURE, 30)
     inside = expected_errors(ur10(effect), POSTURE[None], taught)
     at_edge = expected_errors(ur10(effect, reaches_deg=99.0), POSTURE[None], taught)
@@ -161,7 +161,7 @@ def test_u_grows_outside_the_measured_region() -> None:
     assert not outside.covered[0]
 
 
-def test_unmeasured_arm_has_typical_errors_with_a_remark() -> None:
+def test_unmeasured_arm_has_typical_errors_with_a_remark():
     rig = parse(f"name: arm\n{load_arm('ur10').text}", "x")
     found = choose_postures(rig, forward(arm_of(rig.robot), about(POSTURE, 5)))
     assert found.knowledge == "typical"
@@ -180,7 +180,7 @@ def _random_program(changes: float) -> tuple[Candidates, PostureErrors]:
 
 
 @pytest.mark.parametrize("change", [0.0, 0.5, 5.0])
-def test_the_best_sequence_is_the_best_of_all(change: float) -> None:
+def test_the_best_sequence_is_the_best_of_all(change):
     candidates, errors = _random_program(change)
     smallest = errors.expected_mm.reshape(4, 3).min(axis=1)
     unit = np.sqrt(np.mean(smallest**2))
@@ -200,7 +200,7 @@ def test_the_best_sequence_is_the_best_of_all(change: float) -> None:
     assert tuple(best_sequence(candidates, errors, change=change).rows) == min(every, key=price)
 
 
-def test_a_dear_change_keeps_the_branch_and_a_free_one_lowers_the_error() -> None:
+def test_a_dear_change_keeps_the_branch_and_a_free_one_lowers_the_error():
     rig = ur10(JointOffset(axis=5, offset_deg=SIZE_DEG), JointOffset(axis=2, offset_deg=-SIZE_DEG))
     given = about(POSTURE, 8, 20.0)
     poses = forward(arm_of(rig.robot), given)
@@ -210,7 +210,7 @@ def test_a_dear_change_keeps_the_branch_and_a_free_one_lowers_the_error() -> Non
     assert np.abs(dear.candidates.q[dear.usual.rows] - given).max() < 1e-6  # the table's own postures are compared
 
 
-def test_a_singular_posture_of_the_program_is_compared_but_not_chosen() -> None:
+def test_a_singular_posture_of_the_program_is_compared_but_not_chosen():
     rig = ur10(JointOffset(axis=5, offset_deg=SIZE_DEG))
     given = np.stack([POSTURE, POSTURE])
     given[1, 4] = np.radians(0.1)
@@ -220,7 +220,7 @@ def test_a_singular_posture_of_the_program_is_compared_but_not_chosen() -> None:
     assert found.candidates.conditioning[found.best.rows].min() > LEAST_CONDITIONING
 
 
-def test_the_whole_part_is_in_reach_at_the_best_place() -> None:
+def test_the_whole_part_is_in_reach_at_the_best_place():
     rig, part = ur10(JointOffset(axis=3, offset_deg=SIZE_DEG)), np.array([300.0, 200.0, 0.0])
     pose = forward(arm_of(rig.robot), POSTURE[None])[0]
     placed = work_map(rig, part, pose, POSTURE, about(POSTURE, 30))
@@ -233,7 +233,7 @@ def test_the_whole_part_is_in_reach_at_the_best_place() -> None:
     assert work_map(rig, np.array([3000.0, 3000.0, 0.0]), pose, POSTURE, about(POSTURE, 30)).best_mm is None
 
 
-def test_a_rail_is_one_more_free_axis() -> None:
+def test_a_rail_is_one_more_free_axis():
     text = f"name: arm\n{load_arm('ur10').text}  rail: {{direction: [0, 1, 0], limits_mm: [0, 2000]}}\n"
     rig = parse(text, "x")
     arm = arm_of(rig.robot)

@@ -30,7 +30,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(path.read_text().splitlines()))
 
 
-def test_the_chosen_postures_are_written_in_every_form(tmp_path: Path) -> None:
+def test_the_chosen_postures_are_written_in_every_form(tmp_path):
     _files(tmp_path)
     done = ran(
         "postures", "targets.csv", "--arm", "ur5", "--for", "ur", "--part", "200,100,50", "-o", "out", cwd=tmp_path
@@ -55,7 +55,7 @@ def test_the_chosen_postures_are_written_in_every_form(tmp_path: Path) -> None:
     assert "give another --output" in again.stderr
 
 
-def test_chosen_postures_are_targets_again(tmp_path: Path) -> None:
+def test_chosen_postures_are_targets_again(tmp_path):
     _files(tmp_path, "".join(POSES.splitlines(keepends=True)[:3]))
     assert ran("postures", "targets.csv", "--arm", "ur5", "-o", "out", cwd=tmp_path).returncode == 0
     done = ran("postures", "out/postures.csv", "--arm", "ur5", "--json", cwd=tmp_path)
@@ -87,14 +87,14 @@ def test_chosen_postures_are_targets_again(tmp_path: Path) -> None:
         (f"{JOINTS}\n40,a,120,3,90,0\n", "table.value"),
     ],
 )
-def test_other_tables_are_refused(tmp_path: Path, targets: str, code: str) -> None:
+def test_other_tables_are_refused(tmp_path, targets, code):
     _files(tmp_path, targets)
     done = ran("postures", "targets.csv", "--arm", "ur5", "-o", "out", "--json", cwd=tmp_path)
     assert done.returncode == 3 and done.stdout == "" and json.loads(done.stderr)["error"]["code"] == code
     assert not (tmp_path / "out").exists()
 
 
-def test_an_arm_of_five_axes_reaches_the_poses_of_its_postures_and_no_others(tmp_path: Path) -> None:
+def test_an_arm_of_five_axes_reaches_the_poses_of_its_postures_and_no_others(tmp_path):
     head = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg"
     taught = [[10.0, 20.0, -30.0, 25.0, 40.0], [-35.0, -20.0, 45.0, -10.0, 15.0]]
     (tmp_path / "taught.csv").write_text(
@@ -120,21 +120,21 @@ def test_an_arm_of_five_axes_reaches_the_poses_of_its_postures_and_no_others(tmp
         ((), "usage"),
     ],
 )
-def test_wrong_use_is_refused(tmp_path: Path, words: tuple[str, ...], code: str) -> None:
+def test_wrong_use_is_refused(tmp_path, words, code):
     done = ran("postures", str(_files(tmp_path)), "--json", *words, cwd=tmp_path)
     assert done.returncode == 2 and json.loads(done.stderr)["error"]["code"] == code
     assert len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_screen_is_in_each_language(tmp_path: Path, language: str) -> None:
+def test_the_screen_is_in_each_language(tmp_path, language):
     done = ran("postures", str(_files(tmp_path)), "--arm", "ur5", "--lang", language, cwd=tmp_path, COLUMNS="200")
-    texts = texts_of(language)  # type: ignore[arg-type]
+    texts = texts_of(language)
     assert done.stdout.startswith(texts("postures_typical"))
     assert texts("postures_collisions") in done.stdout
 
 
-def test_every_key_of_the_texts_is_used_with_its_values() -> None:
+def test_every_key_of_the_texts_is_used_with_its_values():
     folder = Path(__file__).parents[4] / "analysis" / "templates"
     keys = [yaml.safe_load((folder / f"texts.{one}.yaml").read_text())["words"] for one in LANGUAGES]
     own = [{key for key in words if key.startswith("postures_")} for words in keys]

@@ -110,7 +110,7 @@ def _column(path: Path, name: str) -> Array:
 
 
 @pytest.mark.parametrize("dialect", [maker for maker in MAKERS if maker != "linuxcnc"])  # its arcs are lines
-def test_compensated_circle_keeps_only_the_uncertainty(dialect: MakerName, tables: Tables) -> None:
+def test_compensated_circle_keeps_only_the_uncertainty(dialect, tables):
     path, circle = tables("yaw"), circle_of(RIG)
     pieces = paths(_driven(dialect, "yaw", path))
     one_lap = pieces[: 1 + next(k for k, piece in enumerate(pieces) if piece.stops)]
@@ -126,7 +126,7 @@ def test_compensated_circle_keeps_only_the_uncertainty(dialect: MakerName, table
     assert left[::POINTS] == pytest.approx(stated[: 2 * len(one_lap) : 2], rel=0.05)
 
 
-def test_compensated_hemisphere_keeps_only_the_uncertainty(tables: Tables) -> None:
+def test_compensated_hemisphere_keeps_only_the_uncertainty(tables):
     path, q = tables("radial"), radial_stops(RIG)
     poses = _dwelt(_driven("ur", "radial", path))
     left = _error_mm(np.array([one.place for one in poses]), Rotation.concatenate([one.turn for one in poses]), q)
@@ -150,9 +150,7 @@ def _dwelt(events: list[Event]) -> list[ToolPose]:
     return found
 
 
-def test_the_commands_lead_from_a_test_to_its_corrected_program(
-    tmp_path: Path, tables: Tables, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_lead_from_a_test_to_its_corrected_program(tmp_path, tables, capsys):
     cell = tmp_path / "ur10e.yaml"
     cell.write_text(load("ur10e")[1], encoding="utf-8")
     words = ("program", cell, "--for", "kuka", "--test", "yaw", "-o")
@@ -169,7 +167,7 @@ def test_the_commands_lead_from_a_test_to_its_corrected_program(
 
 
 @pytest.mark.parametrize(("robot", "test"), [("ur10e", "radial"), ("paper-fanuc", "yaw")])
-def test_a_table_of_another_test_or_arm_is_refused(robot: str, test: DrivenTest, tables: Tables) -> None:
+def test_a_table_of_another_test_or_arm_is_refused(robot, test, tables):
     path = tables("yaw")
     joints, poses = read_corrected_path(path)
     plans = plans_of(load(robot)[0], test, DWELL_S)
@@ -181,9 +179,7 @@ def test_a_table_of_another_test_or_arm_is_refused(robot: str, test: DrivenTest,
 @pytest.mark.parametrize(
     ("add_deg", "room_deg", "code"), [(5.0, 4.0, "path.limits"), (60.0, 90.0, "targets.other_test")]
 )
-def test_a_joint_beyond_its_limit_or_in_another_posture_is_refused(
-    add_deg: float, room_deg: float, code: str, tables: Tables
-) -> None:
+def test_a_joint_beyond_its_limit_or_in_another_posture_is_refused(add_deg, room_deg, code, tables):
     joints, poses = read_corrected_path(tables("yaw"))
     q, limits = np.radians(joints.values), ARM.limits.copy()
     limits[3, 1] = q[:, 3].max() + np.radians(room_deg)
@@ -195,7 +191,7 @@ def test_a_joint_beyond_its_limit_or_in_another_posture_is_refused(
     assert refused.value.code == code
 
 
-def test_the_targets_of_an_arm_are_where_the_nominal_arm_stands(tables: Tables) -> None:
+def test_the_targets_of_an_arm_are_where_the_nominal_arm_stands(tables):
     plan = _nominal("yaw")[0]
     joints, poses = read_corrected_path(tables("yaw"))
     np.testing.assert_allclose(forward(plan.arm, np.radians(joints.values)), poses.poses(), atol=1e-5)

@@ -27,9 +27,7 @@ def planned() -> list[tuple[MotionPlan, Demand]]:
 
 
 @pytest.mark.parametrize("dialect", LONGEST)
-def test_names_fit_the_controller_and_differ_between_directions(
-    dialect: MakerName, planned: list[tuple[MotionPlan, Demand]]
-) -> None:
+def test_names_fit_the_controller_and_differ_between_directions(dialect, planned):
     files = programs_of(dialect, planned)
     names = {name.rpartition(".")[0] for name in files}
     assert len(names) == 2
@@ -37,9 +35,7 @@ def test_names_fit_the_controller_and_differ_between_directions(
 
 
 @pytest.mark.parametrize("dialect", MAKERS)
-def test_the_first_comment_is_the_override_and_the_clearance(
-    dialect: MakerName, planned: list[tuple[MotionPlan, Demand]]
-) -> None:
+def test_the_first_comment_is_the_override_and_the_clearance(dialect, planned):
     text = next(iter(programs_of(dialect, planned).values()))
     comments = re.findall(r"^\s*(?:\d+:)?\s*(?:[#;'!] ?)(.*?)(?: ;)?$", text, re.M)
     first = " ".join(comments[:8])
@@ -50,25 +46,23 @@ def test_the_first_comment_is_the_override_and_the_clearance(
 @pytest.mark.parametrize(
     ("value", "text"), [(-1e-9, "0.000"), (0.0, "0.000"), (-0.0005001, "-0.001"), (1e6, "1000000.000")]
 )
-def test_a_number_has_no_exponent_and_no_negative_zero(value: float, text: str) -> None:
+def test_a_number_has_no_exponent_and_no_negative_zero(value, text):
     assert fixed(value, 3) == text
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_a_number_that_is_none_is_never_written(value: float) -> None:
+def test_a_number_that_is_none_is_never_written(value):
     with pytest.raises(FileError):
         fixed(value, 3)
 
 
-def test_identifiers_and_comments() -> None:
+def test_identifiers_and_comments():
     assert identifier("circle acw ur-10.e--x", 20) == "circle_acw_ur_10_e_x"
     assert identifier("circle acw ur", 11) == "circle_acw"
     assert wrapped("5° of Größe … and more", 12) == ["5 deg of", "Gr??e to and", "more"]
 
 
-def test_the_command_writes_both_directions_and_nothing_twice(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_both_directions_and_nothing_twice(tmp_path, capsys):
     order = ("program", "ur10e", "--for", "kuka", "--test", "yaw", "-o", tmp_path / "out")
     assert ended(*order) == 0
     said = capsys.readouterr()
@@ -91,7 +85,7 @@ def _commands() -> list[str]:
 
 
 @pytest.mark.parametrize("line", _commands())
-def test_the_commands_of_the_page_run(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_of_the_page_run(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
     fields = ["t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"]
@@ -114,16 +108,14 @@ def test_the_commands_of_the_page_run(line: str, tmp_path: Path, monkeypatch: py
         (("--for", "ur", "--test", "radial", "--dwell-s", "0"), 2, "--dwell-s"),
     ],
 )
-def test_wrong_use_is_one_line(
-    words: tuple[str, ...], code: int, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_use_is_one_line(words, code, says, tmp_path, capsys):
     assert ended("program", "ur10e", *words, "-o", tmp_path / "out") == code
     said = capsys.readouterr().err
     assert says in said and said.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
-def test_a_directory_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_directory_that_cannot_be_made_is_one_line(tmp_path, capsys):
     (tmp_path / "file").touch()
     for output in (tmp_path / "file", tmp_path / "file" / "below"):
         assert ended("program", "ur10e", "--for", "ur", "--test", "repeatability", "-o", output) == 3
@@ -131,9 +123,7 @@ def test_a_directory_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pyt
         assert line.startswith(f"error: {output}: ") and line.endswith("; choose a different --output")
 
 
-def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(tmp_path, capsys):
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
     far = rig | {"tests": {"circle": rig["tests"]["circle"] | {"centre_mm": [-1500, -200, 250]}}}
     (tmp_path / "far.yaml").write_text(yaml.safe_dump(far), encoding="utf-8")

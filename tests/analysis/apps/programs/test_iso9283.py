@@ -45,7 +45,7 @@ def in_world(rig: Rig, places: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("dialect", MAKERS)
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_cube_is_visited_in_the_order_of_the_standard(arm: str, dialect: MakerName) -> None:
+def test_the_cube_is_visited_in_the_order_of_the_standard(arm, dialect):
     rig = with_cube(arm)
     cube = cube_of(rig)
     expected = cube_places(cube.centre_mm, cube.side_mm)[[0, *([4, 3, 2, 1, 0] * 3)]]
@@ -60,7 +60,7 @@ def test_the_cube_is_visited_in_the_order_of_the_standard(arm: str, dialect: Mak
 
 @pytest.mark.parametrize("dialect", [maker for maker in MAKERS if maker != "linuxcnc"])  # its rings are lines
 @pytest.mark.parametrize("arm", ARMS)
-def test_paths_are_those_of_the_standard_with_a_stand_before_and_after(arm: str, dialect: MakerName) -> None:
+def test_paths_are_those_of_the_standard_with_a_stand_before_and_after(arm, dialect):
     rig = with_cube(arm)
     cube = cube_of(rig)
     _, p2, p3, p4, p5 = cube_places(cube.centre_mm, cube.side_mm)

@@ -46,7 +46,7 @@ def program(dialect: MakerName) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("dialect", "mark"), [(dialect, mark) for dialect in MAKERS for mark in MARKS.get(dialect, ())]
 )
-def test_a_missing_mark_is_refused(dialect: MakerName, mark: str) -> None:
+def test_a_missing_mark_is_refused(dialect, mark):
     files = program(dialect)
     name = next(filter(maker_of_file, files))
     newline = maker_by(dialect).writer.newline
@@ -65,18 +65,18 @@ def _in_comment(text: str, at: int, dialect: str) -> bool:
 
 
 @pytest.mark.parametrize("dialect", MAKERS)
-def test_the_program_without_a_slip_is_taken(dialect: MakerName) -> None:
+def test_the_program_without_a_slip_is_taken(dialect):
     assert run(dialect, program(dialect), rig_of("ur10e"))
 
 
-def test_a_semicolon_ends_a_line_of_a_teach_pendant_program() -> None:
+def test_a_semicolon_ends_a_line_of_a_teach_pendant_program():
     files = program("fanuc")
     (name,) = files
     with pytest.raises(ProgramError):
         run("fanuc", {name: files[name].replace("!CHECK:", "!CHECK;", 1)}, rig_of("ur10e"))
 
 
-def test_a_point_of_the_data_list_that_is_missing_is_refused() -> None:
+def test_a_point_of_the_data_list_that_is_missing_is_refused():
     files = program("kuka")
     name = next(name for name in files if name.endswith(".dat"))
     for slip in (r"DECL FRAME P0002 [^\n]*\n", r"A1 ", r"ENDDAT", r"\}"):

@@ -105,7 +105,7 @@ def chromium(started: Browser) -> Browser:
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("window")
     for seed, direction in ((1, "acw"), (2, "cw"), (3, "acw")):
-        lap_run(folder / "runs" / f"{seed}", direction=direction, seed=seed)  # type: ignore[arg-type]
+        lap_run(folder / "runs" / f"{seed}", direction=direction, seed=seed)
     for seed, run in enumerate(sorted((folder / "runs").glob("*/*")), start=1):
         run.rename(folder / "runs" / f"run-{seed}")
         run.parent.rmdir()
@@ -113,7 +113,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.cpu_limit(150)
-def test_lap_is_shown_on_every_screen_and_a_lost_window_reported(chromium: Browser, runs: Path) -> None:
+def test_lap_is_shown_on_every_screen_and_a_lost_window_reported(chromium, runs):
     with served(runs, source=Playing(runs / "runs" / "run-1", 12.0)) as one:
         port = one.port
         sized(chromium, SIZES["desk"])
@@ -141,7 +141,7 @@ def test_lap_is_shown_on_every_screen_and_a_lost_window_reported(chromium: Brows
 
 
 @pytest.mark.cpu_limit(150)
-def test_every_page_is_accessible_and_hostile_names_do_nothing(chromium: Browser, runs: Path, tmp_path: Path) -> None:
+def test_every_page_is_accessible_and_hostile_names_do_nothing(chromium, runs, tmp_path):
     with served(runs, session=tmp_path, control=True) as one:
         opened(chromium, f"{one.address}/runs?q={HOSTILE}")
         assert chromium.value("document.querySelector('[name=q]').value") == HOSTILE
@@ -172,7 +172,7 @@ def test_every_page_is_accessible_and_hostile_names_do_nothing(chromium: Browser
 
 @pytest.mark.cpu_limit(100)
 @pytest.mark.parametrize(("language", "word"), cases([("de", "Taster"), ("ko", "게이지")], [("ko", "게이지")]))
-def test_it_speaks_three_languages_and_asks_who_it_is(chromium: Browser, runs: Path, language: str, word: str) -> None:
+def test_it_speaks_three_languages_and_asks_who_it_is(chromium, runs, language, word):
     with served(runs, token=TOKEN, source=Playing(runs / "runs" / "run-1", 30.0)) as one:
         opened(chromium, one.address)
         assert chromium.value("location.pathname") == "/login" and violations(chromium) == []
@@ -187,9 +187,7 @@ def test_it_speaks_three_languages_and_asks_who_it_is(chromium: Browser, runs: P
 
 @pytest.mark.real_time(match="not true")
 @pytest.mark.cpu_limit(150)
-def test_a_lap_of_an_emulated_cell_is_recorded_from_the_page_and_a_daemon_may_go(
-    chromium: Browser, tmp_path: Path
-) -> None:
+def test_a_lap_of_an_emulated_cell_is_recorded_from_the_page_and_a_daemon_may_go(chromium, tmp_path):
     data = yaml.safe_load(rig_text())
     data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 60}
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(data))
@@ -222,7 +220,7 @@ def test_a_lap_of_an_emulated_cell_is_recorded_from_the_page_and_a_daemon_may_go
             hold_quiet(chromium, one.port)
 
 
-def test_ten_browsers_follow_one_client(runs: Path) -> None:
+def test_ten_browsers_follow_one_client(runs):
     with served(runs, source=Playing(runs / "runs" / "run-1", 1.0)) as one:
         socks = [one.raw(b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n") for _ in range(10)]
         heard = [b""] * 10

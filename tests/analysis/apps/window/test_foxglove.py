@@ -9,7 +9,6 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,7 +41,7 @@ def tool_by(urdf: str, joints: list[dict[str, float]]) -> np.ndarray:
     return 1000 * np.asarray(manager.get_transform("tool", "world"))[:3, 3]
 
 
-def test_a_client_of_the_protocol_sees_gauges_and_moves_the_arm(tmp_path: Path) -> None:
+def test_a_client_of_the_protocol_sees_gauges_and_moves_the_arm(tmp_path):
     rig, _ = load("ur10e")
     view = watched_lap(lap_run(tmp_path))
     one, known = Foxglove(0, rig), {}
@@ -80,7 +79,7 @@ def test_a_client_of_the_protocol_sees_gauges_and_moves_the_arm(tmp_path: Path) 
         one.close()
 
 
-def test_an_mcap_reader_moves_the_arm(tmp_path: Path) -> None:
+def test_an_mcap_reader_moves_the_arm(tmp_path):
     run = read_run(recorded(tmp_path))
     file = BytesIO()
     write_mcap(run, file)
@@ -105,7 +104,7 @@ def test_an_mcap_reader_moves_the_arm(tmp_path: Path) -> None:
         assert tool_by(attached.data.decode(), joints) == pytest.approx(forward(arm, q)[0, :3, 3], abs=1e-6)
 
 
-def test_a_taken_port_and_a_missing_library_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_taken_port_and_a_missing_library_are_refused(monkeypatch):
     one = Foxglove(0, None)
     with pytest.raises(CellError) as taken:
         Foxglove(one.port, None)

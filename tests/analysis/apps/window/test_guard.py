@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -38,18 +37,18 @@ def closed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         ("cell.plant", 200),
     ],
 )
-def test_only_the_names_of_the_window_are_answered(open_one: Served, host: str, status: int) -> None:
+def test_only_the_names_of_the_window_are_answered(open_one, host, status):
     assert open_one.ask("/", Host=host).status == status
 
 
-def test_a_form_without_the_secret_controls_nothing(open_one: Served) -> None:
+def test_a_form_without_the_secret_controls_nothing(open_one):
     for body in ("", "secret=", "secret=wrong", b"\xff\xfe=\xff&secret=\xff"):
         assert open_one.post("/control/zero", body).status == 403
     assert open_one.post("/control/zero", f"secret={open_one.window.gate.secret}").status == 200
     assert open_one.ask("/control/zero").status == 405
 
 
-def test_without_control_nothing_is_controlled(tmp_path: Path) -> None:
+def test_without_control_nothing_is_controlled(tmp_path):
     with served(tmp_path) as one:
         assert one.window.gate.secret not in one.ask("/").text
         assert one.post("/control/zero", f"secret={one.window.gate.secret}").status == 403
@@ -58,7 +57,7 @@ def test_without_control_nothing_is_controlled(tmp_path: Path) -> None:
         assert taken.value.code == "window.port"
 
 
-def test_nothing_is_shown_without_the_token(closed: Served) -> None:
+def test_nothing_is_shown_without_the_token(closed):
     for path in ("/", "/events", "/report?run=x", "/runs/x/table.csv", "/made/0/page.html", f"/runs?token={TOKEN}"):
         assert closed.ask(path).status == 401, path
         page = closed.ask(path, Accept="text/html")
@@ -70,7 +69,7 @@ def test_nothing_is_shown_without_the_token(closed: Served) -> None:
     assert closed.post("/control/zero", f"secret={closed.window.gate.secret}").status == 401
 
 
-def test_the_token_opens_the_window_and_is_in_no_cookie(closed: Served) -> None:
+def test_the_token_opens_the_window_and_is_in_no_cookie(closed):
     assert closed.ask("/runs", Authorization=f"Bearer {TOKEN}").status == 200
     wrong = closed.post("/login", "token=wrong")
     assert wrong.status == 403 and "set-cookie" not in wrong.headers
@@ -83,14 +82,14 @@ def test_the_token_opens_the_window_and_is_in_no_cookie(closed: Served) -> None:
 
 
 @pytest.mark.parametrize("path", ["/", "/nowhere", "/static/window.js"])
-def test_a_page_loads_nothing_from_elsewhere_and_stands_in_no_frame(open_one: Served, path: str) -> None:
+def test_a_page_loads_nothing_from_elsewhere_and_stands_in_no_frame(open_one, path):
     headers = open_one.ask(path).headers
     policy = headers["content-security-policy"]
     assert "default-src 'none'" in policy and "unsafe" not in policy and "frame-ancestors 'none'" in policy
     assert headers["x-content-type-options"] == "nosniff" and "server" not in headers
 
 
-def test_after_the_choice_of_a_language_a_browser_stays_in_the_window(open_one: Served) -> None:
+def test_after_the_choice_of_a_language_a_browser_stays_in_the_window(open_one):
     for back in ("http://evil.example", "//evil.example", "/\\evil.example", "javascript:alert(1)"):
         location = open_one.post("/language", f"to=de&back={back}").headers["location"]
         assert location[0] == "/" and location[1] not in "/\\"
@@ -100,7 +99,7 @@ def test_after_the_choice_of_a_language_a_browser_stays_in_the_window(open_one: 
     assert "측정" in open_one.ask("/runs", Accept_Language="fr, ko-KR;q=0.8, de").text
 
 
-def test_a_token_file_contains_one_long_word(tmp_path: Path) -> None:
+def test_a_token_file_contains_one_long_word(tmp_path):
     file = tmp_path / "token"
     for text in ("short", "two words, eighteen", "x" * 2000, "töken-of-some-letters", ""):
         file.write_text(text)
@@ -113,7 +112,7 @@ def test_a_token_file_contains_one_long_word(tmp_path: Path) -> None:
     assert missing.value.code == "window.token"
 
 
-def test_only_addresses_of_this_computer_need_no_token() -> None:
+def test_only_addresses_of_this_computer_need_no_token():
     assert is_loopback("127.0.0.1") and is_loopback("::1") and not is_loopback("192.168.1.5") and not is_loopback("::")
     with pytest.raises(UseError):
         is_loopback("cell.plant")

@@ -1,12 +1,8 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 from tests.support.simulated_laps import lap_run
 from tests.support.windows import served
 
 
-def test_the_first_scrape_has_every_figure_of_the_newest_runs(tmp_path: Path) -> None:
+def test_the_first_scrape_has_every_figure_of_the_newest_runs(tmp_path):
     lap_run(tmp_path / "runs", seed=1)
     with served(tmp_path) as window:
         told = window.until("/metrics", lambda answer: "rig_figure{" in answer.text).text

@@ -73,7 +73,7 @@ def one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield window
 
 
-def test_runs_are_listed_filtered_evaluated_and_compared(one: Served) -> None:
+def test_runs_are_listed_filtered_evaluated_and_compared(one):
     page = one.until("/runs", lambda answer: "error band" in answer.text and "refresh" not in answer.text)
     assert "&lt;b&gt;bold" in page.text and "<b>bold" not in page.text and "link" not in page.text.split("<tbody>")[1]
     assert "damaged" in page.text and "pass" in page.text
@@ -92,7 +92,7 @@ def test_runs_are_listed_filtered_evaluated_and_compared(one: Served) -> None:
     assert refused.status == 409 and "torn" in refused.text
 
 
-def test_a_run_has_curves_and_figures(one: Served) -> None:
+def test_a_run_has_curves_and_figures(one):
     page = one.until("/runs/good", lambda answer: "<img" in answer.text and "refresh" not in answer.text)
     picture = page.text.split('<img src="')[1].split('"')[0]
     assert one.ask(picture).headers["content-type"] == "image/png"
@@ -110,7 +110,7 @@ ROWS: dict[str, Callable[[bytes], int]] = {
 
 
 @pytest.mark.parametrize("kind", cases(ROWS, ("csv",)))
-def test_a_run_is_saved_as_a_table_and_is_not_marked_as_exported(one: Served, kind: str) -> None:
+def test_a_run_is_saved_as_a_table_and_is_not_marked_as_exported(one, kind):
     answer = one.until(f"/runs/good/table.{kind}", lambda answer: answer.status != 202)
     assert answer.status == 200 and f"good.{kind}" in answer.headers["content-disposition"]
     assert ROWS[kind](answer.data) == len(load_run(one.window.shelf.directory / "good").table.t_s)
@@ -119,7 +119,7 @@ def test_a_run_is_saved_as_a_table_and_is_not_marked_as_exported(one: Served, ki
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_hostile_names_lead_nowhere_and_are_text(one: Served, name: str) -> None:
+def test_hostile_names_lead_nowhere_and_are_text(one, name):
     for path in PLACES:
         answer = one.ask(path.format(quote(name, safe="")))
         assert answer.status in (200, 404), (path, answer.status)
@@ -128,7 +128,7 @@ def test_hostile_names_lead_nowhere_and_are_text(one: Served, name: str) -> None
         assert "49" not in body.split("<h1>")[-1]
 
 
-def test_session_is_shown_and_a_damaged_file_reported(tmp_path: Path) -> None:
+def test_session_is_shown_and_a_damaged_file_reported(tmp_path):
     step = ProgramStep(program="p01-yaw-acw", stage="yaw", test="yaw", direction="acw", seconds=60)
     session = Session.model_validate(
         {
@@ -177,7 +177,7 @@ def _heard(window: Served, kind: str, is_so: Callable[[Any], object] = bool) -> 
             data += received.decode()
 
 
-def test_frames_contain_the_values_of_the_view(tmp_path: Path) -> None:
+def test_frames_contain_the_values_of_the_view(tmp_path):
     view = watched_lap(lap_run(tmp_path))
     now = frames.now(view, (0.0, 0.0), 1)
     assert now["gauges"]["g1"]["mm"] == view.readings["g1"].mm and now["lap"]["place"] in ("lap", "lead_out")
@@ -193,7 +193,7 @@ def test_frames_contain_the_values_of_the_view(tmp_path: Path) -> None:
     assert less["zero_mm"] == [1.0, 0.0] and less["angle_deg"] != now["angle_deg"]
 
 
-def test_unknown_values_are_null_and_never_nan() -> None:
+def test_unknown_values_are_null_and_never_nan():
     readings = {"g1": GaugeReading(math.nan, 0.0), "g2": GaugeReading(np.inf, 1.0)}
     board, view = Board(), LiveView().after(Update(readings=readings))
     board.post("now", frames.now(view, (0.0, 0.0), 1))
@@ -209,7 +209,7 @@ def test_unknown_values_are_null_and_never_nan() -> None:
     assert b"NaN" not in news and b"Infinity" not in news
 
 
-def test_each_language_has_each_text() -> None:
+def test_each_language_has_each_text():
     english = texts_of("en")
     files = [file for file in (*TEMPLATES.iterdir(), *WINDOW.glob("*.py")) if file.suffix != ".yaml"]
     used = "".join(file.read_text(encoding="utf-8") for file in files)
@@ -233,7 +233,7 @@ def test_each_language_has_each_text() -> None:
     assert language_of("ko", "de") == "ko"
 
 
-def test_recording_needs_a_valid_label(one: Served) -> None:
+def test_recording_needs_a_valid_label(one):
     secret = one.window.gate.secret
     for form in (
         "name=a&test=pose",
@@ -249,12 +249,12 @@ def test_recording_needs_a_valid_label(one: Served) -> None:
     assert one.post("/control/zero", f"secret={secret}").status == 200
 
 
-def test_a_full_queue_asks_to_retry(one: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_queue_asks_to_retry(one, monkeypatch):
     monkeypatch.setattr("analysis.apps.window.made.MOST_WAITING", -1)
     assert one.ask("/report?run=good&diagnosis=1").status == 409
 
 
-def test_dashboard_queries_existing_metrics(one: Served) -> None:
+def test_dashboard_queries_existing_metrics(one):
     dashboard = json.loads((ROOT / "docs" / "grafana-dashboard.json").read_text(encoding="utf-8"))
     one.until("/runs", lambda answer: "error band" in answer.text)
     sources = "".join((ROOT / name).read_text(encoding="utf-8") for name in METRICS)
@@ -263,7 +263,7 @@ def test_dashboard_queries_existing_metrics(one: Served) -> None:
     assert len(queries) > 8 and all(f'"{name}"' in sources for name in named), named
 
 
-def test_session_continues_by_its_own_command_and_shows_its_lines(tmp_path: Path) -> None:
+def test_session_continues_by_its_own_command_and_shows_its_lines(tmp_path):
     place = SessionDirectory(tmp_path / "session")
     controls = WindowControls(Watcher(no_daemon, place), place, str(tmp_path / "none.yaml"))
     try:

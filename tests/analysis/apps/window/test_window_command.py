@@ -1,11 +1,8 @@
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
 import urllib.request
-from pathlib import Path
 
 import pytest
 
@@ -15,7 +12,7 @@ from tests.support.command_line import ran
 
 
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 0)])
-def test_it_serves_without_a_daemon_and_leaves_nothing_behind(tmp_path: Path, end: signal.Signals, code: int) -> None:
+def test_it_serves_without_a_daemon_and_leaves_nothing_behind(tmp_path, end, code):
     env = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "TMPDIR": str(tmp_path)}
     command = [BIN / "rig", "window", "ur10e", "--port", "0", "--control"]
     process = subprocess.Popen(
@@ -32,7 +29,7 @@ def test_it_serves_without_a_daemon_and_leaves_nothing_behind(tmp_path: Path, en
     assert list(tmp_path.glob("rig-window-*")) == []
 
 
-def test_wrong_options_are_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_options_are_refused_in_one_line(tmp_path, monkeypatch):
     (tmp_path / "short").write_text("short")
     for words, code, part in (
         (("--listen", "192.0.2.1"), 2, "--token"),

@@ -36,7 +36,7 @@ def _targets(page: str) -> list[float]:
     return [float(deg) for deg in re.findall(r'data-target="([^"]+)"', page)]
 
 
-def test_a_moved_zero_is_found_touch_by_touch_and_kept_for_the_history(case: tuple[Case, Path]) -> None:
+def test_a_moved_zero_is_found_touch_by_touch_and_kept_for_the_history(case):
     drawn, folder = case
     with served(folder, control=True, session=folder / "session") as window:
         assert "before: " in window.ask("/moved").text
@@ -62,7 +62,7 @@ def test_a_moved_zero_is_found_touch_by_touch_and_kept_for_the_history(case: tup
         assert 'value="before"' in window.ask("/moved").text  # the next check can begin
 
 
-def test_a_wrong_touch_is_refused_or_removed(case: tuple[Case, Path]) -> None:
+def test_a_wrong_touch_is_refused_or_removed(case):
     drawn, folder = case
     with served(folder, control=True) as window:
         assert _post(window, "touch", joints="1+2+3+4+5+6")["code"] == "moved.not_started"
@@ -77,7 +77,7 @@ def test_a_wrong_touch_is_refused_or_removed(case: tuple[Case, Path]) -> None:
         assert _post(window, "cancel")["ok"] and _post(window, "undo")["code"] == "moved.not_started"
 
 
-def test_recorded_runs_are_compared_in_the_list(case: tuple[Case, Path]) -> None:
+def test_recorded_runs_are_compared_in_the_list(case):
     drawn, folder = case
     write_touches(folder, "zz-after", *drawn.touch_again(6))
     with served(folder) as window:
@@ -100,7 +100,7 @@ def _rows(q_deg: np.ndarray, drift_deg: float) -> list[list[float | None]]:
     return [[int(1e8 * k), *(q_deg + drift_deg * k)] for k in range(20)]
 
 
-def test_the_touch_of_a_resting_robot_is_read_and_a_moving_robot_refused(case: tuple[Case, Path]) -> None:
+def test_the_touch_of_a_resting_robot_is_read_and_a_moving_robot_refused(case):
     drawn, folder = case
     q = np.degrees(drawn.before[1])
     check = WindowCheck(_Daemon(_rows(q, 0.0)), folder / "runs")
@@ -123,7 +123,7 @@ def test_the_touch_of_a_resting_robot_is_read_and_a_moving_robot_refused(case: t
         check.do("begin", {"run": "../before"})
 
 
-def test_the_action_of_each_cause_has_its_sentence_in_each_language() -> None:
+def test_the_action_of_each_cause_has_its_sentence_in_each_language():
     alone = ("nothing", "instrument", "target", "tool", "other", "zero", "socket")
     kinds = (*alone, "base_or_plate", "base_or_instrument")
     for language in ("en", "de", "ko"):

@@ -22,7 +22,7 @@ def circle(rig: str, test: str, axis: int, folder: Path) -> Measured:
     hidden = folder / f"{rig}-{test}.yaml"
     effect = {"effect": "backlash", "axis": axis, "width_deg": 0.03}
     hidden.write_text(yaml.safe_dump({"effects": [effect], "eccentricity_mm": [0.7, -0.5, 0.1]}))
-    return simulate(rig, test, "acw", seed=axis, effects=hidden)  # type: ignore[arg-type]
+    return simulate(rig, test, "acw", seed=axis, effects=hidden)
 
 
 def shown_as(run: Measured, change: Callable[[Array], Array]) -> Measured:
@@ -67,7 +67,7 @@ SOUND: dict[str, Callable[[Array], Array]] = {
 
 @pytest.mark.parametrize("cell", CELLS, ids=lambda cell: f"{cell[0]}-{cell[1]}")
 @pytest.mark.parametrize("fault", FAULTS)
-def test_display_fault_is_found_with_its_rows(fault: str, cell: tuple[str, str, int], tmp_path: Path) -> None:
+def test_display_fault_is_found_with_its_rows(fault, cell, tmp_path):
     findings = list(display_findings(shown_as(circle(*cell, tmp_path), FAULTS[fault])))
     assert {finding.columns for finding in findings} == {("g1_mm",), ("g2_mm",)}
     assert all(finding.strength == "decisive" and "rows " in finding.what for finding in findings)
@@ -75,12 +75,12 @@ def test_display_fault_is_found_with_its_rows(fault: str, cell: tuple[str, str, 
 
 @pytest.mark.parametrize("cell", CELLS, ids=lambda cell: f"{cell[0]}-{cell[1]}")
 @pytest.mark.parametrize("times", [2, 3, 5])
-def test_repeated_readings_are_a_doubt(times: int, cell: tuple[str, str, int], tmp_path: Path) -> None:
+def test_repeated_readings_are_a_doubt(times, cell, tmp_path):
     run = shown_as(circle(*cell, tmp_path), lambda g: g[np.arange(len(g)) // times * times])
     assert [finding.strength for finding in display_findings(run)] == ["likely", "likely"]
 
 
 @pytest.mark.parametrize("cell", CELLS, ids=lambda cell: f"{cell[0]}-{cell[1]}")
 @pytest.mark.parametrize("display", SOUND)
-def test_sound_display_has_no_finding(display: str, cell: tuple[str, str, int], tmp_path: Path) -> None:
+def test_sound_display_has_no_finding(display, cell, tmp_path):
     assert list(display_findings(shown_as(circle(*cell, tmp_path), SOUND[display]))) == []

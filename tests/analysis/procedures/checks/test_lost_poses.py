@@ -37,7 +37,7 @@ def evaluated(one: PoseTable) -> pose.PoseResult:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_one_lost_point_of_130_is_ignored_and_reported(seed: int) -> None:
+def test_one_lost_point_of_130_is_ignored_and_reported(seed):
     sound = table(130, seed)
     found, truth = evaluated(moved(sound, 56, np.zeros(3))), evaluated(sound)
     note = found.notes[0]
@@ -49,7 +49,7 @@ def test_one_lost_point_of_130_is_ignored_and_reported(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("count", [9, 27])
-def test_one_place_far_off_is_left_out(seed: int, count: int) -> None:
+def test_one_place_far_off_is_left_out(seed, count):
     sound = table(count, seed)
     way = np.random.default_rng(seed).normal(size=3)
     found = evaluated(moved(sound, 4, sound.xyz_mm[4] + 600 * way / np.linalg.norm(way)))
@@ -58,12 +58,12 @@ def test_one_place_far_off_is_left_out(seed: int, count: int) -> None:
     assert found.figures["rms_mm"].value == pytest.approx(truth.figures["rms_mm"].value)
 
 
-def test_a_row_that_repeats_the_place_of_another_is_left_out() -> None:
+def test_a_row_that_repeats_the_place_of_another_is_left_out():
     sound = table(60)
     assert "row 31 is" in evaluated(moved(sound, 30, sound.xyz_mm[29])).notes[0]
 
 
-def test_a_wild_turn_is_left_out_too() -> None:
+def test_a_wild_turn_is_left_out_too():
     sound = table(60, turned=True)
     assert sound.rpy is not None
     rpy = sound.rpy.copy()
@@ -74,14 +74,14 @@ def test_a_wild_turn_is_left_out_too() -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_of_sound_poses_none_is_left_out(seed: int) -> None:
+def test_of_sound_poses_none_is_left_out(seed):
     """Also of an arm that errs by millimetres in places."""
     sound = table(40, seed, turned=True)
     q = sound.q + np.radians(0.1) * np.sin(3 * sound.q)
     assert not any("ignored" in note for one in (sound, replace(sound, q=q)) for note in evaluated(one).notes)
 
 
-def test_outliers_in_one_joint_range_are_kept() -> None:
+def test_outliers_in_one_joint_range_are_kept():
     sound = table(60)
     far = np.argsort(sound.q[:, 2])[-5:]
     xyz = sound.xyz_mm.copy()
@@ -90,14 +90,14 @@ def test_outliers_in_one_joint_range_are_kept() -> None:
     assert found.samples == 60 and found.notes[0].startswith("5 of 60 poses ")
 
 
-def test_two_columns_exchanged_leave_no_pose_out_and_are_a_doubt() -> None:
+def test_two_columns_exchanged_leave_no_pose_out_and_are_a_doubt():
     sound = table(60)
     found = evaluated(replace(sound, q=sound.q[:, [0, 2, 1, 3, 4, 5]]))
     assert found.samples == 60
     assert any("coupled" in note for note in found.notes)
 
 
-def test_a_wild_visit_of_a_repeatability_test_is_named_and_stays() -> None:
+def test_a_wild_visit_of_a_repeatability_test_is_named_and_stays():
     rng = np.random.default_rng(3)
     target, side, visit = (one.ravel() for one in np.meshgrid([1, 2, 3], ["out", "in"], np.arange(5), indexing="ij"))
     g_mm = rng.normal(0, 0.02, len(target))

@@ -12,7 +12,6 @@ from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable
 from rigs.effects import Backlash
 from rigs.schema.effect import name_of
-from rigs.schema.vocabulary import TestName
 from tests.support.diagnosis_cells import RIG, circles, found_in, measured
 from tests.support.refusals import refused
 
@@ -32,7 +31,7 @@ def _with_swaps(runs: list[Measured], which: Collection[int]) -> list[Measured]:
 @pytest.mark.parametrize(
     ("test", "count", "which"), [("yaw", 3, [1]), ("roll", 3, [4]), ("yaw", 2, [3]), ("yaw", 3, [])]
 )
-def test_the_exchanged_run_is_found(test: TestName, count: int, which: list[int]) -> None:
+def test_the_exchanged_run_is_found(test, count, which):
     runs = _with_swaps(circles((PLAY,), seed=41, count=count, tests=(test,)), which)
     assert [finding.meant for finding in repeat_findings(runs)] == ["g1 and g2 exchanged"] * len(which)
     assert [name for finding in repeat_findings(runs) for name in finding.runs] == [
@@ -40,7 +39,7 @@ def test_the_exchanged_run_is_found(test: TestName, count: int, which: list[int]
     ]
 
 
-def test_a_ball_on_the_other_side_is_not_an_exchange() -> None:
+def test_a_ball_on_the_other_side_is_not_an_exchange():
     assert RIG.tests.circle
     x, y, z = RIG.tests.circle.eccentricity_mm
     circle = RIG.tests.circle.model_copy(update={"eccentricity_mm": (-x, -y, -z)})
@@ -50,7 +49,7 @@ def test_a_ball_on_the_other_side_is_not_an_exchange() -> None:
     assert list(repeat_findings([*runs, moved])) == []
 
 
-def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
+def test_the_others_are_diagnosed_and_the_run_is_named():
     runs = _with_swaps(circles((PLAY,), seed=43, count=3), [2])
     found = found_in(runs)
     assert [name_of(one.effect) for one in found.effects if one.is_confirmed] == ["backlash 5"]
@@ -58,7 +57,7 @@ def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
     assert not any("exchanged" in doubt for doubt in found.doubts)
 
 
-def test_an_exchange_in_all_runs_is_refused_where_a_play_would_lead() -> None:
+def test_an_exchange_in_all_runs_is_refused_where_a_play_would_lead():
     """Repeats do not show it, and no effect explains it; a joint with play does."""
     runs = circles((PLAY,), seed=44)
     with refused("run.convention"):
@@ -66,7 +65,7 @@ def test_an_exchange_in_all_runs_is_refused_where_a_play_would_lead() -> None:
     assert not any("exchanged" in doubt for doubt in found_in(runs).doubts)
 
 
-def test_an_exchange_without_a_play_is_doubted() -> None:
+def test_an_exchange_without_a_play_is_doubted():
     runs = circles(seed=44)
     _, doubts = prepare_runs(RIG, _with_swaps(runs, range(len(runs))))
     assert doubts[0].startswith("g1 and g2 may")
@@ -78,7 +77,7 @@ def _negated(run: Measured) -> Measured:
     return replace(run, table=replace(table, g_mm=-table.g_mm))
 
 
-def test_a_run_with_both_gauges_negated_is_found_among_its_repeats() -> None:
+def test_a_run_with_both_gauges_negated_is_found_among_its_repeats():
     runs = circles((PLAY,), seed=45, count=3)
     (found,) = repeat_findings([_negated(run) if k == 1 else run for k, run in enumerate(runs)])
     assert found.meant == "g1 and g2 negated" and found.runs == (runs[1].run.manifest.name,)

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +31,7 @@ def _controller(rng: np.random.Generator, count: int) -> tuple[Array, Array, Arr
 
 @pytest.mark.parametrize("digits", [6, 3, 2])
 @pytest.mark.parametrize("ros", [False, True])
-def test_places_of_the_controller_are_no_measurement(digits: int, ros: bool) -> None:
+def test_places_of_the_controller_are_no_measurement(digits, ros):
     q, p, _, _ = _controller(np.random.default_rng(digits), 40)
     shown = np.radians(np.round(np.degrees(q), digits))
     (finding,) = source_findings(PoseTable(shown, p * [-1, -1, 1] if ros else p, None), RIG)
@@ -40,14 +39,14 @@ def test_places_of_the_controller_are_no_measurement(digits: int, ros: bool) -> 
     assert "rig arms NAME --poses" in finding.remedy
 
 
-def test_the_controllers_tool_and_another_frame_are_seen_through() -> None:
+def test_the_controllers_tool_and_another_frame_are_seen_through():
     q, p, R, _ = _controller(np.random.default_rng(4), 40)
     seen = (p + R @ np.array([10.0, 0.0, 150.0])) @ np.diag([-1.0, 1.0, -1.0]) + [500.0, 0.0, 20.0]
     assert [one.meant for one in source_findings(PoseTable(q, seen, None), RIG)] == ["the controller's own places"]
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_tracker_is_an_instrument_in_any_frame(seed: int) -> None:
+def test_a_tracker_is_an_instrument_in_any_frame(seed):
     """A quiet one too, whose frame a person has put into the arm's base."""
     rng = np.random.default_rng(seed)
     there = Cell(constants_of("ur10e"), healthy(rng), np.zeros(3), np.zeros(3), np.array([0, 0, 28.3]), 0.008)
@@ -57,7 +56,7 @@ def test_a_tracker_is_an_instrument_in_any_frame(seed: int) -> None:
     assert not list(source_findings(PoseTable(seen.q, seen.xyz_mm, None), RIG))
 
 
-def test_the_controllers_constants_come_out_of_thirty_poses(tmp_path: Path) -> None:
+def test_the_controllers_constants_come_out_of_thirty_poses(tmp_path):
     """The constants found give the controller's positions in 200 other postures."""
     rng = np.random.default_rng(7)
     q, p, R, own = _controller(rng, 230)
@@ -79,7 +78,7 @@ def test_the_controllers_constants_come_out_of_thirty_poses(tmp_path: Path) -> N
     assert arm[2]["a_mm"] == pytest.approx(-612.7 + own.a[2], abs=0.003)
 
 
-def test_poses_of_an_instrument_are_no_constants_of_a_controller(tmp_path: Path) -> None:
+def test_poses_of_an_instrument_are_no_constants_of_a_controller(tmp_path):
     rng = np.random.default_rng(8)
     q, p, _, _ = _controller(rng, 40)
     header = ",".join([*(f"q{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm"])

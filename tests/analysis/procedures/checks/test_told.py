@@ -28,7 +28,7 @@ def uncoupled(path: Path) -> Path:
     return path
 
 
-def test_missing_coupling_is_reported_at_import_and_evaluation(tmp_path: Path) -> None:
+def test_missing_coupling_is_reported_at_import_and_evaluation(tmp_path):
     source, run = uncoupled(tmp_path / "poses.csv"), tmp_path / "run"
     done = ran("import", source, "--rig", "ur10", "--test", "pose", "-o", run)
     said = "(error 0.1"
@@ -41,7 +41,7 @@ def test_missing_coupling_is_reported_at_import_and_evaluation(tmp_path: Path) -
             judge([measured])
 
 
-def test_of_several_runs_the_one_that_does_not_fit_is_ignored_with_its_reason_once(tmp_path: Path) -> None:
+def test_of_several_runs_the_one_that_does_not_fit_is_ignored_with_its_reason_once(tmp_path):
     """One table with a missing coupling stopped the diagnosis of all tables of its placement."""
     with (tmp_path / "sound.csv").open("wb") as file:
         write_csv(columns_of(table(60)), file)
@@ -54,7 +54,7 @@ def test_of_several_runs_the_one_that_does_not_fit_is_ignored_with_its_reason_on
     assert "bad is " in said and "error" not in done.stderr
 
 
-def test_rig_check_reports_checks_and_findings(tmp_path: Path) -> None:
+def test_rig_check_reports_checks_and_findings(tmp_path):
     run = tmp_path / "run"
     assert ran("import", uncoupled(tmp_path / "t.csv"), "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
     done = ran("check", run)
@@ -70,7 +70,7 @@ def test_rig_check_reports_checks_and_findings(tmp_path: Path) -> None:
     assert finding["misfit"]["as_labelled_mm"] > 100 and finding["strength"] == "decisive"
 
 
-def test_rig_check_of_a_sound_run_ends_well(tmp_path: Path) -> None:
+def test_rig_check_of_a_sound_run_ends_well(tmp_path):
     with (tmp_path / "t.csv").open("wb") as file:
         write_csv(columns_of(table(60)), file)
     run = tmp_path / "run"
@@ -80,14 +80,14 @@ def test_rig_check_of_a_sound_run_ends_well(tmp_path: Path) -> None:
     assert ran("check", "ur10", run).returncode == 2
 
 
-def test_gauges_that_both_count_the_other_way_are_refused_where_a_play_would_lead() -> None:
+def test_gauges_that_both_count_the_other_way_are_refused_where_a_play_would_lead():
     runs = circles((PLAY,), seed=3)
-    negated = [replace(run, table=replace(run.table, g_mm=-run.table.g_mm)) for run in runs]  # type: ignore[union-attr]
+    negated = [replace(run, table=replace(run.table, g_mm=-run.table.g_mm)) for run in runs]
     with refused("run.convention"):
         found_in(negated)
 
 
-def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused() -> None:
+def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused():
     rig = RIG.model_copy(update={"effects": (PLAY,)})
     run = circles((PLAY,), seed=3, count=1)[0]
     run = replace(run, rig=rig)
@@ -98,7 +98,7 @@ def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused() -> Non
     assert findings_of([run]) == []
 
 
-def test_computed_poses_are_left_out_of_a_diagnosis() -> None:
+def test_computed_poses_are_left_out_of_a_diagnosis():
     sound, other = poses(3), poses(4)
     wrong = replace(
         other,

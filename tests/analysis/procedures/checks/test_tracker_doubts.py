@@ -24,7 +24,7 @@ def doubts(one: PoseTable, path: Path) -> tuple[str, ...]:
     return read_table(written(one, path), "ur10", "pose").doubts
 
 
-def test_lost_and_repeated_places_are_named_at_import(tmp_path: Path) -> None:
+def test_lost_and_repeated_places_are_named_at_import(tmp_path):
     sound = table(40)
     xyz = sound.xyz_mm.copy()
     xyz[[4, 9]] = 0.0
@@ -36,18 +36,18 @@ def test_lost_and_repeated_places_are_named_at_import(tmp_path: Path) -> None:
     assert doubts(sound, tmp_path / "sound.csv") == ()
 
 
-def test_a_revisit_with_the_same_rounded_place_is_no_doubt(tmp_path: Path) -> None:
+def test_a_revisit_with_the_same_rounded_place_is_no_doubt(tmp_path):
     sound = table(20)
     places = np.round(np.tile(sound.xyz_mm, (2, 1)), 1)
     assert doubts(PoseTable(np.tile(sound.q, (2, 1)), places, None), tmp_path / "poses.csv") == ()
 
 
-def test_readings_of_a_stand_are_averaged_with_a_doubt(tmp_path: Path) -> None:
+def test_readings_of_a_stand_are_averaged_with_a_doubt(tmp_path):
     run = read_table(written(read_thrice(table(20)), tmp_path / "poses.csv"), "ur10", "pose")
     assert len(run.table.q) == 20 and "20 stands" in run.doubts[-1]
 
 
-def test_analyse_gives_the_figure_without_the_lost_row_and_a_turn_without_a_u(tmp_path: Path) -> None:
+def test_analyse_gives_the_figure_without_the_lost_row_and_a_turn_without_a_u(tmp_path):
     sound = table(60, turned=True)
     xyz = sound.xyz_mm.copy()
     xyz[56] = 0.0

@@ -1,7 +1,5 @@
 """A few cells of the trial `scripts/dev conventions`: sound ones are let through, broken ones told."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -24,12 +22,12 @@ TOLD = {
 
 
 @pytest.mark.parametrize("number", range(9))
-def test_a_sound_cell_is_let_through(number: int) -> None:
+def test_a_sound_cell_is_let_through(number):
     assert findings_of(sound(number)) == []
 
 
 @pytest.mark.parametrize("name", BREAKS)
-def test_broken_convention_is_detected(name: str) -> None:
+def test_broken_convention_is_detected(name):
     kind = list(BREAKS).index(name)
     for number in TOLD[name]:
         broken = BREAKS[name](np.random.default_rng([0, kind, number, 2]), number)

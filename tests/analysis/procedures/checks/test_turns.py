@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -16,16 +14,16 @@ from tests.worlds.arms.independent_arm import none
 
 
 @pytest.mark.parametrize("name", driven_on.ROBOTS)
-def test_the_robots_of_these_tests_wind_a_wrist(name: str) -> None:
+def test_the_robots_of_these_tests_wind_a_wrist(name):
     assert np.abs(driven_on.winds(name)).sum() == 1
 
 
 @pytest.mark.parametrize("number", range(8))
-def test_circles_whose_ways_stand_turns_apart_are_sound(number: int) -> None:
+def test_circles_whose_ways_stand_turns_apart_are_sound(number):
     assert findings_of(driven_on_from(number)) == []
 
 
-def test_inverted_gauges_are_detected_despite_a_winding_joint() -> None:
+def test_inverted_gauges_are_detected_despite_a_winding_joint():
     runs = driven_on_from(4)
     for way in ("decisive", "correct"):
         sign = -1.0 if way == "decisive" else 1.0
@@ -38,7 +36,7 @@ def test_inverted_gauges_are_detected_despite_a_winding_joint() -> None:
         assert [one.strength for one in findings_of(turned)] == ["decisive"] * (sign < 0)
 
 
-def test_a_turn_added_to_a_joint_changes_nothing() -> None:
+def test_a_turn_added_to_a_joint_changes_nothing():
     """The same lap with joint 4 a turn on in the cw run alone, and a play of axis 1 that is to be seen."""
     rng, play = np.random.default_rng(5), np.radians([0.03, 0, 0, 0, 0, 0])
     rig = load("paper-fanuc")[0]
@@ -47,11 +45,11 @@ def test_a_turn_added_to_a_joint_changes_nothing() -> None:
         for sense, way in ((1, "acw"), (-1, "cw")):
             one = Drive("yaw", sense, turns=turns if sense < 0 else (0,) * 6)
             got = drive("paper-fanuc", one, none(), rng, play_rad=play)
-            runs.append(run_of(CircleTable("yaw", way, got.t_s, got.q, got.g_mm), way, rig))  # type: ignore[arg-type]
+            runs.append(run_of(CircleTable("yaw", way, got.t_s, got.q, got.g_mm), way, rig))
         assert findings_of(runs) == []
 
 
-def test_a_wrist_that_winds_on_is_no_mistake_of_units() -> None:
+def test_a_wrist_that_winds_on_is_no_mistake_of_units():
     q = np.radians(np.random.default_rng(1).uniform(-120, 120, (40, 6)))
     q[:, 5] += np.linspace(0, 9 * 2 * np.pi, 40)
     assert impossible_rad(q) == 0.0
@@ -59,7 +57,7 @@ def test_a_wrist_that_winds_on_is_no_mistake_of_units() -> None:
     assert impossible_rad(np.degrees(q)) > 100
 
 
-def test_visits_of_one_posture_are_one_group_modulo_a_turn() -> None:
+def test_visits_of_one_posture_are_one_group_modulo_a_turn():
     q = np.radians(
         [[10.0, -20, 30, 180.0, 40, -179.99], [10.0, -20, 30, -180.0, 40, 180.01], [10.0, -20, 30, 0, 40, 0]]
     )

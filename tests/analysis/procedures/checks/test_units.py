@@ -20,7 +20,7 @@ from analysis.runs.tables import CircleTable, Table
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import TestName
 from tests.support.table_cases import JOINTS, TESTS, Rows, csv_text, plain, rig, scaled, texts
 
 RAD = np.pi / 180
@@ -60,16 +60,16 @@ def unknown_ball() -> Rig:
 
 @pytest.mark.parametrize("direction", ["acw", "cw"])
 @pytest.mark.parametrize("test", TESTS)
-def test_good_tables_have_no_finding(test: TestName, direction: Direction) -> None:
+def test_good_tables_have_no_finding(test, direction):
     assert found(plain(test, direction), test) == found(plain(test, direction), test, unknown_ball()) == []
 
 
 @pytest.mark.parametrize("test", ["yaw", "roll", "pose"])
-def test_joints_in_radians_are_impossible(test: TestName) -> None:
+def test_joints_in_radians_are_impossible(test):
     assert (RADIANS, "radians") in units(changed(test, dict.fromkeys(JOINTS, RAD)), test)
 
 
-def test_joints_in_radians_at_targets_are_impossible() -> None:
+def test_joints_in_radians_at_targets_are_impossible():
     rows = {name: [cells[0]] * 5 for name, cells in plain("radial").items()}
     q = np.radians([[float(rows[name][0]) for name in JOINTS]])
     x, y, z = forward(arm_of(rig().robot), q)[0, :3, 3]
@@ -83,14 +83,14 @@ def test_joints_in_radians_at_targets_are_impossible() -> None:
 
 
 @pytest.mark.parametrize(("travel_mm", "strength"), [(100, "likely"), (500, "impossible")])
-def test_travel_of_a_gauge_at_targets_shows_another_unit(travel_mm: float, strength: str) -> None:
+def test_travel_of_a_gauge_at_targets_shows_another_unit(travel_mm, strength):
     rows = plain("radial")
     factor = travel_mm / float(np.ptp([float(cell) for cell in rows["g1_mm"]]))
     (finding,) = found(rows | {"g1_mm": scaled(rows["g1_mm"], factor)}, "radial")
     assert (finding.strength, finding.columns) == (strength, ("g1_mm",))
 
 
-def test_small_angles_off_the_circle_are_not_called_radians() -> None:
+def test_small_angles_off_the_circle_are_not_called_radians():
     """Degrees that all lie within ±6: only the circle says which they are, and this robot is not on it either way."""
     rows = plain("yaw")
     t = np.linspace(0, 6, len(rows["t_s"]))
@@ -99,11 +99,11 @@ def test_small_angles_off_the_circle_are_not_called_radians() -> None:
 
 @pytest.mark.parametrize("test", ["yaw", "roll"])
 @pytest.mark.parametrize("factor", [1 / 25.4, 1000.0])
-def test_one_gauge_in_another_unit_is_impossible(test: TestName, factor: float) -> None:
+def test_one_gauge_in_another_unit_is_impossible(test, factor):
     assert [columns for columns, _ in units(changed(test, {"g2_mm": factor}), test, unknown_ball())][:1] == [("g2_mm",)]
 
 
-def test_robot_errors_that_cancel_one_wave_are_no_unit() -> None:
+def test_robot_errors_that_cancel_one_wave_are_no_unit():
     """A gear error of 1 mm left one gauge of a UR10e a wave of 0.04 of the other's, and thirty waves besides."""
     rows = plain("yaw")
     g2_mm = np.array(rows["g2_mm"], dtype=float)
@@ -113,7 +113,7 @@ def test_robot_errors_that_cancel_one_wave_are_no_unit() -> None:
 
 
 @pytest.mark.parametrize("test", ["yaw", "roll"])
-def test_both_gauges_in_inches_are_found_with_a_known_ball_and_micrometres_always(test: TestName) -> None:
+def test_both_gauges_in_inches_are_found_with_a_known_ball_and_micrometres_always(test):
     inches = changed(test, {"g1_mm": 1 / 25.4, "g2_mm": 1 / 25.4})
     assert [columns for columns, _ in units(inches, test)] == [("g1_mm", "g2_mm")]
     assert units(inches, test, unknown_ball()) == []
@@ -130,14 +130,14 @@ def _orders(rows: Rows, test: TestName) -> list[str]:
 
 @pytest.mark.parametrize("test", ["yaw", "roll"])
 @pytest.mark.parametrize("direction", ["acw", "cw"])
-def test_exchanged_gauges_are_a_doubt_in_yaw_and_never_refused(test: TestName, direction: Direction) -> None:
+def test_exchanged_gauges_are_a_doubt_in_yaw_and_never_refused(test, direction):
     rows = plain(test, direction)
     assert _orders(rows, test) == found(_exchanged(rows), test) == []
     assert _orders(_exchanged(rows), test) == [EXCHANGED] * (test == "yaw")
 
 
 @pytest.mark.parametrize(("mm", "expected"), [(0.2, [EXCHANGED]), (0.8, [])])
-def test_gear_error_that_opposes_the_two_first_orders_is_no_exchange(mm: float, expected: list[str]) -> None:
+def test_gear_error_that_opposes_the_two_first_orders_is_no_exchange(mm, expected):
     rows = _exchanged(plain("yaw"))
     wave = mm * np.sin(3 * np.radians(np.arange(-10.0, 371.0, 2.0)))
     moved = {
@@ -146,7 +146,7 @@ def test_gear_error_that_opposes_the_two_first_orders_is_no_exchange(mm: float, 
     assert _orders(rows | moved, "yaw") == expected
 
 
-def test_part_of_a_lap_shows_no_order_of_the_gauges() -> None:
+def test_part_of_a_lap_shows_no_order_of_the_gauges():
     assert _orders({name: cells[:100] for name, cells in _exchanged(plain("yaw")).items()}, "yaw") == []
 
 
@@ -160,7 +160,7 @@ def repeated(rows: Rows, passes: int, at_once: int) -> Rows:
 
 
 @pytest.mark.parametrize(("passes", "at_once"), [(1, 1), (2, 1), (3, 1), (6, 1), (1, 5), (2, 5)])
-def test_units_of_a_tracker_are_found_in_any_order_of_visits(passes: int, at_once: int) -> None:
+def test_units_of_a_tracker_are_found_in_any_order_of_visits(passes, at_once):
     for factor, fact in ((1e-3, "in m:"), (0.1, "in cm:"), (1 / 25.4, "in inches:")):
         findings = found(repeated(changed("pose", dict.fromkeys(PLACES, factor)), passes, at_once), "pose")
         assert any(fact in finding.what and finding.columns == PLACES for finding in findings)
@@ -170,18 +170,18 @@ def test_units_of_a_tracker_are_found_in_any_order_of_visits(passes: int, at_onc
 
 
 @pytest.mark.parametrize("factor", [10, 25.4])
-def test_places_of_a_tracker_read_in_a_wrong_unit_are_impossible(factor: float) -> None:
+def test_places_of_a_tracker_read_in_a_wrong_unit_are_impossible(factor):
     assert [columns for columns, _ in units(changed("pose", dict.fromkeys(PLACES, factor)), "pose")] == [PLACES]
 
 
-def test_joints_in_radians_are_found_next_to_places_in_metres() -> None:
+def test_joints_in_radians_are_found_next_to_places_in_metres():
     """Read as degrees they move the arm so little that the metres look like inches."""
     moved = changed("pose", dict.fromkeys(JOINTS, RAD) | dict.fromkeys(PLACES, 1e-3))
     rows = {name: cells for name, cells in moved.items() if name not in TURNS}
     assert [columns[0] for columns, _ in units(rows, "pose")] == ["q1_deg", "x_mm"]
 
 
-def test_angles_of_a_tracker_about_moving_axes_are_impossible() -> None:
+def test_angles_of_a_tracker_about_moving_axes_are_impossible():
     rows = plain("pose")
     fixed = np.array([[float(cell) for cell in rows[name]] for name in TURNS]).T
     moving = Rotation.from_euler("xyz", fixed, degrees=True).as_euler("XYZ", degrees=True)
@@ -189,7 +189,7 @@ def test_angles_of_a_tracker_about_moving_axes_are_impossible() -> None:
     assert units(rows, "pose")[0][0] == TURNS
 
 
-def test_tracker_that_saw_one_place_shows_no_unit() -> None:
+def test_tracker_that_saw_one_place_shows_no_unit():
     rows = plain("pose")
     rows |= {name: [rows[name][0]] * len(rows[name]) for name in PLACES}
     rows |= {name: scaled(rows[name], RAD) for name in JOINTS}
@@ -203,12 +203,12 @@ def _times(table: Table, cell: Rig, factor: float) -> list[str]:
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "µs"), (1e9, "ns"), (1e-3, "another unit")])
-def test_time_in_another_unit_is_doubted(factor: float, unit: str) -> None:
+def test_time_in_another_unit_is_doubted(factor, unit):
     assert _times(read(plain("yaw"), "yaw", rig()), rig(), factor) == [unit]
 
 
 @pytest.mark.parametrize("laps", [1, 2, 5])
-def test_speed_is_that_of_all_laps_and_ways_back(laps: int) -> None:
+def test_speed_is_that_of_all_laps_and_ways_back(laps):
     shipped, _ = load("paper-fanuc")
     assert shipped.tests.circle is not None
     circle = shipped.tests.circle.model_copy(update={"laps": laps})
@@ -218,7 +218,7 @@ def test_speed_is_that_of_all_laps_and_ways_back(laps: int) -> None:
 
 
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
-def test_target_that_the_robot_was_not_at_is_doubted(test: TestName) -> None:
+def test_target_that_the_robot_was_not_at_is_doubted(test):
     rows = plain(test)
     rows["target"][9:12] = ["8"] * 3
     if test == "radial":
@@ -227,7 +227,7 @@ def test_target_that_the_robot_was_not_at_is_doubted(test: TestName) -> None:
     assert finding.columns == ("target",) and "row 10" in finding.what and "3 of 24" in finding.what
 
 
-def test_wrapped_counts_that_travel_farther_than_a_link_are_not_called_micrometres() -> None:
+def test_wrapped_counts_that_travel_farther_than_a_link_are_not_called_micrometres():
     """Readings of a signed 32-bit gauge read as unsigned were refused as µm."""
     true = np.round(0.02 * np.sin(np.linspace(0, 7, 400)), 4)
     wrapped = np.where(true < 0, true + 1e-4 * 2.0**32, true)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 
 from analysis.procedures.checks.units import unit_findings
@@ -7,7 +5,7 @@ from analysis.runs.tables import PoseTable
 from rigs.load import load
 
 
-def test_a_joint_that_turned_more_than_twice_is_in_other_units() -> None:
+def test_a_joint_that_turned_more_than_twice_is_in_other_units():
     rig, _ = load("ur10")
     q_deg = np.random.default_rng(1).uniform(-170, 170, (20, 6))
     (finding,) = unit_findings(PoseTable(q_deg, np.ones((20, 3)), None), rig)

@@ -53,9 +53,9 @@ SPOILT = ("2 mm", "20 mm", "1000 mm", "2", "4", "6")
 
 @pytest.mark.parametrize("spoil", SPOILT)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(spoil: str, seed: int) -> None:
+def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(spoil, seed):
     run, rows = _run(seed, spoil)
-    found = far_poses(run.table, without_setup(arm_of(RIG.robot)))  # type: ignore[arg-type]
+    found = far_poses(run.table, without_setup(arm_of(RIG.robot)))
     assert (np.flatnonzero(found.wild) + 1).tolist() == rows
     (line,) = [one.words for one in findings_of([run]) if one.convention == WILDNESS]
     assert all(str(row) in line for row in (rows[0], rows[-1])) and f"{len(rows)} of 60 poses ignored" in line
@@ -68,12 +68,12 @@ def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(sp
 
 @pytest.mark.parametrize("count", [24, 30, 60, 130])
 @pytest.mark.parametrize("seed", range(4))
-def test_sound_poses_are_none_of_them_wild(seed: int, count: int) -> None:
+def test_sound_poses_are_none_of_them_wild(seed, count):
     run, _ = _run(seed, "none", count)
-    assert not far_poses(run.table, without_setup(arm_of(RIG.robot))).far.any()  # type: ignore[arg-type]
+    assert not far_poses(run.table, without_setup(arm_of(RIG.robot))).far.any()
 
 
-def test_the_same_poses_in_another_order_are_no_repeats() -> None:
+def test_the_same_poses_in_another_order_are_no_repeats():
     run, _ = _run(0, "none")
     table, order = run.table, np.random.default_rng(1).permutation(60)
     assert isinstance(table, PoseTable)
@@ -85,7 +85,7 @@ def test_the_same_poses_in_another_order_are_no_repeats() -> None:
 
 
 @pytest.mark.parametrize("count", [112, 400])  # more than are fitted at once
-def test_the_distance_from_the_fitted_arm_does_not_depend_on_the_order_of_the_rows(count: int) -> None:
+def test_the_distance_from_the_fitted_arm_does_not_depend_on_the_order_of_the_rows(count):
     run, _ = _run(0, "2 mm", count)
     table, bare = run.table, without_setup(arm_of(RIG.robot))
     assert isinstance(table, PoseTable)
@@ -97,7 +97,7 @@ def test_the_distance_from_the_fitted_arm_does_not_depend_on_the_order_of_the_ro
 
 
 @pytest.mark.parametrize("spoil", ["2 mm", pytest.param("4", marks=pytest.mark.nightly)])
-def test_held_out_residual_ignores_outliers(spoil: str) -> None:
+def test_held_out_residual_ignores_outliers(spoil):
     left_um = []
     for one in (spoil, "none"):
         run, _ = _run(0, one)
@@ -108,7 +108,7 @@ def test_held_out_residual_ignores_outliers(spoil: str) -> None:
 
 
 @pytest.mark.parametrize("which", ["from about 31", "every other row"])
-def test_two_reflectors_in_one_run_are_detected(which: str) -> None:
+def test_two_reflectors_in_one_run_are_detected(which):
     """Each row alone is close to an arm fitted to both reflectors."""
     seen = _seen(0)
     later = np.arange(60) >= 30 if "from" in which else np.arange(60) % 2 == 1
@@ -119,7 +119,7 @@ def test_two_reflectors_in_one_run_are_detected(which: str) -> None:
     assert which in line
 
 
-def test_outlier_is_reported_in_addition_to_two_reflectors() -> None:
+def test_outlier_is_reported_in_addition_to_two_reflectors():
     seen = _seen(0)
     T = forward(without_setup(arm_of(RIG.robot)), seen.q)
     R = fit_setup(T, seen.xyz_mm).T_world_base[:3, :3] @ T[:, :3, :3]

@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 import json
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +19,7 @@ from tests.worlds.arms.seven_axes import run_of
 
 
 @pytest.mark.parametrize("name", cases(ARMS, ("abb-irb-1600",)))
-def test_plays_and_curves_by_direction_are_those_of_the_arm(name: str) -> None:
+def test_plays_and_curves_by_direction_are_those_of_the_arm(name):
     rig, truth, table = driven(name, ARMS.index(name))
     result = evaluate(table, arm_of(rig.robot), 0.02)
     assert [curve.axis for curve in result.axes] == [1, 2, 3, 4, 5, 6]
@@ -40,7 +37,7 @@ def test_plays_and_curves_by_direction_are_those_of_the_arm(name: str) -> None:
 
 
 @pytest.mark.nightly  # a play by the side from which joints came is named of touches in each commit
-def test_a_diagnosis_names_the_play_by_the_side_from_which_the_joint_came() -> None:
+def test_a_diagnosis_names_the_play_by_the_side_from_which_the_joint_came():
     rig, truth, table = driven("abb-irb-1600", ARMS.index("abb-irb-1600"))
     found = diagnose(rig, [run_of(rig, table, "sweeps", "cell")], [], [], lambda _: None)
     play = next(named for named in found.standing if isinstance(named.effect, Backlash))
@@ -49,13 +46,13 @@ def test_a_diagnosis_names_the_play_by_the_side_from_which_the_joint_came() -> N
     assert abs(play.effect.width_deg - np.degrees(truth.play[hidden])) < 2 * play.sd["width_deg"]
 
 
-def test_without_from_where_joints_came_there_is_no_curve() -> None:
+def test_without_from_where_joints_came_there_is_no_curve():
     rig, _, table = driven("abb-irb-1600", 1)
     result = evaluate(PoseTable(table.q, table.xyz_mm, None), arm_of(rig.robot), 0.02)
     assert not result.axes and not any("reversal" in name for name in result.figures)
 
 
-def test_each_axis_is_planned_both_ways_and_every_way_is_clear() -> None:
+def test_each_axis_is_planned_both_ways_and_every_way_is_clear():
     arm = arm_of(parse(f"name: x\n{load_arm('ur10e').text}", "x").robot)
     q = axes_in_turn(arm, 100, None, np.random.default_rng(0))
     moved = np.abs(np.diff(q, axis=0)) > 1e-9
@@ -66,11 +63,11 @@ def test_each_axis_is_planned_both_ways_and_every_way_is_clear() -> None:
     assert all(is_way_clear(arm, begin, end) for begin, end in pairwise(q))
 
 
-def test_a_table_of_one_axis_at_a_time_is_imported_and_analysed(tmp_path: Path) -> None:
+def test_a_table_of_one_axis_at_a_time_is_imported_and_analysed(tmp_path):
     _, truth, table = driven("abb-irb-1600", 1)
     (tmp_path / "cell.yaml").write_text(f"name: x\n{load_arm('abb-irb-1600').text}")
     names = [*(f"q{k}_deg" for k in range(1, 7)), *(f"q{k}_from_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm"]
-    rows = np.hstack([np.degrees(table.q), np.degrees(table.came_from), table.xyz_mm])  # type: ignore[arg-type]
+    rows = np.hstack([np.degrees(table.q), np.degrees(table.came_from), table.xyz_mm])
     np.savetxt(tmp_path / "axes.csv", rows, delimiter=",", header=",".join(names), comments="", fmt="%.6f")
     done = ran("import", "axes.csv", "--rig", "cell.yaml", "--test", "pose", "-o", "axes", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import t
@@ -9,7 +7,7 @@ from analysis.procedures.shared.quantity import Quantity, figures_of, student_fa
 
 
 @pytest.mark.parametrize("u", [0.0, 0.012, float("inf")])
-def test_a_small_negative_value_is_no_negative_zero(u: float) -> None:
+def test_a_small_negative_value_is_no_negative_zero(u):
     rounded = Quantity(0.0, u, "mm").rounded(-0.00001)
     assert float(rounded) == 0 and not rounded.startswith("-")
     assert Quantity(0.0, u, "mm").rounded(-0.06).startswith("-0.06")
@@ -27,11 +25,11 @@ def test_a_small_negative_value_is_no_negative_zero(u: float) -> None:
         (Quantity(94.6, 59.1, "ms"), "95 ± 59 ms"),
     ],
 )
-def test_a_figure_has_two_digits_of_its_u_and_no_more_than_a_reader_uses(figure: Quantity, shown: str) -> None:
+def test_a_figure_has_two_digits_of_its_u_and_no_more_than_a_reader_uses(figure, shown):
     assert str(figure) == shown
 
 
-def test_a_spread_that_its_digits_do_not_show_is_not_called_zero() -> None:
+def test_a_spread_that_its_digits_do_not_show_is_not_called_zero():
     figure = Quantity(0.6773, 0.0007, "mm")
     sizes = (0.000004, 0.0012, 0.0)
     assert [figure.rounded_size(size) for size in sizes] == ["< 0.0001", "0.0012", "0.0000"]
@@ -39,19 +37,19 @@ def test_a_spread_that_its_digits_do_not_show_is_not_called_zero() -> None:
 
 @pytest.mark.parametrize("name", ["shift_deg", "distance_shift_deg", "max_at_deg"])
 @pytest.mark.parametrize("value", [-179.99, -90.0, 0.0, 45.0, 179.99, 180.0])
-def test_an_angle_around_the_circle_is_as_sure_wherever_it_is(name: str, value: float) -> None:
+def test_an_angle_around_the_circle_is_as_sure_wherever_it_is(name, value):
     drawn = value + np.random.default_rng(1).normal(0, 0.1, 4000)
     drawn = np.degrees(np.angle(np.exp(1j * np.radians(drawn))))  # as an arctangent has it
     figure = figures_of({name: value}, {name: drawn}, 1)[name]
     assert figure.value == value and figure.u == pytest.approx(0.1, rel=0.1)
 
 
-def test_a_mean_of_runs_is_an_angle_as_that_of_one_run() -> None:
+def test_a_mean_of_runs_is_an_angle_as_that_of_one_run():
     for name, expected in (("shift_deg", -179.9), ("max_at_deg", 180.1)):
         runs = [{name: Quantity(value, 0.1, "deg")} for value in (179.9, -179.7)]
         assert figures_between_runs(runs)[name].mean.value == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("freedom", [1, 2, 5, 30])
-def test_two_u_of_few_runs_follow_students_law(freedom: int) -> None:
+def test_two_u_of_few_runs_follow_students_law(freedom):
     assert 1 - 2 * t.sf(2 * student_factor(freedom), freedom) == pytest.approx(0.9545)

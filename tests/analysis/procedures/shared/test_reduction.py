@@ -20,7 +20,7 @@ def _laps(g_mm: np.ndarray) -> Laps:
     return Laps("acw", FRAME, phi / 0.35, phi, np.zeros((len(phi), 6)), rows, 18.0, 18.0, count=2)
 
 
-def test_bursts_that_hide_from_their_neighbours_leave_no_bias() -> None:
+def test_bursts_that_hide_from_their_neighbours_leave_no_bias():
     """Five in a row are most of a median of seven; 0.5 % of 40 µm to one side would be 0.2 µm of the level."""
     laps, rng = _laps(np.stack([PLAYED, PLAYED], axis=1)), np.random.default_rng(2)
     starts = rng.random(len(laps.phi)) < 0.001
@@ -33,7 +33,7 @@ def test_bursts_that_hide_from_their_neighbours_leave_no_bias() -> None:
     assert ROWS - found.rows < 1.5 * hit.sum() / 2
 
 
-def test_a_play_is_no_wild_reading() -> None:
+def test_a_play_is_no_wild_reading():
     one = np.zeros(2 * ROWS)
     one[1234] = 0.5
     laps = _laps(np.stack([PLAYED, PLAYED], axis=1))

@@ -44,7 +44,7 @@ def some_axes(seed: int, tilt: float | None) -> AxisLines:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("tilt", [None, 0.0, 1e-12, 1e-6, 1e-3, 0.05, 0.0999, 0.1001, 0.3, np.pi / 2])
-def test_the_written_section_turns_about_the_axes(seed: int, tilt: float | None) -> None:
+def test_the_written_section_turns_about_the_axes(seed, tilt):
     axes = some_axes(seed, tilt)
     robot = parsed(robot_text(robot_of("arm", denavit_hartenberg(axes), JOINTS)))
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (100, 6))
@@ -56,7 +56,7 @@ def test_the_written_section_turns_about_the_axes(seed: int, tilt: float | None)
 
 @pytest.mark.parametrize("off", [0.0, 1e-16, 1e-12, 1e-9, 3e-8, 1e-7, 1e-4])
 @pytest.mark.parametrize("way", [1, -1])
-def test_a_flange_that_points_its_x_along_axis_6_is_written_exactly(off: float, way: int) -> None:
+def test_a_flange_that_points_its_x_along_axis_6_is_written_exactly(off, way):
     """Its pitch is 90 degrees or nearly so, where roll and yaw turn about the same line."""
     axes = some_axes(4, None)
     z = way * axes.directions[5]
@@ -71,7 +71,7 @@ def test_a_flange_that_points_its_x_along_axis_6_is_written_exactly(off: float, 
     assert rad < 1e-12
 
 
-def test_axes_that_meet_or_are_the_same_line_have_no_length_between_them() -> None:
+def test_axes_that_meet_or_are_the_same_line_have_no_length_between_them():
     points = np.zeros((6, 3))
     directions = np.array([[0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, -1], [1, 0, 0]], dtype=float)
     axes = AxisLines(points, directions, np.eye(4))
@@ -83,7 +83,7 @@ def test_axes_that_meet_or_are_the_same_line_have_no_length_between_them() -> No
     assert largest_difference(flange_poses(robot, q), product_of_turns(axes, q)) < (1e-9, 1e-12)
 
 
-def test_a_joint_that_counts_against_the_base_keeps_its_z_upwards() -> None:
+def test_a_joint_that_counts_against_the_base_keeps_its_z_upwards():
     axes = some_axes(1, None)
     axes.directions[0] = [0, 0, -1]
     found = denavit_hartenberg(axes)
@@ -91,7 +91,7 @@ def test_a_joint_that_counts_against_the_base_keeps_its_z_upwards() -> None:
     assert abs(found.alpha[0]) < 1e-12
 
 
-def test_centres_of_mass_stay_where_they_are() -> None:
+def test_centres_of_mass_stay_where_they_are():
     axes = some_axes(2, None)
     centre = np.array([10.0, -20.0, 30.0])
     joints = [*JOINTS[:5], Joint("J6", (-170.0, 170.0), 100.0, 2.5, centre)]

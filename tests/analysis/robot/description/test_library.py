@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from rigs.arms import load_arm
@@ -25,14 +23,14 @@ EXACT = (1e-6, 1e-6)
 
 
 @pytest.mark.parametrize(("name", "key"), [(name, key) for name, found in SOURCES.items() for key in found])
-def test_arms_agree_with_their_sources(name: str, key: str) -> None:
+def test_arms_agree_with_their_sources(name, key):
     mm, rad = differences(load_arm(name).robot, SOURCES[name][key], 1000)
     most_mm, most_rad = ROUNDED.get((name, key), EXACT)
     assert mm < most_mm
     assert rad < most_rad
 
 
-def test_the_doosan_is_its_source_but_for_the_rounded_angles() -> None:
+def test_the_doosan_is_its_source_but_for_the_rounded_angles():
     """The difference is also checked from below, so the bound cannot hide another error."""
     mm, rad = differences(load_arm("doosan-m1013").robot, SOURCES["doosan-m1013"]["geometry"], 1000)
     assert mm > 0.05
@@ -43,6 +41,6 @@ def test_the_doosan_is_its_source_but_for_the_rounded_angles() -> None:
     ("name", "other", "least_mm"),
     [("kuka-kr-6-r900-2", "kuka-kr-6-r900-sixx", 9.0), ("ur5e", "ur3e", 100.0), ("ur16e", "ur10e", 100.0)],
 )
-def test_sibling_is_distinguished_from_an_arm(name: str, other: str, least_mm: float) -> None:
+def test_sibling_is_distinguished_from_an_arm(name, other, least_mm):
     mm, _ = differences(load_arm(name).robot, SOURCES[other]["second"], 100)
     assert mm > least_mm

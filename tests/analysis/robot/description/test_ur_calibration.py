@@ -8,9 +8,7 @@ UR3e and a UR5e here: the arithmetic is the same.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -52,7 +50,7 @@ def conf(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
-def test_the_section_is_the_calibrated_arm(name: str) -> None:
+def test_the_section_is_the_calibrated_arm(name):
     file, a, d = PUBLISHED[name]
     found = factory_constants(load_arm(name).robot, FILES / file)
     own = load_arm(name).robot.model_copy(update={"axes": found.axes})
@@ -64,7 +62,7 @@ def test_the_section_is_the_calibrated_arm(name: str) -> None:
     assert found.notes == ()
 
 
-def test_centres_of_mass_move_with_their_links_by_no_more_than_the_arm() -> None:
+def test_centres_of_mass_move_with_their_links_by_no_more_than_the_arm():
     nominal = load_arm("ur3e").robot
     axes = factory_constants(load_arm("ur3e").robot, FILES / "ur3.conf").axes
     for ours, its in zip(nominal.axes, axes, strict=True):
@@ -72,7 +70,7 @@ def test_centres_of_mass_move_with_their_links_by_no_more_than_the_arm() -> None
         assert np.linalg.norm(its.centre_mm) < np.linalg.norm(ours.centre_mm) + 200
 
 
-def test_no_differences_are_the_published_arm(tmp_path: Path) -> None:
+def test_no_differences_are_the_published_arm(tmp_path):
     lists = "\n".join(f"delta_{name} = [0, 0, 0, 0, 0, 0]" for name in ("theta", "a", "d", "alpha"))
     found = factory_constants(load_arm("ur10e").robot, conf(tmp_path, f"[mounting]\n{lists}\ncalibration_status = 0\n"))
     assert found.moved_mm < 1e-9
@@ -109,16 +107,16 @@ def ros_yaml(folder: Path, frames: object) -> Path:
 
 
 @pytest.mark.parametrize("name", ["ur3e", "ur5e"])
-def test_default_yaml_of_the_driver_is_the_data_sheet(name: str, tmp_path: Path) -> None:
+def test_default_yaml_of_the_driver_is_the_data_sheet(name, tmp_path):
     assert factory_constants(load_arm(name).robot, ros_yaml(tmp_path, frames_of(name))).is_data_sheet
 
 
-def test_yaml_with_own_frames_gives_their_chain(tmp_path: Path) -> None:
+def test_yaml_with_own_frames_gives_their_chain(tmp_path):
     rng, frames = np.random.default_rng(3), frames_of("ur5e")
     for row in frames["kinematics"].values():
         if isinstance(row, dict):
             row.update({key: row[key] + rng.normal(0, 0.0005 if key in "xyz" else 0.003) for key in row})
-    frames["kinematics"]["shoulder"] |= {"x": 0.0, "y": 0.0, "roll": 0.0, "pitch": 0.0}  # type: ignore[operator]
+    frames["kinematics"]["shoulder"] |= {"x": 0.0, "y": 0.0, "roll": 0.0, "pitch": 0.0}
     found = factory_constants(load_arm("ur5e").robot, ros_yaml(tmp_path, frames))
     q = rng.uniform(-np.pi, np.pi, (200, 6))
     expected = np.broadcast_to(np.eye(4), (200, 4, 4))
@@ -148,7 +146,7 @@ def test_yaml_with_own_frames_gives_their_chain(tmp_path: Path) -> None:
         lambda frames: frames["kinematics"]["upper_arm"].update(x=0.02),
     ],
 )
-def test_damaged_yaml_is_refused_in_one_line(damage: Callable[[Any], object], tmp_path: Path) -> None:
+def test_damaged_yaml_is_refused_in_one_line(damage, tmp_path):
     frames = frames_of("ur5e")
     damage(frames)
     with pytest.raises(FileError) as refused:
@@ -157,7 +155,7 @@ def test_damaged_yaml_is_refused_in_one_line(damage: Callable[[Any], object], tm
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur5", "ur10e", "ur16e", "ur3e"])
-def test_file_of_another_type_of_arm_is_refused(name: str, tmp_path: Path) -> None:
+def test_file_of_another_type_of_arm_is_refused(name, tmp_path):
     with pytest.raises(FileError) as refused:
         factory_constants(load_arm(name).robot, ros_yaml(tmp_path, frames_of("ur5e")))
     assert "ur5e" in refused.value.what
@@ -180,7 +178,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind: str, tmp_path: Path) -> None:
+def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind, tmp_path):
     text, what = BAD[kind]
     with pytest.raises(FileError) as refused:
         factory_constants(load_arm("ur3e").robot, conf(tmp_path, text))
@@ -189,7 +187,7 @@ def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize("data", [b"\xff\xfe\x00", None])
-def test_binary_file_is_refused(data: bytes | None, tmp_path: Path) -> None:
+def test_binary_file_is_refused(data, tmp_path):
     file = tmp_path / "calibration.conf"
     if data is not None:
         file.write_bytes(data)
@@ -197,6 +195,6 @@ def test_binary_file_is_refused(data: bytes | None, tmp_path: Path) -> None:
         factory_constants(load_arm("ur3e").robot, file)
 
 
-def test_an_arm_of_another_maker_has_no_such_file(tmp_path: Path) -> None:
+def test_an_arm_of_another_maker_has_no_such_file(tmp_path):
     with pytest.raises(FileError):
         factory_constants(load_arm("abb-irb-120").robot, conf(tmp_path, GOOD))

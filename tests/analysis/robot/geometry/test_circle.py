@@ -13,9 +13,9 @@ RIGS = list(shipped())
 
 @pytest.mark.parametrize("name", RIGS)
 @pytest.mark.parametrize("direction", ["cw", "acw"])
-def test_the_circle_is_driven_pose_by_pose_without_a_jump(name: str, direction: str) -> None:
+def test_the_circle_is_driven_pose_by_pose_without_a_jump(name, direction):
     rig, _ = load(name)
-    driven = trace(rig, direction)  # type: ignore[arg-type]
+    driven = trace(rig, direction)
     reached = forward(arm_of(rig.robot), driven.q)
     wanted = frame_of(circle_of(rig)).poses(driven.phi)
     assert np.abs(reached - wanted).max() < 1e-6
@@ -24,10 +24,10 @@ def test_the_circle_is_driven_pose_by_pose_without_a_jump(name: str, direction: 
 
 @pytest.mark.parametrize("name", RIGS)
 @pytest.mark.parametrize("direction", ["cw", "acw"])
-def test_program_at_any_time_is_that_of_its_controller(name: str, direction: str) -> None:
+def test_program_at_any_time_is_that_of_its_controller(name, direction):
     """Laps, pauses and ways back: at each period of the controller, and between two by a straight line."""
     rig, _ = load(name)
-    program, laps = circle_program(rig, direction), circle_laps(rig, direction)  # type: ignore[arg-type]
+    program, laps = circle_program(rig, direction), circle_laps(rig, direction)
     assert laps.count > 1
     assert laps.end_s == program.t_s[-1]
     t_s = np.concatenate([program.t_s, (program.t_s[1:] + program.t_s[:-1]) / 2])
@@ -35,7 +35,7 @@ def test_program_at_any_time_is_that_of_its_controller(name: str, direction: str
     np.testing.assert_allclose(laps.at(t_s), between, rtol=0, atol=1e-12)
 
 
-def test_reversals_of_the_papers_table_1() -> None:
+def test_reversals_of_the_papers_table_1():
     rig, _ = load("paper-fanuc")
     circle = circle_of(rig)
     turns = reversals(circle, arm_of(rig.robot), "paper-fanuc")
@@ -47,7 +47,7 @@ def test_reversals_of_the_papers_table_1() -> None:
         assert abs(off) < 1.5
 
 
-def test_reversals_of_a_circle_that_begins_elsewhere_within_limits_that_a_lap_just_fits() -> None:
+def test_reversals_of_a_circle_that_begins_elsewhere_within_limits_that_a_lap_just_fits():
     """Only what a program drives must lie within the limits; the wrist turns by 400° of the 440° that are looked at."""
     rig, _ = load("ur10e")
     posture = (-5.5, -68.6, 91.5, 59.1, 83.6, 325.4)
@@ -61,7 +61,7 @@ def test_reversals_of_a_circle_that_begins_elsewhere_within_limits_that_a_lap_ju
     assert len(feasible_tests(turned, "cell.yaml")[0]) > 1
 
 
-def test_reversals_from_a_posture_far_from_the_circle_are_those_of_its_programs() -> None:
+def test_reversals_from_a_posture_far_from_the_circle_are_those_of_its_programs():
     rig, _ = load("paper-fanuc")
     usual = reversals(circle_of(rig), arm_of(rig.robot), "paper-fanuc")
     posture = (-62.8, -54.2, 7.6, 231.0, 136.6, -5.7)
@@ -71,7 +71,7 @@ def test_reversals_from_a_posture_far_from_the_circle_are_those_of_its_programs(
     np.testing.assert_allclose([turn.phi for turn in turns], [turn.phi for turn in usual], atol=1e-4)
 
 
-def test_joint_limit_on_the_way_is_refused() -> None:
+def test_joint_limit_on_the_way_is_refused():
     rig, _ = load("paper-fanuc")
     axes = list(rig.robot.axes)
     axes[3] = axes[3].model_copy(update={"limits_deg": (-100.0, 180.0)})
@@ -80,14 +80,14 @@ def test_joint_limit_on_the_way_is_refused() -> None:
         trace(narrow, "acw")
 
 
-def test_too_fast_circle_is_refused() -> None:
+def test_too_fast_circle_is_refused():
     rig, _ = load("paper-fanuc")
     tests = rig.tests.model_copy(update={"circle": circle_of(rig).model_copy(update={"speed_mm_s": 500.0})})
     with refused("path.speed"):
         trace(rig.model_copy(update={"tests": tests}), "acw")
 
 
-def test_a_lap_starts_and_ends_at_rest_and_holds_its_speed() -> None:
+def test_a_lap_starts_and_ends_at_rest_and_holds_its_speed():
     circle = circle_of(load("paper-fanuc")[0])
     t, phi = lap(circle, "cw")
     speed = np.abs(np.diff(phi) / np.diff(t)) * circle.radius_mm

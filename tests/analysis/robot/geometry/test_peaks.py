@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import find_peaks
@@ -8,19 +6,19 @@ from analysis.robot.geometry.circle import peaks
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_peaks_are_those_of_scipy(seed: int) -> None:
+def test_peaks_are_those_of_scipy(seed):
     rng = np.random.default_rng(seed)
     x = np.cumsum(rng.normal(size=400))
     for prominence in (0.5, 2.0, 5.0, 100.0):
         np.testing.assert_array_equal(peaks(x, prominence), find_peaks(x, prominence=prominence)[0])
 
 
-def test_a_flat_top_is_at_its_middle() -> None:
+def test_a_flat_top_is_at_its_middle():
     x = np.array([0.0, 1.0, 3.0, 3.0, 3.0, 2.0, 0.0])
     assert peaks(x, 1.5).tolist() == find_peaks(x, prominence=1.5)[0].tolist() == [3]
 
 
-def test_a_rise_before_the_first_peak_is_no_smaller_than_after_it() -> None:
+def test_a_rise_before_the_first_peak_is_no_smaller_than_after_it():
     assert peaks(np.array([2.0, 3.0, 0.0, 0.0]), 1.5).size == 0
     assert peaks(np.array([3.0, 1.0, 0.0]), 1.5).size == 0
     assert peaks(np.array([1.0, 3.0, 0.0]), 1.5).tolist() == [1]

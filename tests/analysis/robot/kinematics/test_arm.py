@@ -39,7 +39,7 @@ def _trans(x: float = 0.0, z: float = 0.0) -> np.ndarray:
 
 
 @ANY
-def test_forward_is_craigs_product_with_hayatis_angle(name: str) -> None:
+def test_forward_is_craigs_product_with_hayatis_angle(name):
     rng = np.random.default_rng(1)
     arm = dataclasses.replace(ARMS[name], beta=rng.normal(0, 0.1, 6), coupling=rng.normal(0, 1, (6, 6)))
     q = rng.uniform(-3, 3, (20, 6))
@@ -54,7 +54,7 @@ def test_forward_is_craigs_product_with_hayatis_angle(name: str) -> None:
 
 
 @ANY
-def test_jacobian_is_the_slope_of_forward(name: str) -> None:
+def test_jacobian_is_the_slope_of_forward(name):
     arm = ARMS[name]
     q = np.random.default_rng(2).uniform(-2, 2, (10, 6))
     _, J = forward_and_jacobian(arm, q)
@@ -67,7 +67,7 @@ def test_jacobian_is_the_slope_of_forward(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OPW)
-def test_forward_and_jacobian_are_the_peers(name: str) -> None:
+def test_forward_and_jacobian_are_the_peers(name):
     q = everywhere(name)
     T, J = forward_and_jacobian(ARMS[name], q)
     peer = PeerArm(OPW[name])
@@ -80,7 +80,7 @@ def test_forward_and_jacobian_are_the_peers(name: str) -> None:
 
 
 @ANY
-def test_a_large_stack_is_its_rows(name: str) -> None:
+def test_a_large_stack_is_its_rows(name):
     """It is computed in blocks: rows about their seams are those that a stack of their own has."""
     arm, q = ARMS[name], random_angles(3, 10_001)
     T, J = forward_and_jacobian(arm, q)
@@ -95,7 +95,7 @@ def test_a_large_stack_is_its_rows(name: str) -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 6, 7, 8, 13, 14, 15])
-def test_blocks_hold_every_sample_once_in_order(count: int) -> None:
+def test_blocks_hold_every_sample_once_in_order(count):
     """Includes a last block with a single sample."""
     samples = np.arange(count)
     parts = [samples[block] for block in blocks(count, 7)]
@@ -103,7 +103,7 @@ def test_blocks_hold_every_sample_once_in_order(count: int) -> None:
     assert all(1 <= len(part) <= 7 for part in parts)
 
 
-def test_cosine_and_sine_are_those_of_the_library_to_rounding() -> None:
+def test_cosine_and_sine_are_those_of_the_library_to_rounding():
     quarters = np.pi / 2 * np.arange(-16, 17)
     angle = np.concatenate([quarters, np.nextafter(quarters, 9), np.linspace(-20, 20, 100_001), [1e-300, 0.0]])
     cosine, sine = cos_sin(angle)
@@ -114,7 +114,7 @@ def test_cosine_and_sine_are_those_of_the_library_to_rounding() -> None:
 
 @pytest.mark.parametrize("below_90_deg", [90.0, 1.0, 1e-6, 1e-10, 1e-13, 0.0])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_roll_pitch_yaw_makes_the_frame_again(below_90_deg: float, sign: int) -> None:
+def test_roll_pitch_yaw_makes_the_frame_again(below_90_deg, sign):
     rng = np.random.default_rng(6)
     rolls, yaws = rng.uniform(-180, 180, (2, 50))
     given = [(roll, sign * (90 - below_90_deg), yaw) for roll, yaw in zip(rolls, yaws, strict=True)]
@@ -126,7 +126,7 @@ def test_roll_pitch_yaw_makes_the_frame_again(below_90_deg: float, sign: int) ->
         np.testing.assert_allclose(found, given, atol=1e-9)
 
 
-def test_a_rotation_vector_is_that_of_scipy() -> None:
+def test_a_rotation_vector_is_that_of_scipy():
     directions = np.random.default_rng(4).normal(size=(40, 3))
     for size in (1e-12, 1e-6, 1e-3, 1.0, 3.0):
         expected = Rotation.from_rotvec(size * directions).as_matrix()
@@ -134,7 +134,7 @@ def test_a_rotation_vector_is_that_of_scipy() -> None:
     np.testing.assert_array_equal(rotation(np.zeros(3)), np.eye(3))
 
 
-def test_frames_of_many_poses_are_those_of_scipy() -> None:
+def test_frames_of_many_poses_are_those_of_scipy():
     poses = np.random.default_rng(5).uniform(-180, 180, (30, 6))
     np.testing.assert_allclose(
         transforms(poses)[:, :3, :3], Rotation.from_euler("xyz", poses[:, 3:], degrees=True).as_matrix(), atol=1e-14
@@ -142,6 +142,6 @@ def test_frames_of_many_poses_are_those_of_scipy() -> None:
     np.testing.assert_array_equal(transforms(poses)[:, :3, 3], poses[:, :3])
 
 
-def test_upright_the_roll_is_zero() -> None:
+def test_upright_the_roll_is_zero():
     roll, pitch, yaw = np.degrees(roll_pitch_yaw(transform(Pose(rpy_deg=(30, 90, 50)))))
     np.testing.assert_allclose([roll, pitch, yaw], [0, 90, 20], atol=1e-9)

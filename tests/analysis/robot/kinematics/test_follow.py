@@ -27,7 +27,7 @@ def _path(arm: Arm, start: np.ndarray, swing_deg: float, n: int = 400) -> tuple[
 
 @ANY
 @pytest.mark.parametrize("seed", [None, 3])
-def test_a_smooth_path_is_followed_as_it_was_driven(name: str, seed: int | None) -> None:
+def test_a_smooth_path_is_followed_as_it_was_driven(name, seed):
     arm = ARMS[name] if seed is None else calibrated(ARMS[name], seed)
     arm = replace(arm, limits=np.tile([-7.0, 7.0], (6, 1)))
     start = START if name in UPRIGHT_IS_ZERO else np.radians([10.0, -70, 60, 40, 60, 20])
@@ -38,7 +38,7 @@ def test_a_smooth_path_is_followed_as_it_was_driven(name: str, seed: int | None)
 
 @ANY
 @pytest.mark.parametrize("seed", [None, 4])
-def test_a_long_path_is_followed_from_wherever_its_posture_was_turned_to(name: str, seed: int | None) -> None:
+def test_a_long_path_is_followed_from_wherever_its_posture_was_turned_to(name, seed):
     """Whole turns of the posture stay: the branches that it is compared with have none."""
     arm = ARMS[name] if seed is None else calibrated(ARMS[name], seed)
     arm = replace(arm, limits=np.tile([-9.0, 9.0], (6, 1)))
@@ -49,7 +49,7 @@ def test_a_long_path_is_followed_from_wherever_its_posture_was_turned_to(name: s
 
 
 @pytest.mark.parametrize("n", [400, 10])
-def test_a_path_straight_through_a_singular_wrist_keeps_axis_4(n: int) -> None:
+def test_a_path_straight_through_a_singular_wrist_keeps_axis_4(n):
     """Axis 5 passes zero and the others go on: the branch of the closed form changes, the arm does not jump."""
     arm = ARMS["ABB IRB 2400/10"]
     q = np.tile(np.radians([10.0, 20, 10, 0, 0, 30]), (n, 1))
@@ -67,7 +67,7 @@ def _lost(arm: Arm) -> tuple[np.ndarray, np.ndarray]:
     return poses[rows], posture[rows]
 
 
-def test_where_newton_loses_its_way_the_nearest_branch_begins() -> None:
+def test_where_newton_loses_its_way_the_nearest_branch_begins():
     arm = ARMS["paper-fanuc"]
     for pose, posture in zip(*_lost(arm), strict=True):
         begun = follow(arm, pose[None], posture, "path")[0]
@@ -75,7 +75,7 @@ def test_where_newton_loses_its_way_the_nearest_branch_begins() -> None:
         np.testing.assert_allclose(begun, turned[np.abs(turned - posture).max(axis=1).argmin()], atol=1e-9)
 
 
-def test_of_the_branches_one_within_the_limits_is_taken() -> None:
+def test_of_the_branches_one_within_the_limits_is_taken():
     arm = ARMS["paper-fanuc"]
     for pose, posture in zip(*_lost(arm), strict=True):
         begun = follow(arm, pose[None], posture, "path")[0]
@@ -87,7 +87,7 @@ def test_of_the_branches_one_within_the_limits_is_taken() -> None:
         assert abs(follow(replace(arm, limits=limits), pose[None], posture, "path")[0, axis] - other[axis]) < 0.01
 
 
-def test_pose_of_another_posture_is_refused() -> None:
+def test_pose_of_another_posture_is_refused():
     arm = ARMS["paper-fanuc"]
     for pose, posture in zip(*_lost(arm), strict=True):
         with refused("path.singularity"):
@@ -95,7 +95,7 @@ def test_pose_of_another_posture_is_refused() -> None:
 
 
 @ANY
-def test_unreachable_pose_is_refused(name: str) -> None:
+def test_unreachable_pose_is_refused(name):
     arm = ARMS[name]
     far = forward(arm, START[None])
     far[:, :3, 3] += [4000, 0, 0]
@@ -103,7 +103,7 @@ def test_unreachable_pose_is_refused(name: str) -> None:
         follow(arm, np.repeat(far, 2, axis=0), START, "path")
 
 
-def test_centre_in_metres_is_suggested() -> None:
+def test_centre_in_metres_is_suggested():
     """The centre [0.1, 0.2, 0.3] is within the base, which an arm of unequal links cannot reach."""
     arm = replace(ARMS["ur10e"], a=np.array([0.0, 0.0, -900.0, -250.0, 0.0, 0.0]))
     poses = np.repeat(forward(arm, START[None]), 2, axis=0)
@@ -114,7 +114,7 @@ def test_centre_in_metres_is_suggested() -> None:
         assert ("1000" in str(refused.value)) is is_metres
 
 
-def test_path_out_of_reach_names_the_place() -> None:
+def test_path_out_of_reach_names_the_place():
     arm = ARMS["ABB IRB 2400/10"]
     poses = np.repeat(forward(arm, START[None]), 100, axis=0)
     poses[:, 0, 3] += np.linspace(0, 3000, 100)
@@ -122,7 +122,7 @@ def test_path_out_of_reach_names_the_place() -> None:
         follow(arm, poses, START, "path")
 
 
-def test_joint_limit_on_the_way_is_refused() -> None:
+def test_joint_limit_on_the_way_is_refused():
     arm = ARMS["KUKA KR 6 R700"]
     limits = arm.limits.copy()
     limits[3, 1] = np.radians(40)
@@ -131,7 +131,7 @@ def test_joint_limit_on_the_way_is_refused() -> None:
         follow(replace(arm, limits=limits), poses, START, "path")
 
 
-def test_singular_wrist_names_its_axes() -> None:
+def test_singular_wrist_names_its_axes():
     """The tool tips past the axis of the forearm, 0.0001° beside it: axis 4 would have to turn half round at once."""
     arm = ARMS["ABB IRB 2400/10"]
     q = np.tile(np.radians([10.0, 20, 10, 0, 0, 30]), (201, 1))
@@ -144,7 +144,7 @@ def test_singular_wrist_names_its_axes() -> None:
         follow(arm, forward(arm, q), q[0], "path")
 
 
-def test_conditioning_falls_to_nothing_at_a_singularity() -> None:
+def test_conditioning_falls_to_nothing_at_a_singularity():
     arm = ARMS["ABB IRB 2400/10"]
     q = np.tile(START, (3, 1))
     q[1:, 4] = [0.0, 1e-3]
@@ -154,7 +154,7 @@ def test_conditioning_falls_to_nothing_at_a_singularity() -> None:
     assert 1e-6 < values[2] < 1e-3
 
 
-def test_newton_marks_unreached_poses() -> None:
+def test_newton_marks_unreached_poses():
     arm = ARMS["ur10e"]
     far = np.eye(4)[None] * 1.0
     far[0, :3, 3] = [9000, 0, 0]

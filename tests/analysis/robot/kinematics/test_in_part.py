@@ -24,7 +24,7 @@ def postures(arm: Arm, count: int) -> Array:
 
 
 @pytest.mark.parametrize("arm", [WIDOWX, four_axes()], ids=["five", "four"])
-def test_a_pose_that_the_arm_has_is_taken_whole(arm: Arm) -> None:
+def test_a_pose_that_the_arm_has_is_taken_whole(arm):
     q = postures(arm, 20)
     wanted = forward(arm, q)
     found, reached = newton_in_part(arm, wanted, q + np.random.default_rng(1).uniform(-0.05, 0.05, q.shape))
@@ -33,7 +33,7 @@ def test_a_pose_that_the_arm_has_is_taken_whole(arm: Arm) -> None:
 
 
 @pytest.mark.parametrize("arm", [WIDOWX, four_axes()], ids=["five", "four"])
-def test_the_place_is_taken_and_the_turn_is_the_nearest_that_is_left(arm: Arm) -> None:
+def test_the_place_is_taken_and_the_turn_is_the_nearest_that_is_left(arm):
     """scipy looks for a nearer turn among the postures that keep the place, and finds none."""
     q = postures(arm, 2)
     wanted = forward(arm, q)
@@ -59,13 +59,13 @@ def turned_about(vector: list[float]) -> Array:
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
 
 
-def test_a_place_out_of_reach_is_not_taken() -> None:
+def test_a_place_out_of_reach_is_not_taken():
     far = np.eye(4)[None].copy()
     far[0, :3, 3] = [2000, 0, 0]
     assert not newton_in_part(WIDOWX, far, postures(WIDOWX, 1))[1].any()
 
 
-def test_where_the_tool_really_is_decides() -> None:
+def test_where_the_tool_really_is_decides():
     """A tool 3 mm aside of the nominal one: the joints put it where it was wanted."""
     aside = np.array([3.0, -2.0, 1.0])
 

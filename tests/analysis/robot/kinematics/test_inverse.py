@@ -33,7 +33,7 @@ def _missing(arm: Arm, solutions: Solutions, q: np.ndarray, near: float = 1e-6) 
 
 
 @ANY
-def test_every_solution_gives_its_pose_back(name: str) -> None:
+def test_every_solution_gives_its_pose_back(name):
     arm = ARMS[name]
     poses = forward(arm, everywhere(name))
     solutions = inverse(arm, poses)
@@ -44,7 +44,7 @@ def test_every_solution_gives_its_pose_back(name: str) -> None:
 
 
 @ANY
-def test_planted_angles_are_among_the_branches(name: str) -> None:
+def test_planted_angles_are_among_the_branches(name):
     arm = ARMS[name]
     q = np.concatenate([random_angles(12), at_limits(name)])
     q = q[conditioning(arm, q) > 1e-6]
@@ -54,7 +54,7 @@ def test_planted_angles_are_among_the_branches(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OPW)
-def test_no_branch_of_the_peer_is_missing(name: str) -> None:
+def test_no_branch_of_the_peer_is_missing(name):
     arm, q = ARMS[name], np.concatenate([random_angles(13), at_limits(name)])
     q = q[conditioning(arm, q) > 1e-6]
     poses = forward(arm, q)
@@ -67,7 +67,7 @@ def test_no_branch_of_the_peer_is_missing(name: str) -> None:
 
 @pytest.mark.parametrize("name", OPW)
 @pytest.mark.parametrize("where", ["wrist", "stretched", "folded"])
-def test_the_peers_arm_postures_are_ours_at_singularities(name: str, where: str) -> None:
+def test_the_peers_arm_postures_are_ours_at_singularities(name, where):
     """Axes 4 and 6 share one angle at a singular wrist, so the arm's three axes are what can be compared."""
     arm, poses = ARMS[name], forward(ARMS[name], singular(name)[where])
     solutions, peers = inverse(arm, poses), PeerArm(OPW[name]).inverse(poses)
@@ -77,7 +77,7 @@ def test_the_peers_arm_postures_are_ours_at_singularities(name: str, where: str)
 
 
 @pytest.mark.parametrize("name", OPW)
-def test_a_singular_wrist_has_theta_4_of_the_choice(name: str) -> None:
+def test_a_singular_wrist_has_theta_4_of_the_choice(name):
     arm = ARMS[name]
     q = singular(name)["wrist"][::8]
     solutions = inverse(arm, forward(arm, q))
@@ -88,7 +88,7 @@ def test_a_singular_wrist_has_theta_4_of_the_choice(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OPW)
-def test_a_wrist_centre_on_axis_1_has_theta_1_of_the_choice(name: str) -> None:
+def test_a_wrist_centre_on_axis_1_has_theta_1_of_the_choice(name):
     arm = ARMS[name]
     q = singular(name)["shoulder"][:: len(SINGULARITY_DISTANCES_RAD)]
     solutions = inverse(arm, forward(arm, q))
@@ -97,7 +97,7 @@ def test_a_wrist_centre_on_axis_1_has_theta_1_of_the_choice(name: str) -> None:
 
 
 @ANY
-def test_couplings_bases_and_reversed_axes_do_not_matter(name: str) -> None:
+def test_couplings_bases_and_reversed_axes_do_not_matter(name):
     rng = np.random.default_rng(5)
     arm = ARMS[name]
     flipped = np.array([0, 1, 0, 1, 1, 0])
@@ -118,9 +118,9 @@ def test_couplings_bases_and_reversed_axes_do_not_matter(name: str) -> None:
     assert not _missing(arm, solutions, q).any()
 
 
-def test_staublis_lateral_offset() -> None:
+def test_staublis_lateral_offset():
     """TX40 of opw_parameters_examples.h: b = 35, no a1, links of one length."""
-    opw = Opw(*(0, 0, 35, 320, 225, 225, 65), (0, 0, -90, 0, 0, 0), (1,) * 6, np.eye(6))  # type: ignore[arg-type]
+    opw = Opw(*(0, 0, 35, 320, 225, 225, 65), (0, 0, -90, 0, 0, 0), (1,) * 6, np.eye(6))
     q = random_angles(15, 2000)
     poses = forward(opw.arm(), q)
     np.testing.assert_allclose(poses, PeerArm(opw).forward(q), atol=1e-9)
@@ -130,7 +130,7 @@ def test_staublis_lateral_offset() -> None:
 
 
 @ANY
-def test_planted_angles_of_a_calibrated_arm_are_found(name: str) -> None:
+def test_planted_angles_of_a_calibrated_arm_are_found(name):
     arm = calibrated(ARMS[name], seed=6)
     q = random_angles(16, 1000)
     solutions = inverse(arm, forward(arm, q))
@@ -142,7 +142,7 @@ def test_planted_angles_of_a_calibrated_arm_are_found(name: str) -> None:
 
 
 @ANY
-def test_all_branches_of_a_calibrated_arm_go_over_from_those_of_the_ideal_one(name: str) -> None:
+def test_all_branches_of_a_calibrated_arm_go_over_from_those_of_the_ideal_one(name):
     """From the ideal arm to the calibrated one in small steps, each solution by Newton from the one before: none that
     stays regular on the way is missing."""
     ideal, final = ARMS[name], calibrated(ARMS[name], seed=9)
@@ -167,7 +167,7 @@ def test_all_branches_of_a_calibrated_arm_go_over_from_those_of_the_ideal_one(na
     assert near.any(axis=1)[regular].all()
 
 
-def test_an_arm_of_no_known_kind_is_searched() -> None:
+def test_an_arm_of_no_known_kind_is_searched():
     arm = replace(ARMS["ur10e"], alpha=np.radians([0.0, 70, 20, -40, 80, -60]))
     q = random_angles(17, 50)
     solutions = inverse(arm, forward(arm, q))
@@ -178,7 +178,7 @@ def test_an_arm_of_no_known_kind_is_searched() -> None:
 
 
 @ANY
-def test_unreachable_and_nan_targets_have_no_solution(name: str) -> None:
+def test_unreachable_and_nan_targets_have_no_solution(name):
     for arm in (ARMS[name], calibrated(ARMS[name], seed=8)):
         poses = forward(arm, np.full((4, 6), 0.3))
         poses[0, :3, 3] += 9000
@@ -187,7 +187,7 @@ def test_unreachable_and_nan_targets_have_no_solution(name: str) -> None:
         assert inverse(arm, poses[:0]).q.shape[0] == 0
 
 
-def test_a_pose_just_out_of_reach_has_no_solution_and_just_within_has_both_elbows() -> None:
+def test_a_pose_just_out_of_reach_has_no_solution_and_just_within_has_both_elbows():
     arm = ARMS["ABB IRB 2400/10"]
     q = singular("ABB IRB 2400/10")["stretched"][:1]
     pose = forward(arm, q)
@@ -203,7 +203,7 @@ def test_a_pose_just_out_of_reach_has_no_solution_and_just_within_has_both_elbow
         assert len(np.unique(solutions.q[0, near & solutions.found[0], 2].round(7))) == elbows
 
 
-def test_the_coupling_of_fanuc_is_in_the_angles() -> None:
+def test_the_coupling_of_fanuc_is_in_the_angles():
     coupled = ARMS["FANUC M-16iB/20"]
     plain = replace(coupled, coupling=coupled.coupling @ np.linalg.inv(J2_IN_J3))
     poses = forward(coupled, random_angles(18, 100))

@@ -21,7 +21,7 @@ def _by_trial(arm: Arm, q: np.ndarray, most: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["ur10e", "FANUC M-16iB/20"])
-def test_every_turn_within_the_limits_is_there(name: str) -> None:
+def test_every_turn_within_the_limits_is_there(name):
     arm = ARMS[name]
     q = random_angles(21, 5)
     turned, row = within_limits(arm, q)
@@ -32,7 +32,7 @@ def test_every_turn_within_the_limits_is_there(name: str) -> None:
         np.testing.assert_allclose(mine[np.lexsort(mine.round(6).T)], expected[np.lexsort(expected.round(6).T)])
 
 
-def test_a_coupling_that_mixes_turns() -> None:
+def test_a_coupling_that_mixes_turns():
     rng = np.random.default_rng(4)
     arm = replace(ARMS["ur10e"], coupling=np.round(np.eye(6) + 0.4 * rng.normal(size=(6, 6)), 1))
     q = rng.uniform(-1, 1, (3, 6))
@@ -43,7 +43,7 @@ def test_a_coupling_that_mixes_turns() -> None:
 
 
 @ANY
-def test_angle_on_a_limit_is_within(name: str) -> None:
+def test_angle_on_a_limit_is_within(name):
     arm = ARMS[name]
     q = at_limits(name)
     q = q[conditioning(arm, q) > 1e-6]
@@ -54,7 +54,7 @@ def test_angle_on_a_limit_is_within(name: str) -> None:
         assert np.abs(mine - planted).max(axis=1).min() < 1e-6
 
 
-def test_nan_and_unreachable_turns_are_left_out() -> None:
+def test_nan_and_unreachable_turns_are_left_out():
     arm = ARMS["ABB IRB 2400/10"]
     q = np.zeros((3, 6))
     q[0] = np.nan

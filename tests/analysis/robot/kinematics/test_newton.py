@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ COUNT = 2_500
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_near_targets_are_reached_and_far_ones_keep_the_start(name: str) -> None:
+def test_near_targets_are_reached_and_far_ones_keep_the_start(name):
     arm = calibrated(ARMS[name], 3)
     q = random_angles(3, COUNT)
     poses = forward(arm, q)
@@ -28,7 +26,7 @@ def test_near_targets_are_reached_and_far_ones_keep_the_start(name: str) -> None
     assert ((regularity[~far] > 0) & (regularity[~far] <= 1)).all()
 
 
-def test_nan_targets_do_not_affect_others() -> None:
+def test_nan_targets_do_not_affect_others():
     arm = calibrated(ARMS["ur10e"], 4)
     q = random_angles(4, 20)
     poses, start = forward(arm, q), q + 1e-2
@@ -39,7 +37,7 @@ def test_nan_targets_do_not_affect_others() -> None:
     assert np.array_equal(reached[5], start[5])
 
 
-def test_a_pose_at_a_singularity_has_a_step_too() -> None:
+def test_a_pose_at_a_singularity_has_a_step_too():
     arm = ARMS["ur10e"]
     q = random_angles(5, 50)
     q[:, 4] = 0.0

@@ -22,7 +22,7 @@ def of_screws(robot: Robot, q: Array) -> Array:
 
 
 @pytest.mark.parametrize("name", [*SEVEN, "ur5", "so-101", "widowx-250"])
-def test_poses_and_jacobian_are_those_of_screws(name: str) -> None:
+def test_poses_and_jacobian_are_those_of_screws(name):
     robot = load_arm(name).robot.model_copy(update={"base": Pose()})
     low, high = np.radians([axis.limits_deg for axis in robot.axes]).T
     q = np.random.default_rng(5).uniform(low, high, (300, len(low)))
@@ -34,7 +34,7 @@ def test_poses_and_jacobian_are_those_of_screws(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SEVEN)
-def test_the_jacobian_is_pinocchios(name: str) -> None:
+def test_the_jacobian_is_pinocchios(name):
     pin = pytest.importorskip("pinocchio")
     robot = load_arm(name).robot
     coupling, model = np.array(robot.coupling), pin.Model()
@@ -53,7 +53,7 @@ def test_the_jacobian_is_pinocchios(name: str) -> None:
     np.testing.assert_allclose(jacobian, theirs @ coupling, atol=1e-10 * 1000)
 
 
-def test_each_axis_turns_with_its_own_joint_where_no_coupling_is_written() -> None:
+def test_each_axis_turns_with_its_own_joint_where_no_coupling_is_written():
     robot = load_arm("franka-fr3").robot
     assert robot.coupling == identity(7)
 
@@ -68,17 +68,17 @@ def test_each_axis_turns_with_its_own_joint_where_no_coupling_is_written() -> No
         ("effects: [{effect: backlash, axis: 8}]", "axis"),
     ],
 )
-def test_unsupported_features_of_seven_axes_are_refused(written: str, what: str) -> None:
+def test_unsupported_features_of_seven_axes_are_refused(written, what):
     with refused("rig_file.value"):
         parse(f"name: seven\n{load_arm('franka-fr3').text}{written}\n", "seven.yaml")
 
 
-def test_an_effect_of_an_axis_that_is_not_there_is_refused() -> None:
+def test_an_effect_of_an_axis_that_is_not_there_is_refused():
     with refused("rig_file.value"):
         parse(f"name: six\n{load_arm('ur5').text}effects: [{{effect: backlash, axis: 7}}]\n", "six.yaml")
 
 
-def test_a_coupling_of_another_size_is_refused() -> None:
+def test_a_coupling_of_another_size_is_refused():
     robot = load_arm("franka-fr3").robot
     with pytest.raises(ValueError, match="7 rows of 7 numbers"):
         Robot.model_validate({"name": "x", "axes": [one.model_dump() for one in robot.axes], "coupling": identity(6)})

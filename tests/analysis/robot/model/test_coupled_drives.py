@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ FAULTS: dict[str, tuple[float, Effect]] = {
 @pytest.mark.parametrize("name", world.SHAPES)
 @pytest.mark.parametrize("kind", FAULTS)
 @pytest.mark.parametrize("axis", [2, 3])
-def test_an_error_of_a_motor_moves_the_tool_as_the_mechanics_do(name: str, kind: str, axis: int) -> None:
+def test_an_error_of_a_motor_moves_the_tool_as_the_mechanics_do(name, kind, axis):
     rng, shape = np.random.default_rng([4, axis]), world.SHAPES[name]
     sound = world.LinkedArm(shape, np.zeros((5, 6)), world.NO_ERRORS, TOOL_MM)
     size, effect = FAULTS[kind]
@@ -47,12 +46,12 @@ def test_an_error_of_a_motor_moves_the_tool_as_the_mechanics_do(name: str, kind:
 
 
 @pytest.mark.parametrize("name", ["fanuc-m-10ia", "palletiser"])
-def test_a_zero_of_motor_2_is_named_by_diagnose_and_moved(name: str) -> None:
+def test_a_zero_of_motor_2_is_named_by_diagnose_and_moved(name):
     assert diagnosed(name, "zero", 2, 1) == ("right", [])
     assert moved_zero(name, "zero", 2, 1) == ("right", [])
 
 
-def test_bending_of_the_upper_arm_of_a_linkage_does_not_bear_the_moment_of_the_forearm() -> None:
+def test_bending_of_the_upper_arm_of_a_linkage_does_not_bear_the_moment_of_the_forearm():
     bends = LinkBending(axis=2, mm_per_Nm=1e-3)
     q = np.zeros((1, 6))
     places = {}
@@ -66,7 +65,7 @@ def test_bending_of_the_upper_arm_of_a_linkage_does_not_bear_the_moment_of_the_f
     assert places["fanuc-m-10ia"] > 0.05
 
 
-def test_zeros_of_drives_become_zeros_of_the_axes_that_they_turn() -> None:
+def test_zeros_of_drives_become_zeros_of_the_axes_that_they_turn():
     rng = np.random.default_rng(5)
     for name in ("fanuc-m-10ia", "palletiser"):
         model = model_of(rig_for(name), [JointOffset(axis=2, offset_deg=0.3), JointOffset(axis=3, offset_deg=-0.2)])
@@ -76,7 +75,7 @@ def test_zeros_of_drives_become_zeros_of_the_axes_that_they_turn() -> None:
         np.testing.assert_allclose(moved(bare, path_of(bare, PoseTable(q, q[:, :3], None))).T, T, atol=1e-9)
 
 
-def test_angles_of_drives_and_reported_angles_convert_into_each_other() -> None:
+def test_angles_of_drives_and_reported_angles_convert_into_each_other():
     arm, q = arm_of(load_arm("fanuc-m-10ia").robot), np.random.default_rng(6).uniform(-1, 1, (5, 6))
     drives = drive_angles(arm, q)
     np.testing.assert_allclose(drives[:, 2], q[:, 1] + q[:, 2], atol=1e-15)
@@ -84,18 +83,18 @@ def test_angles_of_drives_and_reported_angles_convert_into_each_other() -> None:
 
 
 @pytest.mark.parametrize("name", ["kuka-kr-6-r900-2", "yaskawa-gp12", "ur5e", "kinova-gen3-7"])
-def test_drives_of_uncoupled_arms_have_the_reported_angles(name: str) -> None:
+def test_drives_of_uncoupled_arms_have_the_reported_angles(name):
     assert arm_of(load_arm(name).robot).drives is None
 
 
-def test_a_drive_turns_its_own_axis_unless_the_rig_file_states_a_linkage() -> None:
+def test_a_drive_turns_its_own_axis_unless_the_rig_file_states_a_linkage():
     fanuc = load_arm("fanuc-m-10ia").robot
     assert fanuc.model_copy(update={"drives": None}).drive_ratios == fanuc.drives
     assert Robot.model_validate(fanuc.model_dump() | {"drives": PARALLEL}).drive_ratios == fanuc.coupling
 
 
 @pytest.mark.parametrize(("drives", "doubtful"), [(True, False), (False, True)])
-def test_check_reports_a_coupling_without_mechanics(tmp_path: Path, drives: bool, doubtful: bool) -> None:
+def test_check_reports_a_coupling_without_mechanics(tmp_path, drives, doubtful):
     text = load_arm("fanuc-m-10ia").text
     text = text if drives else text.partition("  drives:")[0]
     (tmp_path / "cell.yaml").write_text(f"name: cell\n{text}", encoding="utf-8")

@@ -19,7 +19,7 @@ def _energy(arm: Arm, load: Load, q: Array) -> Array:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_torques_are_the_slope_of_the_potential_energy(name: str) -> None:
+def test_torques_are_the_slope_of_the_potential_energy(name):
     rng = np.random.default_rng(3)
     arm = replace(calibrated(ARMS[name], seed=2), coupling=np.eye(6) + 0.2 * rng.normal(size=(6, 6)))
     load = Load(rng.uniform(1, 40, 6), rng.normal(0, 100, (6, 3)), payload_kg=7.5)
@@ -31,14 +31,14 @@ def test_torques_are_the_slope_of_the_potential_energy(name: str) -> None:
         np.testing.assert_allclose(found[:, joint], -slope / 1000, atol=1e-4)
 
 
-def test_an_arm_that_weighs_nothing_has_no_torque() -> None:
+def test_an_arm_that_weighs_nothing_has_no_torque():
     arm, q = ARMS["ur10e"], np.random.default_rng(4).uniform(-3, 3, (50, 6))
     nothing = Load(np.zeros(6), np.zeros((6, 3)), 0.0)
     assert (pull(arm, nothing, q).torque == 0).all()
     assert (pull(arm, replace(nothing, payload_kg=2.0), q).torque != 0).any()
 
 
-def test_the_moment_on_the_base_is_that_of_every_weight_about_it() -> None:
+def test_the_moment_on_the_base_is_that_of_every_weight_about_it():
     rng = np.random.default_rng(5)
     arm = calibrated(ARMS["ur10e"], seed=3)
     leaning = np.linalg.qr(rng.normal(size=(3, 3)))[0]

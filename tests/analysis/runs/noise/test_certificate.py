@@ -39,7 +39,7 @@ POLYNOMIAL = PLAIN | {"polynomial_mm": [0.001, -0.002, 0.0003, 2e-5], "range_mm"
 TABLE = PLAIN | {"correction_mm": [[-12, 0.02], [-3, -0.004], [0, 0], [5, 0.009], [12, -0.03]]}
 
 
-def test_a_gauge_wrong_by_a_known_polynomial_is_put_right() -> None:
+def test_a_gauge_wrong_by_a_known_polynomial_is_put_right():
     """The error is planted from the lengths, by Newton's method, without the module's own inverse."""
     rng = np.random.default_rng(1)
     length_mm = rng.uniform(-11, 11, 500)
@@ -52,26 +52,26 @@ def test_a_gauge_wrong_by_a_known_polynomial_is_put_right() -> None:
     assert corrected(GaugeCertificate(**POLYNOMIAL), shown_mm, None) == pytest.approx(length_mm, abs=1e-12)
 
 
-def test_a_table_is_straight_between_its_readings_and_level_beyond_them() -> None:
+def test_a_table_is_straight_between_its_readings_and_level_beyond_them():
     found = corrected(GaugeCertificate(**TABLE), np.array([-20.0, -12, -7.5, 0, 2.5, 13]), None)
     assert found == pytest.approx([-19.98, -11.98, -7.492, 0, 2.5045, 12.97])
 
 
 @pytest.mark.parametrize("certificate", [PLAIN, TABLE, POLYNOMIAL], ids=["none", "table", "polynomial"])
 @given(length_mm=st.floats(-15, 15), warm_c=st.floats(-10, 40))
-def test_showing_and_correcting_undo_each_other(certificate: dict[str, Any], length_mm: float, warm_c: float) -> None:
+def test_showing_and_correcting_undo_each_other(certificate, length_mm, warm_c):
     one = GaugeCertificate(**certificate, coefficient_per_c=1e-5)
     warm = Temperature(mean_c=warm_c, u_c=1)
     assert corrected(one, as_shown(one, np.array(length_mm), warm), warm) == pytest.approx(length_mm, abs=1e-6)
 
 
-def test_a_warm_gauge_reads_short() -> None:
+def test_a_warm_gauge_reads_short():
     one = GaugeCertificate(**PLAIN, coefficient_per_c=11.5e-6)
     found = corrected(one, np.array([10.0]), Temperature(mean_c=30, u_c=0.5))
     assert found == pytest.approx([10 + 10 * 11.5e-6 * 10], abs=1e-12)
 
 
-def test_readings_beyond_the_range_are_counted_of_each_gauge() -> None:
+def test_readings_beyond_the_range_are_counted_of_each_gauge():
     rig = _rig(g1=TABLE, g2=PLAIN)
     g_mm = np.array([[-13.0, 40.0], [12.0, 40.0], [12.01, -40.0]])
     found, beyond = corrected_gauges(rig, ["g1", "g2"], g_mm)
@@ -81,7 +81,7 @@ def test_readings_beyond_the_range_are_counted_of_each_gauge() -> None:
     assert found[:, 1].tolist() == g_mm[:, 1].tolist() and found[1, 0] == pytest.approx(11.97)
 
 
-def test_uncertainty_of_certificates() -> None:
+def test_uncertainty_of_certificates():
     ball = PLAIN | {"form_mm": 0.004, "u_mm": 0.001, "k": 2}
     link = PLAIN | {"length_mm": 400.02, "u_mm": 0.006, "k": 3, "coefficient_per_c": 1e-5}
     rig = _rig(g1=TABLE, ball=ball, link=link, temperature={"mean_c": 22, "u_c": 0.5})
@@ -93,9 +93,7 @@ def test_uncertainty_of_certificates() -> None:
 
 
 @pytest.mark.parametrize("counts", [("away", "away"), ("towards", "towards"), ("away", "towards")])
-def test_a_recorded_lap_is_corrected_at_analysis_and_stays_raw_in_the_store(
-    tmp_path: Path, counts: tuple[str, str]
-) -> None:
+def test_a_recorded_lap_is_corrected_at_analysis_and_stays_raw_in_the_store(tmp_path, counts):
     """Whichever way its gauges count, their readings grow with the distance from the ball."""
     data = yaml.safe_load(_text(g1=POLYNOMIAL, g2=TABLE, eccentricity=(0.6, -0.4, 0.1)))
     data["gauges"]["g1"]["counts"], data["gauges"]["g2"]["counts"] = counts
@@ -115,7 +113,7 @@ def test_a_recorded_lap_is_corrected_at_analysis_and_stays_raw_in_the_store(
     assert measured.systematic.gauge_mm == pytest.approx((0.0004, 0.0004))
 
 
-def test_link_and_gauge_enter_the_sphere(tmp_path: Path) -> None:
+def test_link_and_gauge_enter_the_sphere(tmp_path):
     link = PLAIN | {"length_mm": 400.25, "u_mm": 0.03, "k": 2}
     text = _text(g1=TABLE, link=link, step_deg=45, orientations=1)
     rig = parse(text, "certified")
@@ -132,7 +130,7 @@ def test_link_and_gauge_enter_the_sphere(tmp_path: Path) -> None:
     assert without.figures["radius_mm"].u < 0.005
 
 
-def test_a_certificate_overdue_on_the_day_of_the_run_is_a_doubt(tmp_path: Path) -> None:
+def test_a_certificate_overdue_on_the_day_of_the_run_is_a_doubt(tmp_path):
     old = PLAIN | {"date": "2020-01-31", "interval_months": 13}
     ball = PLAIN | {"date": "2020-01-31", "valid_until": "2100-01-01", "form_mm": 0.001}
     run = _lap(tmp_path, _text(g1=old, ball=ball, link=old | {"length_mm": 400}))
@@ -142,7 +140,7 @@ def test_a_certificate_overdue_on_the_day_of_the_run_is_a_doubt(tmp_path: Path) 
     assert "'yesterday'" in doubt
 
 
-def test_check_warns_of_a_certificate_that_is_overdue(tmp_path: Path) -> None:
+def test_check_warns_of_a_certificate_that_is_overdue(tmp_path):
     file = tmp_path / "cell.yaml"
     file.write_text(_text(g2=PLAIN | {"date": "2020-01-31", "valid_until": "2021-01-31"}))
     told = CliRunner().invoke(app, ["check", str(file)]).stdout
@@ -150,9 +148,7 @@ def test_check_warns_of_a_certificate_that_is_overdue(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("test", "direction", "of_link"), [("yaw", "acw", False), ("radial", None, True)])
-def test_imported_table_is_assumed_corrected_with_a_doubt(
-    tmp_path: Path, test: TestName, direction: Direction | None, of_link: bool
-) -> None:
+def test_imported_table_is_assumed_corrected_with_a_doubt(tmp_path, test, direction, of_link):
     text = _text(g1=TABLE, g2=PLAIN, link=PLAIN | {"length_mm": 400.25}, step_deg=45, orientations=1)
     rig = parse(text, "certified")
     (path,) = write_simulated(rig, text, test, (direction,), [1], tmp_path)
@@ -166,7 +162,7 @@ def test_imported_table_is_assumed_corrected_with_a_doubt(
     assert ("+0.2500 mm" in doubt) == of_link
 
 
-def test_assumed_temperature_is_reported(tmp_path: Path) -> None:
+def test_assumed_temperature_is_reported(tmp_path):
     said: list[list[str]] = []
     for more in ({}, {"temperature": {"mean_c": 21, "u_c": 1}}):
         run = _lap(tmp_path / str(len(said)), _text(g1=PLAIN | {"coefficient_per_c": 1e-5}, **more))
@@ -174,7 +170,7 @@ def test_assumed_temperature_is_reported(tmp_path: Path) -> None:
     assert [len(doubts) for doubts in said] == [1, 0] and "20 ± 5 °C" in said[0][0]
 
 
-def test_emulated_gauge_follows_its_certificate() -> None:
+def test_emulated_gauge_follows_its_certificate():
     far = PLAIN | {"correction_mm": [[-50, -0.5], [50, -0.5]]}
     shown = [EmulatedRobot.of_rig(_rig(g1=one), 1).gauge_mm("g1", 0) for one in (PLAIN, far)]
     assert shown[1] - shown[0] == pytest.approx(0.5)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 from pydantic import ValidationError
 
@@ -11,24 +9,24 @@ from tests.support.simulated_conversation import Script
 PORT = "/dev/ttyUSB0"
 
 
-def test_every_confirmed_gauge_is_tried_and_no_other() -> None:
+def test_every_confirmed_gauge_is_tried_and_no_other():
     confirmed = {one.name for one in list_interfaces() if one.kind == "gauge" and one.origin.standing == "confirmed"}
     assert {attempt.interface for attempt in attempts(PORT)} == confirmed
 
 
-def test_these_requests_are_sent_and_no_other() -> None:
+def test_these_requests_are_sent_and_no_other():
     """As docs/rig-init.md lists them: what is added here is sent to machines that nobody has named."""
     sent = {attempt.request for attempt in attempts(PORT) if attempt.sends == "requests"}
     texts = {b"?\r", b"M0\r\n", b"R\r", b"M\r", b"1\r", b"\x02", b"\x1bA0800\r"}
     assert sent == texts | {bytes.fromhex("01 04 00c8 000d b031")}
 
 
-def test_listening_comes_before_asking() -> None:
+def test_listening_comes_before_asking():
     sends = [attempt.sends for attempt in attempts(PORT)]
     assert sends == sorted(sends) and set(sends) == {"nothing", "requests"}
 
 
-def test_the_makers_line_settings_come_before_others() -> None:
+def test_the_makers_line_settings_come_before_others():
     lines = {one.name: one.line for one in list_interfaces()}
     asked = [attempt for attempt in attempts(PORT) if attempt.sends == "requests"]
     declared = [attempt for attempt in asked if str(attempt.line) == lines[attempt.interface]]
@@ -38,30 +36,30 @@ def test_the_makers_line_settings_come_before_others() -> None:
     assert {a.interface for a in asked[first_others:][:1]} == {"modbus_map"} and first_others >= len(declared) - 1
 
 
-def test_nothing_is_tried_twice() -> None:
+def test_nothing_is_tried_twice():
     tried = [(attempt.gauges, attempt.line) for attempt in attempts(PORT)]
     assert len({repr(one) for one in tried}) == len(tried)
 
 
-def test_over_the_network_a_gauge_speaks_modbus() -> None:
+def test_over_the_network_a_gauge_speaks_modbus():
     assert [attempt.interface for attempt in attempts("tcp://127.0.0.1:502")] == ["modbus_map"]
 
 
 @pytest.mark.parametrize("attempt", attempts(PORT)[:30], ids=lambda a: f"{a.interface} {a.line} {a.sends}")
-def test_only_requests_are_sent(attempt: object) -> None:
+def test_only_requests_are_sent(attempt):
     """Driven for seconds of silence and of noise: nothing that sets an instrument leaves."""
-    script = Script(host_of(attempt.gauges, attempt.sends, 0.3))  # type: ignore[attr-defined]
+    script = Script(host_of(attempt.gauges, attempt.sends, 0.3))
     assert script.sent == b""  # what a conversation opens with is ignored
     for _ in range(20):
         script.wake() if script.step.wake_ns is not None else None
         script.receive(b"\x00garbage\r\n+1.2", script.now_ns + 50_000_000)
     for setting in (b"OUT0", b"OUT1", b"OUTPUT"):
         assert setting not in script.sent
-    if attempt.sends == "nothing":  # type: ignore[attr-defined]
+    if attempt.sends == "nothing":
         assert script.sent == b""
 
 
-def test_a_named_instrument_is_spoken_to_as_rigd_would() -> None:
+def test_a_named_instrument_is_spoken_to_as_rigd_would():
     tried = named_attempts({"interface": "micro_epsilon_ild1420", "port": PORT, "range_mm": 25})
     assert str(tried[0].line) == "921600 8N1" and tried[0].sends == "all" and len(tried) > 5
     assert Script(host_of(tried[0].gauges, "all", 0.3)).sent == b"OUTPUT RS422\n"
@@ -69,7 +67,7 @@ def test_a_named_instrument_is_spoken_to_as_rigd_would() -> None:
     assert str(only.line) == "9600 8N1"
 
 
-def test_a_named_instrument_needs_its_keys() -> None:
+def test_a_named_instrument_needs_its_keys():
     with pytest.raises(ValidationError, match="range_mm"):
         named_attempts({"interface": "micro_epsilon_ild1420", "port": PORT})
     with pytest.raises(ValidationError):
@@ -77,7 +75,7 @@ def test_a_named_instrument_needs_its_keys() -> None:
     assert missing_keys("micro_epsilon_ild1420") == ["range_mm"]
 
 
-def test_an_attempt_that_hears_nothing_ends() -> None:
+def test_an_attempt_that_hears_nothing_ends():
     (first, *_) = [attempt for attempt in attempts(PORT) if attempt.interface == "tesa_tt"]
     script = Script(host_of(first.gauges, first.sends, 0.3))
     for _ in range(5):
@@ -87,7 +85,7 @@ def test_an_attempt_that_hears_nothing_ends() -> None:
     assert script.step.hang_up and script.sent == b"?\r"
 
 
-def test_an_attempt_that_hears_readings_goes_on() -> None:
+def test_an_attempt_that_hears_readings_goes_on():
     (first, *_) = [attempt for attempt in attempts(PORT) if attempt.interface == "tesa_tt"]
     host = host_of(first.gauges, first.sends, 0.3)
     assert isinstance(host, Probing)

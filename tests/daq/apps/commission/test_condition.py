@@ -36,7 +36,7 @@ def _beyond_answers(found: Sequence[CellFinding]) -> list[tuple[FindingVerdict, 
     return [(finding.verdict, f"{finding.what}: {finding.remedy}") for finding in found if finding.remedy]
 
 
-def test_a_robot_in_protective_stop_with_a_paused_program_and_a_lowered_slider() -> None:
+def test_a_robot_in_protective_stop_with_a_paused_program_and_a_lowered_slider():
     with _robot([ProgramState.PAUSED, SafetyState.PROTECTIVE_STOP, 40.0]) as stream:
         found = _beyond_answers(list(trial.examine_conversation(stream, 0.3)))
     assert [verdict for verdict, _ in found] == [
@@ -48,13 +48,13 @@ def test_a_robot_in_protective_stop_with_a_paused_program_and_a_lowered_slider()
     assert "paused" in found[1][1] and "40 %" in found[2][1]
 
 
-def test_robot_without_condition() -> None:
+def test_robot_without_condition():
     with _robot([]) as stream:
         found = list(trial.examine_conversation(stream, 0.3))
     assert {finding.verdict for finding in found} == {FindingVerdict.OK} and "not available" not in found[0].what
 
 
-def test_missing_condition_fields_are_named_and_not_judged() -> None:
+def test_missing_condition_fields_are_named_and_not_judged():
     readings = trial.Trial([Sample((*[1.0] * 6, math.nan, 0.0, *[math.nan] * 8), k, k, k, 9) for k in range(9)])
     finding = trial.answers(robot_stream(rtde()), readings, lambda: None)
     assert (
@@ -75,11 +75,11 @@ def test_missing_condition_fields_are_named_and_not_judged() -> None:
         ({"safety_state": 6.0, "motors_on": 0.0}, 2),
     ],
 )
-def test_each_condition_by_itself(shown: dict[str, float], count: int) -> None:
+def test_each_condition_by_itself(shown, count):
     assert len(list(of_condition("robot", shown))) == count
 
 
-def test_a_daemon_knows_the_condition_too() -> None:
+def test_a_daemon_knows_the_condition_too():
     stream = robot_stream(rtde())
     last = {"q1_deg": 1.0, "safety_state": 4.0, "temperature1_c": 30.0}
     served = {"port": stream.port, "connected": True, "rate_hz": 500.0, "counters": {"samples": 9}, "last_fault": ""}

@@ -18,7 +18,7 @@ import yaml
 from daq import gauges
 from daq.acquisition.streams import Stream, streams_of
 from daq.apps.commission import computer, trial
-from daq.apps.commission.cell_finding import CellFinding, FindingVerdict
+from daq.apps.commission.cell_finding import FindingVerdict
 from daq.apps.commission.examine import examine, of_daemon
 from daq.apps.emulate.instruments import emulated
 from daq.apps.emulate.network_ports import TcpPort
@@ -29,7 +29,7 @@ from daq.wire.conversation_loop import ByteLink
 from daq.wire.links import open_link
 from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line
-from tests.support.bench import Bench, ByHand, rig_text
+from tests.support.bench import ByHand, rig_text
 
 FTDI = "/dev/serial/by-id/usb-FTDI_FT232R_A900XYZ-if00-port0"
 OK, DOUBTFUL, WRONG = FindingVerdict.OK, FindingVerdict.DOUBTFUL, FindingVerdict.WRONG
@@ -48,7 +48,7 @@ def system(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_port_that_is_not_there(system: Path) -> None:
+def test_a_port_that_is_not_there(system):
     (finding,) = computer.examine_port("g1", "/dev/ttyUSB1", system, served=False)
     assert finding.verdict is WRONG and finding.remedy.endswith(f"available ports: {FTDI}")
     (system / FTDI[1:]).unlink()
@@ -56,7 +56,7 @@ def test_a_port_that_is_not_there(system: Path) -> None:
     assert computer.present("g1", FTDI, system).remedy.endswith("available ports: none")
 
 
-def test_a_name_that_changes_with_the_order_of_plugging_in(system: Path) -> None:
+def test_a_name_that_changes_with_the_order_of_plugging_in(system):
     assert computer.lasting("g1", FTDI, system) is None
     finding = computer.lasting("g1", "/dev/ttyUSB0", system)
     assert finding and finding.verdict is DOUBTFUL and finding.remedy == f"write port: {FTDI}"
@@ -66,7 +66,7 @@ def test_a_name_that_changes_with_the_order_of_plugging_in(system: Path) -> None
     assert finding and finding.remedy == "write port: /dev/rig/A900XYZ-00"
 
 
-def test_a_port_that_another_program_holds(system: Path) -> None:
+def test_a_port_that_another_program_holds(system):
     assert computer.free("g1", FTDI, system) is None
     (system / "proc/77/fd/6").symlink_to("/dev/ttyUSB0")
     finding = computer.free("g1", FTDI, system)
@@ -78,7 +78,7 @@ def test_a_port_that_another_program_holds(system: Path) -> None:
     assert WRONG not in {f.verdict for f in computer.examine_port("g1", FTDI, system, served=True)}  # rigd may hold it
 
 
-def test_the_permissions_of_a_port(system: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_permissions_of_a_port(system, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
     finding = computer.allowed("g1", FTDI, system)
     assert finding and finding.verdict is WRONG and "usermod -aG" in finding.remedy
@@ -90,7 +90,7 @@ def test_the_permissions_of_a_port(system: Path, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize(("ms", "verdict"), [("16", DOUBTFUL), ("2", DOUBTFUL), ("1", OK), ("?", None)])
-def test_the_latency_timer(system: Path, ms: str, verdict: FindingVerdict | None) -> None:
+def test_the_latency_timer(system, ms, verdict):
     (system / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer").write_text(f"{ms}\n")
     finding = computer.quick("g1", FTDI, system)
     assert (finding and finding.verdict) == verdict
@@ -109,7 +109,7 @@ def test_the_latency_timer(system: Path, ms: str, verdict: FindingVerdict | None
         (computer.wall_clock(5), DOUBTFUL),
     ],
 )
-def test_figures_of_the_computer_are_judged(finding: CellFinding, verdict: FindingVerdict) -> None:
+def test_figures_of_the_computer_are_judged(finding, verdict):
     assert finding.verdict is verdict and bool(finding.remedy) == (verdict is not OK)
 
 
@@ -129,12 +129,12 @@ def test_figures_of_the_computer_are_judged(finding: CellFinding, verdict: Findi
         ),
     ],
 )
-def test_states_of_the_service_are_judged(shown: str, verdict: FindingVerdict, says: str) -> None:
+def test_states_of_the_service_are_judged(shown, verdict, says):
     finding = computer.service("rigd@cell", dict(part.split("=") for part in shown.split()))
     assert finding.verdict is verdict and says in finding.what
 
 
-def test_kernel_shows_whether_ntp_keeps_the_clock(tmp_path: Path) -> None:
+def test_kernel_shows_whether_ntp_keeps_the_clock(tmp_path):
     assert 0 <= computer.clock_state() <= 5
     assert 0 < computer.slowest_sync_s(tmp_path) < 60 and not list(tmp_path.iterdir())
 
@@ -150,14 +150,14 @@ def _samples(rate_hz: float, seconds: float, drift_ppm: float) -> list[Sample]:
 
 
 @pytest.mark.parametrize(("drift_ppm", "verdict"), [(30, OK), (-400, OK), (5000, DOUBTFUL), (-1e6 / 2, DOUBTFUL)])
-def test_the_clock_of_a_controller(drift_ppm: float, verdict: FindingVerdict) -> None:
+def test_the_clock_of_a_controller(drift_ppm, verdict):
     finding = trial.pace_of_clock("robot", _samples(500, 3, drift_ppm))
     assert finding and finding.verdict is verdict
     assert abs(int(finding.what.split()[3]) - drift_ppm) < max(100, abs(drift_ppm) * 0.01), finding.what
     assert trial.pace_of_clock("g1", [replace(s, device_time_s=math.nan) for s in _samples(500, 3, 0)]) is None
 
 
-def test_gauge_far_below_the_rate_of_its_line() -> None:
+def test_gauge_far_below_the_rate_of_its_line():
     stream = streams_of(parse(rig_text(), "bench"))[0]
     samples = _samples(20, 2, 0)
     finding = trial.pace(stream, trial.Trial(samples, 2.0, 360, 360))
@@ -166,7 +166,7 @@ def test_gauge_far_below_the_rate_of_its_line() -> None:
     assert finding and finding.verdict is OK
 
 
-def test_signed_readings_that_are_read_as_unsigned_are_wrong() -> None:
+def test_signed_readings_that_are_read_as_unsigned_are_wrong():
     stream = streams_of(parse(rig_text(), "bench"))[0]
     values = [0.012, 65.517, 0.004, 65.531, 0.007]
     columns = len(stream.columns)
@@ -177,7 +177,7 @@ def test_signed_readings_that_are_read_as_unsigned_are_wrong() -> None:
     assert not list(trial.of_signs(stream, trial.Trial(sound, 2.0, 360, 360)))
 
 
-def test_readings_that_came_all_at_once_have_no_pace() -> None:
+def test_readings_that_came_all_at_once_have_no_pace():
     """The link was lost after its first piece."""
     stream = streams_of(parse(rig_text(), "bench"))[0]
     samples = [replace(sample, first_byte_ns=5, last_byte_ns=5) for sample in _samples(500, 0.1, 0)]
@@ -186,7 +186,7 @@ def test_readings_that_came_all_at_once_have_no_pace() -> None:
 
 
 @pytest.mark.parametrize("text", ["4800 7E2", "9600 8N1", "19200 8O1", "115200 8E2"])
-def test_uart_receives_bytes_only_at_equal_settings(text: str) -> None:
+def test_uart_receives_bytes_only_at_equal_settings(text):
     line = Line.model_validate(text)
     data = bytes(range(2**line.bits))
     assert heard(data, line, line) == data
@@ -200,7 +200,7 @@ def _all(end: ByteLink) -> bytes:
     return b"".join(iter(lambda: end.read(0.3), b""))
 
 
-def test_an_emulated_line_garbles_both_ways_at_another_baud() -> None:
+def test_an_emulated_line_garbles_both_ways_at_another_baud():
     def exchanged(host: str) -> tuple[bytes, bytes]:
         far = PtyLine.open(Line.model_validate("4800 7E2"))
         link = open_link("g1", far.port, Line.model_validate(host))
@@ -232,7 +232,7 @@ def _streams(data: object) -> dict[str, Stream]:
     return {stream.name: stream for stream in streams_of(parse(yaml.safe_dump(data), "bench"))}
 
 
-def test_line_settings_that_would_work_are_found() -> None:
+def test_line_settings_that_would_work_are_found():
     """A Sylvac cable at the maker's 4800 and a Modbus gauge at 9600 baud; the rig file has both otherwise."""
     data = yaml.safe_load(rig_text("polled"))
     data["gauges"]["g1"]["line"] = "4800 7E2"
@@ -250,7 +250,7 @@ def test_line_settings_that_would_work_are_found() -> None:
     assert "at 9600 8" in second.what  # a pty knows no parity
 
 
-def test_nothing_and_something_else_behind_the_robot_s_port() -> None:
+def test_nothing_and_something_else_behind_the_robot_s_port():
     with socket.create_server(("127.0.0.1", 0)) as other:
         data = yaml.safe_load(rig_text("tcp"))
         data["feedback"]["port"] = f"tcp://127.0.0.1:{other.getsockname()[1]}"
@@ -269,7 +269,7 @@ def test_nothing_and_something_else_behind_the_robot_s_port() -> None:
     assert finding.verdict is WRONG and "connection refused" in finding.what
 
 
-def test_a_cell_that_is_not_there_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cell_that_is_not_there_at_all(tmp_path, monkeypatch):
     """Each port is told once, and nobody waits for an answer on it."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     with socket.create_server(("127.0.0.1", 0)) as gone:
@@ -282,7 +282,7 @@ def test_a_cell_that_is_not_there_at_all(tmp_path: Path, monkeypatch: pytest.Mon
     assert not list(tmp_path.iterdir())
 
 
-def test_a_disk_that_this_user_may_not_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_this_user_may_not_use(tmp_path, monkeypatch):
     def refused(_: Path) -> float:
         raise PermissionError(13, "Permission denied")
 
@@ -313,19 +313,19 @@ GOOD = {
         ({"connected": False, "last_fault": "absent"}, WRONG, "not open"),
     ],
 )
-def test_states_of_a_stream_are_judged(stream: dict[str, Any], verdict: FindingVerdict, says: str) -> None:
+def test_states_of_a_stream_are_judged(stream, verdict, says):
     status = {"rig": "bench", "recording": None, "streams": {"g1": GOOD | stream}}
     served = replace(streams_of(parse(rig_text("keyence"), "bench"))[-1], name="g1", port="/dev/g1")
     rigd, finding = of_daemon(status, [served])
     assert [f.verdict for f in of_daemon(status, [replace(served, port="/dev/g2")])][:2] == [OK, WRONG]
     assert rigd.verdict is OK and (finding.about, finding.verdict) == ("g1", verdict) and says in finding.what
     assert bool(finding.remedy) == (verdict is not OK)
-    del status["streams"]["g1"]["port"]  # type: ignore[index]
+    del status["streams"]["g1"]["port"]
     older = list(of_daemon(status, [served]))
     assert older[1].verdict is DOUBTFUL and older[2].what == finding.what
 
 
-def test_a_daemon_is_asked_in_place_of_the_ports(bench: Bench) -> None:
+def test_a_daemon_is_asked_in_place_of_the_ports(bench):
     bench.start().all_reading()
     done = bench.run("rig", "doctor", bench.rig, "--json")
     said = json.loads(done.stdout)
@@ -343,7 +343,7 @@ def test_a_daemon_is_asked_in_place_of_the_ports(bench: Bench) -> None:
 
 
 @pytest.mark.real_time
-def test_a_controller_that_sends_over_udp() -> None:
+def test_a_controller_that_sends_over_udp():
     data = yaml.safe_load(rig_text("tcp"))
     data["feedback"] = {"interface": "kuka_rsi", "port": "udp://127.0.0.1:49152"}
     with _switched_on(yaml.safe_dump(data)) as served:
@@ -363,7 +363,7 @@ class _EverySecond:
         return ConversationStep(data[:7].replace(data[4:6], b"\0\3", 1) + bytes([data[7] | 0x80, 6]))
 
 
-def test_exceptions_every_second_answer_are_doubtful() -> None:
+def test_exceptions_every_second_answer_are_doubtful():
     stream = _streams(yaml.safe_load(rig_text("tcp")))["g1"]
     gauge = parse(rig_text("tcp"), "bench").gauges.g1
     stop = threading.Event()
@@ -378,7 +378,7 @@ def test_exceptions_every_second_answer_are_doubtful() -> None:
     assert finding.verdict is DOUBTFUL and "device_error" in finding.what and "exception 6" in finding.remedy, finding
 
 
-def test_a_few_readings_among_hundreds_of_garbled_messages_are_an_accident() -> None:
+def test_a_few_readings_among_hundreds_of_garbled_messages_are_an_accident():
     readings = [Sample((1.0,), k, k, k, 9) for k in range(9)]
     first = Fault(FaultKind.GARBLED, 5, "wrong parity")
     assert trial.Trial([*readings, first]).understood
@@ -386,7 +386,7 @@ def test_a_few_readings_among_hundreds_of_garbled_messages_are_an_accident() -> 
 
 
 @pytest.mark.parametrize("closes", [False, True], ids=["stays", "closes"])
-def test_faults_that_a_conversation_still_holds_back_count_at_its_end(closes: bool) -> None:
+def test_faults_that_a_conversation_still_holds_back_count_at_its_end(closes):
     over = threading.Event()
     with socket.create_server(("127.0.0.1", 0)) as server:
 
@@ -409,7 +409,7 @@ def test_faults_that_a_conversation_still_holds_back_count_at_its_end(closes: bo
     assert not found.understood and ("lost" in found.last_fault) is closes
 
 
-def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:
+def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named():
     stream = replace(_streams(yaml.safe_load(rig_text("tcp")))["g1"], name="g1_g2", columns=("g1_mm", "g2_mm"))
     readings = [Sample((1.0, math.nan), k, k, k, 9) for k in range(10)]
     silent = Fault(FaultKind.SILENT, 5, "unit 2, input register 0: silent for 0.1 s")
@@ -417,7 +417,7 @@ def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:
     assert finding.verdict is WRONG and "without g2_mm" in finding.what and finding.remedy.startswith("unit 2")
 
 
-def test_silent_host_is_distinguished_from_a_silent_line() -> None:
+def test_silent_host_is_distinguished_from_a_silent_line():
     stream = _streams(yaml.safe_load(rig_text("tcp")))["g1"]
     silent = Fault(FaultKind.SILENT, 5, "silent for 0.1 s")
     lost = Fault(FaultKind.DISCONNECTED, 6, "lost")

@@ -7,7 +7,7 @@ import pytest
 
 from daq.apps.commission.trial import Trial
 from daq.apps.commission.watched_ports import pushed
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+from daq.protocol.conversation import Fault, FaultKind, Sample
 
 GOOD = Sample((1.0,), -1, 0, 0, 8)
 
@@ -30,11 +30,11 @@ def fault(kind: FaultKind) -> Fault:
         ([], False),
     ],
 )
-def test_readings_in_a_row(items: list[Item], enough: bool) -> None:
+def test_readings_in_a_row(items, enough):
     assert Trial(items).evidence[0] is enough
 
 
-def test_the_clean_protocol_ranks_first() -> None:
+def test_the_clean_protocol_ranks_first():
     faults = [fault(FaultKind.GARBLED), replace(fault(FaultKind.GARBLED), count=500)]
     doubtful, many = (Trial([*[GOOD] * 9, one]).evidence for one in faults)
     assert Trial([GOOD] * 5).evidence > doubtful > many > Trial([GOOD]).evidence
@@ -57,15 +57,15 @@ REST = {"a": [0.0, 0.001, 0.0, 0.001, 0.0], "b": [5.0, 5.001, 5.0, 5.0, 5.0]}
         ({"a": math.nan, "b": 5.0}, None),
     ],
 )
-def test_the_gauge_that_moved(now_mm: dict[str, float], moved: str | None) -> None:
+def test_the_gauge_that_moved(now_mm, moved):
     assert pushed(REST, now_mm) == moved
 
 
-def test_an_unrestful_gauge_has_to_move_further() -> None:
+def test_an_unrestful_gauge_has_to_move_further():
     rest = {"a": [0.0, 0.3, -0.3, 0.2, 0.0], "b": [0.0] * 5}
     assert pushed(rest, {"a": 0.5, "b": 0.0}) is None
     assert pushed(rest, {"a": 2.5, "b": 0.0}) == "a"
 
 
-def test_nothing_is_known_before_there_is_a_rest() -> None:
+def test_nothing_is_known_before_there_is_a_rest():
     assert pushed({"a": [0.0] * 4}, {"a": 9.0}) is None

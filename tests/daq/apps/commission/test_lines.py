@@ -29,18 +29,18 @@ def joined(values: tuple[float, ...], separator: str = ",") -> str:
         (lambda k: f"J,{joined(ANGLES)},0\n", ("_", *JOINTS, "_"), ","),
     ],
 )
-def test_layouts(line: Callable[[int], str], fields: tuple[str, ...], separator: str) -> None:
+def test_layouts(line, fields, separator):
     layout = layout_of(printed(line))
     assert layout is not None
     assert (layout.fields, layout.separator, layout.sure) == (fields, separator, True)
 
 
-def test_a_joint_that_turns_is_not_taken_for_a_clock() -> None:
+def test_a_joint_that_turns_is_not_taken_for_a_clock():
     layout = layout_of(printed(lambda k: f"{10 * k},{0.2 * k},{joined(ANGLES[1:])}\n"))
     assert layout is not None and layout.fields == ("t_ms", *JOINTS)
 
 
-def test_small_angles_could_be_radians() -> None:
+def test_small_angles_could_be_radians():
     layout = layout_of(printed(lambda k: f"{joined((0.1, -1.2, 1.7, 0.9, 1.5, 1.9))}\n"))
     assert layout is not None and not layout.sure
 
@@ -55,10 +55,10 @@ def test_small_angles_could_be_radians() -> None:
         lambda k: "nan,nan,nan,nan,nan,nan\n",
     ],
 )
-def test_other_lines_are_no_joints(line: Callable[[int], str]) -> None:
+def test_other_lines_are_no_joints(line):
     assert layout_of(printed(line)) is None
 
 
-def test_nothing_and_little() -> None:
+def test_nothing_and_little():
     assert layout_of([]) is None
     assert layout_of(printed(lambda k: f"{joined(ANGLES)}\n", count=3)) is None

@@ -99,19 +99,19 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("true", "said", "remedy"), [case[1:] for case in WRONG], ids=[case[0] for case in WRONG])
-def test_a_gauge_that_is_described_wrongly_is_found(true: dict[str, Any], said: dict[str, Any], remedy: str) -> None:
+def test_a_gauge_that_is_described_wrongly_is_found(true, said, remedy):
     finding = _scanned(said, true)
     assert (finding.verdict, finding.remedy) == (FindingVerdict.WRONG, remedy), finding
     lowest_mm, highest_mm = map(float, re.findall(r"-?\d+\.\d{4}", finding.what)[:2])
     assert 0.79 < lowest_mm < 1.5 and 3.5 < highest_mm < 4.25  # the motion is shown
 
 
-def test_a_gauge_behind_a_gateway() -> None:
+def test_a_gauge_behind_a_gateway():
     finding = _scanned({"unit": 1, "word_order": "big"}, network=True)
     assert finding.remedy == "write unit: 7, word_order: little", finding
 
 
-def test_a_gauge_at_another_line_setting(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gauge_at_another_line_setting(monkeypatch):
     monkeypatch.setattr(modbus_scan, "UNITS", range(1, 3))
     lines = tuple(map(Line.model_validate, ("9600 8N1", "115200 8E1")))
     monkeypatch.setattr(modbus_scan, "USUAL_LINES", lines)
@@ -119,7 +119,7 @@ def test_a_gauge_at_another_line_setting(monkeypatch: pytest.MonkeyPatch) -> Non
     assert finding.remedy == "write line: 115200 8E1, byte_order: big", finding
 
 
-def test_a_gauge_that_is_described_rightly() -> None:
+def test_a_gauge_that_is_described_rightly():
     assert _scanned({}).verdict is FindingVerdict.OK
 
 
@@ -133,20 +133,20 @@ def _seen(readings: list[list[int]]) -> dict[tuple[tuple[int, int], tuple[int, i
 def _held(gauge: ModbusMap, path_mm: list[float]) -> list[list[int]]:
     found = [registers_over_time(gauge, lambda _, mm=mm: [mm])(0) for mm in path_mm]
     assert all(found)
-    return found  # type: ignore[return-value]
+    return found
 
 
-def test_unmoved_probe_is_not_found() -> None:
+def test_unmoved_probe_is_not_found():
     assert ways(_gauge({}), _seen(_held(_gauge({}), [2.5] * 40))) == []
 
 
-def test_numbers_at_random_are_no_motion() -> None:
+def test_numbers_at_random_are_no_motion():
 
     dice = random.Random(4)
     readings = [[dice.randrange(65536) for _ in range(10)] for _ in range(40)]
     assert ways(_gauge({"value": {"address": 203, "type": "int16", "scale": 0.001}}), _seen(readings)) == []
 
 
-def test_readings_out_of_the_stated_range_are_none() -> None:
+def test_readings_out_of_the_stated_range_are_none():
     path_mm = [_moved_mm(k * 100_000_000) for k in range(40)]
     assert ways(_gauge({"range_mm": (-1, 1)}), _seen(_held(_gauge({}), path_mm))) == []

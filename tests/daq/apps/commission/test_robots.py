@@ -23,7 +23,7 @@ DEGREES = [0.5, -70.0, 100.0, 55.25, 84.5, 107.75]
 
 
 @pytest.mark.parametrize("kind", ROBOTS)
-def test_the_robot_of_a_cell_is_found(kind: str) -> None:
+def test_the_robot_of_a_cell_is_found(kind):
     with switched_on("tesa", kind) as unknown:
         unknown.hand.deg = DEGREES
         fields = {**ROBOTS[kind], "port": unknown.robot}
@@ -36,9 +36,9 @@ def test_the_robot_of_a_cell_is_found(kind: str) -> None:
     assert report.units_sure and not report.problem
     if kind == "kuka":
         # its IPOC shows the cycle
-        assert report.feedback.cycle_ms == 12  # type: ignore[union-attr]
+        assert report.feedback.cycle_ms == 12
     if kind == "fanuc":
-        assert report.feedback.fields[0] == "t_ms"  # type: ignore[union-attr]
+        assert report.feedback.fields[0] == "t_ms"
 
 
 @contextmanager
@@ -58,7 +58,7 @@ def opc_ua_served(feedback: OPCUARobotics) -> Iterator[None]:
 
 
 @pytest.mark.skipif(not OPC_UA, reason="no asyncua")
-def test_port_4840_is_asked_as_opc_ua() -> None:
+def test_port_4840_is_asked_as_opc_ua():
     feedback = opc_ua(port="tcp://127.0.0.48:4840")
     absent = search_robot(feedback.port)
     assert "opc_ua_robotics" in absent.problem and "anonymous" in absent.remedy
@@ -69,7 +69,7 @@ def test_port_4840_is_asked_as_opc_ua() -> None:
 
 
 @pytest.mark.skipif(not OPC_UA, reason="no asyncua")
-def test_incomplete_opc_ua_server_names_the_missing_axes() -> None:
+def test_incomplete_opc_ua_server_names_the_missing_axes():
     names = ("Base", "Shoulder", "Elbow", "Wrist1", "Wrist2", "Wrist3")
     feedback = opc_ua(port="tcp://127.0.0.48:4840", axes=names)
     with opc_ua_served(feedback):
@@ -94,7 +94,7 @@ class _Listener:
         return ConversationStep()
 
 
-def test_a_port_that_is_not_rtdes_is_sent_nothing() -> None:
+def test_a_port_that_is_not_rtdes_is_sent_nothing():
     listener = _Listener()
     with served(lambda: listener) as port:
         report = search_robot(port)
@@ -102,14 +102,14 @@ def test_a_port_that_is_not_rtdes_is_sent_nothing() -> None:
     assert "--key feedback.interface=ur_rtde" in report.remedy
 
 
-def test_accepting_silent_host_is_not_reported_off() -> None:
+def test_accepting_silent_host_is_not_reported_off():
     with served(_Listener) as port:
         report = search_robot(port, rtde(port=port))
     assert "ur_rtde" in report.problem and "no data" in report.problem
     assert "settings" in report.remedy and "switch" not in report.remedy
 
 
-def test_a_udp_port_that_is_not_stream_motions_is_sent_nothing() -> None:
+def test_a_udp_port_that_is_not_stream_motions_is_sent_nothing():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         search_robot(f"udp://127.0.0.1:{other.getsockname()[1]}")
@@ -118,7 +118,7 @@ def test_a_udp_port_that_is_not_stream_motions_is_sent_nothing() -> None:
             other.recv(100)
 
 
-def test_a_robot_that_is_not_there() -> None:
+def test_a_robot_that_is_not_there():
     with socket.create_server(("127.0.0.1", 0)) as gone:
         port = gone.getsockname()[1]
     report = search_robot(f"tcp://127.0.0.1:{port}")
@@ -126,12 +126,12 @@ def test_a_robot_that_is_not_there() -> None:
 
 
 @pytest.mark.parametrize("address", ["a b", "", "tcp://host", "tcp://host:99999", "udp://x", "::1", "a/b"])
-def test_invalid_address_is_named(address: str) -> None:
+def test_invalid_address_is_named(address):
     report = search_robot(address)
     assert "address" in report.problem and "HOST" in report.remedy
 
 
-def test_a_controller_that_does_not_call() -> None:
+def test_a_controller_that_does_not_call():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -139,12 +139,12 @@ def test_a_controller_that_does_not_call() -> None:
     assert report.feedback is None and "nothing arrived" in report.problem and "RSI_ON" in report.remedy
 
 
-def test_an_address_that_is_not_of_this_computer() -> None:
+def test_an_address_that_is_not_of_this_computer():
     report = search_robot("udp://192.0.2.1:49152")
     assert report.feedback is None and "bound" in report.problem
 
 
-def test_joints_of_a_robot_that_has_gone() -> None:
+def test_joints_of_a_robot_that_has_gone():
     with switched_on("tesa", "fanuc") as unknown:
         report = search_robot(unknown.robot)
     assert report.feedback is not None
@@ -165,7 +165,7 @@ def served(device: Callable[[], Device]) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("safety", SafetyState)
-def test_a_robot_that_runs_no_program_is_found_with_the_reason(safety: SafetyState) -> None:
+def test_a_robot_that_runs_no_program_is_found_with_the_reason(safety):
     robot = rtde(rate_hz=125)
     with served(lambda: daq.feedback.device(robot, lambda _: [*DEGREES, ProgramState.STOPPED, safety])) as port:
         report = search_robot(port, robot.model_copy(update={"port": port}))

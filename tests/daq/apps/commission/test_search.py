@@ -41,7 +41,7 @@ _One = TypeVar("_One")
 
 
 def searched(*ports: str, **more: object) -> list[PortReport]:
-    return search(SearchOptions(ports, listen_s=LISTEN_S, **more), lambda doing: None)  # type: ignore[arg-type]
+    return search(SearchOptions(ports, listen_s=LISTEN_S, **more), lambda doing: None)
 
 
 @dataclass
@@ -85,7 +85,7 @@ def simulated(kind: str, *told: bytes) -> Iterator[Simulated]:
             cable.change = lambda data: (data, 0)
             if line.baud != true[port].baud:
                 send, cable.change = end.write, lambda data: (heard(data, true[port], line), 0)
-                end.write = lambda data: send(heard(data, line, true[port]))  # type: ignore[method-assign]
+                end.write = lambda data: send(heard(data, line, true[port]))
             return end
 
         patched.setattr(SEARCH, "Stream", partial(Stream, opening=opened))
@@ -93,7 +93,7 @@ def simulated(kind: str, *told: bytes) -> Iterator[Simulated]:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in GAUGES if "at" not in kind.split()])
-def test_the_gauges_of_a_cell_are_found(kind: str) -> None:
+def test_the_gauges_of_a_cell_are_found(kind):
     with simulated(kind, *[b"OUTPUT RS422\n"] * 2 * (kind == "micro_epsilon")) as unknown:
         unknown.hand.mm = {"g1": 0.125, "g2": 0.25} if kind != "micro_epsilon" else {"g1": -3.75, "g2": -2.5}
         reports = searched(*unknown.gauge_ports)
@@ -108,7 +108,7 @@ def test_the_gauges_of_a_cell_are_found(kind: str) -> None:
     assert {gauge.lacks for gauge in found} == {("range_mm",) if kind == "micro_epsilon" else ()}
 
 
-def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch):
     monkeypatch.setattr(SEARCH, "is_built_in", lambda port: True)
     # private: the real limit is 20 s
     monkeypatch.setattr(SEARCH, "_SILENT_S", 0.5)
@@ -120,7 +120,7 @@ def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch: pytest.Monk
     assert not report.gauges and "built-in port" in report.problem
 
 
-def test_the_ports_to_choose_from_are_those_of_rig_doctor(tmp_path: Path) -> None:
+def test_the_ports_to_choose_from_are_those_of_rig_doctor(tmp_path):
     """A PC has 32 port names, most of them without hardware."""
     (tmp_path / "dev").mkdir()
     for name, kind in [("ttyS0", "4"), ("ttyS1", "0"), ("ttyUSB0", "")]:
@@ -131,10 +131,10 @@ def test_the_ports_to_choose_from_are_those_of_rig_doctor(tmp_path: Path) -> Non
     assert list(ports_here()) == port_names()
 
 
-def test_a_cable_that_was_left_streaming_is_only_listened_to() -> None:
+def test_a_cable_that_was_left_streaming_is_only_listened_to():
     with simulated("sylvac", b"OUT1\r") as unknown:
         reports = searched(*unknown.gauge_ports)
-    modes = [gauge.gauge.mode for report in reports for gauge in report.gauges]  # type: ignore[union-attr]
+    modes = [gauge.gauge.mode for report in reports for gauge in report.gauges]
     assert modes == ["continuous", "polled"]
 
 
@@ -142,7 +142,7 @@ def of(interface: str, port: str) -> dict[str, list[Attempt]]:
     return {port: [attempt for attempt in attempts(port) if attempt.interface == interface]}
 
 
-def test_a_sensor_that_a_command_starts_is_silent_until_it_is_named() -> None:
+def test_a_sensor_that_a_command_starts_is_silent_until_it_is_named():
     with simulated("micro_epsilon") as unknown:
         port, _ = unknown.gauge_ports
         (listened,) = searched(port, named=of("micro_epsilon_ild1420", port))
@@ -153,14 +153,14 @@ def test_a_sensor_that_a_command_starts_is_silent_until_it_is_named() -> None:
     assert (gauge.sends, gauge.lacks) == ("all", ()) and gauge.reading_mm == pytest.approx(0.1, abs=1e-3)
 
 
-def test_other_line_settings_are_tried_where_the_makers_do_not_fit() -> None:
+def test_other_line_settings_are_tried_where_the_makers_do_not_fit():
     with simulated("keyence at 38400") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = searched(port, named=of("keyence_dl_rs1a", port))
     assert [str(gauge.gauge.line) for gauge in report.gauges] == ["38400 8N1"] * 2
 
 
-def test_a_modbus_unit_with_registers_of_its_own() -> None:
+def test_a_modbus_unit_with_registers_of_its_own():
     with simulated("other registers at") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = searched(port, named=of("modbus_map", port))
@@ -168,14 +168,14 @@ def test_a_modbus_unit_with_registers_of_its_own() -> None:
     assert "ILLEGAL_ADDRESS" in report.remedy and "check `address`" in report.remedy
 
 
-def test_a_modbus_unit_of_another_number() -> None:
+def test_a_modbus_unit_of_another_number():
     with simulated("modbus unit 7 at") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = search(SearchOptions((port,), listen_s=LISTEN_S, modbus_units=(1, 7)), lambda doing: None)
-    assert [gauge.gauge.unit for gauge in report.gauges] == [7]  # type: ignore[union-attr]
+    assert [gauge.gauge.unit for gauge in report.gauges] == [7]
 
 
-def test_ports_that_cannot_be_searched(tmp_path: Path) -> None:
+def test_ports_that_cannot_be_searched(tmp_path):
     (tmp_path / "file").write_text("no port")
     for port in searched("ttyUSB0", "tcp://host", "tcp://host:99999", "", "udp://127.0.0.1:5"):
         assert port.problem == "is not a port" and "/dev/" in port.remedy
@@ -184,7 +184,7 @@ def test_ports_that_cannot_be_searched(tmp_path: Path) -> None:
     assert "not a serial" in file.problem, file
 
 
-def test_a_port_that_another_program_has_locked() -> None:
+def test_a_port_that_another_program_has_locked():
     with switched_on("tesa") as unknown:
         (port,) = unknown.gauge_ports
         with Path(port).open("rb") as held:
@@ -193,14 +193,14 @@ def test_a_port_that_another_program_has_locked() -> None:
     assert report.problem.startswith("in use")
 
 
-def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_without_permission(monkeypatch):
     with switched_on("tesa") as unknown:
         monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
         (report,) = searched(*unknown.gauge_ports)
     assert "no access" in report.problem and "usermod -aG" in report.remedy
 
 
-def test_a_silent_port_and_one_that_babbles() -> None:
+def test_a_silent_port_and_one_that_babbles():
     silent, babbling = (PtyLine.open(Line.model_validate("9600 8N1"), paced=False) for _ in range(2))
     stop = threading.Event()
 
@@ -225,7 +225,7 @@ def test_a_silent_port_and_one_that_babbles() -> None:
     assert "bytes arrived" in something.problem and "rig interfaces" in something.remedy
 
 
-def test_a_request_that_nothing_answers_is_sent_once_at_each_line() -> None:
+def test_a_request_that_nothing_answers_is_sent_once_at_each_line():
     silent, said = PtyLine.open(Line.model_validate("9600 8N1"), paced=False), list[str]()
     tried = [attempt for attempt in attempts(silent.port) if attempt.request == b"?\r"][:4]
     try:
@@ -235,7 +235,7 @@ def test_a_request_that_nothing_answers_is_sent_once_at_each_line() -> None:
     assert len({str(attempt.line) for attempt in tried}) == len(said) < len(tried)
 
 
-def test_attempt_during_a_stall_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_attempt_during_a_stall_is_repeated(monkeypatch):
     """Otherwise an answer that came meanwhile is missed, and the request counts as one that nothing answers."""
     watches, held_up = list[StallWatch](), list[Line]()
 
@@ -259,7 +259,7 @@ def test_attempt_during_a_stall_is_repeated(monkeypatch: pytest.MonkeyPatch) -> 
     assert report.gauges and held_up
 
 
-def test_a_port_keeps_the_settings_that_it_had() -> None:
+def test_a_port_keeps_the_settings_that_it_had():
     with switched_on("tesa") as unknown:
         (port,) = unknown.gauge_ports
         fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
@@ -271,7 +271,7 @@ def test_a_port_keeps_the_settings_that_it_had() -> None:
             os.close(fd)
 
 
-def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was() -> None:
+def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was():
     # What a shell starts in the background ignores it from the beginning.
     before_test = signal.signal(signal.SIGINT, signal.default_int_handler)
     with ExitStack() as at_the_end, switched_on("tesa") as unknown:
@@ -288,7 +288,7 @@ def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was() -> None:
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("search")]
 
 
-def test_a_port_that_disappears_while_it_is_searched() -> None:
+def test_a_port_that_disappears_while_it_is_searched():
     with simulated("tesa") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = search(
@@ -308,7 +308,7 @@ def _awaited(what: Callable[[], _One | None]) -> _One:
 
 
 @pytest.mark.real_time
-def test_the_gauge_that_is_pushed_is_seen() -> None:
+def test_the_gauge_that_is_pushed_is_seen():
     with switched_on("keyence") as unknown:
         (report,) = searched(*unknown.gauge_ports)
         with PortWatch(report.gauges) as watch:
@@ -329,7 +329,7 @@ def test_the_gauge_that_is_pushed_is_seen() -> None:
 
 
 @pytest.mark.real_time
-def test_a_gauge_that_is_lost_while_it_is_watched() -> None:
+def test_a_gauge_that_is_lost_while_it_is_watched():
     with switched_on("tesa") as unknown:
         (report,) = searched(*unknown.gauge_ports)
         with PortWatch(report.gauges) as watch:

@@ -23,7 +23,7 @@ from rigs.schema.probe import Timing
 MS = 1_000_000
 
 
-def test_bytes_wait_for_the_next_beat_of_the_timer() -> None:
+def test_bytes_wait_for_the_next_beat_of_the_timer():
     timer = LatencyTimer(16, 0)
     timer.add(b"a", 5 * MS)
     timer.add(b"b", 9 * MS)
@@ -33,7 +33,7 @@ def test_bytes_wait_for_the_next_beat_of_the_timer() -> None:
     assert timer.due_ns == 80 * MS  # an idle adapter's timer runs on from when it was due, not from when it was read
 
 
-def test_a_full_packet_goes_at_once_and_the_timer_begins_again() -> None:
+def test_a_full_packet_goes_at_once_and_the_timer_begins_again():
     timer = LatencyTimer(16, 0)
     timer.add(b"x" * 62, 3 * MS)
     assert timer.due_ns == 3 * MS and timer.take(3 * MS) == b"x" * 62
@@ -43,7 +43,7 @@ def test_a_full_packet_goes_at_once_and_the_timer_begins_again() -> None:
 
 @settings(max_examples=50)
 @given(st.lists(st.tuples(st.integers(0, 30 * MS), st.binary(min_size=1, max_size=70)), max_size=20))
-def test_no_byte_is_lost_or_held_longer_than_the_latency(pieces: list[tuple[int, bytes]]) -> None:
+def test_no_byte_is_lost_or_held_longer_than_the_latency(pieces):
     timer, now_ns, out = LatencyTimer(16, 0), 0, b""
     for pause_ns, piece in pieces:
         now_ns += pause_ns
@@ -53,7 +53,7 @@ def test_no_byte_is_lost_or_held_longer_than_the_latency(pieces: list[tuple[int,
     assert out + timer.take(now_ns + 16 * MS) == b"".join(piece for _, piece in pieces)
 
 
-def test_a_line_with_a_timer_gives_its_bytes_together() -> None:
+def test_a_line_with_a_timer_gives_its_bytes_together():
     """At 4800 baud six characters take 14 ms: without a timer they come one by one."""
     line = Line(baud=4800, bits=7, parity="E", stop=2)
     pty = PtyLine.open(line, latency_ms=400)
@@ -67,7 +67,7 @@ def test_a_line_with_a_timer_gives_its_bytes_together() -> None:
         pty.close()
 
 
-def test_an_own_cycle_shows_its_last_reading_until_the_next_tick() -> None:
+def test_an_own_cycle_shows_its_last_reading_until_the_next_tick():
     shown = OwnCycle(lambda now_ns: [float(now_ns)], 100 * MS, 1, Unsteady(), random.Random(1))
     seen = [(now_ms * MS, shown(now_ms * MS)[0]) for now_ms in range(0, 1000, 7)]
     ages = [now_ns - at_ns for now_ns, at_ns in seen]
@@ -76,7 +76,7 @@ def test_an_own_cycle_shows_its_last_reading_until_the_next_tick() -> None:
     assert len(ticks) == 11 and {round(b - a) for a, b in pairwise(ticks)} <= {100 * MS - 1, 100 * MS, 100 * MS + 1}
 
 
-def test_an_unsteady_cycle_drifts_jitters_and_leaves_ticks_out() -> None:
+def test_an_unsteady_cycle_drifts_jitters_and_leaves_ticks_out():
     unsteady = Unsteady(ppm=500, jitter=0.05, missed=0.1)
     shown = OwnCycle(lambda now_ns: [now_ns / MS], 100 * MS, 1, unsteady, random.Random(1))
     ticks = sorted({shown(now_ms * MS)[0] for now_ms in range(0, 60_000, 10)})
@@ -85,7 +85,7 @@ def test_an_unsteady_cycle_drifts_jitters_and_leaves_ticks_out() -> None:
     assert 1 < max(abs(step - 100) for step in steps if step < 150) < 11
 
 
-def test_a_filter_shows_the_mean_and_is_late_by_its_group_delay() -> None:
+def test_a_filter_shows_the_mean_and_is_late_by_its_group_delay():
     chance = random.Random(1)
     for timing in (Timing(latch="own_cycle", cycle_ms=10, filter_ms=40), Timing(latch="on_request", filter_ms=40)):
         shown = timed_read(lambda now_ns: [float(now_ns)], timing, Unsteady(), chance)
@@ -105,7 +105,7 @@ class _Kept:
         self.written.append((time.monotonic_ns(), data))
 
 
-def test_a_late_network_loses_nothing_and_keeps_the_order() -> None:
+def test_a_late_network_loses_nothing_and_keeps_the_order():
     kept = _Kept()
     late = LateLink(kept, jitter_ms=5)
     sent_ns = []
@@ -120,7 +120,7 @@ def test_a_late_network_loses_nothing_and_keeps_the_order() -> None:
     assert sum(waits_ms) / 40 > 2
 
 
-def test_a_controller_on_its_own_clock_stamps_and_paces_by_it() -> None:
+def test_a_controller_on_its_own_clock_stamps_and_paces_by_it():
     """1 % fast, so that it shows: 101 periods of 2 ms in 0.2 s of the host's, each read at the host's time."""
     read_ns: list[int] = []
     feedback = URRTDE(interface="ur_rtde", port="tcp://127.0.0.1:30004")
@@ -145,7 +145,7 @@ def test_a_controller_on_its_own_clock_stamps_and_paces_by_it() -> None:
     assert {round((b - a) / 1e3) for a, b in pairwise(read_ns)} == {1980}
 
 
-def test_a_cell_can_be_adverse() -> None:
+def test_a_cell_can_be_adverse():
     """Packets of the robot come late, by its own clock, and none is lost."""
 
     class Still:

@@ -46,21 +46,21 @@ def _messages(device: Device, read_ns: list[int], count: int) -> list[int]:
     return line.out_ns
 
 
-def test_a_gauge_that_speaks_whenever_its_line_is_free_has_the_pace_of_its_line() -> None:
+def test_a_gauge_that_speaks_whenever_its_line_is_free_has_the_pace_of_its_line():
     read_ns: list[int] = []
-    device = gauges.device([SYLVAC], lambda now_ns: [read_ns.append(now_ns) or 1.0])  # type: ignore[func-returns-value]
+    device = gauges.device([SYLVAC], lambda now_ns: [read_ns.append(now_ns) or 1.0])
     steps = {b - a for a, b in pairwise(_messages(device, read_ns, 100))}
     assert steps == {len("+1.0000\r") * SYLVAC.line.character_ns}
 
 
-def test_a_gauge_of_a_stated_pace_keeps_it() -> None:
+def test_a_gauge_of_a_stated_pace_keeps_it():
     read_ns: list[int] = []
-    device = gauges.device([SYLVAC], lambda now_ns: [read_ns.append(now_ns) or 1.0])  # type: ignore[func-returns-value]
+    device = gauges.device([SYLVAC], lambda now_ns: [read_ns.append(now_ns) or 1.0])
     paced = timed_device(device, Timing(latch="streamed", cycle_ms=60.0), STEADY, random.Random(1))
     assert {b - a for a, b in pairwise(_messages(paced, read_ns, 100))} == {60 * MS}
 
 
-def test_a_line_makes_up_for_a_late_message_and_no_more() -> None:
+def test_a_line_makes_up_for_a_late_message_and_no_more():
     """Its last character is through when it would have been; one that nobody scheduled sets out when it is written."""
     line = PtyLine.open(Line(baud=4800, bits=7, parity="E", stop=2))
     character_ns = Line(baud=4800, bits=7, parity="E", stop=2).character_ns

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -67,15 +67,13 @@ def answer_at(question_ms: float, kept: Steps) -> tuple[bytes, float]:
         (25, b"3\r", 38, 3),  # so late that the next one is nearer
     ],
 )
-def test_a_question_gets_the_answer_of_its_time(
-    question_ms: float, answer: bytes, answer_ms: float, skipped: int
-) -> None:
+def test_a_question_gets_the_answer_of_its_time(question_ms, answer, answer_ms, skipped):
     kept = steps()
     assert answer_at(question_ms, kept) == (answer, answer_ms)
     assert kept.skipped == skipped
 
 
-def test_a_host_that_asks_on_its_own_keeps_the_time_of_the_capture() -> None:
+def test_a_host_that_asks_on_its_own_keeps_the_time_of_the_capture():
     kept = steps()
     device = answering(ROUNDS, kept)
     now, heard = 3 * MS, []
@@ -89,18 +87,18 @@ def test_a_host_that_asks_on_its_own_keeps_the_time_of_the_capture() -> None:
     assert [said for said in heard if said[0]] == [(b"%d\r" % k, 10 * k + 8) for k in range(5)]
 
 
-def test_a_number_that_an_answer_repeats_is_that_of_the_question() -> None:
+def test_a_number_that_an_answer_repeats_is_that_of_the_question():
     device = answering([asked(0, b"\0\7read"), came(8, b"\0\7is 5"), lost(50)], steps())
     step = device.received(b"\1\2read", 0)
     assert step.wake_ns == 8 * MS and device.tick(8 * MS).send == b"\1\2is 5"
 
 
-def test_a_question_that_was_never_captured_is_counted() -> None:
+def test_a_question_that_was_never_captured_is_counted():
     kept = steps()
     assert not answering(ROUNDS, kept).received(b"!\r", 5 * MS).send and kept.otherwise == 1
 
 
-def test_unrequested_answers_are_skipped() -> None:
+def test_unrequested_answers_are_skipped():
     kept = steps()
     device = answering(ROUNDS, kept)
     asked_last = device.received(b"?\r", 10 * MS)
@@ -109,7 +107,7 @@ def test_unrequested_answers_are_skipped() -> None:
     assert device.is_finished and kept.skipped == 4
 
 
-def test_two_streams_share_the_time_that_begins_with_the_first_word() -> None:
+def test_two_streams_share_the_time_that_begins_with_the_first_word():
     time, kept = Timebase(), steps(of_asked=False)
     gauge = speaking([asked(5, b"go"), came(20, b"a"), came(30, b"b")], time, kept)
     robot = speaking([came(25, b"x")], time, steps(of_asked=False))
@@ -124,7 +122,7 @@ def test_two_streams_share_the_time_that_begins_with_the_first_word() -> None:
     assert gauge.tick(shift + 30 * MS).send == b"b" and gauge.is_finished
 
 
-def test_instrument_waits_for_a_request_up_to_a_limit() -> None:
+def test_instrument_waits_for_a_request_up_to_a_limit():
     time, kept = Timebase(), steps(of_asked=False)
     time.begin(-HEAD, 0)
     robot = speaking([asked(0, b"go"), came(1, b"1")], time, kept)
@@ -133,7 +131,7 @@ def test_instrument_waits_for_a_request_up_to_a_limit() -> None:
     assert robot.tick(waits).send == b"1" and kept.otherwise == 1
 
 
-def test_one_that_calls_begins_once_somebody_is_there() -> None:
+def test_one_that_calls_begins_once_somebody_is_there():
     time = Timebase()
     robot = speaking([came(4, b"1"), came(16, b"2")], time, steps(of_asked=False), calls=True)
     assert robot.connected(0).send == b"1" and time.shift_ns is None
@@ -144,7 +142,7 @@ def test_one_that_calls_begins_once_somebody_is_there() -> None:
     assert time.shift_ns == 496 * MS + HEAD
 
 
-def test_early_disconnection_restarts_the_replay() -> None:
+def test_early_disconnection_restarts_the_replay():
     time, kept = Timebase(), steps(of_asked=False)
 
     def play(pieces: Sequence[Piece]) -> StreamingPlayer:
@@ -170,7 +168,7 @@ def test_early_disconnection_restarts_the_replay() -> None:
 
 
 @pytest.mark.parametrize(("of_asked", "off_ms", "out"), [(True, 1, 0), (True, 3, 1), (False, 1, 0), (False, 3, 1)])
-def test_too_large_delay_is_reported(of_asked: bool, off_ms: float, out: int) -> None:
+def test_too_large_delay_is_reported(of_asked, off_ms, out):
     told: list[float] = []
     kept = Steps(BEAR, asked=of_asked, out_of_step=told.append)
     for k in range(25):
@@ -183,7 +181,7 @@ def test_too_large_delay_is_reported(of_asked: bool, off_ms: float, out: int) ->
     assert told == [off_ms * MS] * out
 
 
-def test_daemon_receives_inserted_bytes_completely(tmp_path: Path) -> None:
+def test_daemon_receives_inserted_bytes_completely(tmp_path):
     file = tmp_path / "marks"
     assert ReplayMarks(file).read_new() == []
     file.write_text(out_of_step_line("g1", 3e6))
@@ -201,7 +199,7 @@ def test_daemon_receives_inserted_bytes_completely(tmp_path: Path) -> None:
     assert stream == "g1" and "+7.5 ms" in fault.detail
 
 
-def test_the_daemon_hears_a_replay_that_starts_again(tmp_path: Path) -> None:
+def test_the_daemon_hears_a_replay_that_starts_again(tmp_path):
     file = tmp_path / "marks"
     file.write_text(5 * out_of_step_line("g1", 3e6))
     followed = ReplayMarks(file)
@@ -226,9 +224,7 @@ def _endless(path: Path) -> None:
     ],
     ids=["a FIFO", "a device", "not UTF-8", "a long line"],
 )
-def test_marks_that_another_program_wrote_do_not_hold_the_daemon_up(
-    make: Callable[[Path], object], heard: int, tmp_path: Path
-) -> None:
+def test_marks_that_another_program_wrote_do_not_hold_the_daemon_up(make, heard, tmp_path):
     file = tmp_path / "marks"
     make(file)
     followed = ReplayMarks(file)

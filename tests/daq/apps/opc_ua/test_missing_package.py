@@ -1,15 +1,11 @@
-from __future__ import annotations
-
 import sys
-
-import pytest
 
 from daq.acquisition.streams import robot_stream
 from tests.support.drivers import opc_ua
 from tests.support.refusals import refused
 
 
-def test_a_missing_package_is_named_before_anything_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_package_is_named_before_anything_is_opened(monkeypatch):
     for name in [name for name in sys.modules if name.startswith("daq.apps.opc_ua")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "asyncua", None)

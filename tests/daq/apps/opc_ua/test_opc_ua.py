@@ -70,7 +70,7 @@ def read_until(
     return items
 
 
-def test_the_library_s_server_is_read_in_radians_with_the_stamps_of_its_source(robot: LibraryRobot) -> None:
+def test_the_library_s_server_is_read_in_radians_with_the_stamps_of_its_source(robot):
     written: dict[float, float] = {}
 
     def drive() -> None:
@@ -90,7 +90,7 @@ def test_the_library_s_server_is_read_in_radians_with_the_stamps_of_its_source(r
     assert samples(items)[-1].values[6:] == pytest.approx([1, 0, 1, 100, math.nan, *range(31, 37)], nan_ok=True)
 
 
-def test_a_bad_value_is_a_fault_and_an_uncertain_one_keeps_its_code(robot: LibraryRobot) -> None:
+def test_a_bad_value_is_a_fault_and_an_uncertain_one_keeps_its_code(robot):
     codes = iter([0, ua.StatusCodes.BadSensorFailure, ua.StatusCodes.UncertainSensorNotAccurate] * 1000)
     items = read_until(
         opc_ua(port=robot.port, rate_hz=50, condition=False),
@@ -102,7 +102,7 @@ def test_a_bad_value_is_a_fault_and_an_uncertain_one_keeps_its_code(robot: Libra
     assert {sample.status for sample in samples(items)} == {0, ua.StatusCodes.UncertainSensorNotAccurate}
 
 
-def test_a_robot_that_stands_with_stamps_that_stand_is_polled(robot: LibraryRobot) -> None:
+def test_a_robot_that_stands_with_stamps_that_stand_is_polled(robot):
     robot.drive(ANGLES_DEG, T0)
     items = read_until(
         opc_ua(port=robot.port, rate_hz=50, timeout_s=1), lambda items: len(samples(items)) > 20, lambda: None
@@ -112,7 +112,7 @@ def test_a_robot_that_stands_with_stamps_that_stand_is_polled(robot: LibraryRobo
     assert all(math.isnan(sample.device_time_s) for sample in polled) and faults(items) == []
 
 
-def test_server_without_robot_is_reported() -> None:
+def test_server_without_robot_is_reported():
     with library_robot(names=()) as empty:
         missing = read_until(opc_ua(port=empty.port), faults, lambda: None)
     assert "contains no MotionDeviceSystem" in faults(missing)[0].detail
@@ -130,14 +130,14 @@ def _standing(feedback: OPCUARobotics) -> Callable[[int], list[float]]:
     return lambda _: [*ANGLES_DEG, *beside]
 
 
-def test_a_server_without_subscriptions_is_polled_at_the_rate() -> None:
+def test_a_server_without_subscriptions_is_polled_at_the_rate():
     items = served(opc_ua(rate_hz=100), 2 * S, subscriptions=False)
     polled = samples(items)
     assert 190 < len(polled) <= 201 and faults(items) == []
     assert {b.requested_ns - a.requested_ns for a, b in pairwise(polled)} == {S // 100}
 
 
-def test_a_channel_is_renewed_in_time() -> None:
+def test_a_channel_is_renewed_in_time():
     opened: list[int] = []
 
     class Watched(RobotServer):
@@ -183,14 +183,14 @@ SIX = {f"A{axis}": DEGREE for axis in range(1, 7)}
         (_two_robots(), {"device": "Right"}, ("none", "`axes`")),
     ],
 )
-def test_mismatch_with_the_rig_file_is_named(space: Space, changes: dict[str, Any], words: tuple[str, ...]) -> None:
+def test_mismatch_with_the_rig_file_is_named(space, changes, words):
     items = served(opc_ua(**changes), space=space)
     fault = faults(items)[0]
     assert fault.kind is FaultKind.MISSING and samples(items) == []
     assert all(word in fault.detail for word in words), fault.detail
 
 
-def test_a_unit_of_the_rig_file_stands_where_the_server_states_none() -> None:
+def test_a_unit_of_the_rig_file_stands_where_the_server_states_none():
     space = _space(**dict.fromkeys(SIX))
     (sample, *_) = samples(served(opc_ua(units="rad", condition=False), space=space))
     assert sample.values == pytest.approx([10.0] * 6)  # all of them show q1
@@ -205,12 +205,12 @@ def test_a_unit_of_the_rig_file_stands_where_the_server_states_none() -> None:
         {"path": "UA/Robot"},
     ],
 )
-def test_a_rig_file_that_cannot_be_meant_is_refused(changes: dict[str, Any]) -> None:
+def test_a_rig_file_that_cannot_be_meant_is_refused(changes):
     with pytest.raises(ValueError, match=r"twice|node id|TCP port|pattern"):
         opc_ua(**changes)
 
 
-def test_only_services_that_read_are_asked_for() -> None:
+def test_only_services_that_read_are_asked_for():
     sent = bytearray()
 
     class Noted(RobotServer):

@@ -62,18 +62,18 @@ def messages() -> list[Any]:
 
 
 @pytest.mark.parametrize("message", messages(), ids=lambda message: type(message).__name__)
-def test_a_message_is_read_as_asyncua_reads_it(message: Any) -> None:
+def test_a_message_is_read_as_asyncua_reads_it(message):
     body = struct_to_binary(message)
     assert decoded(type(message), body) == struct_from_binary(type(message), Buffer(body))
 
 
-def test_unknown_structure_stays_bytes() -> None:
+def test_unknown_structure_stays_bytes():
     unknown = ua.ExtensionObject(ua.NodeId(4711, 5), Body=b"whatever")
     (first, second) = decoded(ua.ReadResponse, struct_to_binary(read_response([ua.Variant(unknown)]))).Results
     assert first.Value.Value.Body == b"whatever" and first.SourceTimestamp == T0 and second.Value == ua.Variant()
 
 
-def test_fields_that_a_later_version_adds_to_a_structure_are_passed_over() -> None:
+def test_fields_that_a_later_version_adds_to_a_structure_are_passed_over():
     body = struct_to_binary(read_response([ua.Variant(ua.EUInformation(UnitId=17476))]))
     inner = struct_to_binary(ua.EUInformation(UnitId=17476))
     longer = body.replace(struct.pack("<i", len(inner)) + inner, struct.pack("<i", len(inner) + 3) + inner + b"new")
@@ -115,13 +115,13 @@ def claiming(claim: bytes) -> bytes:
     return empty[:-8] + i32(1) + b"\1" + claim + i32(0)
 
 
-def test_a_claim_that_holds_is_read() -> None:
+def test_a_claim_that_holds_is_read():
     (value,) = decoded(ua.ReadResponse, claiming(bytes([ARRAY | DOUBLE]) + i32(2) + struct.pack("<dd", 1, 2))).Results
     assert value.Value.Value == [1.0, 2.0]
 
 
 @pytest.mark.parametrize("what", CLAIMS)
-def test_claimed_lengths_allocate_no_memory(what: str) -> None:
+def test_claimed_lengths_allocate_no_memory(what):
     body = claiming(CLAIMS[what])
     tracemalloc.start()
     try:
@@ -134,19 +134,19 @@ def test_claimed_lengths_allocate_no_memory(what: str) -> None:
 
 
 @pytest.mark.parametrize("where", ["StringTable", "Results", "DiagnosticInfos"])
-def test_an_array_of_more_elements_than_bytes_is_refused_wherever_it_is(where: str) -> None:
+def test_an_array_of_more_elements_than_bytes_is_refused_wherever_it_is(where):
     body = struct_to_binary(ua.ReadResponse())
     at = len(body) - {"StringTable": 15, "Results": 8, "DiagnosticInfos": 4}[where]
     with pytest.raises(Unreadable, match="array of 2147483647 elements"):
         decoded(ua.ReadResponse, body[:at] + i32(2**31 - 1) + body[at + 4 :])
 
 
-def test_values_within_values_end_where_the_bytes_or_the_depth_do() -> None:
+def test_values_within_values_end_where_the_bytes_or_the_depth_do():
     with pytest.raises(Unreadable):
         decoded(ua.ReadResponse, claiming(bytes([24]) * (LIMIT // 2)))
 
 
-def test_a_server_that_claims_too_much_is_left() -> None:
+def test_a_server_that_claims_too_much_is_left():
     server = ByHand().in_session()
     answer = server.channel.packed(MESSAGE, ua.BrowseResponse(), len(server.requests()))
     server.script.receive(answer[:-8] + i32(2**31 - 1) + answer[-4:])
@@ -161,7 +161,7 @@ def chunk(more: bytes, part: bytes, request: int = 1, kind: bytes = MESSAGE) -> 
     return kind + more + struct.pack("<IIIII", 24 + len(part), 0, 0, 1, request) + part
 
 
-def test_long_message_is_sent_in_chunks() -> None:
+def test_long_message_is_sent_in_chunks():
     writer, reader = Channel(), Channel()
     writer.agree(8192)
     message = ua.BrowseRequest()
@@ -190,20 +190,20 @@ def test_long_message_is_sent_in_chunks() -> None:
         ([chunk(b"F", b"")[:20]], "SequenceHeader"),
     ],
 )
-def test_chunks_that_make_no_message_are_refused(pieces: list[bytes], words: str) -> None:
+def test_chunks_that_make_no_message_are_refused(pieces, words):
     channel = Channel()
     with pytest.raises(Unreadable, match=words):
         for piece in pieces:
             channel.read(piece)
 
 
-def test_a_message_of_many_chunks_is_read_whole() -> None:
+def test_a_message_of_many_chunks_is_read_whole():
     channel = Channel()
     received = [channel.read(chunk(b"C", bytes([k]))) for k in range(CHUNKS - 1)] + [channel.read(chunk(b"F", b"z"))]
     assert received[-1] is not None and received[-1].body == bytes(range(CHUNKS - 1)) + b"z"
 
 
-def test_the_limits_are_stated_and_a_server_that_receives_too_little_is_left() -> None:
+def test_the_limits_are_stated_and_a_server_that_receives_too_little_is_left():
     server = ByHand()
     hello = decoded(ua.Hello, server.script.sent[8:])
     stated = (hello.ReceiveBufferSize, hello.MaxMessageSize, hello.MaxChunkCount)

@@ -95,7 +95,7 @@ def refusal(status: int) -> Any:
     return fault
 
 
-def test_samples_of_one_message_differ_by_their_stamps() -> None:
+def test_samples_of_one_message_differ_by_their_stamps():
     server = ByHand().subscribed()
     queued = [value for axis in range(6) for value in (every_axis(0)[axis], every_axis(10)[axis])]
     items = server.publish(1, *queued)
@@ -103,7 +103,7 @@ def test_samples_of_one_message_differ_by_their_stamps() -> None:
     assert samples(items)[1].device_time_s - samples(items)[0].device_time_s == pytest.approx(0.01, abs=1e-6)
 
 
-def test_a_position_in_two_messages_is_one_and_an_axis_at_rest_stays_where_it_was() -> None:
+def test_a_position_in_two_messages_is_one_and_an_axis_at_rest_stays_where_it_was():
     server = ByHand().subscribed()
     assert server.publish(1, *every_axis(0)[:4]) == []
     assert len(server.publish(2, *every_axis(0)[4:])) == 1
@@ -114,7 +114,7 @@ def test_a_position_in_two_messages_is_one_and_an_axis_at_rest_stays_where_it_wa
     assert sample.values[0] == 6.0  # nothing new: no more of it comes
 
 
-def test_missing_messages_and_a_queue_too_short_are_counted() -> None:
+def test_missing_messages_and_a_queue_too_short_are_counted():
     server = ByHand().subscribed()
     server.publish(1, *every_axis(0))
     (fault,) = faults(server.publish(4, *every_axis(10)))
@@ -123,7 +123,7 @@ def test_missing_messages_and_a_queue_too_short_are_counted() -> None:
     assert {fault.kind for fault in overflow} == {FaultKind.SKIPPED} and "queue" in overflow[0].detail
 
 
-def test_a_stamp_of_no_time_is_none_and_the_server_s_own_is_taken() -> None:
+def test_a_stamp_of_no_time_is_none_and_the_server_s_own_is_taken():
     axes = [(axis, 1.0, 0.0) for axis in range(6)]
     none, own = {"SourceTimestamp": NO_STAMP}, {"ServerTimestamp": T0}
     (sample,) = samples(ByHand().subscribed().publish(1, *axes, **none))
@@ -132,7 +132,7 @@ def test_a_stamp_of_no_time_is_none_and_the_server_s_own_is_taken() -> None:
     assert sample.device_time_s == T0.timestamp()
 
 
-def test_stamps_that_lie_apart_are_a_doubt_once() -> None:
+def test_stamps_that_lie_apart_are_a_doubt_once():
     server = ByHand().subscribed()
     staggered = [[(axis, 1.0, ms + axis * 0.5) for axis in range(6)] for ms in (0, 10)]
     items = server.publish(1, *staggered[0]) + server.publish(2, *staggered[1])
@@ -143,7 +143,7 @@ def test_stamps_that_lie_apart_are_a_doubt_once() -> None:
 @pytest.mark.parametrize(
     "odd", [ua.Variant("high"), ua.Variant(True), ua.Variant([1.0, 2.0]), ua.Variant(math.inf), ua.Variant(1e9), None]
 )
-def test_invalid_angle_is_a_fault_without_sample(odd: Any) -> None:
+def test_invalid_angle_is_a_fault_without_sample(odd):
     server = ByHand().subscribed()
     note = ua.MonitoredItemNotification(0, ua.DataValue(odd, SourceTimestamp=T0))
     response = ua.PublishResponse()
@@ -171,13 +171,13 @@ def test_invalid_angle_is_a_fault_without_sample(odd: Any) -> None:
         (MESSAGE, ua.ReadResponse(), ("instead of CreateSessionResponse",)),
     ],
 )
-def test_refusal_ends_the_link_with_its_reason(kind: bytes, message: Any, words: tuple[str, ...]) -> None:
+def test_refusal_ends_the_link_with_its_reason(kind, message, words):
     server = ByHand()
     (fault,) = faults(server.say(kind, message))
     assert server.script.step.hang_up and all(word in fault.detail for word in words), fault.detail
 
 
-def test_paged_browse_results_are_read_completely() -> None:
+def test_paged_browse_results_are_read_completely():
     server = ByHand(axes=None, units=None).in_session()
     device_set = ua.ReferenceDescription(NodeId=ua.NodeId(5, 2), BrowseName=ua.QualifiedName("DeviceSet", 2))
     server.answer(ua.BrowseResponse(Results=[ua.BrowseResult(ContinuationPoint=b"more")]))
@@ -189,7 +189,7 @@ def test_paged_browse_results_are_read_completely() -> None:
     assert decoded(ua.BrowseRequest, asked).Parameters.NodesToBrowse[0].NodeId == device_set.NodeId
 
 
-def test_a_server_that_shows_more_nodes_than_robots_have_is_left() -> None:
+def test_a_server_that_shows_more_nodes_than_robots_have_is_left():
     server = ByHand(axes=None, units=None).in_session()
     shown = [ua.ReferenceDescription(BrowseName=ua.QualifiedName(str(k), 2)) for k in range(4000)]
     faulty: list[Fault] = []
@@ -204,7 +204,7 @@ def test_a_server_that_shows_more_nodes_than_robots_have_is_left() -> None:
     assert page == 2 and "12000 candidate nodes" in faulty[0].detail and server.script.step.hang_up
 
 
-def test_a_server_that_publishes_slowly_still_gives_signs_of_life_in_time() -> None:
+def test_a_server_that_publishes_slowly_still_gives_signs_of_life_in_time():
     server = ByHand(timeout_s=6).in_session()
     server.answer(ua.BrowseResponse(Results=[ua.BrowseResult() for _ in range(6)]))
     created = ua.CreateSubscriptionResponse()
@@ -214,7 +214,7 @@ def test_a_server_that_publishes_slowly_still_gives_signs_of_life_in_time() -> N
     assert (changed.RequestedPublishingInterval, changed.RequestedMaxKeepAliveCount) == (1000.0, 2)
 
 
-def test_a_refused_subscription_is_no_fault_and_a_lost_one_is() -> None:
+def test_a_refused_subscription_is_no_fault_and_a_lost_one_is():
     refused = ByHand().in_session()
     refused.answer(ua.BrowseResponse(Results=[ua.BrowseResult() for _ in range(6)]))
     assert refused.asked is ua.CreateSubscriptionRequest
@@ -249,18 +249,18 @@ def test_a_refused_subscription_is_no_fault_and_a_lost_one_is() -> None:
         ({"CurrentState": 3, "EmergencyStop": 1, "ProtectiveStop": "no"}, (math.nan, math.nan)),
     ],
 )
-def test_condition_is_shown_and_never_assumed(shown: dict[str, Any], expected: tuple[float, float]) -> None:
+def test_condition_is_shown_and_never_assumed(shown, expected):
     found = condition_of(shown)
     assert (found["program_state"], found["safety_state"]) == pytest.approx(expected, nan_ok=True)
 
 
-def test_numbers_of_the_condition_that_nothing_can_have_are_not_shown() -> None:
+def test_numbers_of_the_condition_that_nothing_can_have_are_not_shown():
     found = condition_of({"SpeedOverride": 1e300, "Mass": "heavy", "InControl": True, "temperature2_c": 41.5})
     assert math.isnan(found["speed_percent"]) and math.isnan(found["payload_kg"])
     assert found["motors_on"] == 1 and found["temperature2_c"] == 41.5
 
 
-def test_values_without_stamps_are_the_last_of_each_axis() -> None:
+def test_values_without_stamps_are_the_last_of_each_axis():
     values = [AxisValue(axis, axis + step, math.nan) for axis in range(6) for step in (0.0, 0.5)]
     (position,) = Together(0.005).take(values)
     assert isinstance(position, ArmPosition) and position.angles_deg == (0.5, 1.5, 2.5, 3.5, 4.5, 5.5)
