@@ -37,7 +37,7 @@ from analysis.apps.report.summary import (
 from analysis.apps.report.texts import Phrase, Texts, capital, joined, keys_of, texts_of
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
-from analysis.diagnosis.judge.acts import IMITATED, Act, Doubt
+from analysis.diagnosis.judge.acts import IMITATED, Act
 from analysis.diagnosis.judge.result import (
     CERTAIN_ODDS,
     LARGE_SHARE,
@@ -57,8 +57,6 @@ _LEAST_SHARE = 0.01
 _TENTH_PERCENT = 0.001
 _LIKELY = 0.5
 """Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
-_IMITATED: tuple[Doubt, ...] = (*IMITATED, "small")
-"""Doubts meaning that an effect may only imitate a different cause."""
 _REPAIRS = ("repair", "remaster", "enter", "mount")
 """Kinds of acts that change the arm or its set-up, so that a correction from the same runs no longer fits."""
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
@@ -347,7 +345,7 @@ class _SummaryWords(ActWords):
         return causes
 
     def _may_be_imitated(self, part: BudgetPart) -> bool:
-        return part.index is not None and self.diagnosis.effects[part.index].doubt in _IMITATED
+        return part.index is not None and self.diagnosis.effects[part.index].doubt in IMITATED
 
     def _cause_name(self, part: BudgetPart) -> str:
         """Return the name of a part, marked if an unknown cause may imitate it. An uncertain effect has its

@@ -9,7 +9,7 @@ from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 
-_LEAST_STRENGTH = 1.5
+LEAST_STRENGTH = 1.5
 """Strength of a band above which a cause outside the library is tried. Chosen: cells with none have up to 1.2."""
 
 
@@ -21,7 +21,7 @@ def add_discrepancy(selection: Selection, state: SelectionState) -> tuple[Select
     together with functions of every angle, direction, time and place of the ball. The readings determine the amplitude.
     """
     waves = [effect for effect in state.possible_faults(state.effects) if is_of_curve(effect)]
-    is_suspect = bool(state.free_forms) or (state.strength > _LEAST_STRENGTH).any() or len(waves) > 1
+    is_suspect = bool(state.free_forms) or (state.strength > LEAST_STRENGTH).any() or len(waves) > 1
     if not selection.shows_free_forms or not is_suspect:
         return selection, state
     columns = selection.columns.with_discrepancy(discrepancy_functions(selection.linear))

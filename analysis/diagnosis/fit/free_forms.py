@@ -103,16 +103,16 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
     # On circles joints move during the readings, otherwise between them.
     blocks = tuple(block for block in linear.blocks if block.sampling) or linear.blocks
     low, high = (of([of(block.drives.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))
-    span, fastest = high - low, np.max([np.abs(_rates(block)).max(axis=0) for block in blocks], axis=0)
+    span, fastest = high - low, np.max([np.abs(drive_rates(block)).max(axis=0) for block in blocks], axis=0)
 
     def angle(joint: int, block: Block) -> Array:
-        return _waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
+        return half_waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
 
     def speed(joint: int, block: Block) -> Array:
-        return np.asarray(_UNIT_RAD * np.abs(_rates(block)[:, [joint]] / fastest[joint]) ** _POWERS, dtype=float)
+        return np.asarray(_UNIT_RAD * np.abs(drive_rates(block)[:, [joint]] / fastest[joint]) ** _POWERS, dtype=float)
 
     def way(joint: int, block: Block) -> Array:
-        return np.asarray(_UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW), dtype=float)
+        return np.asarray(_UNIT_RAD * np.tanh(drive_rates(block)[:, [joint]] / _SLOW), dtype=float)
 
     for axis in range(1, linear.axes + 1):
         error = f"an error of axis {axis} that goes with"
@@ -125,9 +125,9 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
             words = f"{error} the way {'it' if joint == axis - 1 else f'axis {joint + 1}'} turns"
             yield FreeForm(words, linear.by_joint(axis, partial(way, joint)))
     for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
-        yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
+        yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, times_of_lap))
     yield FreeForm(
-        "an error of the ball that varies with the position of the link", linear.by_gauge((1.0, 1.0), _circle_waves)
+        "an error of the ball that varies with the position of the link", linear.by_gauge((1.0, 1.0), circle_waves)
     )
 
 
@@ -144,21 +144,21 @@ def discrepancy_functions(linear: Linearisation) -> Array:
     )
 
     def both(joint: int, block: Block) -> Array:
-        waves = _waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)[:, :_WAVES_BY_WAY]
-        return np.asarray(waves * np.tanh(_rates(block)[:, [joint]] / _SLOW), dtype=float)
+        waves = half_waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)[:, :_WAVES_BY_WAY]
+        return np.asarray(waves * np.tanh(drive_rates(block)[:, [joint]] / _SLOW), dtype=float)
 
     turning = [axis for axis in range(1, linear.axes + 1) if span[axis - 1] > 0]
     by_way = [linear.by_joint(axis, partial(both, axis - 1)) for axis in turning]
     return np.concatenate([*(form.columns for form in free_forms_of(linear)), *by_way], axis=1)
 
 
-def _time(block: Block) -> Array:
+def times_of_lap(block: Block) -> Array:
     """Return functions (n, c) mm of the time of a block's samples."""
     t = block.path.t_s
-    return _waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
+    return half_waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
 
 
-def _circle_waves(block: Block) -> Array:
+def circle_waves(block: Block) -> Array:
     """Return functions (n, c) mm of the circle angle of a block's samples."""
     q = block.path.q
     if not block.sampling:
@@ -169,13 +169,13 @@ def _circle_waves(block: Block) -> Array:
     return _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
 
 
-def _waves(share: Array, unit: float) -> Array:
+def half_waves(share: Array, unit: float) -> Array:
     """Return half waves (n, c) of a share (n,) between 0 and 1."""
     number = np.arange(1, _WAVES + 1)
     return unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
 
 
-def _rates(block: Block) -> Array:
+def drive_rates(block: Block) -> Array:
     """Return the speeds (n, 6) rad/s of the drives; zero at targets."""
     drives = block.drives
     return np.gradient(drives.q, drives.t_s, axis=0) if block.sampling else np.zeros_like(drives.q)

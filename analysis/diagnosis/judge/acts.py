@@ -22,22 +22,14 @@ warm; convert readings of another convention; check the rig file and the variant
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Basis of a figure: a different place, held-out runs, or the runs used."""
 Doubt = Literal[
-    "usual", "one_lap", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better",
-    "unexplained", "commanded", "small", "one_speed", "cancels", "friction", "no_gear", "at_limit", "many",
+    "usual", "one_lap", "healthy_shows_it", "rival", "unsure", "contradicted", "unexplained", "commanded"
 ]  # fmt: skip
 """Reason for not confirming an effect: no larger than elsewhere in this arm or in healthy arms; slow, and a single lap
-in each direction shows no time dependence; a healthy arm may show it by chance; a rival is likelier; it makes held-out
-runs worse; the contribution is uncertain by more than half, or the size may be usual; set-ups show different shares; it
-is part of a series of more waves than a joint has; the model explains the runs no better with it; it may imitate an
-unexplained error of similar size; only commanded angles are known, and the arm may not have reached them; a small
-change in a single set-up, which many causes may have; a wave in circles of a single speed, which may follow the angle
-instead of the time; it increases the error by itself and reduces it only together with others; friction in the ball
-joint of the link has the same effect on these circles; its waves are no whole number per turn; its size is at the limit
-of the fit; or it is one of so many faults that an unknown cause is more likely.
+in each direction shows no time dependence; the size may be usual, or noise explains it; set-ups show different shares;
+or its likeliest alternative: a healthy arm, a rival, a cause that rig does not know, or an angle that the arm did not
+reach.
 """
-IMITATED: tuple[Doubt, ...] = (
-    "no_better", "unexplained", "commanded", "one_speed", "cancels", "friction", "no_gear", "at_limit", "many",
-)  # fmt: skip
+IMITATED: tuple[Doubt, ...] = ("unexplained", "commanded")
 """Doubts about an effect of the size of a fault that a different cause may imitate."""
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
 """Objection to an action: a different cause is possible (`names`); the effect is doubted (`doubt`); no run of a

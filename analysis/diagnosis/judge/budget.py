@@ -15,7 +15,7 @@ from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form
 from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import FAULT, combined_effect, least_fault
-from analysis.diagnosis.judge.result import LARGE_SHARE, SURE_SIGMA, BudgetPart, Gap, GroupMember, Named, Rank, Share
+from analysis.diagnosis.judge.result import LARGE_SHARE, BudgetPart, Gap, GroupMember, Named, Rank, Share
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from rigs.effects import Effect
@@ -372,10 +372,6 @@ class SizesBySetUp:
         """Return the share per set-up with standard uncertainty."""
         sds = np.sqrt(np.diag(self.covariance))
         return tuple(Share(*share) for share in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
-
-    def directions(self) -> int:
-        """Return the number of set-ups that each show the named effect independently, and at least 1."""
-        return max(int(np.sum(self.value > SURE_SIGMA * np.sqrt(np.diag(self.covariance)))), 1)
 
     def birge_ratio(self) -> float:
         """Return the ratio of the scatter between set-ups to that expected from the noise of the readings; at least 1.

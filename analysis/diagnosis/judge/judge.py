@@ -11,19 +11,10 @@ from analysis.diagnosis.evidence.setups import with_effects
 from analysis.diagnosis.fit.fit_evidence import Fit
 from analysis.diagnosis.fit.responses import limits_um
 from analysis.diagnosis.fit.search import early_readings
+from analysis.diagnosis.judge.alternatives import hypotheses_of
 from analysis.diagnosis.judge.budget import Budget, EffectChange, GapMeasure, effect_changes
 from analysis.diagnosis.judge.doubts import doubts_of_limits
 from analysis.diagnosis.judge.named_swing import doubts_of_phases, named_vibration
-from analysis.diagnosis.judge.odds import (
-    within_chance,
-    within_commanded,
-    within_unexplained,
-    within_use,
-    without_cancelling,
-    without_imitating_waves,
-    without_many,
-    without_useless,
-)
 from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
 from analysis.diagnosis.judge.result import (
@@ -44,7 +35,6 @@ from analysis.diagnosis.judge.unexplained import (
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.validation import held_out_gains, shows_noise
 from analysis.diagnosis.judge.verdict import (
-    CRUMBS,
     accuracy_of,
     alone_out_of_range,
     ambiguous_names,
@@ -96,11 +86,6 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
     accuracy = accuracy_of(gaps, *standing)
     remainder = remainder_of(result, named, result.scatter_limits_um, gaps)
     unrepeated = None if early else unrepeated_um(result, evidence.rig.tests.touch)
-    unknown_um = max(remainder.um if _limits_names(remainder) else 0.0, unrepeated or 0.0)
-    named = within_unexplained(named, unknown_um, gaps.train.noise_floor_um)
-    if any(run.has_only_commanded_angles for run in evidence.uses.used):
-        named = within_commanded(named)
-    named = sorted(named, key=lambda name: (not name.is_confirmed, -name.contribution_um))
     condition = condition_of(result, named, remainder, validation.whole, early=bool(early), unrepeated_um=unrepeated)
     budget: tuple[BudgetPart, ...] = ()
     if condition != "not_testable_here":
@@ -114,11 +99,6 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
     return _verdict(answer, evidence, fit, validation), Findings(early, at_limits)
 
 
-def _limits_names(remainder: Remainder) -> bool:
-    """Return whether a remainder may imitate effects: it is material, and at new places its share is not negligible."""
-    return remainder.is_material and (not remainder.at_new_places or remainder.share > CRUMBS)
-
-
 def _named_in(
     evidence: Evidence, fit: Fit, validation: Validation, changes: Sequence[EffectChange]
 ) -> tuple[list[Named], tuple[str, ...]]:
@@ -127,10 +107,9 @@ def _named_in(
     Readings are (m, k) mm. Unless the effects were given by the user, a vibration of the link is included.
     """
     result, fitted, train, given = fit.result, validation.fitted, validation.gaps.train, fit.is_given
-    named = named_effects(result, fitted, held_out_gains(result, validation.judges), changes)
-    named = without_useless(named, train)
-    if not given:  # effects given by the user were not chosen among forms
-        named = within_chance(named, len(result.columns.forms))
+    only_commanded = any(run.has_only_commanded_angles for run in evidence.uses.used)
+    hypotheses = hypotheses_of(result, only_commanded=only_commanded)
+    named = named_effects(result, hypotheses, fitted, held_out_gains(result, validation.judges), changes)
     doubts = doubts_of_limits(named)
     vibrations = [name for name in named if given and is_vibration(name.effect)]
     swing = None
@@ -143,9 +122,6 @@ def _named_in(
         limits = limits_um(result.linear, swing.scatter_um)
         named += named_vibration(swing, limits[circles], train.after_um)
     named = [replace(name, alone_um=fitted.residual_um([name.effect])) for name in named]
-    named = without_cancelling(named, train)
-    if not given:
-        named = without_many(within_use(without_imitating_waves(named, train), train))
     return sorted(named, key=lambda name: (not name.is_confirmed, -name.contribution_um)), doubts
 
 

@@ -28,7 +28,7 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
         return []
     odds = 1 / (1 + float(np.exp(-min(swing.gain, 50.0))))
     named = Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), moves.whole_um, None)
-    return [replace(named, probability=odds / 2, doubt="one_speed") if swing.may_follow_angle else named]
+    return [replace(named, probability=odds / 2, doubt="unexplained") if swing.may_follow_angle else named]
 
 
 def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import pyarrow as pa
 from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn
+from analysis.diagnosis.judge.alternatives import Alternative
 from analysis.diagnosis.judge.passport import Passport
 from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained, independent_um
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
@@ -197,6 +198,10 @@ class Rival:
         return _of_effect(self.effect, self.sd, self.probability)
 
 
+_PRESENT: tuple[Doubt | None, ...] = (None, "usual")
+"""Doubts with which an effect is nevertheless present."""
+
+
 @dataclass(frozen=True)
 class Named:
     """An effect missing in the model, as found by a diagnosis.
@@ -234,8 +239,8 @@ class Named:
     twins: tuple[Effect, ...] = ()
     shown: bool = True
     """False if the readings cannot identify the cause, such as a wave with fewer than two driven periods."""
-    directions: int = 1
-    """Number of independent observations of the effect: set-ups that each show the size, and runs not fitted."""
+    alternatives: Mapping[Alternative, float] = field(default_factory=dict)
+    """Probability of each alternative; together with `probability` they sum to 1."""
 
     @property
     def is_confirmed(self) -> bool:
@@ -243,15 +248,16 @@ class Named:
         return self.doubt is None
 
     @property
-    def is_term(self) -> bool:
-        """True if the effect is one of several waves of a joint that together approximate a different error."""
-        return self.doubt == "series"
+    def is_imitation(self) -> bool:
+        """True if the effect is of the size of a fault, but a cause that rig does not know is more probable."""
+        unknown = self.alternatives.get("unknown", 0.0) + self.alternatives.get("several", 0.0)
+        return self.doubt not in _PRESENT and unknown > max(self.probability, 1 - unknown)
 
     @property
     def contradicted(self) -> bool:
-        """True if the effect imitates another cause: set-ups show clearly different sizes, or it is one of a series."""
-        if self.is_term or not self.shares:
-            return self.is_term
+        """True if set-ups show clearly different sizes, so that the effect imitates another cause."""
+        if not self.shares:
+            return False
         least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
         return most.value - least.value > max(_DIFFERS, _DIFFERS_SIGMA * math.hypot(least.sd, most.sd))
 
@@ -265,6 +271,7 @@ class Named:
             "times_usual": self.times_usual,
             "stands": self.is_confirmed,
             "doubt": self.doubt,
+            "alternatives": dict(self.alternatives),
             "alone_um": self.alone_um,
             "twins": [name_of(twin) for twin in self.twins],
             "held_out_gain": self.held_out_gain,

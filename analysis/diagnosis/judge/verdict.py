@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,15 +11,23 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.setups import FRAME, FittedRuns
+from analysis.diagnosis.fit.candidates import order_of
 from analysis.diagnosis.fit.free_forms import best_free_form, free_forms_of
+from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.out_of_range import OutOfRange
 from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, plain_rms_by_block, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
-from analysis.diagnosis.fit.selection_state import FAULT, background_effects, least_fault, spurious_wave_series
+from analysis.diagnosis.fit.selection_state import (
+    DRIVEN_WAVES,
+    FAULT,
+    SelectionState,
+    background_effects,
+    least_fault,
+)
 from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
+from analysis.diagnosis.judge.alternatives import Alternative, Hypotheses
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
-from analysis.diagnosis.judge.imitations import imitation_of, shows_waves
-from analysis.diagnosis.judge.odds import NO_WORSE, doubted
+from analysis.diagnosis.judge.probability import CONFIRMED, Probabilities, probabilities_of
 from analysis.diagnosis.judge.remains import independent_um
 from analysis.diagnosis.judge.residuals import bands_above_noise
 from analysis.diagnosis.judge.result import (
@@ -45,6 +52,7 @@ from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
 from rigs.calibration import ModelAssessment
 from rigs.effect_names import name_in_words
+from rigs.effects import Effect
 from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_vibration, label_of, name_of, size_field, size_of
@@ -138,9 +146,6 @@ def _results_of(runs: Sequence[Measured]) -> list[Result]:
 CRUMBS = 0.05
 """Share of the energy of the gap up to which a remainder is negligible: false verdicts of generated cells had 0.03
 to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %."""
-_SAME_SIGMA = 0.5
-"""Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
-1.0, both would be confused in a third of all repeats."""
 _NEGLIGIBLE = 1e-4
 """Odds at or below which a rival is not listed."""
 _SURE: tuple[Doubt | None, ...] = (None, "usual")
@@ -154,17 +159,6 @@ _MOST_RUNS = 20
 """Largest number of runs advised; a fault requiring more is not found in this way."""
 _ENOUGH = 3
 """Smallest number of readings per set-up term for a test. Chosen: fewer let the set-up absorb a third of them."""
-_HEALTHY = 0.05
-"""Probability that a healthy arm shows an effect this large, above which the effect is not reported as a fault.
-Chosen: 5 % of the cases.
-"""
-_LIKELY = 0.2
-"""Odds among rivals below which a named effect is not confirmed: three named effects with the same response have a
-third each, and all remain above this limit.
-"""
-_SMALL_UM = 8.0
-"""Change of the readings in µm below which a single set-up confirms no fault. Source: six of sixty single effects of 1
-to 9 µm under yaw alone were mistaken for others at odds of 97 to 100 %."""
 _BEYOND = 0.85
 """Error at held-out places beyond the stated uncertainty, relative to the noise of repeats, from which a cause is
 unknown. Source: at most 0.71 in 37 sound cells of poses, 0.91 to 7.35 in 16 of 33 with a cause outside the library.
@@ -173,10 +167,13 @@ _PROVEN = 1.645
 """Standard uncertainties by which a fault exceeds the usual size: the guard band of ISO 14253-1:2017 for 95 %. Two of
 24 sound cells had an effect of 5.1 and 6.6 times the usual size (limit 5), with an uncertainty of 12 and 16 %.
 """
-_SIGMA = 2.0
-"""Uncertainties of the contribution up to which a named effect is not confirmed. With gauges exchanged in all runs,
-a length of -23 ± 23 mm had odds above 99.9 %.
-"""
+NO_WORSE = 0.97
+"""Ratio below which a gap counts as smaller: 3 % of an rms is more than a refitted set-up gains by chance."""
+_DOUBT_OF: dict[Alternative, Doubt] = {
+    "nothing": "unsure", "healthy": "healthy_shows_it", "rival": "rival", "unknown": "unexplained",
+    "several": "unexplained", "commanded": "commanded",
+}  # fmt: skip
+"""The doubt about a name by its likeliest alternative."""
 
 
 @dataclass(frozen=True)
@@ -242,20 +239,19 @@ def ambiguous_names(named: Sequence[Named]) -> list[Named]:
 
 
 def named_effects(
-    result: SearchResult, fitted: FittedRuns, gains: Sequence[float | None], changes: Sequence[EffectChange]
-) -> list[Named]:
-    """Return the fitted effects of a search result, each with the change of the readings (N,) and the reason for not
-    confirming it, if any.
+    result: SearchResult, hypotheses: Sequence[Hypotheses], fitted: FittedRuns, gains: Sequence[float | None],
+    changes: Sequence[EffectChange],
+) -> list[Named]:  # fmt: skip
+    """Return the fitted effects of a search result, each with its probability, the change of the readings (N,) and the
+    reason for not confirming it, if any.
 
     `gains` contains the gain of each effect on held-out runs.
     """
     effects = result.effects
-    named = [
-        _judge_effect(result, k, gain, change, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
-        for k, (gain, change) in enumerate(zip(gains, changes, strict=True))
+    return [
+        _judge_effect(result, k, *of_effect, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
+        for k, of_effect in enumerate(zip(hypotheses, gains, changes, strict=True))
     ]
-    series = spurious_wave_series(effects)
-    return [replace(name, doubt="series") if name_of(name.effect) in series else name for name in named]
 
 
 def alone_out_of_range(named: Sequence[Named], beyond: OutOfRange, fitted: FittedRuns) -> list[Named]:
@@ -267,10 +263,11 @@ def alone_out_of_range(named: Sequence[Named], beyond: OutOfRange, fitted: Fitte
 
 
 def _judge_effect(
-    result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float
-) -> Named:
-    """Return an effect with its contribution, and the reason for not confirming it, if any."""
-    effect, own_odds = result.effects[k], result.rival_odds[k]
+    result: SearchResult, k: int, hypotheses: Hypotheses, gain: float | None, change: EffectChange,
+    gap_without_um: float,
+) -> Named:  # fmt: skip
+    """Return an effect with its contribution, probability and rivals, and the reason for not confirming it, if any."""
+    effect, likely = result.effects[k], probabilities_of(hypotheses)
     axis, shown = int(getattr(effect, "axis", 1)), shows_waves(result, k)
     model = f"use the calibrated model, which includes the angle error of axis {axis} over its angle"
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
@@ -278,55 +275,56 @@ def _judge_effect(
     sd = {field: ratio * sigma for field, sigma in result.fit.sd(k).items()}
     size = size_field(effect)
     sd[size] = float(np.hypot(sd.get(size, 0.0), change.apart * getattr(effect, size)))
-    twins: list[Rival] = []  # effects that change the readings in the same way
-    rivals: list[Rival] = []
-    for tried, likely in own_odds.rivals:
-        if likely > _NEGLIGIBLE:
-            other = tried.effects[-1]
-            is_fault = abs(size_of(other)) > least_fault(other, result.reference)
-            rival = Rival(other, tried.refined.sd(len(tried.effects) - 1), likely, is_fault)
-            apart = result.linear.without_set_up(tried.refined.residual - result.fit.residual)
-            (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append(rival)
-    odds = own_odds.odds + sum(twin.probability for twin in twins)
-    doubt = _doubt(result, k, change, odds, gain, sd[size])
+    of_rivals = likely.alternatives["rival"] / max(sum(share for _, share in hypotheses.rivals), 1e-300)
+    rivals = [_rival(result, tried, of_rivals * share) for tried, share in hypotheses.rivals]
+    rivals = [rival for rival in rivals if rival.probability > _NEGLIGIBLE]
+    doubt = _doubt(result, effect, likely, rivals, sd[size])
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
     by_posture = effect.compensation().use != "none"
     named = Named(
-        effect, sd, odds, tuple(rivals), gap_without_um, effect.remedy() if shown else model, change.um, gain, doubt,
-        sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
-        twins=tuple(twin.effect for twin in twins), shown=shown, directions=sizes.directions() + (gain is not None),
+        effect, sd, likely.name, tuple(rivals), gap_without_um, effect.remedy() if shown else model, change.um, gain,
+        doubt, sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
+        twins=tuple(hypotheses.twins), shown=shown, alternatives=likely.alternatives,
     )  # fmt: skip
-    imitation = imitation_of(result, k, sizes.directions())
-    if imitation or doubt == "small":
-        named = doubted(named, doubt or imitation)
     return replace(named, doubt="contradicted") if named.contradicted else named
 
 
-def _doubt(
-    result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None, u: float
-) -> Doubt | None:
-    """Return the reason for not confirming an effect, independent of the set-ups; None if it is confirmed.
+def _rival(result: SearchResult, tried: SelectionState, probability: float) -> Rival:
+    effect = tried.effects[-1]
+    is_fault = abs(size_of(effect)) > least_fault(effect, result.reference)
+    return Rival(effect, tried.refined.sd(len(tried.effects) - 1), probability, is_fault)
 
-    An effect that is certain and larger than in arms of the same build is confirmed even if small. u: uncertainty of
-    the size.
+
+def _doubt(
+    result: SearchResult, effect: Effect, likely: Probabilities, rivals: Sequence[Rival], u: float
+) -> Doubt | None:
+    """Return the reason for not confirming an effect; None if it is confirmed. u: uncertainty of the size.
+
+    It is confirmed if it or a rival that would be a fault exists with 95 %, it is likelier than each rival, and its
+    size exceeds that of all healthy arms with 95 %.
     """
-    state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
-    effect = state.effects[k]
     size, times = abs(getattr(effect, size_field(effect))), abs(size_of(effect))
     least = least_fault(effect, result.reference)
-    reasons: tuple[tuple[bool, Doubt], ...] = (
-        (times <= least, "usual"),
-        (effect.NEEDS_REPEATS and not shows_time(result.linear.blocks), "one_lap"),
-        (gain is not None and gain <= 0, "held_out"),
-        (healthy_odds >= _HEALTHY, "healthy_shows_it"),
-        (odds <= _LIKELY, "rival"),
-        (change.um < _SMALL_UM and len(result.linear.setups) == 1, "small"),
-        (change.um <= _SIGMA * change.u_um, "unsure"),
-        # A size compatible with zero is not a fault, however certain the shape, such as backlash resting on the same
-        # flank in nearly every pose.
-        (size <= _SIGMA * u or times * (size - _PROVEN * u) <= least * size, "unsure"),
-    )
-    return next((doubt for holds, doubt in reasons if holds), None)
+    if times <= least:
+        return "usual"
+    if effect.NEEDS_REPEATS and not shows_time(result.linear.blocks):
+        return "one_lap"
+    is_fault = likely.name + sum(rival.probability for rival in rivals if rival.is_fault) > CONFIRMED
+    if not is_fault or any(rival.probability > likely.name for rival in rivals):
+        return _DOUBT_OF[likely.strongest]
+    return "unsure" if times * (size - _PROVEN * u) <= least * size else None
+
+
+def shows_waves(result: SearchResult, k: int) -> bool:
+    """Return whether the named effect `k` is no wave of a joint, or a joint was driven over enough waves.
+
+    A wave over fewer than two driven periods does not identify a gear.
+    """
+    effect = result.effects[k]
+    if not is_of_curve(effect):
+        return True
+    turned = max(float(block.turns[int(getattr(effect, "axis", 1)) - 1]) for block in result.linear.blocks)
+    return order_of(effect) * turned >= DRIVEN_WAVES
 
 
 def shows_time(blocks: Sequence[Block]) -> bool:
@@ -339,12 +337,12 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     """Return the remainder beyond the noise, at most the gap of the runs used. It is material if it exceeds the limits
     (b,) µm.
 
-    The remainder includes the contributions of contradicted effects and the residual of the calibrated model beyond the
-    noise: a non-repeating error looks like scatter about the mean of the runs. The prediction error at places not used
-    in the fit replaces it if that error is larger and not negligible.
+    The remainder includes the contributions of effects that imitate an unknown cause, and the residual of the
+    calibrated model beyond the noise: a non-repeating error looks like scatter about the mean of the runs. The
+    prediction error at places not used in the fit replaces it if that error is larger and not negligible.
     """
     train = gaps.train
-    imitating = [name for name in named if name.contradicted]
+    imitating = [name for name in named if name.contradicted or name.is_imitation]
     effects = result.effects
     imitated = sum(
         (result.contributions[effects.index(name.effect)] for name in imitating), np.zeros_like(result.linear.y)
@@ -415,12 +413,13 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     seen = [f"similar to {form.words}" for form in forms if form.gain > 0]
     alike = []
     for named in imitating:
-        if not named.is_term:
+        name = name_in_words(label_of(named.effect))
+        if named.contradicted:
             sizes = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares]
             shown = " and ".join(sizes).replace(FRAME, ", placement ")
-            alike.append(f"similar to {name_in_words(label_of(named.effect))}, but the set-ups show {shown}")
-    series = Counter(name_in_words(name_of(named.effect)) for named in imitating if named.is_term)
-    alike += [f"also fitted by {count} waves of {name}, which fit any error" for name, count in series.items()]
+            alike.append(f"similar to {name}, but the set-ups show {shown}")
+        else:
+            alike.append(f"similar to {name}, but more probably an unknown cause")
     return "; ".join([*where, seen[0] if seen else "without a simple form", *alike])
 
 

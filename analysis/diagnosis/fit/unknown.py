@@ -1,0 +1,166 @@
+"""Unknown causes: smooth random functions that compete with the named effects.
+
+A cause that rig does not know is an error that varies smoothly with a quantity: angle, load, direction or speed of a
+joint, posture, time, or place. Its functions are columns of the linear model with normally distributed coefficients
+(a Gaussian process) and a common amplitude, over which the evidence is averaged. The log evidence that they gain in
+addition to the effects of a state tells how well such a cause explains the rest of the readings (Kennedy and O'Hagan
+2001). Friction in the ball joint is the last kind: a constant of each direction of each circle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evidence
+from analysis.diagnosis.fit.free_forms import circle_waves, drive_rates, half_waves, times_of_lap
+from analysis.diagnosis.fit.responses import Linearisation, Response
+from analysis.procedures.facts import facts_of
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.scene import pull
+
+_UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
+"""Units of the columns: a thousandth of a degree and of a millimetre."""
+_AMPLITUDES = 2.0 ** np.arange(-3, 10)
+"""Amplitudes in these units, from an eighth of a µm to half a millimetre."""
+_POSTURE_RAD = (0.3, 0.8, 2.0)
+"""Lengths over which an error changes with the posture. Chosen: from neighbouring postures to half the range."""
+_PLACE = (0.1, 0.3)
+"""Lengths over which an error changes with the place, relative to the largest extent of the places. Chosen."""
+_NEGLIGIBLE = 1e-3
+"""Variance of a function relative to the largest below which it is omitted."""
+_SLOW = np.radians(0.2)
+"""Speed in rad/s below which the direction of a joint is unclear. Chosen: a fraction of the slowest joint's."""
+
+_Functions = Callable[[Block], Array]
+
+
+@dataclass(frozen=True)
+class UnknownCauses:
+    """Kinds of unknown causes that runs may show, each with columns (N, c) of unit amplitude by its quantity."""
+
+    columns: dict[str, Array]
+
+    @classmethod
+    def in_runs(cls, linear: Linearisation) -> Self:
+        """Return the kinds of causes that change the readings of a linearisation."""
+        kinds = dict([*_of_joints(linear), *_of_circles(linear), *_of_places(linear)])
+        return cls({subject: columns for subject, columns in kinds.items() if np.any(columns)})
+
+    @cached_property
+    def _together(self) -> Response:
+        return Response(np.concatenate([*self.columns.values()], axis=1))
+
+    def gain(self, posterior: CoefficientPosterior) -> float:
+        """Return the log evidence that an unknown cause of any kind gains in addition to a state."""
+        gains = self.gains(posterior)
+        return float(np.logaddexp.reduce([*gains.values()]) - np.log(len(gains))) if gains else -np.inf
+
+    def gains(self, posterior: CoefficientPosterior) -> dict[str, float]:
+        """Return the log evidence that each kind gains, averaged over its amplitudes."""
+        if not self.columns:
+            return {}
+        products, slope = posterior.cavity_within_limits(self._together)
+        ends = np.cumsum([0, *(columns.shape[1] for columns in self.columns.values())]).tolist()
+        gains = []
+        for begin, end in pairwise(ends):
+            power, turn = np.linalg.eigh(products[begin:end, begin:end])
+            seen = (turn.T @ slope[begin:end]) ** 2
+            each = [cavity_evidence(np.maximum(power, 0.0), seen, amplitude**2) for amplitude in _AMPLITUDES.tolist()]
+            gains.append(float(np.logaddexp.reduce(each) - np.log(len(each))))
+        return dict(zip(self.columns, gains, strict=True))
+
+
+def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
+    """Yield errors of each joint that vary with its angle, load, direction or speed, or with the other angles."""
+    q = np.concatenate([block.drives.q for block in linear.blocks])
+    low, span = q.min(axis=0), np.maximum(np.ptp(q, axis=0), 1e-9)
+    rests = not any(block.sampling for block in linear.blocks)
+
+    def angle(joint: int, block: Block) -> Array:
+        return half_waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
+
+    def direction(joint: int, block: Block) -> Array:
+        ways = _directions(block)
+        return np.concatenate([_UNIT_RAD * ways, ways[:, [joint]] * angle(joint, block)[:, :8]], axis=1)
+
+    joints = range(linear.axes)
+    for joint in joints:
+        by_joint = partial(linear.by_joint, joint + 1)
+        yield f"angle {joint + 1}", by_joint(partial(angle, joint))
+        yield f"load {joint + 1}", by_joint(partial(_load, joint))
+        yield f"direction {joint + 1}", by_joint(partial(direction, joint))
+        yield f"speed {joint + 1}", by_joint(partial(_speed, joint))
+        if rests:
+            others = [by_joint(partial(angle, other))[:, :12] for other in joints if other != joint]
+            yield f"other angles {joint + 1}", np.concatenate(others, axis=1)
+
+
+def _directions(block: Block) -> Array:
+    """Return the direction (n, axes) of each joint: of its motion on a circle, of its approach to a place."""
+    if block.sampling:
+        return np.asarray(np.tanh(drive_rates(block) / _SLOW), dtype=float)
+    sides, count = block.table.sides, len(block.path.q)
+    return np.zeros(block.drives.q.shape) if sides is None else np.repeat(sides * 1.0, count // len(sides), axis=0)
+
+
+def _load(joint: int, block: Block) -> Array:
+    torque: Array = pull(block.model.arm, block.model.load, block.path.q).torque[:, joint]
+    most = float(np.abs(torque).max())
+    return half_waves((torque / max(most, 1e-12) + 1) / 2, _UNIT_RAD)[:, :8] * (most > 0)
+
+
+def _speed(joint: int, block: Block) -> Array:
+    rate = np.abs(drive_rates(block)[:, [joint]])
+    return np.asarray(_UNIT_RAD * (rate / max(float(rate.max()), 1e-12)) ** np.array([0.5, 1.0, 2.0]), dtype=float)
+
+
+def _of_circles(linear: Linearisation) -> Iterator[tuple[str, Array]]:
+    """Yield errors of the gauges that vary with time, errors of the ball, and friction of the ball joint."""
+    circles = [k for k, block in enumerate(linear.blocks) if block.sampling]
+    if circles:
+        both = [linear.by_gauge(shares, times_of_lap) for shares in ((1.0, 0.0), (0.0, 1.0))]
+        yield "time", np.concatenate(both, axis=1)
+        yield "ball", linear.by_gauge((1.0, 1.0), circle_waves)
+        friction = np.zeros((len(linear.y), 2 * len(circles)))
+        for column, k in enumerate(circles):
+            constant = np.broadcast_to(_UNIT_MM * np.eye(2), (len(linear.blocks[k].values), 2, 2))
+            friction[linear.rows[k], 2 * column : 2 * column + 2] = linear.blocks[k].whitened(constant)
+        yield "friction", friction
+
+
+def _of_places(linear: Linearisation) -> Iterator[tuple[str, Array]]:
+    """Yield errors of positions that vary with time, posture or place."""
+    if not all(facts_of(block.table.test).of_places and block.values.shape[1] == 3 for block in linear.blocks):
+        return
+
+    def order(block: Block) -> Array:
+        return half_waves(np.linspace(0, 1, len(block.path.q)), _UNIT_RAD)[:, :8]
+
+    yield "time", np.concatenate([linear.by_joint(axis, order) for axis in range(1, linear.axes + 1)], axis=1)
+    for length in _POSTURE_RAD:
+        postures = [block.table.q[block.rows] for block in linear.blocks]
+        yield f"posture, {length:g} rad", _smooth(linear, postures, length)
+    places = [block.values for block in linear.blocks]
+    extent = max(float(np.ptp(place, axis=0).max()) for place in places)
+    for share in _PLACE if extent > 0 else ():
+        yield f"place, {share:g}", _smooth(linear, places, share * extent)
+
+
+def _smooth(linear: Linearisation, at: Sequence[Array], length: float) -> Array:
+    """Return functions (N, c) of each coordinate that change over a length of the points `at` (n, d) of each block."""
+    points = np.concatenate(at)
+    squares = np.sum((points[:, None] - points[None]) ** 2, axis=2)
+    values, turn = np.linalg.eigh(np.exp(-0.5 * squares / length**2))
+    is_used = values > _NEGLIGIBLE * values[-1]
+    functions = _UNIT_MM * turn[:, is_used] * np.sqrt(values[is_used])
+    errors = np.einsum("nc,ij->nijc", functions, np.eye(3)).reshape(len(points), 3, -1)
+    ends = np.cumsum([0, *(len(each) for each in at)]).tolist()
+    parts = zip(linear.blocks, pairwise(ends), strict=True)
+    return linear.at_entries([block.whitened(errors[begin:end]) for block, (begin, end) in parts])

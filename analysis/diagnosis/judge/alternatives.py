@@ -1,0 +1,147 @@
+"""Alternatives to each named effect: the hypotheses that compete with it, each with its own evidence.
+
+The hypothesis of a name is that its effect exists, whatever else may exist. The alternatives are that there is nothing
+but noise, a healthy arm, a rival, a cause that rig does not know, or such a cause behind several of the names together.
+The log odds of a name are its log evidence minus that of all alternatives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from analysis.diagnosis.fit.discrepancy import LEAST_STRENGTH
+from analysis.diagnosis.fit.joint_curves import is_of_curve
+from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.fit.selection_state import SelectionState, least_fault
+from analysis.diagnosis.fit.unknown import UnknownCauses
+from rigs.effects import Effect
+from rigs.schema.effect import size_of
+from rigs.schema.scene import OUTSIDE_ARM
+
+Alternative = Literal["nothing", "healthy", "rival", "unknown", "several", "commanded"]
+"""No effect but more noise; an effect of a healthy arm; another effect; a cause that rig does not know; such a cause
+behind this name and others; or an angle that the arm was commanded but did not reach."""
+_SAME_SIGMA = 0.5
+"""Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
+1.0, both would be confused in a third of all repeats."""
+_MOST = 6
+"""Largest number of least certain names that an unknown cause replaces step by step. Chosen: each costs a fit."""
+_Share = tuple[SelectionState, float]
+_NONE = -690.0
+"""Log evidence of an alternative without any."""
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """A named effect with its alternatives."""
+
+    log_evidence: Mapping[Alternative, float]
+    """Log evidence of each alternative, relative to that of the name."""
+    rivals: Sequence[tuple[SelectionState, float]] = ()
+    """Rivals, each as the state with the rival in place of the name, with their shares of the evidence of all."""
+    twins: Sequence[Effect] = ()
+    """Effects that change the readings in the same way as the name, and count as the name."""
+
+    def log_odds(self, *, with_rivals: bool = False) -> float:
+        """Return the log odds of the name against all alternatives; with rivals, of the name or a rival."""
+        others = [value for key, value in self.log_evidence.items() if key != "rival" or not with_rivals]
+        return -float(np.logaddexp.reduce(others))
+
+
+def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list[Hypotheses]:
+    """Return the alternatives to each named effect of a search.
+
+    only_commanded: the runs contain commanded angles, and an angle that the arm did not reach explains the readings as
+    well as any error of the arm.
+    """
+    return _Comparison(result, UnknownCauses.in_runs(result.linear), only_commanded).hypotheses()
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    result: SearchResult
+    causes: UnknownCauses
+    only_commanded: bool = False
+
+    def hypotheses(self) -> list[Hypotheses]:
+        names = range(len(self.result.effects))
+        without = [self.result.selection.without(self.result.state, k) for k in names]
+        of_unknown = [self.with_unknown(each) - self.of_name for each in without]
+        of_several = self._of_several(of_unknown)
+        return [self._hypotheses(k, self._of_noise(without[k]), of_unknown[k], of_several[k]) for k in names]
+
+    def _hypotheses(self, k: int, of_noise: float, of_unknown: float, of_several: float) -> Hypotheses:
+        odds, twins, rivals = self.result.rival_odds[k], list[_Share](), list[_Share]()
+        for tried, share in odds.rivals:
+            apart = self.result.linear.without_set_up(tried.refined.residual - self.result.fit.residual)
+            (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append((tried, share))
+        own = odds.odds + sum(share for _, share in twins)
+        log_evidence: dict[Alternative, float] = {
+            "nothing": of_noise,
+            "healthy": _log_ratio(odds.healthy_odds, own),
+            "rival": _log_ratio(sum(share for _, share in rivals), own),
+            "unknown": of_unknown,
+            "several": of_several,
+        }
+        if self.only_commanded and self.result.effects[k].STAGE not in OUTSIDE_ARM:
+            log_evidence["commanded"] = 0.0
+        return Hypotheses(log_evidence, rivals, [tried.effects[-1] for tried, _ in twins])
+
+    @cached_property
+    def of_name(self) -> float:
+        """Log evidence of all names together, with or without an unknown cause in addition."""
+        state = self.result.state
+        alone = [self.result.selection.evidence(each) for each in _with_noise(state)]
+        return float(np.logaddexp.reduce([*alone, self.with_unknown(state)]))
+
+    def with_unknown(self, state: SelectionState) -> float:
+        """Log evidence of an unknown cause in addition to the names of a state, at the noise of the state or of the
+        readings alone: what a name explained must not become noise."""
+        selection = self.result.selection
+        each = [selection.evidence(s) + self.causes.gain(selection.posterior(s)) for s in _with_noise(state)]
+        return float(np.logaddexp.reduce(each))
+
+    def _of_noise(self, without: SelectionState) -> float:
+        """Return the log evidence without a name, with the noise estimated again."""
+        selection = self.result.selection
+        louder = replace(without, strength=selection.hyperparameters.strength(without, selection.posterior(without)))
+        return max(selection.evidence(without), selection.evidence(louder)) - self.of_name
+
+    def _of_several(self, of_unknown: Sequence[float]) -> list[float]:
+        """Return the log evidence of an unknown cause behind each name and others, relative to the names.
+
+        The others are the least certain names, all waves of joints, or all possible faults.
+        """
+        effects, reference = self.result.effects, self.result.reference
+        best = [_NONE] * len(effects)
+        doubtful = sorted(range(len(effects)), key=lambda k: -of_unknown[k])
+        waves = [k for k in doubtful if is_of_curve(effects[k])]
+        faults = [k for k in doubtful if abs(size_of(effects[k])) > least_fault(effects[k], reference)]
+        compared = set[frozenset[int]]()
+        for order in (order for order in (doubtful, waves, faults) if len(order) > 1):
+            without = self.result.state
+            for count, place in enumerate(order, start=1):
+                removed = frozenset(order[:count])
+                without = self.result.selection.without(without, place - sum(k < place for k in order[: count - 1]))
+                is_compared = count == len(order) or (order is doubtful and count <= _MOST)
+                if count > 1 and is_compared and removed not in compared:
+                    compared.add(removed)
+                    together = self.with_unknown(without) - self.of_name
+                    best = [max(value, together) if k in removed else value for k, value in enumerate(best)]
+        return best
+
+
+def _log_ratio(share: float, own: float) -> float:
+    return math.log(share / own) if share > 0 and own > 0 else _NONE
+
+
+def _with_noise(state: SelectionState) -> list[SelectionState]:
+    """Return a state and, if its residual counts as more than the noise, the state with only the noise."""
+    is_louder = (state.strength > LEAST_STRENGTH).any()
+    return [state, *([replace(state, strength=np.minimum(state.strength, 1.0))] if is_louder else [])]
