@@ -11,23 +11,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from analysis.apps.report.blocks import Sentence
-from analysis.apps.report.diagnosis_answer import answer_of
-from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import keys_of
 from analysis.diagnosis import diagnose as verdicts
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.fit import search as engine
-from analysis.diagnosis.fit import selection_state
 from analysis.diagnosis.fit.candidates import Candidate, candidates_for
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.fit.responses import Linearisation
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.budget import runs_apart
 from analysis.diagnosis.judge.doubts import doubts_of_limits
-from analysis.diagnosis.judge.odds import without_useless
 from analysis.diagnosis.judge.result import Diagnosis, Named
 from analysis.diagnosis.judge.verdict import standing_within
 from analysis.procedures.simulate import simulate
@@ -160,20 +154,6 @@ def test_a_name_of_which_set_ups_show_the_same_share_stands_and_is_surer() -> No
     assert one.to_dict()["shares"]["yaw"]["value"] == pytest.approx(1, abs=0.05)
 
 
-def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A series of waves describes any error of a joint, as of one that slips."""
-    monkeypatch.setattr(selection_state, "_MOST_WAVES", 1)  # private: seven waves take minutes
-    waves = (TransmissionError(axis=1, order=order, amplitude_deg=0.006, phase_deg=-70) for order in (60, 100))
-    found = found_in(circles(tuple(waves), seed=19))
-    assert found.condition == "outside_library" and not found.standing
-    assert [(name_of(one.effect), one.is_term) for one in found.contradicted] == [("transmission_error 1", True)] * 2
-    assert "also fitted by 2 waves of gear error of axis 1" in found.remainder.words
-    assert any("doubt_series" in keys_of(block.text) for block in answer_of(found) if isinstance(block, Sentence))
-    waves_in_the_budget = [part for part in found.budget if part.doubt == "series"]
-    assert len(waves_in_the_budget) == 2 and {part.rank for part in waves_in_the_budget} == {"undecided"}
-    assert keys_of(summarise(found).headline)[0].startswith("finding_unexplained"), "an imitation is no cause"
-
-
 def test_a_diagnosis_goes_on_about_effects_that_an_earlier_one_found() -> None:
     """Their origin has uncertainties in a mapping, which nothing can hash."""
     there = (Backlash(axis=1, width_deg=0.02), LinkGeometry(axis=3, field="d", delta=0.1), ClockRate(ppm=200))
@@ -301,13 +281,6 @@ def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
     found = diagnose(RIG.model_copy(update={"tests": far}), _ambiguous_runs(), [], [], lambda doing: None)
     assert found.condition == "ambiguous" and found.next_test is None
     assert any(doubt.startswith("further tests are not possible with this rig file") for doubt in found.doubts)
-
-
-def test_no_name_stands_with_which_the_model_explains_no_more() -> None:
-    (one,) = (found := _zero_of_axis_3_off(1000.0)).standing
-    assert without_useless([one], found.train) == [one]
-    (useless,) = without_useless([one], replace(found.train, calibrated_um=found.train.before_um))
-    assert not useless.is_confirmed and useless.doubt == "no_better"
 
 
 def test_a_name_that_ends_at_the_limit_of_its_size_is_doubted() -> None:
