@@ -10,6 +10,7 @@ from analysis.apps.report.act_words import ActWords, without_idle_mounts
 from analysis.apps.report.answer_words import AnswerWords, shown_parts
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Segments, Sentence, Table, as_object
 from analysis.apps.report.diagnosis_words import (
+    LEAST_ODDS,
     closed,
     error_size,
     held_out_rows,
@@ -166,8 +167,9 @@ def _faults(words: AnswerWords) -> list[Block]:
     by_reason: dict[Doubt, list[str]] = {}
     for named in diagnosis.effects:
         if named.doubt is not None and named.doubt != "usual":
-            name = words.noun(named.effect)
-            by_reason.setdefault(named.doubt, []).append(f"{name} ({micrometres(named.contribution_um)})")
+            um, odds = micrometres(named.contribution_um), sure(named.probability)
+            probable = texts("probable", name=words.noun(named.effect), um=um, odds=odds)
+            by_reason.setdefault(named.doubt, []).append(probable)
     doubted = [
         Sentence(texts("unconfirmed", why=texts(f"doubt_{why}"), names="; ".join(names)), "note")
         for why, names in by_reason.items()
@@ -196,6 +198,7 @@ def _fault(words: AnswerWords, named: Named) -> tuple[str | Cell, ...]:
         texts("or_rival", cause=words.noun(rival.effect), size=size(rival), odds=sure(rival.probability))
         for rival in named.rivals
     ]
+    below += [texts("or_unknown", odds=sure(named.unknown))] if named.unknown >= LEAST_ODDS else []
     odds = "" if diagnosis.given else sure(named.probability)
     name = Cell(words.noun(named.effect), tuple(filter(None, below)))
     return name, size(named), f"{named.contribution_um:.1f}", odds, error_size(named.alone_um, 0.0)

@@ -198,6 +198,7 @@ class Rival:
         return _of_effect(self.effect, self.sd, self.probability)
 
 
+_PROBABLE = 0.5
 _PRESENT: tuple[Doubt | None, ...] = (None, "usual")
 """Doubts with which an effect is nevertheless present."""
 
@@ -241,6 +242,8 @@ class Named:
     """False if the readings cannot identify the cause, such as a wave with fewer than two driven periods."""
     alternatives: Mapping[Alternative, float] = field(default_factory=dict)
     """Probability of each alternative; together with `probability` they sum to 1."""
+    log_odds: float | None = None
+    """Log odds against all alternatives before their calibration; None for a vibration."""
 
     @property
     def is_confirmed(self) -> bool:
@@ -248,10 +251,14 @@ class Named:
         return self.doubt is None
 
     @property
+    def unknown(self) -> float:
+        """Probability of a cause that rig does not know, behind this effect alone or behind several."""
+        return self.alternatives.get("unknown", 0.0) + self.alternatives.get("several", 0.0)
+
+    @property
     def is_imitation(self) -> bool:
-        """True if the effect is of the size of a fault, but a cause that rig does not know is more probable."""
-        unknown = self.alternatives.get("unknown", 0.0) + self.alternatives.get("several", 0.0)
-        return self.doubt not in _PRESENT and unknown > max(self.probability, 1 - unknown)
+        """True if the effect is of the size of a fault, but probably a cause that rig does not know."""
+        return self.doubt not in _PRESENT and self.unknown > _PROBABLE
 
     @property
     def contradicted(self) -> bool:
@@ -271,6 +278,7 @@ class Named:
             "times_usual": self.times_usual,
             "stands": self.is_confirmed,
             "doubt": self.doubt,
+            "log_odds": self.log_odds,
             "alternatives": dict(self.alternatives),
             "alone_um": self.alone_um,
             "twins": [name_of(twin) for twin in self.twins],

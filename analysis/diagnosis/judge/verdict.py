@@ -285,6 +285,7 @@ def _judge_effect(
         effect, sd, likely.name, tuple(rivals), gap_without_um, effect.remedy() if shown else model, change.um, gain,
         doubt, sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
         twins=tuple(hypotheses.twins), shown=shown, alternatives=likely.alternatives,
+        log_odds=hypotheses.log_odds(),
     )  # fmt: skip
     return replace(named, doubt="contradicted") if named.contradicted else named
 
