@@ -473,16 +473,20 @@ class CoefficientPosterior:
         precision: Array = marginal.products(marginal) - with_terms.T @ self.term_covariance @ with_terms
         return precision, eta
 
-    def cavity_within_limits(self, response: Response) -> tuple[Array, Array]:
-        """Return the same information about the columns of a response, with the terms at limits fixed there as in the
-        evidence.
+    def cavities_within_limits(self, responses: Sequence[Response]) -> list[tuple[Array, Array]]:
+        """Return the same information about the columns of each response apart, with the terms at limits fixed there
+        as in the evidence.
         """
-        marginal = self.background.marginal_responses([response])
-        across, free = self._products_with(marginal), np.isnan(self.terms.held)
-        normal = self._marginal.products[:-1, :-1] + self.terms.precision
-        with_terms, eta = across[:-1][free], across[-1] - self.term_means @ across[:-1]
-        absorbed = with_terms.T @ np.linalg.solve(normal[np.ix_(free, free)], with_terms)
-        return marginal.products(marginal) - absorbed, eta
+        self.background.marginal_responses(responses)  # all together
+        free, normal = np.isnan(self.terms.held), self._marginal.products[:-1, :-1] + self.terms.precision
+        covariance = np.linalg.inv(normal[np.ix_(free, free)])
+        cavities = []
+        for response in responses:
+            marginal = self.background.marginal_responses([response])
+            across = self._products_with(marginal)
+            with_terms, eta = across[:-1][free], across[-1] - self.term_means @ across[:-1]
+            cavities.append((marginal.products(marginal) - with_terms.T @ covariance @ with_terms, eta))
+        return cavities
 
     def left_of(self, columns: Array) -> Array:
         """Return the part of whitened columns (N, q), added to the readings, not absorbed by all other terms."""

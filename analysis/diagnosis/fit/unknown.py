@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -27,14 +26,18 @@ from analysis.robot.model.scene import pull
 
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 """Units of the columns: a thousandth of a degree and of a millimetre."""
+_PRIOR = -2.0
+"""Log prior odds of an unknown cause. Chosen: names of cells with known truth are equally likely from -3 to 0."""
 _AMPLITUDES = 2.0 ** np.arange(-3, 10)
 """Amplitudes in these units, from an eighth of a µm to half a millimetre."""
-_POSTURE_RAD = (0.3, 0.8, 2.0)
-"""Lengths over which an error changes with the posture. Chosen: from neighbouring postures to half the range."""
+_POSTURE_RAD = (0.02, 0.3, 0.8, 2.0)
+"""Lengths over which an error changes with the posture. Chosen: from each target by itself to half the range."""
 _PLACE = (0.1, 0.3)
 """Lengths over which an error changes with the place, relative to the largest extent of the places. Chosen."""
 _NEGLIGIBLE = 1e-3
 """Variance of a function relative to the largest below which it is omitted."""
+_MOST = 100
+"""Largest number of functions of postures or places for each coordinate. Chosen: some hundred places are usual."""
 _SLOW = np.radians(0.2)
 """Speed in rad/s below which the direction of a joint is unclear. Chosen: a fraction of the slowest joint's."""
 
@@ -54,24 +57,22 @@ class UnknownCauses:
         return cls({subject: columns for subject, columns in kinds.items() if np.any(columns)})
 
     @cached_property
-    def _together(self) -> Response:
-        return Response(np.concatenate([*self.columns.values()], axis=1))
+    def _responses(self) -> list[Response]:
+        return [Response(columns) for columns in self.columns.values()]
 
     def gain(self, posterior: CoefficientPosterior) -> float:
         """Return the log evidence that an unknown cause of any kind gains in addition to a state."""
         gains = self.gains(posterior)
-        return float(np.logaddexp.reduce([*gains.values()]) - np.log(len(gains))) if gains else -np.inf
+        return _PRIOR + float(np.logaddexp.reduce([*gains.values()]) - np.log(len(gains))) if gains else -np.inf
 
     def gains(self, posterior: CoefficientPosterior) -> dict[str, float]:
         """Return the log evidence that each kind gains, averaged over its amplitudes."""
         if not self.columns:
             return {}
-        products, slope = posterior.cavity_within_limits(self._together)
-        ends = np.cumsum([0, *(columns.shape[1] for columns in self.columns.values())]).tolist()
         gains = []
-        for begin, end in pairwise(ends):
-            power, turn = np.linalg.eigh(products[begin:end, begin:end])
-            seen = (turn.T @ slope[begin:end]) ** 2
+        for products, slope in posterior.cavities_within_limits(self._responses):
+            power, turn = np.linalg.eigh(products)
+            seen = (turn.T @ slope) ** 2
             each = [cavity_evidence(np.maximum(power, 0.0), seen, amplitude**2) for amplitude in _AMPLITUDES.tolist()]
             gains.append(float(np.logaddexp.reduce(each) - np.log(len(each))))
         return dict(zip(self.columns, gains, strict=True))
@@ -136,31 +137,42 @@ def _of_circles(linear: Linearisation) -> Iterator[tuple[str, Array]]:
 
 
 def _of_places(linear: Linearisation) -> Iterator[tuple[str, Array]]:
-    """Yield errors of positions that vary with time, posture or place."""
-    if not all(facts_of(block.table.test).of_places and block.values.shape[1] == 3 for block in linear.blocks):
+    """Yield errors of readings at rest that vary with time, posture or place."""
+    blocks = [block for block in linear.blocks if not block.sampling]
+    if not blocks:
         return
 
     def order(block: Block) -> Array:
-        return half_waves(np.linspace(0, 1, len(block.path.q)), _UNIT_RAD)[:, :8]
+        functions = half_waves(np.linspace(0, 1, len(block.path.q)), _UNIT_RAD)[:, :8]
+        return functions * (not block.sampling)
 
-    yield "time", np.concatenate([linear.by_joint(axis, order) for axis in range(1, linear.axes + 1)], axis=1)
+    yield "order", np.concatenate([linear.by_joint(axis, order) for axis in range(1, linear.axes + 1)], axis=1)
     for length in _POSTURE_RAD:
-        postures = [block.table.q[block.rows] for block in linear.blocks]
+        postures = [block.table.q[block.rows] for block in blocks]
         yield f"posture, {length:g} rad", _smooth(linear, postures, length)
-    places = [block.values for block in linear.blocks]
-    extent = max(float(np.ptp(place, axis=0).max()) for place in places)
-    for share in _PLACE if extent > 0 else ():
-        yield f"place, {share:g}", _smooth(linear, places, share * extent)
+    places = [block.values for block in blocks]
+    if len(blocks) == len(linear.blocks) and all(facts_of(block.table.test).of_tracker for block in blocks):
+        extent = max(float(np.ptp(place, axis=0).max()) for place in places)
+        for share in _PLACE:
+            yield f"place, {share:g}", _smooth(linear, places, share * extent)
 
 
 def _smooth(linear: Linearisation, at: Sequence[Array], length: float) -> Array:
-    """Return functions (N, c) of each coordinate that change over a length of the points `at` (n, d) of each block."""
+    """Return functions (N, c) of each coordinate that change over a length of the points `at` (n, d) of each block at
+    rest.
+    """
     points = np.concatenate(at)
     squares = np.sum((points[:, None] - points[None]) ** 2, axis=2)
     values, turn = np.linalg.eigh(np.exp(-0.5 * squares / length**2))
-    is_used = values > _NEGLIGIBLE * values[-1]
-    functions = _UNIT_MM * turn[:, is_used] * np.sqrt(values[is_used])
-    errors = np.einsum("nc,ij->nijc", functions, np.eye(3)).reshape(len(points), 3, -1)
-    ends = np.cumsum([0, *(len(each) for each in at)]).tolist()
-    parts = zip(linear.blocks, pairwise(ends), strict=True)
-    return linear.at_entries([block.whitened(errors[begin:end]) for block, (begin, end) in parts])
+    is_used = values > max(_NEGLIGIBLE * values[-1], np.sort(values)[-_MOST:][0] * (1 - 1e-9))
+    functions = iter(np.split(_UNIT_MM * turn[:, is_used] * np.sqrt(values[is_used]), np.cumsum([*map(len, at)])[:-1]))
+    most = max(block.values.shape[1] for block in linear.blocks)
+    parts = []
+    for block in linear.blocks:
+        errors = np.zeros((len(block.y_mm), most * int(is_used.sum())))
+        if not block.sampling:
+            coordinates = np.eye(block.values.shape[1], most)
+            errors = np.einsum("nc,ij->nijc", next(functions), coordinates)
+            errors = block.whitened(errors.reshape(*block.values.shape, -1))
+        parts.append(errors)
+    return linear.at_entries(parts)

@@ -147,10 +147,10 @@ def test_the_fault_with_the_largest_contribution_comes_first() -> None:
 
 
 def test_an_unconfirmed_effect_has_its_reason_and_no_act() -> None:
-    wave = replace(SMALL, effect=TransmissionError(axis=1, order=60, amplitude_deg=0.01), doubt="held_out")
+    wave = replace(SMALL, effect=TransmissionError(axis=1, order=60, amplitude_deg=0.01), doubt="unexplained")
     sections = sections_of(diagnosis("named", effects=(PLAY, SMALL, wave)), EN)
     last = sections["faults"][-1]
-    assert isinstance(last, Sentence) and {"unconfirmed", "doubt_held_out"} <= set(keys_of(last.text))
+    assert isinstance(last, Sentence) and {"unconfirmed", "doubt_unexplained"} <= set(keys_of(last.text))
     assert len(sections["acts"]) == 2
 
 

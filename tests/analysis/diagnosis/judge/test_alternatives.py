@@ -1,0 +1,75 @@
+"""Alternatives to a named effect, their probabilities, and unknown causes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.fit.rivals import RivalOdds
+from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.fit.selection import Selection
+from analysis.diagnosis.fit.unknown import UnknownCauses
+from analysis.diagnosis.judge.alternatives import Hypotheses, hypotheses_of
+from analysis.diagnosis.judge.probability import CONFIRMED, probabilities_of, probability_of
+from rigs.effects import Backlash
+from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, shown_by, white
+
+ALTERNATIVES = Hypotheses({"nothing": -30.0, "healthy": -40.0, "rival": -1.0, "unknown": -4.0, "several": -20.0})
+
+
+def test_probabilities_of_name_and_alternatives_sum_to_one() -> None:
+    found = probabilities_of(ALTERNATIVES)
+    assert found.name + sum(found.alternatives.values()) == pytest.approx(1.0)
+    assert found.strongest == "rival" and min(found.alternatives.values()) >= 0
+    assert found.with_rivals == pytest.approx(probability_of(ALTERNATIVES.log_odds(with_rivals=True)))
+
+
+def test_probability_rises_with_the_log_odds() -> None:
+    assert probability_of(-20.0) < 0.01 < probability_of(0.0) < CONFIRMED < probability_of(20.0)
+
+
+def _result(added: Array, *effects: Backlash) -> SearchResult:
+    linear = holding(healthy(), white(healthy(), 5) + added)
+    selection = Selection(linear, healthy_columns())
+    state = selection.initial_state(effects)
+    return SearchResult(selection, state, tuple(RivalOdds(1.0) for _ in effects))
+
+
+def _wandering(axis: int) -> Array:
+    """An error of a joint over its angle that is no sum of few waves, of 300 sigma."""
+
+    def off(block: Block) -> Array:
+        x = block.path.q[:, axis - 1]
+        return np.radians(0.01 * np.sin(40 * x**2 + axis))[:, None]
+
+    added = healthy().without_set_up(healthy().by_joint(axis, off))[:, 0]
+    return np.asarray(300 * added / np.linalg.norm(added), dtype=float)
+
+
+def test_unknown_cause_is_the_kind_that_the_readings_show() -> None:
+    causes = UnknownCauses.in_runs(healthy())
+    found = {}
+    for kind, added in {"nothing": np.zeros(len(healthy().y)), "angle 2": _wandering(2)}.items():
+        result = _result(added)
+        state = replace(result.state, strength=np.ones_like(result.state.strength))
+        gains = causes.gains(result.selection.posterior(state))
+        found[kind] = max(gains.values())
+        assert kind == "nothing" or max(gains, key=lambda one: gains[one]) == kind
+    assert found["nothing"] < 3 and found["angle 2"] > 100
+
+
+def test_backlash_of_the_readings_wins_and_one_that_imitates_an_unknown_cause_loses() -> None:
+    play = Backlash(axis=1, width_deg=0.05)
+    (present,) = hypotheses_of(_result(-shown_by(healthy(), [play]), play))
+    assert present.log_odds() > 20
+    (absent,) = hypotheses_of(_result(_wandering(2), play))
+    assert absent.log_odds() < 0 and probabilities_of(absent).strongest == "unknown"
+
+
+def test_commanded_angles_are_an_alternative_to_an_error_of_the_arm() -> None:
+    play = Backlash(axis=1, width_deg=0.05)
+    (found,) = hypotheses_of(_result(-shown_by(healthy(), [play]), play), only_commanded=True)
+    assert probabilities_of(found).name < CONFIRMED and probabilities_of(found).strongest == "commanded"
