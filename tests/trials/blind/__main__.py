@@ -59,7 +59,7 @@ TRIAL = Trial(
         "world": ("real", "cells as they are", ("real",)),
         "kinds": (",".join(REAL_KINDS), f"some of {','.join(REAL_KINDS)} (all)"),
         "generate_only": (False, "make the cases of --keep, diagnose nothing"),
-        "scores": (Path, "write table and reliability data to this JSON file too"),
+        "scores": (Path, "write the table to this JSON file too"),
         "keep": (Path, "a directory for cases, truths and answers; what is there is used again"),
     },
 )  # fmt: skip

@@ -14,16 +14,17 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from tests.support.rates import Row, counted, quantile, table, time_row, wilson
+from tests.support.rates import Row, counted, quantile, table, time_row
 from tests.trials.blind.answers import Answer, Named, answer_of
+from tests.worlds.stranger.faults import SIZE
 
 FAULTY = 5.0
 """Healthy sizes from which an effect is a fault (real-cells.md, "The healthy arm")."""
 ASSUMED = ("healthy", "one", "one_large", "two", "three")
 """Kinds whose noise and background are those of the specification: odds and sizes are scored on these."""
 SHIFTED = ("background_low", "background_high", "heavy_tails", "off_grid", "dirty")
-BINS = ((0.99, 1.0, 0.03), (0.95, 0.99, 0.03), (0.80, 0.95, 0.10), (0.50, 0.80, 0.10))
-"""Range of the odds, and largest difference between the share of correct names and the mean of the stated odds."""
+_SIZE_U, _SIZE_SHARE, _ORDER_SHARE = 3.0, 0.5, 0.05
+"""A healthy size is right within three of its uncertainties or half of the size, and an order within 5 %."""
 GIVEN = 0.2
 """Share of a foreign signal's energy that a wrong name may take."""
 
@@ -68,6 +69,16 @@ class RealCase:
         own = [one for one in self.truth["background"] if one["name"] == name]
         return any(abs(size_of(one)) >= FAULTY * one["healthy"] for one in own)
 
+    def has(self, named: Named) -> bool | None:
+        """Whether the arm has what a name says: a fault or large effect, or a healthy one of about the named size.
+
+        None for a further wave of a rough gear or ball, whose orders are not in the truth.
+        """
+        if self.fault_of(named.name) or self._is_large(named.name):
+            return True
+        judged = [_is_as_named(one, named) for one in self.truth["background"] if one["name"] == named.name]
+        return True if True in judged else None if None in judged else False
+
     @property
     def first(self) -> bool:
         return bool(self.standing) and self.fault_of(self.standing[0].name) is not None
@@ -104,6 +115,15 @@ def size_of(one: Mapping[str, Any]) -> float:
     return float(next(iter(one["parameters"].values())))
 
 
+def _is_as_named(one: Mapping[str, Any], named: Named) -> bool | None:
+    """Whether an effect of the background has about the size of a name; None if it is a wave of another order."""
+    order, _ = named.parameters.get("order", (math.nan, math.nan))
+    if "order" in one["parameters"] and abs(order / one["parameters"]["order"] - 1) > _ORDER_SHARE:
+        return None
+    true, (size, u) = abs(size_of(one)), named.parameters[SIZE[one["effect"]]]
+    return bool(abs(abs(size) - true) <= max(_SIZE_U * u, _SIZE_SHARE * true))
+
+
 def real_cases_of(
     truths: Iterable[Mapping[str, Any]], answers: Mapping[str, Mapping[str, Any] | None]
 ) -> list[RealCase]:
@@ -129,7 +149,6 @@ def rows_of(cases: Sequence[RealCase]) -> list[Row]:
         _share("two faults, testable: all named", 0.93, of("two"), lambda c: c.all_named),
         _share("three faults, testable: all named", 0.93, of("three"), lambda c: c.all_named),
         _wrong("names whose true size is healthy", of(*ASSUMED, testable=False)),
-        *[_odds(one) for one in reliability(cases)],
         *_removed(known),
         _sizes(known),
         _share("foreign and larger than all else: called outside", 0.97, large, lambda c: c.outside),
@@ -159,47 +178,6 @@ def _shifted(kind: str, testable: Sequence[RealCase], every: Sequence[RealCase])
         _share(f"{kind}: first and right", 0.92, testable, lambda case: case.first),
         _wrong("  wrong names that stand", every),
     ]
-
-
-@dataclass(frozen=True)
-class Odds:
-    """Names with stated odds in a range: mean of the stated odds, number, and number of correct names."""
-
-    low: float
-    high: float
-    near: float
-    told: float
-    names: int
-    right: int
-
-
-def reliability(cases: Sequence[RealCase]) -> list[Odds]:
-    """Of all names that stand of arms in the world as specified, bin by bin."""
-    told = [
-        (named.posterior, named not in case.wrong)
-        for case in cases
-        if case.kind in ASSUMED
-        for named in case.standing
-        if math.isfinite(named.posterior)
-    ]
-    found = []
-    for low, high, near in BINS:
-        own = [(odds, right) for odds, right in told if low < odds <= high]
-        mean = sum(odds for odds, _ in own) / len(own) if own else math.nan
-        found.append(Odds(low, high, near, mean, len(own), sum(right for _, right in own)))
-    return found
-
-
-def _odds(one: Odds) -> Row:
-    figure = f"odds stated {100 * one.low:g} to {100 * one.high:g} %: right"
-    goal = f"stated ± {100 * one.near:g} points"
-    if not one.names:
-        return Row(figure, goal, "no names", None)
-    low, high = wilson(one.right, one.names)
-    share = one.right / one.names
-    value = f"{100 * share:.1f} % ({100 * low:.1f} … {100 * high:.1f}), {one.right} of {one.names}"
-    value += f"; stated {100 * one.told:.1f} %"
-    return Row(figure, goal, value, abs(share - one.told) <= one.near)
 
 
 def _removed(cases: Sequence[RealCase]) -> list[Row]:
@@ -274,8 +252,4 @@ def real_report(cases: Sequence[RealCase]) -> str:
 
 
 def as_json(cases: Sequence[RealCase]) -> dict[str, Any]:
-    """The table, and the data of a reliability diagram."""
-    return {
-        "figures": [row.__dict__ for row in rows_of(cases)],
-        "reliability": [one.__dict__ for one in reliability(cases)],
-    }
+    return {"figures": [row.__dict__ for row in rows_of(cases)]}

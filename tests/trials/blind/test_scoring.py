@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from tests.support.rates import wilson
-from tests.trials.blind.scoring import RealCase, as_json, real_cases_of, real_report, reliability, rows_of
+from tests.trials.blind.scoring import RealCase, real_cases_of, real_report, rows_of
 from tests.worlds.stranger import REAL_KINDS
 
 BACKLASH = {
@@ -87,12 +87,6 @@ def test_a_name_is_not_wrong_from_five_healthy_sizes_on(lag_s, wrong):
 def test_foreign_signal_is_reported_or_missed(answer, tells, gives_away):
     one = case("foreign_large", answer, outside=[FOREIGN])
     assert (one.tells_foreign, one.gives_foreign_away) == (tells, gives_away)
-
-
-def test_odds_are_compared_with_how_often_they_are_right():
-    sure = [case("healthy", said("named", LAG | {"posterior": 0.9}))] * 10
-    assert [(one.names, one.right) for one in reliability(sure)] == [(0, 0), (0, 0), (10, 0), (0, 0)]
-    assert as_json(sure)["reliability"][2]["told"] == pytest.approx(0.9)
 
 
 def perfect() -> list[RealCase]:

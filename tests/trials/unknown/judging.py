@@ -113,15 +113,16 @@ def judge_name(cell: Cell, effect: Mapping[str, Any]) -> str:
     """
     if not is_certain(effect):
         return ""
-    kind = _kind_of(cell, effect)
+    kind = truth_of_name(cell, effect)
     open_rivals = [] if float(effect.get("posterior") or 0.0) >= CERTAIN else effect.get("rivals") or []
     likely = [rival for rival in open_rivals if float(rival.get("posterior") or 0.0) >= 1 - CERTAIN]
-    if kind == "wrong" and any(_kind_of(cell, rival) != "wrong" for rival in likely):
+    if kind == "wrong" and any(truth_of_name(cell, rival) != "wrong" for rival in likely):
         return "ambiguous"
     return kind
 
 
-def _kind_of(cell: Cell, effect: Mapping[str, Any]) -> str:
+def truth_of_name(cell: Cell, effect: Mapping[str, Any]) -> str:
+    """Return `right`, `related` or `wrong` of any name, whatever its probability."""
     name = str(effect.get("name"))
     twins = [str(twin.get("name") if isinstance(twin, Mapping) else twin) for twin in effect.get("twins") or []]
     hidden = cell.known.names()

@@ -185,6 +185,8 @@ class Cell:
     cause_um: float = 0.0
     healthy_um: float = 0.0
     tests: tuple[str, ...] = ("yaw", "radial")
+    states_approach: bool = False
+    """Poses and touches have columns of the joints before the last move, which show backlash."""
 
     @property
     def nominal(self) -> Arm:
@@ -303,10 +305,17 @@ def _joint_columns(q: Array) -> dict[str, Any]:
     return {f"q{k + 1}_deg": np.round(np.degrees(q[:, k]), 5) for k in range(q.shape[1])}
 
 
+def _approach_columns(cell: Cell, q: Array) -> dict[str, Any]:
+    before = np.concatenate([q[:1], q[:-1]])
+    columns = {f"q{k + 1}_from_deg": np.round(np.degrees(before[:, k]), 5) for k in range(q.shape[1])}
+    return columns if cell.states_approach else {}
+
+
 def _pose_columns(cell: Cell, _: str, motion: Motion, deviation: Deviation, rng: np.random.Generator) -> dict[str, Any]:
     places = true_points(cell, motion.q_read, deviation)
     places = places + rng.normal(0, np.hypot(cell.noise.reading_mm, cell.noise.stop_mm), places.shape)
-    return _joint_columns(motion.q_read) | {f"{axis}_mm": np.round(places[:, k], 4) for k, axis in enumerate("xyz")}
+    columns = _joint_columns(motion.q_read) | _approach_columns(cell, motion.q_read)
+    return columns | {f"{axis}_mm": np.round(places[:, k], 4) for k, axis in enumerate("xyz")}
 
 
 def true_points(cell: Cell, q: Array, deviation: Deviation, target: Array | None = None) -> Array:
@@ -328,7 +337,7 @@ def _touch_columns(
         ball = point(chain.flange, BALL_MM + cell.target + deviation.tool)
         jacobian = np.cross(chain.axis, ball[:, None] - chain.origin)
         q = q + np.einsum("nki,ni->nk", jacobian, _least_norm(jacobian, sockets - ball))
-    return {"socket": ["AB"[k % 2] for k in range(len(q))]} | _joint_columns(q)
+    return {"socket": ["AB"[k % 2] for k in range(len(q))]} | _joint_columns(q) | _approach_columns(cell, q)
 
 
 def _least_norm(jacobian: Array, error: Array) -> Array:
@@ -531,13 +540,13 @@ def draw_cell(seed: int, kinds: Sequence[type[Cause]] = CAUSES) -> Cell:
     places = places_of(kind)
     first = seed // len(kinds) % len(places)
     for arm_name, test in places[first:] + places[:first]:
-        found = _with_cause(_draw_sound(seed, arm_name, test, rng), kind, rng)
+        found = _with_cause(draw_sound(seed, arm_name, test, rng), kind, rng)
         if found is not None:
             return found
     raise UnreachableError(f"{kind.kind}: no draw can be seen")
 
 
-def _draw_sound(seed: int, arm_name: str, test: str, rng: np.random.Generator) -> Cell:
+def draw_sound(seed: int, arm_name: str, test: str, rng: np.random.Generator) -> Cell:
     """Draw a cell without an unknown cause."""
     axes = nominal_arm(arm_name, test).axes
     turn, way = rng.normal(size=3), rng.uniform(-1, 1, 3)
