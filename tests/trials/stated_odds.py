@@ -155,7 +155,7 @@ def draw_diagram(names: Sequence[Stated], file: Path) -> None:
 
     figure, panels = plt.subplots(1, 2, figsize=(10, 5), sharey=True, layout="constrained")
     for axes, world in zip(panels, ("known", "unknown"), strict=True):
-        axes.plot([0, 100], [0, 100], color="0.6", linestyle="--", linewidth=1)
+        axes.plot([0, 100], [0, 100], color="0.6", linestyle="--", linewidth=1, label="as often as stated")
         for k, readings in enumerate(READINGS.values()):
             own = [one for one in names if (one.world, one.readings) == (world, readings)]
             shown = [one for one in classes_of(own) if one.names]
