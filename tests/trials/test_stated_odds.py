@@ -35,7 +35,7 @@ def stated(probability: float, is_right: bool, log_odds: float | None = None) ->
     return Stated("known", "circles", "case", 1, "backlash 1", probability, log_odds, is_right)
 
 
-def test_fault_healthy_size_and_absent_effect_are_right_right_and_wrong(tmp_path: Path) -> None:
+def test_fault_healthy_size_and_absent_effect_are_right_right_and_wrong(tmp_path):
     wave = {"name": "transmission_error 2", "effect": "transmission_error", "healthy": 0.005}
     wave |= {"parameters": {"amplitude_deg": 0.004, "order": 7.0}}
     found = named(wave["name"], "amplitude_deg", 0.005, 0.9)
@@ -49,7 +49,7 @@ def test_fault_healthy_size_and_absent_effect_are_right_right_and_wrong(tmp_path
     ]  # fmt: skip
 
 
-def test_related_name_of_unknown_cause_is_omitted(tmp_path: Path) -> None:
+def test_related_name_of_unknown_cause_is_omitted(tmp_path):
     cell = draw_cell(0)  # cubic torsion of axis 2
     zero = cell.known.names()["joint_offset 3"]
     effects = [
@@ -67,13 +67,13 @@ def test_related_name_of_unknown_cause_is_omitted(tmp_path: Path) -> None:
     ]
 
 
-def test_classes_contain_their_upper_limit() -> None:
+def test_classes_contain_their_upper_limit():
     names = [stated(0.0, False), stated(0.5, True), stated(0.95, True), stated(0.951, False), stated(1.0, True)]
     assert [(one.names, one.right) for one in classes_of(names)] == [(2, 1), (0, 0), (1, 1), (1, 0), (1, 1)]
     assert brier_score(names[-1:]) == 0 and brier_score(names[1:2]) == pytest.approx(0.25)
 
 
-def test_fit_recovers_the_logistic_function() -> None:
+def test_fit_recovers_the_logistic_function():
     rng = np.random.default_rng(1)
     log_odds = rng.uniform(-5, 15, 4000)
     is_right = rng.random(4000) < 1 / (1 + np.exp(1.0 - 0.5 * log_odds))
@@ -81,7 +81,7 @@ def test_fit_recovers_the_logistic_function() -> None:
     assert fitted_calibration(names) == pytest.approx((-1.0, 0.5), abs=0.15)
 
 
-def test_kept_answers_make_table_diagram_and_calibration(tmp_path: Path) -> None:
+def test_kept_answers_make_table_diagram_and_calibration(tmp_path):
     for number in range(3):
         wrong = named("time_lag", "lag_s", 0.01, 0.6, 0.2)
         keep_blind(tmp_path, number, named("backlash 1", "width_deg", 0.1, 0.995), wrong)
