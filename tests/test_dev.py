@@ -30,7 +30,7 @@ def test_without_a_name_each_program_is_listed_with_one_sentence():
 
 
 @pytest.mark.parametrize("name", ["nothing", "../trials/pace"])
-def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name):
+def test_unknown_program_is_refused_with_the_available_names(name):
     done = _dev(name)
     assert done.returncode == 2
     assert repr(name) in done.stderr

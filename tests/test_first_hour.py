@@ -112,7 +112,7 @@ def test_from_an_unknown_cell_to_a_report(name, tmp_path):
 
 
 @pytest.mark.real_time
-def test_the_lap_of_a_real_daemon_is_reported_or_refused_where_the_computer_held_it_up(tmp_path):
+def test_real_lap_is_reported_or_refused_after_a_stall(tmp_path):
     robot = EmulatedRobot.of_rig(rig := parse(text := cell_text("keyence", "ur", speed_mm_s=50), "unknown"), seed=3)
     with Bench(tmp_path, text, cell=emulated(rig, robot)) as bench, Stalls() as stalls:
         bench.socket = bench.socket.with_name("unknown.sock")

@@ -52,7 +52,7 @@ def test_the_new_driver_keeps_the_contract_of_every_driver(grown):
     assert int(re.findall(r"(\d+) passed", said)[0]) >= 10
 
 
-def test_the_pages_that_are_made_from_the_schema_have_the_new_driver(grown):
+def test_generated_pages_contain_the_new_driver(grown):
     page, tree, _ = grown
     (block,) = (block for block in blocks(page.name, "sh") if "scripts/dev" in block)
     made = re.findall(r"^scripts/dev (\w+) > (\S+)", block, re.M)

@@ -79,7 +79,7 @@ def test_a_new_figure_comes_with_its_uncertainty_out_of_every_command(with_measu
         assert figure["unit"] == "deg" and 0 < figure["u"] < figure["value"]
 
 
-def test_a_new_figure_of_a_test_with_stops_has_its_label_and_its_uncertainty(
+def test_new_figure_with_stops_has_label_and_u(
     with_measurement,
 ):
     tree, _ = with_measurement

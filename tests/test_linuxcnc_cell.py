@@ -63,7 +63,7 @@ def page_command(word: str, directory: Path) -> list[str]:
     return [str(BIN / "rig"), *shlex.split(line[1].replace("cell.yaml", str(directory / "cell.yaml")))[1:]]
 
 
-def test_recipe_of_the_page_drives_the_circle_and_records_each_servo_period(person):
+def test_recipe_drives_the_circle_and_records_every_servo_period(person):
     directory = person.directory
     subprocess.run(page_command("program", directory), cwd=directory, check=True, capture_output=True)
     program = next((directory / "programs").glob("yaw_acw*.ngc"))

@@ -58,21 +58,21 @@ def test_the_same_seed_draws_the_same_of_each_package(tmp_path):
     assert every[:5] == few and {one.path for one in every} == {"rigs/it.py", "daq/it.py", "analysis/it.py"}
 
 
-def test_its_own_tests_come_first_and_those_that_import_it_before_its_folder():
+def test_specific_tests_come_before_importing_and_folder_tests():
     files = files_for(ROOT, "analysis/procedures/pose.py")
     assert files[0] == "tests/analysis/procedures/test_pose.py" and len(files) == len(set(files))
     of_folder, importing = "tests/analysis/procedures/test_touch.py", "tests/analysis/diagnosis/test_rail.py"
     assert files.index(importing) < files.index(of_folder)
 
 
-def test_the_first_files_are_taken_that_fit_the_time_and_one_always():
+def test_first_fitting_files_are_chosen_and_at_least_one():
     took = Durations({"a::x": 4.0, "a::y": 4.0, "b::x": 3.0, "c::x": 1.0, "d::x": 50.0}, {}, {"d::x"})
     assert program.within(["a", "b", "c"], took, 9.0, night=False) == ["a", "c"]
     assert program.within(["a", "b"], took, 1.0, night=False) == ["a"]
     assert program.within(["d"], took, 1.0, night=True) == ["d"]
 
 
-def test_a_mutant_is_found_by_the_test_that_fails_and_the_file_is_as_it_was(tmp_path):
+def test_mutant_is_found_by_its_test_and_the_file_restored(tmp_path):
     (tmp_path / "rigs").mkdir()
     (tmp_path / "rigs" / "__init__.py").touch()
     (tmp_path / "tests" / "rigs").mkdir(parents=True)

@@ -47,7 +47,7 @@ def test_tests_not_begun_in_time_are_counted(tmp_path, ends_s, ended, failed):
     assert program.summary(night).endswith("in 3 minutes")
 
 
-def test_the_result_stands_on_its_page_with_date_commit_and_the_longest_files():
+def test_result_page_has_date_commit_and_longest_files():
     night = program.Night({"passed": 3}, [], 61.0)
     assert night.is_whole
     took = Durations({"a::x": 30.0, "a::y": 4.0, "b::x": 50.0, "c::x": 900.0}, {}, {"a::x", "a::y", "b::x"})

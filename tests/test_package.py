@@ -63,7 +63,7 @@ def test_citation_agrees_with_pyproject():
     assert "version" not in citation
 
 
-def test_example_writes_rig_files_that_are_good_and_takes_the_place_of_none(tmp_path):
+def test_example_writes_valid_rig_files_and_replaces_none(tmp_path):
     done = _run(RIG, "example", tmp_path / "rigs")
     assert done.returncode == 0, done.stderr
     written = {Path(line).name for line in done.stdout.splitlines()}

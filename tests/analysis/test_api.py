@@ -61,7 +61,7 @@ def results(laps: list[Measured]) -> list[Result]:
     return evaluate_runs(laps)
 
 
-def test_a_run_is_evaluated_once_as_long_as_its_result_is_held(laps, results):
+def test_run_is_evaluated_once_while_its_result_is_held(laps, results):
     assert evaluate(laps[0]) is results[0] and evaluate(laps[1]) is results[1]
     assert evaluate(replace(laps[0])) is not results[0]
 
@@ -136,7 +136,7 @@ def test_the_curve_of_a_circle_has_the_figures(results):
     assert curve.to_table().column_names == ["phi_deg", "angle_deg", "error_deg", "error_u_deg", "deviation_mm"]
 
 
-def test_the_uncertainty_of_the_error_is_that_of_the_noise_within_a_run():
+def test_u_of_the_error_follows_the_noise_within_a_run():
     """Without scatter from run to run, errors of eight runs lay within 0.83 to 0.96 of it."""
     rig, text = load(RIG)
     still = Noise(scatter_deg=0.0, scatter_mm=0.0)
@@ -176,7 +176,7 @@ def test_poses_of_a_table_from_elsewhere(tmp_path):
     assert table["distance_mm"].to_numpy() == pytest.approx(size)
 
 
-def test_a_simulated_run_is_the_same_again_and_other_noise_in_the_other_direction(laps):
+def test_simulation_is_reproducible_with_other_noise_per_direction(laps):
     again = simulate(RIG, "yaw", "acw", seed=1, effects=PLAY)
     assert again.to_table().equals(laps[0].to_table())
     noise = []
@@ -187,7 +187,7 @@ def test_a_simulated_run_is_the_same_again_and_other_noise_in_the_other_directio
     assert abs(np.corrcoef(noise[0][:rows], noise[1][:rows])[0, 1]) < 0.5
 
 
-def test_a_saved_run_is_loaded_as_it_was_and_never_written_over(laps, tmp_path):
+def test_saved_run_is_loaded_unchanged_and_never_overwritten(laps, tmp_path):
     path = save_run(laps[0], tmp_path / "monday")
     loaded = load_run(path)
     assert loaded.run.manifest.name == "monday"
@@ -326,7 +326,7 @@ def test_wrong_argument_is_refused_by_name(call, code, where):
     assert error.value.where == where
 
 
-def test_an_arm_of_the_library_goes_by_its_name_and_takes_one_posture():
+def test_library_arm_is_found_by_name_and_takes_one_posture():
     arm = analysis.calibrated_arm("ur5")
     posture = [0.0, -90.0, 90.0, 0.0, 90.0, 0.0]
     assert arm.rig.name == "ur5" and arm.rig.robot == load_arm("ur5").robot

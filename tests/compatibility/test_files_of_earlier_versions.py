@@ -106,7 +106,7 @@ def test_calibrated_model_predicts_a_run_as_before(state):
 
 
 @of_whole_states
-def test_a_diagnosis_and_a_list_of_runs_have_the_keys_they_had(state):
+def test_keys_of_a_diagnosis_and_of_runs_are_unchanged(state):
     runs = [run for run in _runs(state) if "yaw" in run or "radial" in run or "repeat" in run]
     for file, words in (("diagnose.json", ["diagnose", *runs]), ("runs.json", ["runs", "runs"])):
         before, now = json.loads((state / file).read_text()), _said(state, *words, "--json")

@@ -85,7 +85,7 @@ def test_command_serves_a_capture_to_its_end(tmp_path):
     assert "not a capture" in bad
 
 
-def test_a_host_that_left_has_the_replay_restart_and_the_command_reports_it(tmp_path):
+def test_early_disconnection_restarts_the_replay_and_is_reported(tmp_path):
     name = "sylvac-lines"
     with Bench(tmp_path) as bench, bench.replaying(CORPUS / name / "cell.log", CORPUS / name / "rig.yaml") as said:
         bench.rig = tmp_path / "replayed" / "rig.yaml"

@@ -61,7 +61,7 @@ def test_seed_reproduces_a_recording_with_all_counted_samples(tmp_path):
 
 
 @pytest.mark.parametrize(("line", "keeps_up"), [("9600 8N1", False), ("115200 8N1", True)])
-def test_a_robot_that_prints_to_a_serial_port_is_read_at_the_pace_of_its_line(line, keeps_up, tmp_path):
+def test_serial_robot_is_read_at_the_pace_of_its_line(line, keeps_up, tmp_path):
     rig, hand = yaml.safe_load(slow_rig()), ByHand()
     rig["feedback"] = {"interface": "line_feed", "port": "/dev/ttyUSB9", "line": line}
     with SimulatedClock(1).running() as time:
@@ -72,7 +72,7 @@ def test_a_robot_that_prints_to_a_serial_port_is_read_at_the_pace_of_its_line(li
     assert (samples > 270) is keeps_up  # 100 lines a second, of 59 characters
 
 
-def test_synced_rows_of_a_killed_run_are_recovered_at_the_next_start(tmp_path):
+def test_synced_rows_of_a_killed_run_are_recovered(tmp_path):
     hand = ByHand()
     with SimulatedClock(3).running() as time:
         cell = SimulatedCell.switched_on(time, tmp_path, slow_rig(), hand, hand.signal)
@@ -93,7 +93,7 @@ def test_synced_rows_of_a_killed_run_are_recovered_at_the_next_start(tmp_path):
     assert all(0 < count <= len(run.streams[name]["last_byte_ns"]) for name, count in synced.items())
 
 
-def test_threads_that_wait_for_each_other_are_named_and_so_is_the_seed():
+def test_deadlocked_threads_are_named_with_the_seed():
     with pytest.raises(Deadlock, match="one, other") as error, SimulatedClock(7).running():
         first, second = clock.Event(), clock.Event()
         clock.Thread(target=first.wait, name="one", daemon=True).start()

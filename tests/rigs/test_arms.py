@@ -48,7 +48,7 @@ def test_each_source_names_a_place_and_is_held_against(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_masses_are_of_all_axes_or_of_none_and_lie_within_the_arm(name):
+def test_masses_are_complete_and_within_the_arm(name):
     masses = [axis.mass_kg for axis in load_arm(name).robot.axes]
     assert all(masses) or not any(masses)
     assert sum(masses) < 60

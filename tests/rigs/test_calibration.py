@@ -211,7 +211,7 @@ def test_rig_file_names_only_a_file_of_its_directory():
         CalibrationFile(file="x.calibration.json", sha256="0" * 63)
 
 
-def test_a_copy_without_the_calibration_is_refused_where_the_model_is_needed(tmp_path):
+def test_copy_without_its_calibration_is_refused_where_needed(tmp_path):
     """A run stores the text of its rig file, but not the neighbouring calibration file."""
     rig_file, beside = written(tmp_path / "here")
     (tmp_path / "there").mkdir()

@@ -21,6 +21,6 @@ def test_a_kind_is_listed_once_with_all_its_seats():
     assert base.endswith("(about x, between x and y)") and wrist.endswith("(4 to 6)")
 
 
-def test_a_label_keeps_the_order_of_a_gear_and_an_unknown_kind_its_name():
+def test_label_keeps_the_order_of_a_gear_and_an_unknown_name():
     assert name_in_words("transmission_error 5 order 2").endswith(" 2 waves per turn")
     assert name_in_words("stranger 3") == "stranger 3"

@@ -39,7 +39,7 @@ def _cases() -> dict[str, tuple[Rig, bool, float]]:
 
 
 @pytest.mark.parametrize("case", _cases())
-def test_link_constant_is_a_fault_only_relative_to_constants_of_this_robot(case):
+def test_link_constant_is_a_fault_only_relative_to_its_robot(case):
     rig, is_data_sheet, usual_deg = _cases()[case]
     assert rig.reference.is_data_sheet == is_data_sheet
     assert TWIST.usual_times(rig.reference) * TWIST.healthy == pytest.approx(usual_deg)

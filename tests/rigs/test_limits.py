@@ -89,7 +89,7 @@ def test_a_figure_is_decided_with_its_uncertainty(value, u, standing, *, straddl
     assert limit.straddled(value, u) == straddled
 
 
-def test_without_a_fail_nothing_fails_and_without_a_watch_fail_is_the_bound():
+def test_missing_fail_or_watch_has_its_default():
     assert Limit(watch=0.5).standing(9.0, 0.1) == "watch"
     assert Limit(fail=0.5).standing(0.4, 0.04) == "pass"
     assert Limit(fail=0.5).standing(0.6, 0.04) == "fail"

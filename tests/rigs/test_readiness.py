@@ -22,7 +22,7 @@ def one_gauge() -> str:
 
 
 @pytest.mark.parametrize("test", get_args(TestName))
-def test_the_gauges_that_a_rig_file_needs_are_those_that_the_test_reads(test):
+def test_required_gauges_are_those_read_by_the_test(test):
     assert gauges_needed(test) == format_of(test).gauges
 
 
@@ -53,7 +53,7 @@ def test_command_for_two_gauges_refuses_one(words, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) in (["cell.yaml"], ["cell.yaml", "session"])
 
 
-def test_one_length_in_metres_is_doubted_and_its_unreachable_test_is_not_possible(tmp_path):
+def test_length_in_metres_is_doubted_and_makes_its_test_impossible(tmp_path):
     text = load("ur10e")[1]
     for key, value, doubt, missing in (
         ("d_mm: 119.85", "d_mm: 0.11985", "axis 5 (wrist 2): d_mm ", ""),

@@ -443,7 +443,7 @@ def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone():
         parse(_with(feedback=True) + automatic, "touches")
 
 
-def test_the_maker_is_that_of_the_feedback_or_of_the_robots_name():
+def test_maker_follows_from_feedback_or_name():
     ur, any_makers = load("ur10e")[0], load("paper-fanuc")[0]
     assert (ur.makers, any_makers.makers) == (("ur",), ("fanuc",))
     nameless = any_makers.model_copy(update={"robot": any_makers.robot.model_copy(update={"name": "elbow arm"})})

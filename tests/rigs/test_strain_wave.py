@@ -28,7 +28,7 @@ def _catalogue(torque: Array) -> Array:
     return np.sign(torque) * np.array(twist)
 
 
-def test_the_curve_of_all_sizes_is_that_of_the_catalogue_within_a_few_percent():
+def test_torsion_agrees_with_the_catalogue_within_a_few_percent():
     torque = np.linspace(-300, 300, 121)
     assert three_regions(torque, T1) / K1 == pytest.approx(_catalogue(torque), rel=0.03)
     assert three_regions(torque[np.abs(torque) <= T1], T1) == pytest.approx(torque[np.abs(torque) <= T1])

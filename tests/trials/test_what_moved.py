@@ -85,7 +85,7 @@ def test_ball_near_the_last_axis_names_the_separating_test():
     assert hidden_causes(drawn.reference, candidates_of(drawn.reference))[0].scatter_mm > 0.1
 
 
-def test_a_plan_names_a_posture_of_the_reference_and_stops_when_a_cause_is_named():
+def test_plan_names_reference_postures_until_a_cause_is_named():
     drawn = case("zero 3")
     candidates = candidates_of(drawn.reference)
     posture = next_posture(drawn.reference, candidates, None)
@@ -101,7 +101,7 @@ def test_scatter_of_the_reference_is_found():
     assert 0.01 < small < 0.06 and 0.1 < large < 0.35
 
 
-def test_a_step_within_a_run_is_found_at_its_row_and_none_without():
+def test_step_within_a_run_is_found_at_its_row():
     drawn = case("zero 2")
     new = drawn.touch_again(10)
     reference = drawn.before
@@ -131,7 +131,7 @@ def test_evidence_prefers_the_right_scatter():
     assert sum(scenario.weight for scenario in conditioned.scenarios) == pytest.approx(1.0)
 
 
-def test_a_zero_that_moved_between_two_runs_is_reported_and_the_shorter_run_left_out(tmp_path):
+def test_zero_moved_between_runs_is_reported_and_the_shorter_run_ignored(tmp_path):
     drawn = case("zero 3")
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
     runs = [load_run(tmp_path / name) for name in ("before", "after")]

@@ -181,7 +181,7 @@ def test_a_copy_is_no_repeat_and_judges_nothing(cell, tmp_path):
         (Path("cal.yaml"), "rig correct cal.yaml -o D"),
     ],
 )
-def test_the_commands_of_acts_name_the_model_where_the_person_has_it(output, command, monkeypatch):
+def test_commands_of_acts_name_the_actual_model_file(output, command, monkeypatch):
     """FOUND stood there, a directory that nobody had."""
     monkeypatch.setattr("sys.argv", ["rig", "diagnose", "my runs/a", *(["-o", str(output)] if output else [])])
     shown = with_commands_here(replace(diagnosis("named"), acts=(LOAD,)), output)

@@ -137,7 +137,7 @@ def test_wrong_file_or_test_is_named(folder, table, test, expected):
     assert first.startswith(f"error: {folder / table}: ") and expected in first
 
 
-def test_an_output_that_cannot_be_created_is_refused_before_anything_is_computed(tmp_path):
+def test_uncreatable_output_is_refused_before_computing(tmp_path):
     (tmp_path / "file").touch()
     for below in ("x", "x/y"):
         with pytest.raises(FileError, match=r"file is a file"):

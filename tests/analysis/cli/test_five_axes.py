@@ -49,7 +49,7 @@ def test_corrected_targets_keep_the_place_and_report_the_turn(rig, tmp_path):
     assert done.returncode != 0 and "5 axes" in " ".join(done.stderr.split())
 
 
-def test_a_sixth_joint_of_touches_is_a_gripper_until_it_is_renamed(rig, tmp_path):
+def test_sixth_joint_of_touches_is_a_gripper_unless_renamed(rig, tmp_path):
     """The software of an SO-101 counts its gripper as joint 6."""
     table = tmp_path / "touches.csv"
     header = "socket," + ",".join(f"q{axis}_deg" for axis in range(1, 7))

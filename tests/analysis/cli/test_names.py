@@ -44,7 +44,7 @@ def test_ambiguous_name_is_refused_with_near_ones():
     assert ran("arms", "UR10E").stdout == ran("arms", "ur10e").stdout != ""
 
 
-def test_options_as_earlier_versions_spelled_them_still_work_and_no_help_shows_them(tmp_path):
+def test_earlier_spellings_of_options_work_and_are_hidden(tmp_path):
     radial = ("simulate", "UR10e", "--test", "radial")
     assert ran(*radial, "--runs", "2", "-o", tmp_path / "runs").returncode == 0
     assert ran(*radial, "--times=2", "-o", tmp_path / "same").returncode == 0

@@ -12,7 +12,7 @@ from tests.support.command_line import ran
 
 
 @pytest.mark.parametrize("read", ["own", "ur10e"])
-def test_an_emulated_cell_does_not_replace_a_rig_file_of_a_person(read, tmp_path):
+def test_emulated_cell_replaces_no_foreign_rig_file(read, tmp_path):
     own = tmp_path / "rig.yaml"
     own.write_bytes((SHIPPED / "ur10e.yaml").read_bytes())
     for command in (("emulate",), ("replay", own)):

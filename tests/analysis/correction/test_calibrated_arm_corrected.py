@@ -23,7 +23,7 @@ def _apart_mm(places: Array, wanted: Array) -> Array:
     return distances
 
 
-def test_given_the_corrected_angles_a_bad_arm_stands_where_the_nominal_one_was_sent(tmp_path):
+def test_corrected_angles_bring_a_bad_arm_to_the_nominal_place(tmp_path):
     rng = np.random.default_rng(5)
     arm = cell("ur10e", bad_zeros(rng), rng)
     poses = arm.seen(postures("ur10e", 40, rng), rng)

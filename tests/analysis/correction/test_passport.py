@@ -46,7 +46,7 @@ def test_passport_shows_changes_since_the_factory(zero_deg):
         assert found.condition == "nothing_unusual"
 
 
-def test_last_visit_is_known_from_the_rig_file_and_the_controller_is_not():
+def test_last_visit_is_known_without_the_controller():
     found = _found({"effects": (LinkGeometry(axis=4, field="a", delta=A4_MM), JointOffset(axis=3, offset_deg=0.05))})
     passport = found.passport
     assert passport and passport.controller is None and passport.last_visit

@@ -37,7 +37,7 @@ def calibrated(*plays: Effect) -> Rig:
     return rig.model_copy(update={"effects": (NAMED,)}).with_calibration(None, model)
 
 
-def test_a_play_that_is_certain_but_usual_is_taken_from_the_calibration():
+def test_certain_usual_play_is_taken_from_the_calibration():
     assert known_plays(calibrated(USUAL, UNSURE)) == (NAMED, USUAL)  # the named play once, though both files have it
 
 

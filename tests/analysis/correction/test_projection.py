@@ -175,7 +175,7 @@ def test_entries_do_no_harm_outside_the_work_area():
     assert at.after_um < at.before_um
 
 
-def test_a_rig_with_soft_joints_alone_has_corrected_targets_and_a_figure(tmp_path):
+def test_soft_joints_have_corrected_targets_and_a_figure(tmp_path):
     cell = tmp_path / "cell.yaml"
     soft = _known(Compliance(axis=2, deg_per_Nm=2e-4), 1e-5)
     cell.write_text(extended(load("paper-fanuc")[1], [soft], "cell"), encoding="utf-8")
@@ -305,7 +305,7 @@ class _SumIsSure(Projection):
         return self.constants[0] in fewer.constants
 
 
-def test_a_change_that_falls_below_its_uncertainty_without_others_is_not_entered():
+def test_insignificant_entry_is_left_out():
     constants = (Constant(2, "q_deg"), Constant(3, "q_deg"))
     every = _SumIsSure(constants, np.array([1.0, 0.2]), np.ones(2), np.eye(2, 6), np.ones((1, 6)), ())
     moves = np.zeros((2, 1, 6))

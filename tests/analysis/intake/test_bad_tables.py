@@ -290,7 +290,7 @@ def test_constant_gauge_is_reported_at_import(tmp_path, test):
     assert any("g1_mm reads 0 mm" in doubt for doubt in doubts), doubts
 
 
-def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path):
+def test_column_of_another_test_is_not_suggested(tmp_path):
     (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
     with pytest.raises(FileError) as caught:
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="pose", direction=None, operator="")

@@ -31,13 +31,13 @@ def pendant(folder: Path, robot: Robot, count: int, decimals: int = 2) -> Path:
     return file
 
 
-def test_one_pair_of_a_maker_that_measures_each_robot_proves_no_data_sheet(tmp_path):
+def test_one_pair_of_individually_measured_robots_proves_no_data_sheet(tmp_path):
     text = rig_text_of("ur5e")
     with pytest.raises(FileError):
         rig_with_controller(parse(text, ""), text, pendant(tmp_path, load_arm("ur5e").robot, 1))
 
 
-def test_one_pair_confirms_the_data_sheet_where_own_constants_are_an_option(tmp_path):
+def test_one_pair_confirms_the_data_sheet_of_a_maker_with_options(tmp_path):
     name = "abb-irb-120"
     pair = pendant(tmp_path, load_arm(name).robot, 1)
     assert rig_with_controller(parse(rig_text_of(name), ""), rig_text_of(name), pair)[0].controller == "data_sheet"

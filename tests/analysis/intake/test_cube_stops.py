@@ -94,7 +94,7 @@ def test_tracker_files_become_runs_with_all_figures(cell):
     assert ran("verify", cell / "runs" / "path").returncode == 0
 
 
-def test_five_postures_tell_nothing_of_the_arm_however_often_they_are_visited(cell):
+def test_five_postures_do_not_identify_the_arm(cell):
     found = ran("diagnose", cell / "sim" / "pose-000", "--json")
     assert found.returncode == 0, found.stderr
     assert json.loads(found.stdout)["condition"] == "not_testable_here"

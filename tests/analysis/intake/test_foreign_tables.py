@@ -76,7 +76,7 @@ def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path):
     assert read_run(tmp_path / "b").table.equals(read_run(tmp_path / "run").table)
 
 
-def test_a_map_with_an_open_question_is_refused_and_its_answer_imports(tmp_path):
+def test_open_question_is_refused_and_its_answer_imported(tmp_path):
     foreign = named("jacobi-like")
     assert tried(foreign, tmp_path).asked == ("residual",)
     proposed = tmp_path / "run.map.yaml"
@@ -130,7 +130,7 @@ def with_header(p: Poses, header: list[str], *columns: np.ndarray, tmp_path: Pat
     return path
 
 
-def test_a_unit_of_the_header_that_does_not_fit_is_a_question(tmp_path):
+def test_misfitting_unit_of_the_header_is_a_question(tmp_path):
     p = poses()
     header = [*(f"{name}_rad" for name in JOINTS), "x_mm", "y_m", "z_mm"]
     header[-3:] = ["tracker_x_m", "tracker_y_m", "tracker_z_m"]
@@ -170,7 +170,7 @@ def test_other_arm_is_refused_with_its_misfit(tmp_path):
         propose_map([path], "paper-fanuc")
 
 
-def test_a_short_table_in_metres_is_refused_with_its_map_and_the_command(tmp_path):
+def test_short_table_in_metres_is_refused_with_map_and_command(tmp_path):
     p, names = poses(), [*(f"q{axis}_deg" for axis in range(1, 7)), "x_m", "y_m", "z_m"]
     path = with_header(p, names, np.degrees(p.q), 1e-3 * p.xyz_mm, tmp_path=tmp_path)
     path.write_text("\n".join(path.read_text().splitlines()[:6]) + "\n")

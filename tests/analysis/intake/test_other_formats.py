@@ -62,7 +62,7 @@ def test_numbers_and_other_text_stay(text):
     assert no_formula(text) == text == as_it_was(text)
 
 
-def test_no_cell_and_no_header_of_a_csv_file_is_a_formula():
+def test_csv_cells_and_headers_are_no_formulas():
     table = pa.table({"=head": FORMULAS, "value": [-1.0] * len(FORMULAS)})
     out = io.BytesIO()
     write_csv(table, out)
@@ -71,7 +71,7 @@ def test_no_cell_and_no_header_of_a_csv_file_is_a_formula():
     assert all(text[0] not in "=+-@\t" and value == "-1.0" for text, value in rows)
 
 
-def test_no_cell_and_no_header_of_a_workbook_is_a_formula_or_a_link():
+def test_workbook_cells_and_headers_are_no_formulas_or_links():
     texts = [*FORMULAS, "http://evil.example", "\x1b[31m"]
     table = pa.table({"=head": texts, "value": [math.nan, 0.1, *[-1.0] * (len(texts) - 2)]})
     out = io.BytesIO()

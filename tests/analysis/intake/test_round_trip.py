@@ -165,7 +165,7 @@ def test_spreadsheet_formats_are_read(tmp_path):
     assert read_file(table, "repeatability", rig()).table.equals(plainly)
 
 
-def test_names_that_are_no_utf8_are_kept_as_far_as_they_can_be(tmp_path):
+def test_names_without_utf8_are_kept_as_far_as_possible(tmp_path):
     latin = os.fsdecode(b"k\xf6ln")
     source = tmp_path / f"{latin}.csv"
     source.write_text(csv_text(plain("pose")))

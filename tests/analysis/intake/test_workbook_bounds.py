@@ -29,13 +29,13 @@ def _workbook(dimension: str, rows: str) -> bytes:
 @pytest.mark.parametrize(
     ("dimension", "rows"), [("A1:XFD1048576", _FAR), ("A1:B2000", _ROWS), ("A1:B1", _FAR.replace("XFD", "B"))]
 )
-def test_a_workbook_of_too_many_cells_is_refused_while_it_is_read(monkeypatch, dimension, rows):
+def test_oversized_workbook_is_refused_while_reading(monkeypatch, dimension, rows):
     monkeypatch.setattr(raw_table, "_MOST_SHEET_CELLS", 3000)  # private: 500 000 cells take seconds
     with refused("workbook.too_large"):
         sheets_of(_workbook(dimension, rows), "book")
 
 
-def test_a_sheet_that_was_formatted_as_a_whole_has_the_cells_that_it_has():
+def test_fully_formatted_sheet_has_only_its_cells():
     assert sheets_of(_workbook("A1:XFD1048576", _SMALL), "book") == {"Sheet": b"7,8\n"}
 
 

@@ -31,7 +31,7 @@ STATES: dict[str, tuple[str, list[dict[int, float]]]] = {
 
 
 @pytest.mark.parametrize(("arm", "changes"), STATES.values(), ids=STATES)
-def test_each_change_between_runs_is_a_movement_and_one_state_of_the_arm_remains(arm, changes):
+def test_changes_between_runs_are_movements_of_one_arm_state(arm, changes):
     cell = cell_with(arm, changes, np.random.default_rng(11))
     kept, movements, _ = without_moved(load(arm)[0].model_copy(update={"effects": ()}), cell.runs)
     true = {(f"run_{k}", axis): size for k, change in enumerate(changes, start=1) for axis, size in change.items()}

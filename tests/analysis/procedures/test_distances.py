@@ -122,7 +122,7 @@ def test_missing_targets_and_orientations_are_reported():
     assert result.samples == 104
 
 
-def test_uncertainty_is_that_of_the_visits_and_not_of_the_robots_errors():
+def test_u_follows_visits_and_not_robot_errors():
     twice = planted.hemisphere(visits=2)
     noise = np.random.default_rng(4).normal(0, 0.01, len(twice.g_mm))
     small, large = (

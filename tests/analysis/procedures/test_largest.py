@@ -32,7 +32,7 @@ def test_the_size_is_unbiased_and_within_2u(truth, sign):
         assert np.mean([np.abs(curve).max() for curve in curves]) - true > u.mean()  # the maximum itself is too large
 
 
-def test_any_place_of_a_plateau_is_within_2u_and_a_peak_is_where_it_is():
+def test_place_of_a_plateau_or_peak_is_within_2u():
     rng = np.random.default_rng(2)
     errors, inside = _noise(rng, DRAWS), np.flatnonzero(PLATEAU > 1 - 1e-6)
     covered = []
@@ -54,7 +54,7 @@ def test_uncertain_places_do_not_lower_a_narrow_peak():
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2, 0.6, 1.0, 2.0])
-def test_noise_beneath_the_steps_of_a_gauge_is_found_from_half_a_step_on(noise):
+def test_noise_below_gauge_steps_is_found_from_half_a_step(noise):
     """Below a third of a step nobody sees it, and it is taken for none."""
     rng = np.random.default_rng(3)
     readings = np.round(40 * np.sin(np.linspace(0, 4 * np.pi, 6000)) + noise * rng.standard_normal(6000))

@@ -82,7 +82,7 @@ def test_a_stop_that_ends_the_program_counts():
     assert "stop from 85.0 s" in doubt
 
 
-def test_several_spells_are_counted_and_a_pause_is_not_a_speed_as_well():
+def test_spells_are_counted_and_a_pause_is_no_speed():
     columns = robot(program_state=(30, 32, ProgramState.PAUSED), speed_percent=(30, 32, 0.0))
     later = (columns["last_byte_ns"] - 5e9 >= 50e9) & (columns["last_byte_ns"] - 5e9 < 53e9)
     columns["program_state"][later] = ProgramState.PAUSED
@@ -112,7 +112,7 @@ def test_a_robot_that_shows_nothing_is_as_before():
     assert condition_of({name: values[:1] for name, values in robot().items()}).doubts == ()
 
 
-def test_a_recorded_run_has_the_doubt_and_its_temperatures_go_to_the_history(tmp_path):
+def test_doubt_of_a_recorded_run_and_its_temperatures_are_stored(tmp_path):
     t_s, q, g_mm = circle_values("yaw", "acw")
     beside = ("safety_state", *TEMPERATURES)
     writer = RunWriter.create(

@@ -32,7 +32,7 @@ def test_a_joint_that_turns_all_over_its_range_has_really_turned():
     assert turns_further(beyond, np.radians([-180.0, 180.0])).tolist() == [0] * 60 + [1]
 
 
-def test_rows_a_turn_lower_are_counted_back_together_even_if_one_is_within_the_limits():
+def test_rows_one_turn_lower_are_corrected_together():
     """The angle of -354° is a turn too low, like those below -360°, but within the limits of 360°."""
     angle = np.concatenate([RNG.uniform(-170, 170, 40), [-466.8, -400.0, -380.0, -354.1]])
     assert turns_further(np.radians(angle), LIMITS).tolist() == [0] * 40 + [-1] * 4
@@ -47,13 +47,13 @@ def test_angles_within_less_than_a_turn_are_as_they_stand():
     assert not turns_further(apart, LIMITS).any()
 
 
-def test_a_gear_error_that_does_not_repeat_with_the_turn_keeps_it():
+def test_non_repeating_gear_error_keeps_its_turn():
     wave = TransmissionError(axis=4, order=50.5, amplitude_deg=0.01, phase_deg=0.0)
     one = table(1)
     assert without_whole_turns(one, RIG.model_copy(update={"effects": (wave,)})) == (one, ())
 
 
-def test_a_joint_outside_its_limits_is_named_with_its_rows_and_value():
+def test_joint_outside_its_limits_is_named_with_rows_and_value():
     one = table(0)
     one.q[4, 1] = np.radians(400.0)
     (doubt,) = beyond_limits(one, RIG)

@@ -109,7 +109,7 @@ def test_a_gauge_that_stops_and_goes_has_no_cycle():
     assert through_cycle(asked, values, None) is None and not changes(asked, values).repeating
 
 
-def test_a_stated_cycle_that_is_not_that_of_the_readings_is_not_believed():
+def test_contradicted_cycle_is_not_used():
     asked = requests()
     ticks = latest(asked, grid(100.0))
     found = through_cycle(asked, swing(ticks)[:, None], 130 * MS)
@@ -157,7 +157,7 @@ def test_a_gauge_that_sends_unasked_is_not_timed_by_a_request(timing):
         ((0.0, True, "polled"), (16.0, True, "continuous"), (0.0, False, "polled")),
     ),
 )
-def test_the_shift_of_a_lap_by_gauges_of_a_100_ms_cycle_is_true(tmp_path, latency_ms, stated, mode):
+def test_shift_by_gauges_of_a_100_ms_cycle_is_correct(tmp_path, latency_ms, stated, mode):
     """Half a cycle of age would be 1° of the circle."""
     rig, text = lap_rig(100.0, mode)
     if not stated:

@@ -37,7 +37,7 @@ def test_times_of_self_latching_gauges_are_within_their_u(name):
 @pytest.mark.parametrize(
     "name", ["Sylvac continuous, 60 ± 20 ms, FTDI 16 ms", "Sylvac continuous, 60 ± 20 ms, no FTDI"]
 )
-def test_a_few_messages_of_an_uneven_pace_are_not_taken_for_a_steady_one(name, seed):
+def test_few_uneven_messages_are_no_steady_pace(name, seed):
     assert TIMED[name].errors(seconds=8.0, seed=seed).within_2u > 0.9
 
 

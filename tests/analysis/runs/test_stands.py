@@ -71,7 +71,7 @@ def test_three_readings_of_a_stand_are_one_and_no_visits():
     )
 
 
-def test_visits_after_a_move_are_visits_and_their_scatter_is_that_of_stands():
+def test_visits_after_a_move_scatter_like_stands():
     sound = table(12)
     rng = np.random.default_rng(5)
     laps = PoseTable(np.tile(sound.q, (4, 1)), np.tile(sound.xyz_mm, (4, 1)) + rng.normal(0, 0.03, (48, 3)), None)

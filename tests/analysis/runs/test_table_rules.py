@@ -71,7 +71,7 @@ def test_one_such_run_costs_its_own_row(tmp_path, lap, value, jobs):
     assert error.startswith(f"error: {paths[1]}: row 10 has t_s")
 
 
-def test_the_page_of_a_batch_names_the_run_that_cannot_be_read(tmp_path, lap):
+def test_page_of_a_batch_names_the_unreadable_run(tmp_path, lap):
     save_run(lap, tmp_path / "runs" / "a")
     edited(lap, tmp_path / "runs" / "b", "t_s", 9, np.nan)
     page = tmp_path / "page.html"

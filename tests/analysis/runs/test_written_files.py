@@ -75,7 +75,7 @@ def test_interrupted_writing_leaves_no_file(stopped_by, reported_as, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_csv_of_several_parts_has_every_row_once_and_in_order():
+def test_csv_in_parts_has_every_row_once_in_order():
     rows = 2 * ROWS_AT_ONCE + 3
     file = io.BytesIO()
     write_csv(pa.table({"n": range(rows), "half": [n / 2 for n in range(rows)]}), file)

@@ -94,7 +94,7 @@ def test_flickering_error_is_reported():
     )
 
 
-def test_of_gauges_that_are_asked_in_turn_each_one_ends_its_own_error():
+def test_polled_gauges_end_only_their_own_errors():
     near = {"address": 200, "count": 2, "value": {"address": 200, "type": "float32"}, "range_mm": [-1, 1], **PLAIN}
     units = [modbus(unit=1, **near), modbus(unit=2, **near)]
 
@@ -108,7 +108,7 @@ def test_of_gauges_that_are_asked_in_turn_each_one_ends_its_own_error():
     assert told(lambda t_s: 0.5 if t_s < 2 else 1.5) == []  # the readings of the other do not end it
 
 
-def test_a_message_that_lacks_one_gauge_does_not_end_the_error_of_its_instrument():
+def test_message_without_a_gauge_does_not_end_its_error():
     items: list[Item] = []
     for k in range(2 * TIMES_IN_ERROR):
         items += [Fault(FaultKind.DEVICE_ERROR, k * S, "ERR"), _sample([1.0, math.nan], k * S)]
@@ -138,7 +138,7 @@ def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path):
     assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
 
 
-def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path):
+def test_doubt_about_the_last_readings_is_in_their_run(tmp_path):
     buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
     recorder = Recorder(buffers, lambda label, _: _create(tmp_path, label), lambda: None)
     now_ns = time.monotonic_ns()
@@ -183,7 +183,7 @@ def test_changed_unit_is_reported_once(factor):
     ],
     ids=["moves", "coarse zero", "noisy zero", "off ball", "one reading"],
 )
-def test_a_gauge_that_moves_or_is_wrong_once_has_not_changed_its_unit(reads):
+def test_moving_or_once_wrong_gauge_has_not_changed_its_unit(reads):
     assert [one for one in _seen(60, reads, lambda t_s: 3 * t_s) if one.kind is FaultKind.UNIT_CHANGED] == []
 
 

@@ -92,7 +92,7 @@ def test_samples_that_come_in_batches_have_a_rate(buffer):
     assert buffer.state().rate_hz == pytest.approx(4000)
 
 
-def test_a_delivery_that_ends_with_a_fault_counts_for_the_rate_as_well(buffer):
+def test_delivery_ending_with_a_fault_counts_for_the_rate(buffer):
     """As of a flood whose last line is cut, at every read."""
     now_ns = time.monotonic_ns()
     for round_ in range(11):
@@ -128,7 +128,7 @@ def test_faults_that_find_no_room_keep_their_kind_and_count(buffer, monkeypatch)
     assert buffer.drain() == []
 
 
-def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch):
+def test_flooding_stream_leaves_time_to_the_others(monkeypatch):
     """Its link always has more, and what it brings takes 50 ms of the processor; at last it brings one message."""
     used_s, now_s, paused = 0.0, 1000.0, []
     rounds = [b"flood", b"flood", b"one", b"fast", b"fast"]
@@ -172,7 +172,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch):
 
 
 @pytest.mark.real_time  # no stall but the one that is made
-def test_a_daemon_that_is_stopped_for_a_while_has_it_in_the_run(bench):
+def test_stopped_daemon_reports_it_in_the_run(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)

@@ -64,7 +64,7 @@ def _simulated(host: Host, units: Sequence[ModbusMap], seconds: int, line: Simul
     return line.run(host, device, seconds * S)
 
 
-def test_eight_units_are_asked_equally_often_and_each_value_is_its_own():
+def test_eight_units_are_polled_equally_with_correct_values():
     line = SimulatedLine(LINE.character_ns, silent_interval_ns(LINE))
     items = _simulated(daq.gauges.host(_eight()), _eight(), 20, line)
     counts = [len(_samples(items, column)) for column in range(UNITS)]
@@ -74,7 +74,7 @@ def test_eight_units_are_asked_equally_often_and_each_value_is_its_own():
         assert {sample.values[column] for sample in _samples(items, column)} == {_float32((column + 1) / 100)}
 
 
-def test_a_dead_unit_costs_the_others_no_more_than_its_time_outs():
+def test_dead_unit_costs_only_its_time_outs():
     seconds = 20
     items = _simulated(daq.gauges.host(_eight()), [unit for unit in _eight() if unit.unit != 3], seconds)
     without = _simulated(daq.gauges.host([u for u in _eight() if u.unit != 3]), _eight(), seconds)
@@ -108,7 +108,7 @@ def test_a_unit_that_comes_back_is_read_again():
     assert len(back) > 0.4 * len([s for s in _samples(items, 0) if s.last_byte_ns > back[0].last_byte_ns])
 
 
-def test_a_slow_rate_is_kept_and_leaves_the_rest_to_the_others():
+def test_slow_rate_leaves_time_to_the_others():
     units = [_unit(1, rate_hz=10), _unit(2), _unit(3)]
     items = _simulated(daq.gauges.host(units), units, 10)
     slow, *quick = (len(_samples(items, column)) for column in range(3))
@@ -156,7 +156,7 @@ def _two(**changes: object) -> Script:
     return script
 
 
-def test_the_answer_of_another_unit_is_named_and_the_next_is_asked():
+def test_answer_of_another_unit_is_named():
     script = _two()
     script.receive(_answer(9, 1.5))
     (fault,) = script.taken()
@@ -165,7 +165,7 @@ def test_the_answer_of_another_unit_is_named_and_the_next_is_asked():
     assert script.wake().send == _rtu(2, 4, 0, 200, 0, 2)
 
 
-def test_the_late_answer_of_a_silent_unit_is_not_that_of_the_next():
+def test_late_answer_of_a_silent_unit_is_not_that_of_the_next():
     script = _two()
     assert script.wake().wake_ns is not None
     while not script.sent.endswith(_rtu(2, 4, 0, 200, 0, 2)):

@@ -97,7 +97,7 @@ def test_a_speed_that_none_can_be_is_not_known(scaling):
     assert math.isnan(_of_rtde(scaling=scaling)["speed_percent"])
 
 
-def test_a_field_that_a_controller_does_not_know_costs_that_field_alone():
+def test_unknown_field_of_a_controller_costs_that_field_alone():
     robot = rtde()
     script = Script(daq.feedback.host(robot))
     script.receive(_packet(b"V", b"\1"))
@@ -116,7 +116,7 @@ def test_a_field_that_a_controller_does_not_know_costs_that_field_alone():
     assert shown["program_state"] == ProgramState.PAUSED and shown["temperature6_c"] == 36.0
 
 
-def test_joints_that_a_controller_does_not_know_are_refused_all_the_same():
+def test_controller_without_joints_is_refused():
     script = Script(daq.feedback.host(rtde()))
     script.receive(_packet(b"V", b"\1"))
     step = script.receive(_packet(b"O", b"\0" + ",".join(["DOUBLE", *["NOT_FOUND"] * 7]).encode()))
@@ -130,7 +130,7 @@ def test_a_controller_without_a_condition_knows_none_of_its_fields():
     assert script.receive(_packet(b"O", asked)).send == _packet(b"O", b"\0DOUBLE,NOT_FOUND")
 
 
-def test_a_recipe_that_ends_with_a_comma_is_served_as_by_a_real_controller():
+def test_recipe_with_trailing_comma_is_served():
     """SDU's ur_rtde 1.6.5 asks so, and calls the fields by their places in the answer."""
     script = Script(daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6))
     asked = struct.pack(">d", 125) + b"timestamp,runtime_state,safety_mode,"

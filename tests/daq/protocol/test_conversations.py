@@ -499,7 +499,7 @@ def test_a_datagram_holds_whole_lines_and_continues_nothing():
     assert len(script.taken()) == 1
 
 
-def test_a_datagram_that_was_overtaken_is_left_out_and_a_new_start_is_not():
+def test_overtaken_datagram_is_ignored_but_a_restart_is_not():
     script = Script(daq.feedback.host(lines(port="udp://127.0.0.1:9000", listens=True)))
     for clock_ms in (5000, 5020, 5010):
         script.receive(b"%d,1,2,3,4,5,6\n" % clock_ms)

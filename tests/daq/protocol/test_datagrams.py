@@ -66,7 +66,7 @@ def test_rsi_answers_with_every_digit_of_the_ipoc():
     assert answer == b'<Sen Type="ImFree"><IPOC>0000000008</IPOC></Sen>'
 
 
-def test_rsi_answers_by_the_name_that_is_configured_or_not_at_all():
+def test_rsi_answers_only_by_the_configured_name():
     assert Script(daq.feedback.host(rsi(sentype="Cell-3"))).receive(rob(8)).send.startswith(b'<Sen Type="Cell-3">')
     silent = Script(daq.feedback.host(rsi(onlysend=True)))
     silent.receive(rob(8))
@@ -258,7 +258,7 @@ def test_j519_statuses_of_fanucs_own_driver(version):
     assert isinstance(skipped, Fault) and (skipped.kind, skipped.count) == (FaultKind.SKIPPED, 2)
 
 
-def test_j519_a_controller_that_does_not_know_the_question_is_started_as_before():
+def test_j519_controller_without_the_status_request_is_started():
     script = Script(daq.feedback.host(j519()))
     assert [script.wake().send for _ in range(3)] == [START_1, ASKS, START_1]
     script.receive(status(1, 2.0))
@@ -331,7 +331,7 @@ def test_count_restarts_after_a_silence(name):
 
 
 @pytest.mark.parametrize(("feedback", "sent"), [(egm(), 1), (rsi(), 1), (lines(), 11)])
-def test_a_tick_that_is_late_sends_one_datagram_or_all_that_a_stream_lacks(feedback, sent):
+def test_late_tick_sends_one_datagram_or_all_missed_ones(feedback, sent):
     device = daq.feedback.device(feedback, lambda _: [0.0] * 6)
     assert device.connected(5 * S).wake_ns == 5 * S
     wake_ns = device.tick(5 * S + S // 10).wake_ns

@@ -96,7 +96,7 @@ def test_emulated_gauge_answers(interface, command, good, bad):
     ],
     ids=["before message", "in number", "last digit", "first character"],
 )
-def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply, value_mm):
+def test_nd287_ignores_nuls_only_before_a_message(reply, value_mm):
     """A NUL in a message is a character of wrong parity: without it the number would be another."""
     script = POLLED["nd287"].begun()
     script.receive(reply)

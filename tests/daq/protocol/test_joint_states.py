@@ -66,7 +66,7 @@ def test_it_subscribes_and_sends_nothing_else():
     assert server.heard() == []
 
 
-def test_joints_are_taken_by_their_names_and_the_stamp_is_the_clock():
+def test_joints_are_read_by_name_and_the_stamp_is_the_clock():
     mixed = {"name": ["hand", *reversed(PANDA)], "position": [9.0, *reversed(HALVES)]}
     (sample,) = Server().text(published(**mixed))
     assert isinstance(sample, Sample) and sample.device_time_s == 7.25

@@ -39,7 +39,7 @@ def test_without_the_drain_answers_are_one_behind(name, monkeypatch):
     assert simulated(CASES[name], 500, 7).shifted > 50
 
 
-def test_the_drain_alone_does_not_hold_back_an_answer_of_three_time_outs(monkeypatch):
+def test_drain_alone_does_not_stop_an_answer_three_time_outs_late(monkeypatch):
     assert simulated(RTU, 500, 7, slowest=3).shifted == 0
     monkeypatch.setattr(Resync, "ask", lambda self, count: count)
     assert simulated(RTU, 500, 7, slowest=3).shifted > 50
@@ -79,7 +79,7 @@ class _InMenu:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name):
+def test_burst_after_a_menu_shifts_nothing(name):
     instrument = Numbered()
     device = _InMenu(daq.gauges.device([CASES[name]], instrument.read))
     items = simulate(daq.gauges.host([CASES[name]]), device, 12 * S, character_ns=500_000)

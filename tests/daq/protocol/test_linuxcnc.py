@@ -27,7 +27,7 @@ def changed(count: int, lost: int = 0, homed: int = 1) -> bytes:
     return LINE.replace(b"9595", b"%d" % count).replace(b" 0 \n", b" %d \n" % lost).replace(b" 1 7", b" %d 7" % homed)
 
 
-def test_line_gives_joints_signal_and_the_count_of_servo_periods_as_clock():
+def test_line_gives_joints_signal_and_servo_clock():
     (sample,) = received(LINE)
     assert isinstance(sample, Sample)
     assert sample.values == (10.0, 50.0, -60.0, 10.0, 40.0, 20.0, 7.0)
@@ -63,7 +63,7 @@ def test_positions_without_homing_and_damaged_lines_are_no_samples(line, kind):
     assert isinstance(fault, Fault) and fault.kind is kind
 
 
-def test_served_client_gets_complete_new_lines_only_and_a_new_client_replaces_it():
+def test_served_client_gets_complete_lines_until_another_connects():
     lines, sampler = os.pipe()
     with socket.create_server(("127.0.0.1", 0)) as server:
         thread = threading.Thread(target=rigfeed.serve, args=(lines, server))

@@ -149,7 +149,7 @@ def test_a_slow_probe_in_a_wrong_order_gives_few_readings(word_order, byte_order
     assert np.mean(shares) < 0.08, shares
 
 
-def test_a_swapped_number_below_a_nanometre_is_a_fault_though_it_stays():
+def test_constant_swapped_number_below_a_nanometre_is_a_fault():
     """0.731 mm is 5.7e-18 mm, a rounding error by its size, in each reading of a probe at rest."""
     script = Script(daq.gauges.host([_float_gauge(range_mm=(-2.5, 2.5))]))
     items = [_answered(script, _laid(0.731, "float32", "little", "big")) for _ in range(50)]
@@ -165,14 +165,14 @@ def test_near_zero_result_is_a_reading(value_mm):
     assert isinstance(item, Sample) and item.values[0] == pytest.approx(value_mm, abs=1e-12)
 
 
-def test_a_probe_in_the_right_order_gives_all_its_readings_also_through_zero():
+def test_correct_order_gives_all_readings_through_zero():
     script = Script(daq.gauges.host([_float_gauge()]))
     travel_mm = np.float32(0.3) - np.linspace(0.2, 0.4, 2001, dtype=np.float32)
     items = [_answered(script, _laid(float(v), "float32", "big", "big")) for v in travel_mm]
     assert all(isinstance(item, Sample) for item in items)
 
 
-def test_a_reading_at_the_limit_passes_and_one_beyond_is_left_out():
+def test_reading_at_the_limit_passes_and_one_beyond_does_not():
     ranged = _float_gauge(range_mm=(-2, 2))
     at_limit = _read(ranged, _laid(2.0, "float32", "big", "big"))
     assert isinstance(at_limit, Sample) and at_limit.values == (2.0,)

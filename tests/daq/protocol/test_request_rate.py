@@ -32,7 +32,7 @@ def _requested_ns(late_ns: int, stall_at_ns: int = -1, stall_ns: int = 0) -> np.
 
 
 @pytest.mark.parametrize("late_ns", [0, 300_000, 1_000_000])
-def test_a_computer_that_is_a_little_late_each_time_still_asks_as_often_as_it_may(late_ns):
+def test_slightly_late_computer_keeps_the_request_rate(late_ns):
     asked_ns = _requested_ns(late_ns)
     asked_ns = asked_ns[asked_ns >= asked_ns[-1] - 2000 * MS]
     rate_hz = (len(asked_ns) - 1) * 1e9 / np.ptp(asked_ns)

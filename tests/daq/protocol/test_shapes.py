@@ -108,7 +108,7 @@ def _answers(script: Script, *replies: bytes) -> list[Any]:
     return items
 
 
-def test_in_or_mm_pressed_on_a_gauge_that_sends_no_unit_is_a_fault_and_no_reading():
+def test_changed_unit_of_a_gauge_without_unit_is_a_fault():
     script = asked(daq.gauges.host([sylvac()]))
     before = _answers(script, *[b"-0.55%02d\r" % k for k in range(20)])
     assert all(isinstance(item, Sample) for item in before)
@@ -120,7 +120,7 @@ def test_in_or_mm_pressed_on_a_gauge_that_sends_no_unit_is_a_fault_and_no_readin
     assert back.values == (-0.5512,)
 
 
-def test_a_plug_that_was_pulled_does_not_hide_that_in_or_mm_was_pressed():
+def test_pulled_plug_does_not_hide_a_changed_unit():
     first, second = (daq.gauges.host([sylvac()]) for _ in range(2))
     _answers(asked(first), *[b"-0.5509\r"] * 20)
     hand_on(first, second)

@@ -201,7 +201,7 @@ def test_a_disk_that_refuses_is_why_nothing_started(tmp_path, monkeypatch):
     recorder._io.shut_down()
 
 
-def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(tmp_path, making):
+def test_person_has_priority_while_the_automatic_run_is_created(tmp_path, making):
     asked, done = making
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 200))
@@ -226,7 +226,7 @@ def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(tm
     assert manifest.counters["robot"] == {"samples": 200}  # from a second before the signal
 
 
-def test_a_lap_that_begins_before_the_disk_has_the_one_before_is_kept_as_that_is(tmp_path, making):
+def test_lap_begun_before_the_previous_is_on_disk_is_kept(tmp_path, making):
     asked, done = making
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 80))

@@ -154,7 +154,7 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(written, monk
     ],
     ids=["fsync", "gone", "read-only", "quota"],
 )
-def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(written, number, calls, caplog):
+def test_failing_disk_ends_the_run_and_another_follows(written, number, calls, caplog):
     written.round()
     with failing(number, *calls):
         state = written.round()
@@ -233,7 +233,7 @@ def _plain() -> dict[str, Any]:
     return {**who, "rig_text": "", "operator": "", "streams": {}}
 
 
-def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written):
+def test_unmounted_disk_gets_nothing_below_its_mount_point(written):
     written.round()
     with failing(errno.EIO, "pwrite"):
         written.round()
@@ -257,7 +257,7 @@ def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(written, c
     assert len(read_run(former).streams["g1"]["g1_mm"]) == 20
 
 
-def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(written, monkeypatch, caplog):
+def test_deleted_run_is_followed_by_another_and_counts_as_dropped(written, monkeypatch, caplog):
     """Its disk is there all the time, so nothing has to be mounted and nothing waited for."""
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 1e9)
     written.round()
@@ -335,7 +335,7 @@ def test_run_kept_open_by_a_program_error_is_reported(written, monkeypatch, capl
     assert str(written.recorder.state()["last_end"]).startswith("failed")
 
 
-def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(written, monkeypatch):
+def test_hanging_sync_bounds_memory_and_counts_the_rest(written, monkeypatch):
     """At the end of a chunk, when the next one waits for the disk to have all of it."""
     syncing, done = threading.Event(), threading.Event()
 
@@ -397,7 +397,7 @@ def test_closing_a_chunk_keeps_nothing_from_the_disk(written, monkeypatch, stall
     assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(written.delivered))
 
 
-def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_run_waiting(written, stalled):
+def test_slow_close_delays_neither_watchdog_nor_next_run(written, stalled):
     begun, done = stalled
     written.round()
     closing = written.recorder.stop_run()
@@ -444,7 +444,7 @@ def test_a_slow_write_keeps_no_reader_waiting(written, monkeypatch, caplog):
 
 
 @pytest.mark.parametrize("stopped", [False, True], ids=["goes on", "stopped meanwhile"])
-def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(written, making, stopped):
+def test_slowly_created_run_contains_all_samples_since(written, making, stopped):
     asked, done = making
     written.recorder.stop_run().result()
     written.delivered = 0
@@ -484,7 +484,7 @@ def test_samples_during_the_start_of_a_run_are_bounded(written, making, monkeypa
     assert written.recorder.stop_run().result().counters["g1"] == {"samples": 70, "dropped": 50}
 
 
-def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(written, monkeypatch):
+def test_slow_recovery_of_a_former_run_delays_nothing(written, monkeypatch):
     reviving, done = threading.Event(), threading.Event()
 
     def slow(path: Path, recover_and_log: Callable[[Path], None] = daq.recording.active_run.recover_and_log) -> None:
@@ -509,7 +509,7 @@ def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(written, mo
     written.accounted()
 
 
-def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(written, monkeypatch, caplog):
+def test_stop_during_a_refused_start_ends_the_waiting(written, monkeypatch, caplog):
     asked, done = threading.Event(), threading.Event()
 
     def refuse(path: Path) -> None:
@@ -535,7 +535,7 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(wri
     assert "was abandoned, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
 
 
-def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_first(written, making, monkeypatch):
+def test_start_during_a_recovery_needs_no_stop_first(written, making, monkeypatch):
     """The missed samples are recorded in the previous run, and none of them in the next."""
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 60.0)  # tried again when this says so
     asked, done = making
@@ -564,7 +564,7 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
     assert all(verify(path) == [] for path in written.runs.iterdir())
 
 
-def test_a_disk_that_makes_no_run_is_given_no_more_to_make(written, making):
+def test_disk_without_runs_gets_no_further_request(written, making):
     """Samples of all waiting runs stay in memory."""
     _, done = making
     written.recorder.stop_run().result()

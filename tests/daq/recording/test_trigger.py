@@ -186,7 +186,7 @@ def test_a_robot_that_leaves_for_elsewhere_has_not_departed():
     assert robot.q1 == pytest.approx(50)
 
 
-def test_two_laps_with_a_stand_at_the_start_between_are_two_runs():
+def test_two_laps_separated_by_a_stand_are_two_runs():
     robot = Robot(rule(from_deg=HOME, to_deg=ON))
     robot.does(2)
     assert [type(c) for c in robot.does(9, deg_s=4)] == [StartRun]

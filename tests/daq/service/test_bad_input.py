@@ -49,7 +49,7 @@ def test_a_missing_port_is_named_with_the_ports_there_are(bench):
     assert "g1, /dev/ttyNOPE: " in told
 
 
-def test_zeros_of_a_view_are_noted_in_the_run_and_leave_its_rows(bench):
+def test_zeros_of_a_view_are_noted_and_change_no_rows(bench):
     bench.start().all_reading()
     with Client(bench.socket) as client:
         label = {"name": "lap", "test": "yaw", "direction": "cw"}
@@ -96,7 +96,7 @@ def test_five_mistakes_of_a_rig_file_are_reported(bench):
         assert len(lines) == 5 and all(line.startswith("error: ") and ", line " in line for line in lines)
 
 
-def test_an_error_code_of_a_gauge_is_counted_and_keeps_a_recording_from_starting(bench):
+def test_gauge_in_error_is_counted_and_prevents_recording(bench):
     bench.start().all_reading()
     bench.motion.mm["g1"] = OFF
     bench.until(lambda state: state["streams"]["g1"]["age_s"]["g1_mm"] > 3)
@@ -116,7 +116,7 @@ def test_no_head_on_the_second_channel(tmp_path):
         assert done.returncode == 0  # gauge 1 alone is enough for a radial test
 
 
-def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench):
+def test_gauge_silent_during_a_recording_is_counted(bench):
     bench.start().all_reading()
     path = bench.record()
     bench.recorded(20)
@@ -332,7 +332,7 @@ def test_run_cut_within_a_write_is_recovered_with_its_loss(bench):
     assert "robot-0001.arrow.torn" in loss
 
 
-def test_a_socket_left_by_a_daemon_that_was_killed_hides_no_other(bench):
+def test_stale_socket_hides_no_other_daemon(bench):
     bench.socket.parent.mkdir()
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(bench.socket.with_name("other.sock")))

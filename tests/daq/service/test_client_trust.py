@@ -149,7 +149,7 @@ def test_an_answer_in_drops_is_not_waited_for_longer_than_any(tmp_path, monkeypa
         client.ask("status")
 
 
-def test_a_directory_that_others_can_write_is_no_place_for_a_socket(tmp_path):
+def test_writable_directory_is_refused_for_a_socket(tmp_path):
     outer = tmp_path / "outer"
     outer.mkdir()
     with answering(outer / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
@@ -184,7 +184,7 @@ def test_a_socket_that_another_user_put_there_is_refused(tmp_path):
 
 
 @ROOT_ONLY
-def test_a_directory_that_the_system_made_for_a_service_is_trusted_with_its_user(tmp_path):
+def test_service_directory_of_the_system_is_trusted_with_its_user(tmp_path):
     with answering(tmp_path / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
         os.chown(path.parent, SOMEBODY, SOMEBODY)
         os.chown(path, SOMEBODY, SOMEBODY)

@@ -35,7 +35,7 @@ def test_an_error_in_the_program_is_no_mistake_of_who_asked():
     assert "not JSON" in reply(b"{", fails)["what"] and "a JSON object" in reply(b"[]", fails)["what"]
 
 
-def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path, monkeypatch):
+def test_lock_works_on_a_full_disk(tmp_path, monkeypatch):
     def full(fd: int, data: bytes) -> int:
         raise OSError(errno.ENOSPC, "full")
 

@@ -22,7 +22,7 @@ from rigs.schema.feedback import URRTDE, LineFeed
 from tests.support.bench import rig_text
 
 
-def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(tmp_path):
+def test_waiting_client_gets_its_answer_when_the_daemon_ends(tmp_path):
     asked, may_answer, commands = threading.Event(), threading.Event(), []
 
     def answer(request: dict[str, object]) -> dict[str, object]:
@@ -58,7 +58,7 @@ def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(t
     assert commands == ["record_stop"]
 
 
-def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch):
+def test_slowly_opening_port_is_no_hanging_reader(monkeypatch):
     opening, resolved = threading.Event(), threading.Event()
 
     def resolve(*_: object) -> Link:

@@ -106,7 +106,7 @@ def test_unwritable_metrics_file_is_reported_at_the_start(bench):
     assert "nowhere/rig.prom: " in told
 
 
-def test_a_file_of_metrics_that_cannot_be_written_any_more_ends_nothing(tmp_path, caplog):
+def test_unwritable_metrics_file_ends_nothing(tmp_path, caplog):
     folder = tmp_path / "there"
     keeper = Maintenance(folder / "rig.prom", lambda: "x 1\n", None)
     for _ in range(3):

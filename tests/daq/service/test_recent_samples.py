@@ -50,7 +50,7 @@ def test_many_are_thinned_evenly_to_the_newest():
     assert len(numbers(asked(delivered(5000)))) <= MOST
 
 
-def test_blocks_of_a_quick_stream_are_cut_where_the_client_is_and_bounded():
+def test_blocks_are_cut_at_the_client_and_bounded():
     buffer = StreamBuffer("g1", ("g1_mm",))
     for first in range(0, 4800, 240):
         block = [Sample((float(k),), NO_TIME, k, k, 3) for k in range(first + 1, first + 241)]

@@ -129,7 +129,7 @@ Recorder._drain_buffers = break_down
     [(BROKEN_READER, "read robot", "AttributeError"), (BROKEN_WRITER, "write", "TypeError")],
     ids=["reader", "writer"],
 )
-def test_an_error_in_the_program_closes_the_run_as_failed_and_ends_the_daemon(bench, patch, thread, error):
+def test_program_error_fails_the_run_and_ends_the_daemon(bench, patch, thread, error):
     _failing_daemon(bench, patch).all_reading()
     path = bench.record()
     assert bench.daemon is not None

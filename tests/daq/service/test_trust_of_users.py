@@ -8,7 +8,7 @@ from tests.support.refusals import refused
     ("port", "same"),
     [("tcp://localhost:15021", "tcp://127.0.0.1:15021"), ("tcp://Gauge.example:1", "TCP://gauge.EXAMPLE:1")],
 )
-def test_one_gauge_is_read_by_one_daemon_however_its_port_is_written(port, same):
+def test_one_daemon_reads_a_gauge_however_its_port_is_written(port, same):
     first = InstanceLock.take_gauge("g1", port)
     with refused("gauge.in_use"):
         InstanceLock.take_gauge("g1", same)

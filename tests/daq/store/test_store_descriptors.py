@@ -30,7 +30,7 @@ def no_descriptor(but: int = 0) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("but", [0, 1, 2])
-def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_some(tmp_path, but):
+def test_run_without_descriptors_begins_when_there_are_some(tmp_path, but):
     with no_descriptor(but), pytest.raises(CellError, match=REMEDY) as error:
         start(tmp_path)
     assert "make room" not in str(error.value)

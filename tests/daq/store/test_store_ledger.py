@@ -77,7 +77,7 @@ def test_line_has_the_documented_form(run):
 
 
 @pytest.mark.parametrize("file", ["g1-0001.parquet", "g1-0002.parquet", "g1-0003.parquet", "robot-0003.parquet"])
-def test_a_chunk_and_its_record_are_missed_even_where_the_chain_was_made_to_fit(run, file):
+def test_removed_chunk_is_missed_even_with_a_repaired_chain(run, file):
     forget_chunk(run, file)
     assert said(run).startswith("not whole") and f"of {file[:-13]} are missing" in said(run)
 
@@ -105,7 +105,7 @@ def test_renumbered_chunk_is_reported(run):
     assert "chunk 3 of g1 is missing" in said(run)
 
 
-def test_a_ledger_that_is_cut_is_a_run_that_was_never_ended(run):
+def test_truncated_ledger_is_a_run_without_end(run):
     lines = (run / "ledger.jsonl").read_bytes().splitlines(keepends=True)
     for count in range(len(lines)):
         (run / "ledger.jsonl").write_bytes(b"".join(lines[:count]))
@@ -193,7 +193,7 @@ def test_missing_ledger_is_rebuilt_from_the_chunks(run):
     assert load_manifest(run).counters == {"g1": {"samples": 20, "garbled": 15}, "robot": {"samples": 20}}
 
 
-def test_a_manifest_that_was_changed_is_refused_and_comes_back_from_a_chunk(run):
+def test_changed_manifest_is_refused_and_restored_from_a_chunk(run):
     before = (run / "manifest.json").read_text()
     (run / "manifest.json").write_text(before.replace('"cw"', '"acw"'))
     with refused("run.damaged"):
@@ -211,7 +211,7 @@ def test_a_ledger_of_another_run_is_set_aside(run, tmp_path):
     assert_holds(read_run(run), 20)
 
 
-def test_lines_after_a_torn_seal_are_reported_and_cut_by_the_next_record(run):
+def test_lines_after_a_torn_seal_are_cut_by_the_next_record(run):
     with (run / "ledger.jsonl").open("ab") as ledger:
         ledger.write(b'{"sha256":"12')
     lines = len(ledger_lines := (run / "ledger.jsonl").read_bytes().split(b"\n"))
@@ -244,7 +244,7 @@ def test_recovery_after_a_failed_end_names_the_missing_rows(tmp_path, monkeypatc
 
 @pytest.mark.parametrize("name", ["g1-0001.arrow", "ledger.jsonl", "manifest.json"])
 @pytest.mark.parametrize("moved", [False, True])
-def test_a_file_that_vanishes_is_noticed_at_the_next_write_and_no_row_is_lost(tmp_path, name, moved):
+def test_vanished_file_is_noticed_at_the_next_write_without_loss(tmp_path, name, moved):
     writer = record(tmp_path / "runs")
     if moved:
         (writer.path / name).rename(tmp_path / name)
@@ -296,7 +296,7 @@ def test_an_old_crash_is_recovered_and_sealed(tmp_path, lost):
     assert_holds(read_run(path), 12)
 
 
-def test_a_whole_old_run_with_a_file_left_over_gets_a_ledger_with_all_that_was_known(old):
+def test_old_run_with_a_leftover_file_gets_a_complete_ledger(old):
     relabel(old, direction="acw")
     (old / "g1-0009.parquet.tmp").touch()
     before = load_manifest(old)

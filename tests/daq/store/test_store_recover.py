@@ -45,7 +45,7 @@ def test_complete_run_needs_nothing(tmp_path):
     assert (path / "manifest.json").read_bytes() == before
 
 
-def test_a_test_of_a_package_that_is_not_here_needs_the_package(tmp_path):
+def test_run_of_an_external_test_needs_its_package(tmp_path):
     manifest = finished(tmp_path) / "manifest.json"
     text = manifest.read_text().replace('"yaw"', '"height"')
     manifest.write_text(text)
@@ -177,7 +177,7 @@ def test_lost_manifest_is_rebuilt(tmp_path, damage, end):
     assert (writer.path / "manifest.json.torn").exists() == (damage is not None)
 
 
-def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(tmp_path, monkeypatch):
+def test_temporarily_unreadable_manifest_is_kept(tmp_path, monkeypatch):
     path = finished(tmp_path)
     before = load_manifest(path)
 

@@ -81,7 +81,7 @@ def test_unmarkable_run_is_reported(run, tmp_path, monkeypatch):
     assert "not delete" in done.stderr
 
 
-def test_a_run_counts_as_exported_once_its_copy_is_on_the_disk(run, monkeypatch):
+def test_run_counts_as_exported_once_its_copy_is_synced(run, monkeypatch):
     """Else rigd deletes a run of which a power cut takes the copy."""
     output, synced = run.parent.parent / "raw.mcap", []
 
@@ -172,7 +172,7 @@ runs = st.lists(st.tuples(st.floats(0, 500), st.integers(0, 10**9), st.booleans(
 
 
 @given(runs)
-def test_whatever_there_is_nothing_goes_that_may_not_and_not_more_than_has_to(
+def test_retention_deletes_only_allowed_and_necessary_runs(
     drawn,
 ):
     found = [_info(number, *one) for number, one in enumerate(drawn)]

@@ -137,7 +137,7 @@ def test_a_program_that_connects_is_read_and_a_second_one_refused():
         assert count("disconnected") == count("garbled") == 0
 
 
-def test_without_a_program_the_port_stays_open_and_the_silence_is_reported():
+def test_port_without_a_program_stays_open_and_silent():
     stream = _lines()
     with _reading(stream) as count:
         _until(lambda: count("silent") >= 2)
@@ -193,7 +193,7 @@ def test_a_tcp_address_that_cannot_be_ours_is_refused(address):
             open_link("robot", port, LINE, listens=True)
 
 
-def test_ros2_joint_states_are_recorded_through_a_new_start_of_the_server(tmp_path):
+def test_ros2_joint_states_survive_a_restart_of_the_server(tmp_path):
     data = yaml.safe_load(rig_text())
     joints = [f"joint_{axis}" for axis in range(1, 7)]
     data["feedback"] = {"interface": "ros2_joint_states", "port": "tcp://192.168.1.5:9090", "joints": joints}
@@ -201,14 +201,14 @@ def test_ros2_joint_states_are_recorded_through_a_new_start_of_the_server(tmp_pa
 
 
 @pytest.mark.skipif(not OPC_UA, reason="no asyncua")
-def test_an_opc_ua_robot_is_recorded_through_a_new_start_of_its_server(tmp_path):
+def test_opc_ua_recording_survives_a_restart_of_the_server(tmp_path):
     data = yaml.safe_load(rig_text())
     data["feedback"] = {"interface": "opc_ua_robotics", "port": "tcp://192.168.1.5:4840"}
     _recorded_through_a_new_start(data, "disconnected", tmp_path)
 
 
 @pytest.mark.parametrize("port", ["tcp://192.168.1.5:9000", "udp://192.168.1.5:9000"])
-def test_lines_that_call_are_recorded_through_a_new_start_of_their_program(port, tmp_path):
+def test_calling_lines_survive_a_restart_of_their_program(port, tmp_path):
     data = yaml.safe_load(rig_text())
     data["feedback"] = {"interface": "line_feed", "port": port, "listens": True, "timeout_s": 0.5}
     _recorded_through_a_new_start(data, "disconnected" if port.startswith("tcp") else "silent", tmp_path)
@@ -317,7 +317,7 @@ FEEDBACKS = {
 
 
 @pytest.mark.parametrize("interface", FEEDBACKS)
-def test_a_robot_on_udp_is_recorded_through_a_new_start_of_its_program(interface, tmp_path):
+def test_udp_recording_survives_a_restart_of_the_program(interface, tmp_path):
     data = yaml.safe_load(rig_text())
     data["feedback"] = {"interface": interface, "port": FEEDBACKS[interface], "timeout_s": 0.5}
     with Bench(tmp_path, yaml.safe_dump(data)) as bench:

@@ -13,7 +13,7 @@ from tests.trials.bench.__main__ import ROWS
 PAGE = Path(__file__).parents[3] / "docs" / "benchmarks.md"
 
 
-def test_a_line_is_reached_up_to_its_goal_and_has_a_ratio_to_its_peer():
+def test_line_is_judged_by_its_goal_and_its_peer():
     line = Line("forward", "an arm", "µs a pose", goal=0.4, figure=0.4, peer="another", peer_figure=0.8)
     assert line.reached and line.cells()[-2:] == ("0.5", "reached")
     alone = Line("circle", "effects", "µs a reading", goal=3.3, figure=3.4)
@@ -22,7 +22,7 @@ def test_a_line_is_reached_up_to_its_goal_and_has_a_ratio_to_its_peer():
     assert len(rows) == 4 and {row.count("|") for row in rows} == {len(HEAD) + 1}
 
 
-def test_both_are_called_in_turns_and_a_missing_peer_has_no_figure():
+def test_calls_alternate_and_a_missing_peer_has_no_figure():
     called: list[str] = []
     ours, theirs = beside(lambda: called.append("rig"), Peer("it", lambda: called.append("peer")), count=10, turns=3)
     assert 0 < ours < 1e3 and 0 < theirs < 1e3

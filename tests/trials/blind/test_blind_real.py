@@ -49,7 +49,7 @@ def test_every_level_is_within_the_table():
 
 
 @pytest.mark.parametrize("tau_s", [0.0, 0.3, 2.0])
-def test_slow_noise_has_unit_variance_and_the_covariance_that_the_oracle_takes(tau_s):
+def test_slow_noise_has_the_covariance_of_the_oracle(tau_s):
     made = noises.slow(60.0, tau_s, 400, np.random.default_rng(1))
     for lag_s in (0.0, 0.2, 1.0):
         k = round(lag_s / noises.SLOW_STEP_S)
@@ -57,7 +57,7 @@ def test_slow_noise_has_unit_variance_and_the_covariance_that_the_oracle_takes(t
         assert found == pytest.approx(float(slow_covariance(np.array([lag_s, 60.0]), tau_s)[0]), abs=0.08)
 
 
-def test_stops_scatter_by_their_targets_own_level_and_tails_are_heavy_where_they_are_asked_for():
+def test_stops_scatter_per_target_with_heavy_tails_on_request():
     rng = np.random.default_rng(3)
     own, target = levels(rng), np.repeat([1, 2], 20_000)
     off = np.linalg.norm(noises.stop_scatter(own, 0.0, target, rng), axis=1)
@@ -91,7 +91,7 @@ def test_a_healthy_arm_has_everything_at_its_healthy_width():
         assert square / seats == pytest.approx(1.0, abs=0.6), effect
 
 
-def test_a_planted_wave_and_a_healthy_one_of_the_same_order_are_one_wave():
+def test_planted_and_healthy_wave_of_one_order_are_one_wave():
     planted, own, other = (
         Fault("transmission_error", {"axis": 2}, size, {"order": order, "phase_deg": phase})
         for size, order, phase in ((0.1, 16.0, 350.0), (0.005, 16.0, 100.0), (0.005, 7.0, 20.0))
@@ -188,7 +188,7 @@ def test_a_case_is_fixed_by_kind_and_seed(made, tmp_path):
     assert filecmp.cmpfiles(first, second, names, shallow=False)[0] == names
 
 
-def test_a_case_is_imported_with_all_its_laps_and_the_truth_leaves_nothing_of_the_gap(tmp_path, made):
+def test_imported_case_with_its_truth_leaves_no_gap(tmp_path, made):
     """What rig's simulator makes of the true effects closes the gap at the unseen place; no effects leave all of it."""
     job = trial.Job("one", 3, tmp_path)
     trial.make_case(job)

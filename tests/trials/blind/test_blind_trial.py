@@ -49,7 +49,7 @@ def test_a_campaign_uses_an_answer_of_the_same_code_again(there, again, tmp_path
     assert trial.answered(job) == ({"condition": "anew"} if again else kept)
 
 
-def test_a_case_whose_tables_are_refused_is_an_answer_that_is_missing(tmp_path, monkeypatch):
+def test_refused_tables_are_a_missing_answer(tmp_path, monkeypatch):
     def refused(_: Job) -> None:
         raise FileError("a.csv", "gauges", "exchange")
 

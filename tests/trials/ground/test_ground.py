@@ -208,7 +208,7 @@ def test_the_commands_make_score_and_draw(tmp_path, capsys):
     assert (tmp_path / "table.png").stat().st_size > 10_000
 
 
-def test_the_table_of_the_front_page_is_that_of_the_proving_ground():
+def test_front_page_has_the_table_of_the_proving_ground():
     front, page = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/proving-ground.md"))
     rows = [line for line in front.splitlines() if line.startswith(("| task |", "| UR10 ", "| UR5,", "| WAM "))]
     assert len(rows) > 5

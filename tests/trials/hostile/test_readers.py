@@ -105,7 +105,7 @@ def many_equal_rows(rows: int) -> bytes:
     return bytes(sink.getvalue().to_pybytes())
 
 
-def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded(monkeypatch):
+def test_small_file_of_millions_of_rows_is_not_decoded(monkeypatch):
     data = many_equal_rows(120_000_000)
     assert len(data) < 1_000_000
     monkeypatch.setattr("pyarrow.parquet.ParquetFile.read", lambda *_, **__: pytest.fail("decoded"))

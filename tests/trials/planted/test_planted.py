@@ -131,7 +131,7 @@ def test_drift_and_slip_begin_with_the_run():
     assert not slipped[0].any() and not slipped[:, 1].any()
 
 
-def test_a_gauge_with_its_own_cycle_holds_its_value_and_states_the_spread_of_its_time():
+def test_gauge_with_own_cycle_holds_its_value_and_states_the_spread():
     rng = np.random.default_rng(1)
     true_s, shown, u_t_s = gauge_times(rng, SINGLE["own cycle"], T_S)
     off_s = true_s - T_S[:, None] + SINGLE["own cycle"].lag_s
@@ -139,7 +139,7 @@ def test_a_gauge_with_its_own_cycle_holds_its_value_and_states_the_spread_of_its
     assert len(np.unique(shown[:, 0])) == pytest.approx(T_S[-1] / 0.1, abs=2)
 
 
-def test_a_circle_table_is_the_circle_of_the_rig_lap_after_lap():
+def test_circle_table_repeats_the_rig_circle():
     rig, _ = cell_rig()
     rng = np.random.default_rng(2)
     noise, set_up = Noise(white_mm=(0, 0), step_mm=1e-9, uneven=1.0), draw_set_up(rng)

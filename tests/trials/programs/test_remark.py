@@ -55,7 +55,7 @@ def test_a_last_line_without_an_end_gets_one():
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_a_program_with_the_mark_is_refused_and_without_it_is_not(dialect, tmp_path):
+def test_marked_program_is_refused(dialect, tmp_path):
     draft = draw(dialect, 3, plain=True)
     path, data = tmp_path / draft.main, draft.files[draft.main]
     path.write_bytes(data)

@@ -73,7 +73,7 @@ def test_arms_agree_with_their_drawings(arm, axes, end):
     np.testing.assert_allclose(forward(arm, q).flange[:, :3, 3], by_screws(axes, np.array(end), q), atol=1e-8)
 
 
-def test_the_elbow_arm_agrees_with_the_closed_form_of_ortho_parallel_arms():
+def test_elbow_arm_agrees_with_the_closed_form_of_ortho_parallel_arms():
     """Brandstötter, Angerer and Hofbaur, An analytical solution of the inverse kinematics problem of industrial serial
     manipulators with an ortho-parallel basis and a spherical wrist (2014): forward equations of the wrist centre."""
     arm = elbow_arm()

@@ -178,7 +178,7 @@ def test_draws_have_the_covariance_of_common_and_own_parts():
     assert np.var(drawn[:, 0, 0]) == pytest.approx(5.0, rel=0.05)
 
 
-def test_growing_error_gives_the_day_on_which_a_feature_leaves_its_tolerance():
+def test_growing_error_dates_the_end_of_the_tolerance():
     runs = tuple(
         RunRecord(
             f"run-{day}", str(day), "r", (dt.datetime(2026, 1, 1, tzinfo=dt.UTC) + dt.timedelta(days=day)).isoformat(),

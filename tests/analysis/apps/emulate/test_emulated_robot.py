@@ -88,7 +88,7 @@ def test_a_person_continues_pauses_and_stops_a_program(robot):
         assert at_deg(robot) == pytest.approx(7.15, abs=0.01) and robot.finished.is_set() and not robot.stop()
 
 
-def test_outputs_that_a_stop_has_left_stay_until_the_next_program_switches_them(robot):
+def test_outputs_after_a_stop_stay_until_the_next_program(robot):
     with SimulatedClock(1).running():
         robot.play(_DRIVEN)
         clock.sleep(3)

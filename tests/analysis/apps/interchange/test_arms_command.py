@@ -37,7 +37,7 @@ def test_the_table_as_json_has_all_of_it():
     assert found[0]["sources"]["second"].startswith("robotkinematicscatalogue")
 
 
-def test_an_arm_is_shown_with_its_sources_and_ready_to_be_pasted():
+def test_arm_is_shown_with_sources_in_pasteable_form():
     done = rig("arms", "staubli-tx2-60")
     assert "# Staubli TX2-60, repeatability 0.02 mm" in done.stdout
     assert "# geometry: ros-industrial/staubli_experimental" in done.stdout
@@ -106,7 +106,7 @@ def test_nothing_is_written_of_a_bad_urdf(urdf, tmp_path):
     assert not (tmp_path / "arm.yaml").exists()
 
 
-def test_names_in_a_urdf_do_not_reach_the_terminal_as_they_are(urdf):
+def test_names_in_a_urdf_are_printed_plain(urdf):
     urdf.write_text(urdf.read_text().replace('"tool0"', '"tip&#x9b;31m&#10;robot: 1"').replace("joint_1", "a&#x202e;"))
     done = rig("import-urdf", urdf)
     assert done.exit_code == 0

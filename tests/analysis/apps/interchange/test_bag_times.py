@@ -67,7 +67,7 @@ def _shift(run: Measured) -> Quantity:
 
 
 @pytest.mark.parametrize("stamped", [False, True])
-def test_late_joints_of_a_steady_pace_or_with_stamps_are_put_right(lap, stamped):
+def test_late_joints_are_corrected_by_pace_or_stamps(lap, stamped):
     late_ms = np.random.default_rng(1).uniform(0, 30, len(lap.table.q))
     run, _ = _imported(lap, bag(*_messages(lap, late_ms, stamped)))
     truth, found = _shift(lap), _shift(run)
@@ -110,7 +110,7 @@ def test_newest_stamp_of_two_publishers_wins_with_a_doubt(lap):
         assert evaluate(run).figures[name].value == pytest.approx(figure.value, abs=0.01), name
 
 
-def test_a_header_with_an_uneven_clock_is_named_and_the_even_times_of_reception_are_used(lap):
+def test_uneven_header_clock_is_replaced_by_even_reception_times(lap):
     """The header of each message had a stamp of up to 30 ms before or after; the doubt was a second publisher."""
     rng = np.random.default_rng(3)
     table = lap.table

@@ -134,7 +134,7 @@ def imported(folder: Path, test: str, since_s: float = 0.0) -> Run:
     return read_run(folder / "r")
 
 
-def test_rows_out_of_order_and_in_several_parts_keep_their_time_and_number(tmp_path, monkeypatch):
+def test_unordered_rows_in_parts_keep_time_and_number(tmp_path, monkeypatch):
     run = imported(tmp_path, "yaw")
     assert run.table is not None
     reversed_ = run.table.take(list(range(len(run.table)))[::-1])

@@ -99,7 +99,7 @@ def test_friction_is_current_times_torque_for_an_ampere():
         torques_of("10,x")
 
 
-def test_a_xacro_macro_is_the_urdf_with_a_prefix_and_a_parent():
+def test_xacro_macro_is_the_urdf_with_prefix_and_parent():
     rig = changed("ur10e")
     arm = geometric_arm(model_of(rig))
     text = xacro_text(rig.robot, arm, "cell.yaml")

@@ -57,7 +57,7 @@ def test_rows_are_gauge_ones_and_the_rest_is_interpolated():
     assert len(doubts) == 1 and "reception" in doubts[0]
 
 
-def test_rows_at_a_gap_of_the_joints_are_left_out_and_counted():
+def test_rows_at_a_gap_of_the_joints_are_ignored_and_counted():
     gone = [one for one in WHOLE if not (one[0] == "/joint_states" and 300 < one[2] < 500)]
     _, rows, doubts = read(bag(*gone))
     assert not ((rows[:, 0] > 0.29) & (rows[:, 0] < 0.48)).any()
@@ -116,7 +116,7 @@ def test_rig_without_ros_names_the_missing_key():
         read(bag(*WHOLE), parse((SHIPPED / "ur10e.yaml").read_text(), "ur10e.yaml"))
 
 
-def test_truncated_or_damaged_bag_is_refused_or_read_up_to_the_damage():
+def test_damaged_bag_is_refused_or_read_up_to_the_damage():
     data = bag(*WHOLE)
     for size in range(len(MAGIC), len(data), len(data) // 60):
         for broken in (data[:size], data[:size] + b"\xff\0\x7f" + data[size + 3 :]):
@@ -127,7 +127,7 @@ def test_truncated_or_damaged_bag_is_refused_or_read_up_to_the_damage():
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
-def test_a_bag_that_stands_for_more_than_a_memory_holds_is_not_unpacked(compression, monkeypatch):
+def test_bag_larger_than_memory_is_not_unpacked(compression, monkeypatch):
     """A chunk may also state less than its frame unpacks to."""
     monkeypatch.setattr(bags, "_MOST_UNPACKED", 1_000_000)  # private: 2 GB would take a minute
     data = bag(*WHOLE, ("/camera", "sensor_msgs/msg/Image", 5, bytes(2_000_000)), compression=compression)

@@ -124,7 +124,7 @@ def test_ends_that_are_not_on_their_axes_are_named(tmp_path):
     assert ["axis 1" in doubt for doubt in arm.doubts] == [True]
 
 
-def test_a_base_on_a_branch_of_its_own_is_the_base_frame(tmp_path):
+def test_base_on_a_separate_branch_is_the_base_frame(tmp_path):
     branch = (
         '<link name="base"/><joint name="turned" type="fixed"><parent link="base_link"/><child link="base"/>'
         '<origin xyz="0 0 0.1" rpy="0 0 3.141592653589793"/></joint>'
@@ -233,7 +233,7 @@ BAD = {
         ('lower="-3"', 'lower="-200"', ("limits_deg", "-11459")),
     ],
 )
-def test_a_value_outside_the_range_is_refused_with_joint_key_and_value(given, wrong, of, tmp_path):
+def test_out_of_range_value_is_refused_with_joint_and_key(given, wrong, of, tmp_path):
     with pytest.raises(FileError) as refused:
         import_urdf(urdf(tmp_path, GOOD.replace(given, wrong, 1)))
     error = refused.value

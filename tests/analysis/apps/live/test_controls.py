@@ -15,7 +15,7 @@ def typed(text: str, controls: LiveControls | None = None) -> tuple[LiveControls
     return controls, actions
 
 
-def test_the_first_start_asks_for_a_label_and_the_next_does_not():
+def test_only_the_first_start_asks_for_a_label():
     label = RecordingLabel("lap", "yaw", "acw")
     controls, actions = typed("slap yaw acw\r")
     assert actions == [StartRecording(label)] and controls.prompt is None
@@ -45,7 +45,7 @@ def test_escape_leaves_the_prompt_and_keys_are_text_within_it():
     assert typed("l\x01\x02" + "a" * 999)[0].prompt == "a" * 200
 
 
-def test_zero_is_an_offset_of_the_view_and_can_be_taken_back():
+def test_zero_is_an_offset_of_the_view_and_reversible():
     controls, actions = typed("z")
     assert controls.zero_mm == (0.5, -0.25) and controls.message and not actions
     assert typed("Z", controls)[0].zero_mm == (0.0, 0.0)

@@ -40,12 +40,12 @@ def test_a_lap_from_the_very_start_counts_from_there():
         ((12, 18, 14, 402, 18), 1, 0),  # it finds its start first
     ],
 )
-def test_the_way_back_over_a_lap_is_no_lap_of_the_other_direction(stops, acw, cw):
+def test_way_back_is_no_lap_of_the_other_direction(stops, acw, cw):
     found, _ = driven(*stops)
     assert (found.ended().acw, found.ended().cw) == (acw, cw)
 
 
-def test_on_the_way_back_there_is_no_share_of_a_lap_until_it_ends():
+def test_way_back_has_no_share_of_a_lap():
     back, _ = driven(18, 402, 200)
     assert back.goes_back and back.sense == -1 and back.share(START, LEAD) is None
     again, _ = driven(200, 18, 210, state=back)

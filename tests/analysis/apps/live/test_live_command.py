@@ -33,7 +33,7 @@ def test_a_run_is_played_in_lines_to_its_end(run):
     assert all(line.isprintable() for line in done.stdout.splitlines())
 
 
-def test_runs_are_played_one_after_the_other_with_their_curves_over_each_other(run, tmp_path):
+def test_runs_are_played_in_turn_with_overlaid_curves(run, tmp_path):
     done = ran("live", "--run", run, "--run", lap_run(tmp_path, direction="cw"), "--speed", "64", "--json")
     shown = [json.loads(line) for line in done.stdout.splitlines()]
     assert [shown[0]["direction"], shown[-1]["direction"]] == ["acw", "cw"]

@@ -80,7 +80,7 @@ def test_theta_jumps_at_237_in_both_directions(rows):
     assert "2 of 10" in acw.note
 
 
-def test_same_arm_and_circle_as_the_set_up_that_explains_table_1():
+def test_arm_and_circle_are_those_behind_table_1():
     plain = load_hidden("paper-fanuc").apply_to(load("paper-fanuc")[0])
     assert RIG.robot == plain.robot.model_copy(update={"controller": RIG.robot.controller})
     assert RIG.tests.circle == plain.tests.circle
@@ -130,7 +130,7 @@ def simulated() -> SimulatedFigures:
     return figures_of(RIG, TEXT)
 
 
-def test_each_data_figure_of_the_paper_is_drawn_under_its_own_number(
+def test_data_figures_are_drawn_under_their_numbers(
     rows,
     simulated,
     tmp_path,
@@ -161,7 +161,7 @@ def test_a_picture_that_cannot_be_written_is_one_line(rows, tmp_path):
         pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "taken" / "pictures")
 
 
-def test_the_repeatability_test_that_is_drawn_is_one_like_the_mean_of_the_table():
+def test_drawn_repeatability_is_typical_of_the_table():
     found = repeats(RIG, RIG.effects)
     seed = typical_seed(found)
     for values in found.values():

@@ -45,7 +45,7 @@ EACH = [pytest.param(part, id=f"{name}-{part.name}") for name, rig in PARTS for 
 
 
 @pytest.mark.parametrize("part", EACH)
-def test_each_edge_of_the_file_has_one_partner_that_runs_the_other_way(part):
+def test_every_edge_has_one_opposite_partner(part):
     ways = edges(facets(part.solid.stl()))
     assert set(ways.values()) == {1}
     assert {(b, a) for a, b in ways} == set(ways)
@@ -87,7 +87,7 @@ def test_the_numbers_are_those_of_the_rig_file():
 
 
 @pytest.mark.parametrize("ball_mm", [20.0, 25.4])
-def test_a_ball_let_down_into_the_bar_stands_where_the_drawing_has_it(ball_mm):
+def test_ball_in_the_bar_is_at_the_drawn_place(ball_mm):
     bar = by_name(rig_with(), Bought(ball_mm=ball_mm))["bar"]
     for axis in (-60.0, 60.0):
         assert rests_at(bar, axis, ball_mm) == pytest.approx(bar.numbers["ball's centre above the foot"], abs=0.05)

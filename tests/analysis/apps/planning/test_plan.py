@@ -75,7 +75,7 @@ def _with_circle(**changed: object) -> Rig:
     return RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
 
 
-def test_the_papers_circle_cannot_distinguish_axis_5s_zero_from_a5_and_another_radius_can(
+def test_another_radius_separates_the_zero_of_axis_5_from_a5(
     circle_alone,
 ):
     (pair,) = (pair for pair in circle_alone.pairs if set(pair.names) == {"joint_offset 5", "link_geometry 6.a"})
@@ -96,7 +96,7 @@ def _left_um(rig: Rig, a5: Effect) -> float:
     return rms(fit_run_setups([run])[1]) * 1e3
 
 
-def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not_on_another():
+def test_fit_agrees_on_similar_and_separated_effects():
     nearest = minimize_scalar(lambda delta: _left_um(RIG, LinkGeometry(axis=6, field="a", delta=delta)) ** 2)
     a5 = LinkGeometry(axis=6, field="a", delta=float(nearest.x))
     second = _with_circle(radius_mm=140.0, centre_mm=(831.2, -78.4, 273.2))
@@ -124,7 +124,7 @@ def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone):
     assert pair.further and max(one.sigma for one in pair.further) < 0.3
 
 
-def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs():
+def test_more_runs_reduce_u_by_at_most_the_root_of_their_number():
     (_, few), (_, many) = (detectabilities_of(_expected(("radial",), runs)) for runs in (1, 4))
     seen = {one.name: one for one in many}
     for one in few:
@@ -147,7 +147,7 @@ def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs():
     ),
     ids=lambda fault: fault.effect,
 )
-def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault):
+def test_planned_u_agrees_with_a_fit_of_faulty_readings(fault):
     expected = _expected(CIRCLE)
     columns = columns_for(expected.linear, expected.candidates)
     variance = columns.variance(HEALTHY)
@@ -167,7 +167,7 @@ def test_eccentric_ball_makes_axis_6_detectable(circle_alone):
     assert "40 mm off axis 6" in spike.further[0].test
 
 
-def test_a_test_that_the_arm_cannot_drive_is_reported_and_not_advised(monkeypatch):
+def test_undrivable_test_is_reported_and_not_advised(monkeypatch):
     monkeypatch.setattr("analysis.diagnosis.plan.further_tests.ExpectedPosterior", lambda *_: None)
     slow = [axis.model_copy(update={"speed_deg_s": 80.0}) for axis in RIG.robot.axes]
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": tuple(slow)})})
@@ -188,7 +188,7 @@ def test_a_rival_may_take_any_size_sign_and_phase():
     assert sigma_between(large, large.model_copy(update={"order": 3.0}))(_beside_a_hemisphere()[0]) > SEPARABLE
 
 
-def test_effects_of_a_pose_test_are_parted_by_the_tests_that_have_a_program():
+def test_effects_of_a_pose_test_are_separated_by_programmed_tests():
     possible = possible_tests(NO_CIRCLE, ["pose"], [], {})[0]
     sigmas = {test.test: sigma_between(*FAULTS[:2])(test) for test in possible}
     assert "radial" in " ".join(sigmas) and max(sigmas.values()) > 0

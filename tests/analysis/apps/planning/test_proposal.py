@@ -64,7 +64,7 @@ def test_why_a_circle_is_refused_does_not_depend_on_words(every, monkeypatch):
     assert circle_candidates(RIG, CIRCLE, 3).refused == every.refused
 
 
-def test_every_candidate_is_driven_from_its_own_posture_and_takes_its_time(every):
+def test_candidates_start_at_their_posture_and_take_time(every):
     assert len(every.found) > 5
     assert sum(every.refused.values()) > 0
     assert len({one.words for one in every.found}) == len(every.found)
@@ -121,7 +121,7 @@ def test_time_that_is_too_short_proposes_nothing(proposed, every):
     assert found.circles == () and found.after is found.before
 
 
-def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed, tmp_path):
+def test_proposed_rig_files_are_valid_and_keep_comments(proposed, tmp_path):
     written = write(proposed, TEXT, tmp_path / "circles")
     assert [path.name for path in written] == [
         f"paper-fanuc-circle-{number}.yaml" for number in range(1, len(proposed.circles) + 1)

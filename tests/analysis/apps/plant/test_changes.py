@@ -88,7 +88,7 @@ def test_a_wild_run_does_not_hide_a_step():
 
 
 @pytest.mark.parametrize("values", [[], [1.0], [1.0, 2.0, 9.0, 9.0, 9.0], [3.0] * 50])
-def test_too_few_runs_and_runs_that_are_all_alike_have_no_change(values):
+def test_too_few_or_equal_runs_have_no_change(values):
     assert found(np.array(values)) == []
 
 

@@ -141,7 +141,7 @@ def test_a_table_that_was_imported_twice_counts_once(runs):
         refuse_copies((run.path, run.run.readings_sha256) for run in (one, two))
 
 
-def test_a_robot_goes_by_the_name_of_its_rig_file_or_its_own(runs):
+def test_robot_has_the_name_of_its_rig_file_or_robot(runs):
     manifest = json.loads((runs / "000-acw" / "manifest.json").read_text())
     name = next(line for line in manifest["rig_text"].splitlines() if line.strip().startswith("name:"))
     own = name.split(":", 1)[1].strip().strip("\"'")

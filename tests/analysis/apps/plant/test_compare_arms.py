@@ -38,7 +38,7 @@ def test_a_turned_first_axis_is_a_rotation_that_teaching_takes_away(tmp_path):
     assert "+0.1000" in said
 
 
-def test_an_arm_with_itself_is_nothing_apart_and_its_play_is_shown(tmp_path):
+def test_arm_equals_itself_and_its_play_is_shown(tmp_path):
     one = arm(tmp_path, "one", "\neffects:\n  - {effect: backlash, axis: 2, width_deg: 0.02}\n")
     seen = json.loads(ran("compare", one, one, "--json").stdout)
     assert seen["max_mm"] == 0
@@ -80,7 +80,7 @@ def test_runs_decide_between_rig_file_and_urdf(tmp_path):
     assert ran("compare", wrong, good, run, "--plot", tmp_path / "p").returncode == 2
 
 
-def test_circles_tell_two_rig_files_apart_and_a_urdf_has_no_tool_for_them(tmp_path):
+def test_circles_separate_two_rig_files_but_a_urdf_has_no_tool(tmp_path):
     good, wrong = arm(tmp_path, "good"), tmp_path / "wrong.yaml"
     wrong.write_text(good.read_text().replace("a_mm: -612.7", "a_mm: -610.7"))
     assert ran("simulate", good, "--test", "yaw", "--seed", "1", "-o", tmp_path / "runs").returncode == 0

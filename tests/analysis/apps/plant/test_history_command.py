@@ -53,7 +53,7 @@ def test_recorded_files_become_a_sentence_a_table_and_a_page(runs, tmp_path):
     assert not re.search(r'(src|href)="(?!#)', re.sub(r'xlink:href="#', 'xlink:here="#', html))  # needs no other file
 
 
-def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs, tmp_path):
+def test_limit_is_in_table_and_page_with_its_day(runs, tmp_path):
     limited = tmp_path / "limited.yaml"
     shipped = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"circular_deviation_mm": 0.02}}}))

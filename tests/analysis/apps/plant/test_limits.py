@@ -56,7 +56,7 @@ def test_a_repaired_robot_is_within_again_and_its_past_is_named():
     assert "2 of 4 runs outside, from 1 May 2026 to 2 May 2026" in lines[0]
 
 
-def test_a_figure_within_its_limit_and_one_without_a_limit_have_no_sentence():
+def test_figure_within_or_without_limit_has_no_sentence():
     assert judged_words([0.005, 0.006]) == ("within 0.01", [])
     history = history_of(collected(runs_of([0.025, 0.025])), "range_deg")
     assert judge(history.series[0]) is None and sentences(history) == []
@@ -75,7 +75,7 @@ def test_a_wild_run_does_not_cross_where_later_ones_contradict_it():
 
 
 @pytest.mark.parametrize("last", [1, 2, 3, 5])
-def test_a_damage_that_came_suddenly_is_beyond_the_limit_from_its_first_run_on(last):
+def test_sudden_damage_exceeds_the_limit_from_its_first_run(last):
     table, lines = judged_words([*[0.005] * 20, *[0.5] * last])
     assert table == "beyond 0.02 since 2026-05-21"
     assert "0.02 ° since 21 May 2026 (run lap-21)" in lines[0]
@@ -95,7 +95,7 @@ def test_days_are_those_of_the_computers_time_zone(monkeypatch):
 
 
 @pytest.mark.parametrize("given", [None, Limits()])
-def test_limits_of_a_rig_file_take_the_place_of_those_of_the_newest_run(given):
+def test_limits_of_a_given_rig_file_replace_those_of_the_newest_run(given):
     history = history_of(collected(runs_of([0.025, 0.025]), LIMITS), "range_deg", limits=given)
     assert (judge(history.series[0]) is None) == (given is not None)
     assert as_object(history)["sentences"] == ([] if given else sentences(history))

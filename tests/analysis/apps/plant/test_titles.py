@@ -11,7 +11,7 @@ def test_a_title_names_the_placement_and_how_the_robot_was_corrected():
     assert title_of("radial", "", "") == "radial"
 
 
-def test_program_is_in_the_title_only_if_two_were_driven_at_one_placement():
+def test_title_has_the_program_only_if_two_were_driven_at_one_placement():
     other = replace(RUN, placement="right", program="2a3ce151")
     assert [title for title, _ in _programs([RUN, other])] == ["yaw cw, placement left", "yaw cw, placement right"]
     changed = replace(RUN, program="2a3ce151")

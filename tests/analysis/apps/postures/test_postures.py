@@ -110,7 +110,7 @@ def test_error_of_a_zero_equals_that_in_a_taught_frame():
     assert errors.covered.all()
 
 
-def test_a_frame_taught_in_the_order_of_a_grid_is_that_of_the_grid_in_any_order():
+def test_taught_frame_does_not_depend_on_the_order_of_the_grid():
     """Measured series repeat their orientations in order: every fourth pose alone would teach another frame."""
     rig = ur10(JointOffset(axis=3, offset_deg=SIZE_DEG))
     wrists = np.radians([[-60.0, -80, 30], [-60, 80, 30], [60, -80, 120], [60, 80, 120]])
@@ -120,7 +120,7 @@ def test_a_frame_taught_in_the_order_of_a_grid_is_that_of_the_grid_in_any_order(
     assert in_order.u_mm == pytest.approx(shuffled.u_mm, abs=0.15 * shuffled.u_mm.max())
 
 
-def test_play_moves_the_tool_by_half_its_width_times_its_lever_and_lags():
+def test_play_moves_the_tool_by_half_width_times_lever():
     """Cases known from physics: a tool near the faulty axis moves less, and a rising joint lags behind."""
     width = 0.1
     rig, plain = ur10(Backlash(axis=1, width_deg=width)), soft_arm.nominal("ur10")
@@ -200,7 +200,7 @@ def test_the_best_sequence_is_the_best_of_all(change):
     assert tuple(best_sequence(candidates, errors, change=change).rows) == min(every, key=price)
 
 
-def test_a_dear_change_keeps_the_branch_and_a_free_one_lowers_the_error():
+def test_expensive_changes_keep_the_branch_and_free_ones_lower_the_error():
     rig = ur10(JointOffset(axis=5, offset_deg=SIZE_DEG), JointOffset(axis=2, offset_deg=-SIZE_DEG))
     given = about(POSTURE, 8, 20.0)
     poses = forward(arm_of(rig.robot), given)

@@ -94,7 +94,7 @@ def test_other_tables_are_refused(tmp_path, targets, code):
     assert not (tmp_path / "out").exists()
 
 
-def test_an_arm_of_five_axes_reaches_the_poses_of_its_postures_and_no_others(tmp_path):
+def test_five_axis_arm_reaches_only_poses_of_its_postures(tmp_path):
     head = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg"
     taught = [[10.0, 20.0, -30.0, 25.0, 40.0], [-35.0, -20.0, 45.0, -10.0, 15.0]]
     (tmp_path / "taught.csv").write_text(

@@ -123,7 +123,7 @@ def test_a_directory_that_cannot_be_made_is_one_line(tmp_path, capsys):
         assert line.startswith(f"error: {output}: ") and line.endswith("; choose a different --output")
 
 
-def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(tmp_path, capsys):
+def test_missing_or_unreachable_test_writes_nothing(tmp_path, capsys):
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
     far = rig | {"tests": {"circle": rig["tests"]["circle"] | {"centre_mm": [-1500, -200, 250]}}}
     (tmp_path / "far.yaml").write_text(yaml.safe_dump(far), encoding="utf-8")

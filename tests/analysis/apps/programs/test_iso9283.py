@@ -60,7 +60,7 @@ def test_the_cube_is_visited_in_the_order_of_the_standard(arm, dialect):
 
 @pytest.mark.parametrize("dialect", [maker for maker in MAKERS if maker != "linuxcnc"])  # its rings are lines
 @pytest.mark.parametrize("arm", ARMS)
-def test_paths_are_those_of_the_standard_with_a_stand_before_and_after(arm, dialect):
+def test_paths_follow_the_standard_between_two_stands(arm, dialect):
     rig = with_cube(arm)
     cube = cube_of(rig)
     _, p2, p3, p4, p5 = cube_places(cube.centre_mm, cube.side_mm)

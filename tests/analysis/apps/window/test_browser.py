@@ -187,7 +187,7 @@ def test_it_speaks_three_languages_and_asks_who_it_is(chromium, runs, language, 
 
 @pytest.mark.real_time(match="not true")
 @pytest.mark.cpu_limit(150)
-def test_a_lap_of_an_emulated_cell_is_recorded_from_the_page_and_a_daemon_may_go(chromium, tmp_path):
+def test_lap_is_recorded_from_the_page_and_survives_the_daemon(chromium, tmp_path):
     data = yaml.safe_load(rig_text())
     data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 60}
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(data))

@@ -89,7 +89,7 @@ def test_a_page_loads_nothing_from_elsewhere_and_stands_in_no_frame(open_one, pa
     assert headers["x-content-type-options"] == "nosniff" and "server" not in headers
 
 
-def test_after_the_choice_of_a_language_a_browser_stays_in_the_window(open_one):
+def test_choice_of_language_stays_in_the_window(open_one):
     for back in ("http://evil.example", "//evil.example", "/\\evil.example", "javascript:alert(1)"):
         location = open_one.post("/language", f"to=de&back={back}").headers["location"]
         assert location[0] == "/" and location[1] not in "/\\"

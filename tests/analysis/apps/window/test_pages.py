@@ -110,7 +110,7 @@ ROWS: dict[str, Callable[[bytes], int]] = {
 
 
 @pytest.mark.parametrize("kind", cases(ROWS, ("csv",)))
-def test_a_run_is_saved_as_a_table_and_is_not_marked_as_exported(one, kind):
+def test_run_saved_as_a_table_is_not_marked_as_exported(one, kind):
     answer = one.until(f"/runs/good/table.{kind}", lambda answer: answer.status != 202)
     assert answer.status == 200 and f"good.{kind}" in answer.headers["content-disposition"]
     assert ROWS[kind](answer.data) == len(load_run(one.window.shelf.directory / "good").table.t_s)

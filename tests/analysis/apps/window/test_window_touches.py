@@ -36,7 +36,7 @@ def _targets(page: str) -> list[float]:
     return [float(deg) for deg in re.findall(r'data-target="([^"]+)"', page)]
 
 
-def test_a_moved_zero_is_found_touch_by_touch_and_kept_for_the_history(case):
+def test_moved_zero_is_found_by_touches_and_stored(case):
     drawn, folder = case
     with served(folder, control=True, session=folder / "session") as window:
         assert "before: " in window.ask("/moved").text
@@ -100,7 +100,7 @@ def _rows(q_deg: np.ndarray, drift_deg: float) -> list[list[float | None]]:
     return [[int(1e8 * k), *(q_deg + drift_deg * k)] for k in range(20)]
 
 
-def test_the_touch_of_a_resting_robot_is_read_and_a_moving_robot_refused(case):
+def test_touch_of_a_moving_robot_is_refused(case):
     drawn, folder = case
     q = np.degrees(drawn.before[1])
     check = WindowCheck(_Daemon(_rows(q, 0.0)), folder / "runs")

@@ -57,7 +57,7 @@ def test_the_others_are_diagnosed_and_the_run_is_named():
     assert not any("exchanged" in doubt for doubt in found.doubts)
 
 
-def test_an_exchange_in_all_runs_is_refused_where_a_play_would_lead():
+def test_exchange_in_all_runs_is_refused_if_a_play_would_lead():
     """Repeats do not show it, and no effect explains it; a joint with play does."""
     runs = circles((PLAY,), seed=44)
     with refused("run.convention"):

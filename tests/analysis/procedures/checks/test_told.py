@@ -41,7 +41,7 @@ def test_missing_coupling_is_reported_at_import_and_evaluation(tmp_path):
             judge([measured])
 
 
-def test_of_several_runs_the_one_that_does_not_fit_is_ignored_with_its_reason_once(tmp_path):
+def test_one_misfit_of_several_runs_is_ignored_with_one_reason(tmp_path):
     """One table with a missing coupling stopped the diagnosis of all tables of its placement."""
     with (tmp_path / "sound.csv").open("wb") as file:
         write_csv(columns_of(table(60)), file)
@@ -80,7 +80,7 @@ def test_rig_check_of_a_sound_run_ends_well(tmp_path):
     assert ran("check", "ur10", run).returncode == 2
 
 
-def test_gauges_that_both_count_the_other_way_are_refused_where_a_play_would_lead():
+def test_inverted_gauges_are_refused_if_a_play_would_lead():
     runs = circles((PLAY,), seed=3)
     negated = [replace(run, table=replace(run.table, g_mm=-run.table.g_mm)) for run in runs]
     with refused("run.convention"):

@@ -47,7 +47,7 @@ def test_readings_of_a_stand_are_averaged_with_a_doubt(tmp_path):
     assert len(run.table.q) == 20 and "20 stands" in run.doubts[-1]
 
 
-def test_analyse_gives_the_figure_without_the_lost_row_and_a_turn_without_a_u(tmp_path):
+def test_analyse_ignores_the_lost_row_and_a_turn_without_u(tmp_path):
     sound = table(60, turned=True)
     xyz = sound.xyz_mm.copy()
     xyz[56] = 0.0

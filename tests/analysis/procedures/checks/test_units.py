@@ -113,7 +113,7 @@ def test_robot_errors_that_cancel_one_wave_are_no_unit():
 
 
 @pytest.mark.parametrize("test", ["yaw", "roll"])
-def test_both_gauges_in_inches_are_found_with_a_known_ball_and_micrometres_always(test):
+def test_inches_need_a_known_ball_and_micrometres_do_not(test):
     inches = changed(test, {"g1_mm": 1 / 25.4, "g2_mm": 1 / 25.4})
     assert [columns for columns, _ in units(inches, test)] == [("g1_mm", "g2_mm")]
     assert units(inches, test, unknown_ball()) == []
@@ -227,7 +227,7 @@ def test_target_that_the_robot_was_not_at_is_doubted(test):
     assert finding.columns == ("target",) and "row 10" in finding.what and "3 of 24" in finding.what
 
 
-def test_wrapped_counts_that_travel_farther_than_a_link_are_not_called_micrometres():
+def test_wrapped_counts_are_not_called_micrometres():
     """Readings of a signed 32-bit gauge read as unsigned were refused as µm."""
     true = np.round(0.02 * np.sin(np.linspace(0, 7, 400)), 4)
     wrapped = np.where(true < 0, true + 1e-4 * 2.0**32, true)

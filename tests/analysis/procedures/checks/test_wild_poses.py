@@ -53,7 +53,7 @@ SPOILT = ("2 mm", "20 mm", "1000 mm", "2", "4", "6")
 
 @pytest.mark.parametrize("spoil", SPOILT)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(spoil, seed):
+def test_outliers_are_named_at_import_and_ignored_in_fits(spoil, seed):
     run, rows = _run(seed, spoil)
     found = far_poses(run.table, without_setup(arm_of(RIG.robot)))
     assert (np.flatnonzero(found.wild) + 1).tolist() == rows
@@ -85,7 +85,7 @@ def test_the_same_poses_in_another_order_are_no_repeats():
 
 
 @pytest.mark.parametrize("count", [112, 400])  # more than are fitted at once
-def test_the_distance_from_the_fitted_arm_does_not_depend_on_the_order_of_the_rows(count):
+def test_distance_from_the_fitted_arm_is_independent_of_row_order(count):
     run, _ = _run(0, "2 mm", count)
     table, bare = run.table, without_setup(arm_of(RIG.robot))
     assert isinstance(table, PoseTable)

@@ -37,7 +37,7 @@ def test_plays_and_curves_by_direction_are_those_of_the_arm(name):
 
 
 @pytest.mark.nightly  # a play by the side from which joints came is named of touches in each commit
-def test_a_diagnosis_names_the_play_by_the_side_from_which_the_joint_came():
+def test_diagnosis_names_the_play_by_the_side_of_arrival():
     rig, truth, table = driven("abb-irb-1600", ARMS.index("abb-irb-1600"))
     found = diagnose(rig, [run_of(rig, table, "sweeps", "cell")], [], [], lambda _: None)
     play = next(named for named in found.standing if isinstance(named.effect, Backlash))
@@ -63,7 +63,7 @@ def test_each_axis_is_planned_both_ways_and_every_way_is_clear():
     assert all(is_way_clear(arm, begin, end) for begin, end in pairwise(q))
 
 
-def test_a_table_of_one_axis_at_a_time_is_imported_and_analysed(tmp_path):
+def test_table_of_single_axes_is_imported_and_analysed(tmp_path):
     _, truth, table = driven("abb-irb-1600", 1)
     (tmp_path / "cell.yaml").write_text(f"name: x\n{load_arm('abb-irb-1600').text}")
     names = [*(f"q{k}_deg" for k in range(1, 7)), *(f"q{k}_from_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm"]

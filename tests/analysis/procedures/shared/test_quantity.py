@@ -25,11 +25,11 @@ def test_a_small_negative_value_is_no_negative_zero(u):
         (Quantity(94.6, 59.1, "ms"), "95 ± 59 ms"),
     ],
 )
-def test_a_figure_has_two_digits_of_its_u_and_no_more_than_a_reader_uses(figure, shown):
+def test_figure_has_two_digits_of_its_u_at_most(figure, shown):
     assert str(figure) == shown
 
 
-def test_a_spread_that_its_digits_do_not_show_is_not_called_zero():
+def test_spread_below_its_digits_is_not_zero():
     figure = Quantity(0.6773, 0.0007, "mm")
     sizes = (0.000004, 0.0012, 0.0)
     assert [figure.rounded_size(size) for size in sizes] == ["< 0.0001", "0.0012", "0.0000"]
@@ -44,7 +44,7 @@ def test_an_angle_around_the_circle_is_as_sure_wherever_it_is(name, value):
     assert figure.value == value and figure.u == pytest.approx(0.1, rel=0.1)
 
 
-def test_a_mean_of_runs_is_an_angle_as_that_of_one_run():
+def test_mean_angle_wraps_like_a_single_one():
     for name, expected in (("shift_deg", -179.9), ("max_at_deg", 180.1)):
         runs = [{name: Quantity(value, 0.1, "deg")} for value in (179.9, -179.7)]
         assert figures_between_runs(runs)[name].mean.value == pytest.approx(expected)

@@ -56,7 +56,7 @@ def test_the_written_section_turns_about_the_axes(seed, tilt):
 
 @pytest.mark.parametrize("off", [0.0, 1e-16, 1e-12, 1e-9, 3e-8, 1e-7, 1e-4])
 @pytest.mark.parametrize("way", [1, -1])
-def test_a_flange_that_points_its_x_along_axis_6_is_written_exactly(off, way):
+def test_flange_with_x_along_axis_6_is_exact(off, way):
     """Its pitch is 90 degrees or nearly so, where roll and yaw turn about the same line."""
     axes = some_axes(4, None)
     z = way * axes.directions[5]
@@ -71,7 +71,7 @@ def test_a_flange_that_points_its_x_along_axis_6_is_written_exactly(off, way):
     assert rad < 1e-12
 
 
-def test_axes_that_meet_or_are_the_same_line_have_no_length_between_them():
+def test_meeting_axes_have_no_length_between_them():
     points = np.zeros((6, 3))
     directions = np.array([[0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, -1], [1, 0, 0]], dtype=float)
     axes = AxisLines(points, directions, np.eye(4))

@@ -62,7 +62,7 @@ def test_the_section_is_the_calibrated_arm(name):
     assert found.notes == ()
 
 
-def test_centres_of_mass_move_with_their_links_by_no_more_than_the_arm():
+def test_centres_of_mass_move_no_more_than_the_arm():
     nominal = load_arm("ur3e").robot
     axes = factory_constants(load_arm("ur3e").robot, FILES / "ur3.conf").axes
     for ours, its in zip(nominal.axes, axes, strict=True):

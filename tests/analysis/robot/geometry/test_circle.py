@@ -47,7 +47,7 @@ def test_reversals_of_the_papers_table_1():
         assert abs(off) < 1.5
 
 
-def test_reversals_of_a_circle_that_begins_elsewhere_within_limits_that_a_lap_just_fits():
+def test_reversals_within_limits_of_a_barely_fitting_lap():
     """Only what a program drives must lie within the limits; the wrist turns by 400° of the 440° that are looked at."""
     rig, _ = load("ur10e")
     posture = (-5.5, -68.6, 91.5, 59.1, 83.6, 325.4)
@@ -61,7 +61,7 @@ def test_reversals_of_a_circle_that_begins_elsewhere_within_limits_that_a_lap_ju
     assert len(feasible_tests(turned, "cell.yaml")[0]) > 1
 
 
-def test_reversals_from_a_posture_far_from_the_circle_are_those_of_its_programs():
+def test_reversals_from_a_far_posture_are_those_of_its_programs():
     rig, _ = load("paper-fanuc")
     usual = reversals(circle_of(rig), arm_of(rig.robot), "paper-fanuc")
     posture = (-62.8, -54.2, 7.6, 231.0, 136.6, -5.7)

@@ -18,7 +18,7 @@ def test_a_flat_top_is_at_its_middle():
     assert peaks(x, 1.5).tolist() == find_peaks(x, prominence=1.5)[0].tolist() == [3]
 
 
-def test_a_rise_before_the_first_peak_is_no_smaller_than_after_it():
+def test_rise_before_the_first_peak_is_no_smaller():
     assert peaks(np.array([2.0, 3.0, 0.0, 0.0]), 1.5).size == 0
     assert peaks(np.array([3.0, 1.0, 0.0]), 1.5).size == 0
     assert peaks(np.array([1.0, 3.0, 0.0]), 1.5).tolist() == [1]

@@ -38,7 +38,7 @@ def test_a_smooth_path_is_followed_as_it_was_driven(name, seed):
 
 @ANY
 @pytest.mark.parametrize("seed", [None, 4])
-def test_a_long_path_is_followed_from_wherever_its_posture_was_turned_to(name, seed):
+def test_long_path_is_followed_from_any_turn_of_its_posture(name, seed):
     """Whole turns of the posture stay: the branches that it is compared with have none."""
     arm = ARMS[name] if seed is None else calibrated(ARMS[name], seed)
     arm = replace(arm, limits=np.tile([-9.0, 9.0], (6, 1)))

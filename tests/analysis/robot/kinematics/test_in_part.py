@@ -33,7 +33,7 @@ def test_a_pose_that_the_arm_has_is_taken_whole(arm):
 
 
 @pytest.mark.parametrize("arm", [WIDOWX, four_axes()], ids=["five", "four"])
-def test_the_place_is_taken_and_the_turn_is_the_nearest_that_is_left(arm):
+def test_place_is_reached_with_the_nearest_remaining_turn(arm):
     """scipy looks for a nearer turn among the postures that keep the place, and finds none."""
     q = postures(arm, 2)
     wanted = forward(arm, q)

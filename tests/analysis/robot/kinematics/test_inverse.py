@@ -88,7 +88,7 @@ def test_a_singular_wrist_has_theta_4_of_the_choice(name):
 
 
 @pytest.mark.parametrize("name", OPW)
-def test_a_wrist_centre_on_axis_1_has_theta_1_of_the_choice(name):
+def test_wrist_centre_on_axis_1_keeps_the_chosen_theta_1(name):
     arm = ARMS[name]
     q = singular(name)["shoulder"][:: len(SINGULARITY_DISTANCES_RAD)]
     solutions = inverse(arm, forward(arm, q))
@@ -142,7 +142,7 @@ def test_planted_angles_of_a_calibrated_arm_are_found(name):
 
 
 @ANY
-def test_all_branches_of_a_calibrated_arm_go_over_from_those_of_the_ideal_one(name):
+def test_branches_of_a_calibrated_arm_follow_from_the_ideal_ones(name):
     """From the ideal arm to the calibrated one in small steps, each solution by Newton from the one before: none that
     stays regular on the way is missing."""
     ideal, final = ARMS[name], calibrated(ARMS[name], seed=9)
@@ -187,7 +187,7 @@ def test_unreachable_and_nan_targets_have_no_solution(name):
         assert inverse(arm, poses[:0]).q.shape[0] == 0
 
 
-def test_a_pose_just_out_of_reach_has_no_solution_and_just_within_has_both_elbows():
+def test_pose_beyond_reach_has_no_solution_and_one_within_both_elbows():
     arm = ARMS["ABB IRB 2400/10"]
     q = singular("ABB IRB 2400/10")["stretched"][:1]
     pose = forward(arm, q)

@@ -53,7 +53,7 @@ def test_the_jacobian_is_pinocchios(name):
     np.testing.assert_allclose(jacobian, theirs @ coupling, atol=1e-10 * 1000)
 
 
-def test_each_axis_turns_with_its_own_joint_where_no_coupling_is_written():
+def test_uncoupled_axes_turn_with_their_own_joint():
     robot = load_arm("franka-fr3").robot
     assert robot.coupling == identity(7)
 

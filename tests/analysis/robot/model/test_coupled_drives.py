@@ -30,7 +30,7 @@ FAULTS: dict[str, tuple[float, Effect]] = {
 @pytest.mark.parametrize("name", world.SHAPES)
 @pytest.mark.parametrize("kind", FAULTS)
 @pytest.mark.parametrize("axis", [2, 3])
-def test_an_error_of_a_motor_moves_the_tool_as_the_mechanics_do(name, kind, axis):
+def test_motor_error_moves_the_tool_as_mechanics_predict(name, kind, axis):
     rng, shape = np.random.default_rng([4, axis]), world.SHAPES[name]
     sound = world.LinkedArm(shape, np.zeros((5, 6)), world.NO_ERRORS, TOOL_MM)
     size, effect = FAULTS[kind]
@@ -51,7 +51,7 @@ def test_a_zero_of_motor_2_is_named_by_diagnose_and_moved(name):
     assert moved_zero(name, "zero", 2, 1) == ("right", [])
 
 
-def test_bending_of_the_upper_arm_of_a_linkage_does_not_bear_the_moment_of_the_forearm():
+def test_linkage_relieves_the_upper_arm_of_the_forearm_moment():
     bends = LinkBending(axis=2, mm_per_Nm=1e-3)
     q = np.zeros((1, 6))
     places = {}
@@ -87,7 +87,7 @@ def test_drives_of_uncoupled_arms_have_the_reported_angles(name):
     assert arm_of(load_arm(name).robot).drives is None
 
 
-def test_a_drive_turns_its_own_axis_unless_the_rig_file_states_a_linkage():
+def test_drive_turns_its_own_axis_without_a_linkage():
     fanuc = load_arm("fanuc-m-10ia").robot
     assert fanuc.model_copy(update={"drives": None}).drive_ratios == fanuc.drives
     assert Robot.model_validate(fanuc.model_dump() | {"drives": PARALLEL}).drive_ratios == fanuc.coupling

@@ -38,7 +38,7 @@ def test_an_arm_that_weighs_nothing_has_no_torque():
     assert (pull(arm, replace(nothing, payload_kg=2.0), q).torque != 0).any()
 
 
-def test_the_moment_on_the_base_is_that_of_every_weight_about_it():
+def test_moment_on_the_base_is_that_of_all_weights():
     rng = np.random.default_rng(5)
     arm = calibrated(ARMS["ur10e"], seed=3)
     leaning = np.linalg.qr(rng.normal(size=(3, 3)))[0]

@@ -93,7 +93,7 @@ def test_uncertainty_of_certificates():
 
 
 @pytest.mark.parametrize("counts", [("away", "away"), ("towards", "towards"), ("away", "towards")])
-def test_a_recorded_lap_is_corrected_at_analysis_and_stays_raw_in_the_store(tmp_path, counts):
+def test_recorded_lap_is_stored_raw_and_corrected_at_analysis(tmp_path, counts):
     """Whichever way its gauges count, their readings grow with the distance from the ball."""
     data = yaml.safe_load(_text(g1=POLYNOMIAL, g2=TABLE, eccentricity=(0.6, -0.4, 0.1)))
     data["gauges"]["g1"]["counts"], data["gauges"]["g2"]["counts"] = counts
@@ -130,7 +130,7 @@ def test_link_and_gauge_enter_the_sphere(tmp_path):
     assert without.figures["radius_mm"].u < 0.005
 
 
-def test_a_certificate_overdue_on_the_day_of_the_run_is_a_doubt(tmp_path):
+def test_overdue_certificate_is_a_doubt(tmp_path):
     old = PLAIN | {"date": "2020-01-31", "interval_months": 13}
     ball = PLAIN | {"date": "2020-01-31", "valid_until": "2100-01-01", "form_mm": 0.001}
     run = _lap(tmp_path, _text(g1=old, ball=ball, link=old | {"length_mm": 400}))

@@ -18,7 +18,7 @@ def test_no_step_is_found_where_there_is_none(count):
     assert np.count_nonzero(found) <= 1
 
 
-def test_a_step_coarser_than_any_gauge_is_a_multiple_of_a_usual_one():
+def test_coarse_step_is_a_multiple_of_a_usual_one():
     assert step_of_stops(np.array([0.0, 0.08, -0.08, 0.0, 0.0, 0.08, 0.0, 0.0, -0.08, 0.0])) == 0.010
     assert step_of_stops(np.array([0.25] * 10)) == 0.0
 

@@ -36,7 +36,7 @@ def _beyond_answers(found: Sequence[CellFinding]) -> list[tuple[FindingVerdict, 
     return [(finding.verdict, f"{finding.what}: {finding.remedy}") for finding in found if finding.remedy]
 
 
-def test_a_robot_in_protective_stop_with_a_paused_program_and_a_lowered_slider():
+def test_robot_in_protective_stop_is_reported_with_program_and_speed():
     with _robot([ProgramState.PAUSED, SafetyState.PROTECTIVE_STOP, 40.0]) as stream:
         found = _beyond_answers(list(trial.examine_conversation(stream, 0.3)))
     assert [verdict for verdict, _ in found] == [

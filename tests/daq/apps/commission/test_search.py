@@ -142,7 +142,7 @@ def of(interface: str, port: str) -> dict[str, list[Attempt]]:
     return {port: [attempt for attempt in attempts(port) if attempt.interface == interface]}
 
 
-def test_a_sensor_that_a_command_starts_is_silent_until_it_is_named():
+def test_sensor_started_by_command_is_silent_unless_named():
     with simulated("micro_epsilon") as unknown:
         port, _ = unknown.gauge_ports
         (listened,) = searched(port, named=of("micro_epsilon_ild1420", port))
@@ -271,7 +271,7 @@ def test_a_port_keeps_the_settings_that_it_had():
             os.close(fd)
 
 
-def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was():
+def test_ctrl_c_ends_the_search_and_restores_the_port():
     # What a shell starts in the background ignores it from the beginning.
     before_test = signal.signal(signal.SIGINT, signal.default_int_handler)
     with ExitStack() as at_the_end, switched_on("tesa") as unknown:

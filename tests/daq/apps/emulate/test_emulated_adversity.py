@@ -85,7 +85,7 @@ def test_an_unsteady_cycle_drifts_jitters_and_leaves_ticks_out():
     assert 1 < max(abs(step - 100) for step in steps if step < 150) < 11
 
 
-def test_a_filter_shows_the_mean_and_is_late_by_its_group_delay():
+def test_filter_delays_the_mean_by_its_group_delay():
     chance = random.Random(1)
     for timing in (Timing(latch="own_cycle", cycle_ms=10, filter_ms=40), Timing(latch="on_request", filter_ms=40)):
         shown = timed_read(lambda now_ns: [float(now_ns)], timing, Unsteady(), chance)

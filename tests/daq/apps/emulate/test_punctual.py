@@ -46,7 +46,7 @@ def _messages(device: Device, read_ns: list[int], count: int) -> list[int]:
     return line.out_ns
 
 
-def test_a_gauge_that_speaks_whenever_its_line_is_free_has_the_pace_of_its_line():
+def test_continuous_gauge_has_the_pace_of_its_line():
     read_ns: list[int] = []
     device = gauges.device([SYLVAC], lambda now_ns: [read_ns.append(now_ns) or 1.0])
     steps = {b - a for a, b in pairwise(_messages(device, read_ns, 100))}

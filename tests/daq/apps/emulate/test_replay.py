@@ -97,7 +97,7 @@ def test_a_replayed_lap_has_the_figures_of_the_original(tmp_path, gauges):
         assert abs(apart) <= 2 * u, (name, figure, after[name])
 
 
-def test_a_run_from_a_replay_that_is_out_of_step_is_marked_and_refused(tmp_path, monkeypatch):
+def test_run_from_a_replay_out_of_step_is_refused(tmp_path, monkeypatch):
     text, _ = _captured(tmp_path / "cell", "keyence", laps=1)
     # private _play: a replay is late only on a computer that is held up
     punctual = StreamingPlayer._play

@@ -73,7 +73,7 @@ def test_a_question_gets_the_answer_of_its_time(question_ms, answer, answer_ms, 
     assert kept.skipped == skipped
 
 
-def test_a_host_that_asks_on_its_own_keeps_the_time_of_the_capture():
+def test_polling_host_keeps_the_time_of_the_capture():
     kept = steps()
     device = answering(ROUNDS, kept)
     now, heard = 3 * MS, []

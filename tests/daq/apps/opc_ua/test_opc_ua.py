@@ -70,7 +70,7 @@ def read_until(
     return items
 
 
-def test_the_library_s_server_is_read_in_radians_with_the_stamps_of_its_source(robot):
+def test_library_server_is_read_in_radians_with_source_stamps(robot):
     written: dict[float, float] = {}
 
     def drive() -> None:
@@ -90,7 +90,7 @@ def test_the_library_s_server_is_read_in_radians_with_the_stamps_of_its_source(r
     assert samples(items)[-1].values[6:] == pytest.approx([1, 0, 1, 100, math.nan, *range(31, 37)], nan_ok=True)
 
 
-def test_a_bad_value_is_a_fault_and_an_uncertain_one_keeps_its_code(robot):
+def test_bad_value_is_a_fault_and_an_uncertain_one_keeps_its_code(robot):
     codes = iter([0, ua.StatusCodes.BadSensorFailure, ua.StatusCodes.UncertainSensorNotAccurate] * 1000)
     items = read_until(
         opc_ua(port=robot.port, rate_hz=50, condition=False),
@@ -190,7 +190,7 @@ def test_mismatch_with_the_rig_file_is_named(space, changes, words):
     assert all(word in fault.detail for word in words), fault.detail
 
 
-def test_a_unit_of_the_rig_file_stands_where_the_server_states_none():
+def test_unit_of_the_rig_file_replaces_a_missing_one():
     space = _space(**dict.fromkeys(SIX))
     (sample, *_) = samples(served(opc_ua(units="rad", condition=False), space=space))
     assert sample.values == pytest.approx([10.0] * 6)  # all of them show q1

@@ -73,7 +73,7 @@ def test_unknown_structure_stays_bytes():
     assert first.Value.Value.Body == b"whatever" and first.SourceTimestamp == T0 and second.Value == ua.Variant()
 
 
-def test_fields_that_a_later_version_adds_to_a_structure_are_passed_over():
+def test_additional_fields_of_later_versions_are_skipped():
     body = struct_to_binary(read_response([ua.Variant(ua.EUInformation(UnitId=17476))]))
     inner = struct_to_binary(ua.EUInformation(UnitId=17476))
     longer = body.replace(struct.pack("<i", len(inner)) + inner, struct.pack("<i", len(inner) + 3) + inner + b"new")
@@ -134,7 +134,7 @@ def test_claimed_lengths_allocate_no_memory(what):
 
 
 @pytest.mark.parametrize("where", ["StringTable", "Results", "DiagnosticInfos"])
-def test_an_array_of_more_elements_than_bytes_is_refused_wherever_it_is(where):
+def test_array_longer_than_its_bytes_is_refused(where):
     body = struct_to_binary(ua.ReadResponse())
     at = len(body) - {"StringTable": 15, "Results": 8, "DiagnosticInfos": 4}[where]
     with pytest.raises(Unreadable, match="array of 2147483647 elements"):
@@ -203,7 +203,7 @@ def test_a_message_of_many_chunks_is_read_whole():
     assert received[-1] is not None and received[-1].body == bytes(range(CHUNKS - 1)) + b"z"
 
 
-def test_the_limits_are_stated_and_a_server_that_receives_too_little_is_left():
+def test_server_with_too_small_buffers_is_left():
     server = ByHand()
     hello = decoded(ua.Hello, server.script.sent[8:])
     stated = (hello.ReceiveBufferSize, hello.MaxMessageSize, hello.MaxChunkCount)

@@ -103,7 +103,7 @@ def test_samples_of_one_message_differ_by_their_stamps():
     assert samples(items)[1].device_time_s - samples(items)[0].device_time_s == pytest.approx(0.01, abs=1e-6)
 
 
-def test_a_position_in_two_messages_is_one_and_an_axis_at_rest_stays_where_it_was():
+def test_resting_axis_keeps_its_value_between_messages():
     server = ByHand().subscribed()
     assert server.publish(1, *every_axis(0)[:4]) == []
     assert len(server.publish(2, *every_axis(0)[4:])) == 1
@@ -123,7 +123,7 @@ def test_missing_messages_and_a_queue_too_short_are_counted():
     assert {fault.kind for fault in overflow} == {FaultKind.SKIPPED} and "queue" in overflow[0].detail
 
 
-def test_a_stamp_of_no_time_is_none_and_the_server_s_own_is_taken():
+def test_invalid_stamp_is_replaced_by_that_of_the_server():
     axes = [(axis, 1.0, 0.0) for axis in range(6)]
     none, own = {"SourceTimestamp": NO_STAMP}, {"ServerTimestamp": T0}
     (sample,) = samples(ByHand().subscribed().publish(1, *axes, **none))
@@ -204,7 +204,7 @@ def test_a_server_that_shows_more_nodes_than_robots_have_is_left():
     assert page == 2 and "12000 candidate nodes" in faulty[0].detail and server.script.step.hang_up
 
 
-def test_a_server_that_publishes_slowly_still_gives_signs_of_life_in_time():
+def test_slow_publisher_still_sends_keep_alives():
     server = ByHand(timeout_s=6).in_session()
     server.answer(ua.BrowseResponse(Results=[ua.BrowseResult() for _ in range(6)]))
     created = ua.CreateSubscriptionResponse()
