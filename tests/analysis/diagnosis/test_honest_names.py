@@ -51,7 +51,7 @@ def test_a_usual_gear_error_is_not_called_a_fault_of_the_ball() -> None:
     gear = odds["transmission_error 6 order 2"]
     rivals = {tried.effects[-1].effect: share for tried, share in gear.rivals}
     assert gear.odds > 0.5 and "ball_form" not in {effect.effect for effect in result.effects}
-    assert 0.02 < rivals["ball_form"] < 0.5, "one yaw lap each way does not exclude it"
+    assert 0.02 < rivals["ball_form"] < 0.5  # one yaw lap each way does not exclude it
 
 
 def test_a_gear_error_once_a_turn_is_not_called_a_fault_of_the_gauges() -> None:
@@ -64,7 +64,7 @@ def test_a_gear_error_once_a_turn_is_not_called_a_fault_of_the_gauges() -> None:
 
 def test_a_height_of_the_ball_is_no_error_if_set_ups_are_free() -> None:
     linear, measure = healthy(), GapMeasure(healthy())
-    assert measure.with_free_set_ups_um(linear.U[:, 2]) < 1e-6 < measure.um(linear.U[:, 2]), "the height of the ball"
+    assert measure.with_free_set_ups_um(linear.U[:, 2]) < 1e-6 < measure.um(linear.U[:, 2])  # the height of the ball
     noise = white(linear, 5)
     assert measure.with_free_set_ups_um(noise) == pytest.approx(measure.um(noise), rel=0.1)
 
@@ -87,8 +87,8 @@ def test_errors_at_other_places_are_unexplained_if_repeats_state_the_noise() -> 
     repeated, once = [replace(block, measured=True)], [replace(block, measured=False)]
     missed = Gaps(gap, None, None, unexplained_um=30.0, beyond_um=45.0)
     assert _missed_elsewhere_um(missed, repeated) == 45.0
-    assert _missed_elsewhere_um(missed, once) == 0.0, "it may be scatter"
-    assert _missed_elsewhere_um(replace(missed, beyond_um=40.0), repeated) == 0.0, "sound cells have as much"
+    assert _missed_elsewhere_um(missed, once) == 0.0  # it may be scatter
+    assert _missed_elsewhere_um(replace(missed, beyond_um=40.0), repeated) == 0.0  # sound cells have as much
     assert _missed_elsewhere_um(replace(missed, unexplained_um=60.0), once) == 60.0
 
 

@@ -73,7 +73,7 @@ def test_one_parameter_beyond_its_limit_is_the_only_name_with_its_estimate(
 def test_large_difference_from_the_data_sheet_is_no_fault_and_is_checked_in_the_rig_file() -> None:
     found = _found(replace(none(), a=np.array([0, 0, -15.0, 0, 0, 0])), seed=5)
     assert found.condition == "uncalibrated" and found.calibrated is not None
-    assert [act.kind for act in found.acts][:2] == ["check", "load"], "a correction would hide a wrong rig file"
+    assert [act.kind for act in found.acts][:2] == ["check", "load"]  # a correction would hide a wrong rig file
     assert not found.standing and found.budget[0].rank == "difference"
     assert found.budget[0].name == "link_geometry 3.a"
 
@@ -122,5 +122,5 @@ def test_no_model_of_it_is_written(tmp_path: Path) -> None:
     assert [path.name for path in written] == ["diagnosis.json", "diagnosis.png"]
     answer = json.loads(written[0].read_text())
     assert answer["condition"] == "out_of_range" and answer["accuracy"]["calibrated_um"] is None
-    with pytest.raises(FileError, match="joint_offset 5 is beyond the range that rig corrects"):
+    with pytest.raises(FileError, match="joint_offset 5 "):
         write_model(found, "name: cell\n", tmp_path / "cell.yaml")

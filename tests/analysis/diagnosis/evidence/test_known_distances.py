@@ -121,9 +121,9 @@ def test_without_it_the_scale_is_not_known(case: Case) -> None:
     nominal_mm, _, _, _ = elsewhere(case, alone, [])
     without_mm, without_share, places, q = elsewhere(case, alone, calibrated(without))
     with_mm, _, _, _ = elsewhere(case, rig_of(KNOWN), calibrated(with_known))
-    assert without_share > 0.4 * SCALE, "touches of one ball do not show it"
+    assert without_share > 0.4 * SCALE  # touches of one ball do not show it
     u_without, u_with = (share_u(alone, one, places, q) for one in (without, with_known))
-    assert u_with < 0.8 * u_without, "without it the scale is what sound arms show"
+    assert u_with < 0.8 * u_without  # without it the scale is what sound arms show
     assert with_mm < 0.5 * without_mm < nominal_mm
 
 

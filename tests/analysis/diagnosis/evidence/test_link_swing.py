@@ -72,7 +72,7 @@ def test_a_swing_that_begins_with_the_program_is_found_whole() -> None:
         assert swing and swing.effect.frequency_hz == pytest.approx(7.5, abs=0.05)
         assert abs(swing.amplitude_mm - 0.02) < 2 * swing.sd["amplitude_mm"], swing
         assert swing.sd["amplitude_mm"] < 0.004
-        assert swing.may_follow_angle, "a path error of the controller has the same phase in every run, too"
+        assert swing.may_follow_angle  # a path error of the controller has the same phase in every run, too
 
 
 def _one_lap(run: Measured) -> Measured:

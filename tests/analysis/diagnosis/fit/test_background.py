@@ -100,7 +100,7 @@ def test_means_and_covariances_are_those_of_the_joint_normal_law() -> None:
     np.testing.assert_allclose(found.unexplained, Y - X @ EXPECTED, atol=1e-9)
 
 
-@pytest.mark.parametrize("alike", [0.0, 0.999], ids=["of its own", "nearly a column"])
+@pytest.mark.parametrize("alike", [0.0, 0.999], ids=["own", "nearly a column"])
 def test_the_energy_that_uncertain_coefficients_hide_is_that_of_the_joint_normal_law(alike: float) -> None:
     terms = alike * X[:, 4:6] + (1 - alike) * T
     prior = np.zeros((11, 11))

@@ -53,7 +53,7 @@ def test_exact_twins_are_one_name() -> None:
     """d2 and d3 move the arm along axes that are parallel: only what they make together is known."""
     truth = LinkGeometry(axis=2, field="d", delta=3.0)
     found = found_in(circles((truth,), seed=52, count=1, tests=("yaw", "roll"), ways=("cw",)))
-    assert found.condition == "uncalibrated", "twins are no rivals, and a difference from the data sheet is no fault"
+    assert found.condition == "uncalibrated"  # twins are no rivals, and a difference from the data sheet is no fault
     (one,) = found.effects
     assert {name_of(one.effect), *map(name_of, one.twins)} == {"link_geometry 2.d", "link_geometry 3.d"}
     assert one.rivals == () and getattr(one.effect, "delta", 0.0) == pytest.approx(3.0, abs=0.03)

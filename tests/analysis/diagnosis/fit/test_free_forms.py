@@ -62,7 +62,7 @@ def test_an_error_that_no_effect_describes_is_reported_by_what_it_goes_with(word
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, left))
     assert found.words == words and found.gain > 4 * _SURE
     beside = best_free_form(tuple(free_forms_of(linear)), _beside(linear, left, added[:, None]))
-    assert beside.gain < _SURE, "what a name does is not done again"
+    assert beside.gain < _SURE  # what a name does is not done again
 
 
 def test_beside_names_and_a_background_a_form_gains_what_the_density_gains() -> None:
@@ -97,7 +97,7 @@ def test_what_changes_with_time_is_reported_by_the_gauge() -> None:
     added = linear.without_set_up(linear.by_gauge((0.0, 1.0), settles))[:, 0]
     left = white(linear, 2) + added * 30 / np.linalg.norm(added)
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, left))
-    assert found.words == "something that changes with time in gauge 2" and found.gain > 4 * _SURE
+    assert "time in gauge 2" in found.words and found.gain > 4 * _SURE
 
 
 def test_a_dent_is_attributed_to_the_ball() -> None:
@@ -111,7 +111,7 @@ def test_a_dent_is_attributed_to_the_ball() -> None:
     added = linear.without_set_up(linear.by_gauge((1.0, 1.0), dented))[:, 0]
     left = white(linear, 3) + added * 30 / np.linalg.norm(added)
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, left))
-    assert found.words == "an error of the ball that varies with the position of the link" and found.gain > 4 * _SURE
+    assert "the ball" in found.words and found.gain > 4 * _SURE
 
 
 def test_noise_alone_has_no_form() -> None:

@@ -80,8 +80,8 @@ def test_width_decay_and_noise_are_those_of_the_readings(width: float, decay: fl
     middle = [one.widths[1] * 10**-one.decay for one in found]
     assert np.exp(np.mean(np.log(middle))) == pytest.approx(width * 10**-decay, rel=0.35)
     assert np.mean([one.decay for one in found]) == pytest.approx(decay, abs=0.2)
-    assert np.mean(noise) == pytest.approx(4.0, rel=0.25), "begun far above, where all of the curve looks like noise"
-    assert all(0.4 < one.widths[0] < 1.1 for one in found), "no readings: about what was expected"
+    assert np.mean(noise) == pytest.approx(4.0, rel=0.25)  # begun far above, where all of the curve looks like noise
+    assert all(0.4 < one.widths[0] < 1.1 for one in found)  # no readings: about what was expected
 
 
 def _bumpy(q: Array, rng: np.random.Generator) -> Array:

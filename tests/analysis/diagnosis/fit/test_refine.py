@@ -192,7 +192,7 @@ def test_a_play_has_its_width_and_its_whole_height_however_it_is_crossed(roundne
     (effect,) = found.effects
     assert isinstance(effect, Backlash)
     assert effect.width_deg == pytest.approx(truth.width_deg, rel=0.015)
-    assert effect.preload < 0.02, "no part of it is held by gravity"
+    assert effect.preload < 0.02  # no part of it is held by gravity
 
 
 def test_a_play_read_with_late_stamps_has_its_width() -> None:

@@ -62,7 +62,7 @@ def test_columns_hold_for_faults_that_hardly_changed() -> None:
     assert not _beside(GEAR.model_copy(update={"order": 20.0}), LAG).is_valid_for(state)
     assert not _beside(GEAR).is_valid_for(state) and not _beside().is_valid_for(state)
     assert not _beside(GEAR, LAG, ServoLag(axis=3, lag_s=0.02)).is_valid_for(state)
-    assert not _beside(GEAR, LAG, moved_mm=1.0).is_valid_for(state), "set-ups that move by a millimetre"
+    assert not _beside(GEAR, LAG, moved_mm=1.0).is_valid_for(state)  # set-ups that move by a millimetre
     assert _beside().is_valid_for(_with()) and not _beside(GEAR).is_valid_for(_with())
 
 

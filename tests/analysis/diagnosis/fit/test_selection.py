@@ -33,7 +33,7 @@ def _found(state: SelectionState) -> dict[str, Effect]:
 def test_nothing_is_found_in_noise() -> None:
     _, state = _searched(white(healthy(), 11))
     assert state.effects == () and state.free_forms == ()
-    assert state.level.values.max() < 0.1, "an arm without effects is far below a healthy one"
+    assert state.level.values.max() < 0.1  # an arm without effects is far below a healthy one
 
 
 def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
@@ -54,7 +54,7 @@ def test_nothing_is_added_to_a_series_of_waves(monkeypatch: pytest.MonkeyPatch) 
     two = selection.initial_state(waves[:2])
     assert len(selection.select(two).refined.effects) == 3
     monkeypatch.setattr(selection_state, "_MOST_WAVES", 1)  # private: seven waves take minutes
-    assert len(selection.select(two).refined.effects) == 2, "two are a series now, of which one more says nothing"
+    assert len(selection.select(two).refined.effects) == 2  # two are a series now, of which one more says nothing
 
 
 def test_a_new_estimate_of_the_noise_is_not_a_gain_of_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,7 +79,7 @@ def test_faults_whose_shapes_are_local_optima_are_fitted_again() -> None:
     assert set(_found(again)) == set(_found(state)) == {"reversal_spike 2", "reversal_spike 3"}
     assert selection.evidence(again) > selection.evidence(state) + 100
     for name, held in _found(state).items():
-        assert getattr(held, "slow", 0.0) > 0.6, "its quick part and its slow one are exchanged"
+        assert getattr(held, "slow", 0.0) > 0.6  # its quick part and its slow one are exchanged
         assert getattr(_found(again)[name], "decay_s", 0.0) == pytest.approx(0.18, rel=0.02)
         assert getattr(_found(again)[name], "amplitude_deg", 0.0) == pytest.approx(0.3, rel=0.01)
 

@@ -88,7 +88,7 @@ def test_the_demo_is_told_all_three_by_name_in_the_first_sentences_and_what_remo
     assert mastered == (zero.probability > 20 / 21)
     named = [act.test.test for act in others if act.why == "group" and act.test]
     assert mastered or named == ["--unseen"]
-    assert "one of the two, never both: (a) corrected programs" in ActWords(found).next
+    assert "(a) corrected programs" in ActWords(found).next
 
 
 def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> None:
@@ -96,26 +96,23 @@ def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> No
     load_act = Act("load", "correction", removes_um=4.0, remains_um=2.0, command=("correct", "so.yaml", "-o", "D"))
     repair = Act("repair", "fault", removes_um=4.0, remains_um=2.0, effect=Backlash(axis=1, width_deg=0.1))
     of_six = ActWords(diagnosis(acts=(load_act, repair)))
-    assert "(b) values for the controller, rig correct so.yaml -o D --for fanuc." in of_six.next
-    assert "correct the remaining error with the new model" in of_six.sentence(repair)
+    assert "correct so.yaml -o D --for fanuc" in of_six.next
+    assert "new model" in of_six.sentence(repair)
     assert "the correction" not in of_six.sentence(repair, corrected=True)
     five = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": RIG.robot.axes[:5]})})
     of_five = ActWords(diagnosis(acts=(load_act, repair), rig=five))
-    assert of_five.next.startswith(
-        "Write corrected targets with “rig correct so.yaml -o D --path TARGETS.csv” and move the robot to them."
-    )
+    assert "correct so.yaml -o D --path TARGETS.csv" in of_five.next
     assert not any(word in of_five.next for word in ("program", "--for", "values"))
     approach = Act("approach", "history", effect=Backlash(axis=1, width_deg=0.1))
-    same_side = "Let the robot reach every point from the same side, because programs cannot remove the play of axis 1"
     for words in (of_six, of_five):
-        assert words.what(approach) == f"{same_side} (Theta)."
+        assert words.what(approach).endswith("axis 1 (Theta).")
 
 
 def test_mounting_anew_that_changes_nothing_is_not_asked_for() -> None:
     idle = Act("mount", "fault", removes_um=0.1, remains_um=33.0, effect=Backlash(axis=1, width_deg=0.1))
     load_act = Act("load", "correction", removes_um=4.0, remains_um=2.0, command=("correct", "so.yaml", "-o", "D"))
     assert without_idle_mounts((idle, load_act)) == (load_act,)
-    assert without_idle_mounts((idle,)) == (idle,), "an answer has an act"
+    assert without_idle_mounts((idle,)) == (idle,)  # an answer has an act
     removing = replace(idle, removes_um=20.0)
     assert without_idle_mounts((removing, load_act)) == (removing, load_act)
 
@@ -161,8 +158,8 @@ def test_a_sound_arm_within_its_limits_is_left_as_it_is() -> None:
         within, avoidable = (
             words.texts(f"act_none_sound_{key}", parts=words.noun(play)) for key in ("within", "avoidable")
         )
-        assert words.what(acts[0]) == f"{within} {avoidable}", "the reason, and how a task avoids the play"
-    assert ActWords(passes).what(Act("none", "sound")) == texts_of("en")("act_none_sound"), "without limits no reason"
+        assert words.what(acts[0]) == f"{within} {avoidable}"  # the reason, and how a task avoids the play
+    assert ActWords(passes).what(Act("none", "sound")) == texts_of("en")("act_none_sound")  # without limits no reason
     fails = replace(found, accuracy=replace(found.accuracy, standing="fail"))
     assert {act.kind for act in acts_of(fails, cast("JudgedPlace", _Judged()))} & {"load", "approach", "repair"}
 
@@ -368,7 +365,7 @@ def test_a_proven_gain_larger_than_the_change_between_repeats_comes_first(
     for removes_um, is_first in ((60.0, False), (40.0, True)):
         acts = [replace(fault, removes_um=removes_um)]
         assert _comes_first(measurement, acts, found, _place("used")) is is_first
-    assert _comes_first(measurement, [_LOAD], found, _place("used")), "only its own circles judged it"
+    assert _comes_first(measurement, [_LOAD], found, _place("used"))  # only its own circles judged it
     assert not _comes_first(measurement, [_LOAD], found, _place("unseen"))
 
 
@@ -511,7 +508,7 @@ def test_no_correction_hides_an_angle_that_the_arm_may_not_have_reached() -> Non
     judged = _place("used")
     assert [act.kind for act in _corrections(found, judged)] == ["load"] and _corrections(doubted, judged) == []
     (usual,) = _corrections(replace(found, only_commanded=True), judged)
-    assert "commanded" in [objection.doubt for objection in usual.against], "the doubt is told in the step"
+    assert "commanded" in [objection.doubt for objection in usual.against]  # the doubt is told in the step
 
 
 def test_a_wrong_parameter_is_checked_before_a_correction_hides_it() -> None:
@@ -521,7 +518,7 @@ def test_a_wrong_parameter_is_checked_before_a_correction_hides_it() -> None:
         Act(kind, why, (k,), removes_um=um)
         for kind, why, k, um in (("load", "correction", 0, 90), ("check", "fault", 1, 40), ("check", "fault", 2, 5))
     )
-    assert _parameters_first([load, large, small], found) == [large, load, small], "a crumb does not lead"
+    assert _parameters_first([load, large, small], found) == [large, load, small]  # a crumb does not lead
     for language in LANGUAGES:
         words = ActWords(replace(found, acts=(large, load)), texts_of(language))
-        assert words.sentence(load).startswith(f"{words.texts('act_otherwise')} {words.what(load)}"), "warning first"
+        assert words.sentence(load).startswith(f"{words.texts('act_otherwise')} {words.what(load)}")  # warning first

@@ -52,7 +52,7 @@ def test_the_shares_are_the_whole_gap_the_largest_first(found: object) -> None:
     assert len(_of_kind(parts, "scatter")) == len(_of_kind(parts, "unexplained")) == 1
     assert all(one.um >= 0 and one.u_um >= 0 for one in parts)
     joints = [one.axis for one in _of_kind(parts, "curve")]
-    assert len(joints) == len(set(joints)), "each joint has one curve"
+    assert len(joints) == len(set(joints))  # each joint has one curve
 
 
 def test_a_single_play_is_one_line_of_nearly_all() -> None:
@@ -73,13 +73,12 @@ def test_what_cancels_another_part_is_one_line_with_it() -> None:
     line, (large, small) = _line(found, label_of(BOTH[0])), found.effects
     assert [label_of(one.effect) for one in (large, small)] == [label_of(one) for one in BOTH]
     assert line == found.budget[0] and line.cancelled == (label_of(BOTH[1]),)
-    assert all(one.name != label_of(BOTH[1]) for one in found.budget), "it is counted once"
-    assert small.alone_um > found.train.before_um, "its remedy alone makes the gap wider"
-    assert line.um == pytest.approx(found.train.before_um, rel=0.01), "both together, not the larger one alone"
+    assert all(one.name != label_of(BOTH[1]) for one in found.budget)  # it is counted once
+    assert small.alone_um > found.train.before_um  # its remedy alone makes the gap wider
+    assert line.um == pytest.approx(found.train.before_um, rel=0.01)  # both together, not the larger one alone
     assert [one.label for one in line.together] == [label_of(one) for one in BOTH]
-    assert [one.um for one in line.together] == pytest.approx(
-        [large.contribution_um, small.contribution_um], rel=0.01
-    ), "each alone"
+    # each alone
+    assert [one.um for one in line.together] == pytest.approx([large.contribution_um, small.contribution_um], rel=0.01)
     assert keys_of(AnswerWords(found).part_name(line))[0] == "with_cancelled"
     (act,) = (one for one in found.acts if one.effect == large.effect)
     assert "act_uncovers" in keys_of(ActWords(found).removes(replace(act, with_before_um=None)))

@@ -56,7 +56,7 @@ def test_the_effects_do_what_the_columns_say() -> None:
     both = (result.linear.residual(names), result.linear.residual((*names, *background_effects(result.posterior))))
     done = result.linear.without_set_up(both[0] - both[1])
     expected = result.linear.without_set_up(said)
-    assert np.linalg.norm(expected) > 20, "there is something to do"
+    assert np.linalg.norm(expected) > 20  # there is something to do
     assert np.linalg.norm(done - expected) < 0.01 * np.linalg.norm(expected)
     assert len(background_terms(result.posterior)) == columns.set_ups.start
 

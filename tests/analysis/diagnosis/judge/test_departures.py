@@ -95,7 +95,7 @@ def test_a_play_may_have_wider_and_narrower_ones_in_place_of_a_part_of_it() -> N
         + [TransmissionError(axis=1, order=33, amplitude_deg=0.02)]
     ).T
     assert max(_leaves(found, 2 * narrower - whole), _leaves(found, wider / 4 - whole)) < 1e-6
-    assert min(_leaves(found, narrower), _leaves(found, none)) > 0.5, "the height of the play is its own"
+    assert min(_leaves(found, narrower), _leaves(found, none)) > 0.5  # the height of the play is its own
 
 
 def test_growth_may_come_faster_and_slower_in_part() -> None:
@@ -121,11 +121,11 @@ def test_an_effect_of_a_joint_may_come_later_as_everything_does_by_late_stamps(e
     together, alone, stamps, none = (linear.residual(each) for each in ([effect, late], [effect], [late], []))
     beyond = together - alone - stamps + none
     found = linear.late(effect)
-    assert found.shape == (len(linear.y), 2) and np.linalg.norm(beyond) > 10, "the test shows something"
+    assert found.shape == (len(linear.y), 2) and np.linalg.norm(beyond) > 10  # the test shows something
     # Late stamps turn the link too, and with it the direction in which the error shows.
     assert _leaves(found, beyond) < 0.2
     weights, *_ = np.linalg.lstsq(found, -beyond, rcond=None)
-    assert sorted(weights) == pytest.approx([0.0, 1.0], abs=0.02), "a healthy lag, and no rate"
+    assert sorted(weights) == pytest.approx([0.0, 1.0], abs=0.02)  # a healthy lag, and no rate
 
 
 def test_stamps_that_scatter_make_a_quick_wave_smaller() -> None:
@@ -145,7 +145,7 @@ def test_stamps_that_scatter_make_a_quick_wave_smaller() -> None:
     gear = TransmissionError(axis=1, order=120, amplitude_deg=0.02)
     found, wanted = linear.scattered(gear), linear.by_joint(1, lost)[:, 0]
     (weight,), *_ = np.linalg.lstsq(found, wanted, rcond=None)
-    assert np.linalg.norm(wanted) > 10, "the test shows something"
+    assert np.linalg.norm(wanted) > 10  # the test shows something
     assert weight == pytest.approx(1.0, abs=0.1)
     assert _leaves(departure_columns(linear, gear), found[:, 0]) < 1e-6
 
@@ -168,7 +168,7 @@ def test_what_is_left_of_a_spike_at_targets_is_unknown_and_on_circles_it_is_not(
     (at_targets,) = [rows for block, rows in zip(linear.blocks, linear.rows, strict=True) if not block.sampling]
     circle = np.ones(len(whole), dtype=bool)
     circle[at_targets] = False
-    assert np.abs(whole[at_targets]).max() > 1, "the test shows something"
+    assert np.abs(whole[at_targets]).max() > 1  # the test shows something
     assert _leaves(found[at_targets], whole[at_targets]) < 1e-6
     shown = np.abs(found[at_targets]).max(axis=0) > 0
     assert shown.any() and not found[circle][:, shown].any()
@@ -196,9 +196,9 @@ def test_a_spike_that_begins_later_is_larger_from_then_on() -> None:
     found, whole = departure_columns(linear, spike), linear.columns([spike])[:, 0]
     step_s = float(np.median(np.diff(linear.blocks[0].path.t_s)))
     weights, *_ = np.linalg.lstsq(found, whole, rcond=None)
-    assert np.linalg.norm(whole - found @ weights) < 1e-6 * np.linalg.norm(whole), "each of its turns has the own size"
+    assert np.linalg.norm(whole - found @ weights) < 1e-6 * np.linalg.norm(whole)  # each of its turns has the own size
     later = np.abs(weights).max()
-    assert 0.2 * step_s < decay_s / later < 0.8 * step_s, "a time of less than a sample"
+    assert 0.2 * step_s < decay_s / later < 0.8 * step_s  # a time of less than a sample
 
 
 def _standing(run: Measured) -> Measured:

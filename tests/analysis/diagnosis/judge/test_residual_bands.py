@@ -35,7 +35,7 @@ def test_a_bump_exceeds_it_and_is_reported_by_its_band(block: int, part: int, or
     first = bands_above_noise(linear.blocks, left)[0]
     assert (first.test, first.direction) == ("yaw", ("cw", "acw")[block])
     assert (first.part, first.orders) == (("distance", "angle")[part], orders)
-    assert first.ratio > 4 and f"{orders[0]} to {orders[1]} waves per lap" in first.words
+    assert first.ratio > 4 and f"{orders[0]} to {orders[1]} waves" in first.words
 
 
 @pytest.mark.parametrize(("sign", "words"), [(1, "the same in both directions"), (-1, "opposite sign")])

@@ -79,13 +79,13 @@ def test_a_wave_stays_in_its_own_run_and_is_no_reversal_everywhere() -> None:
     first = healthy().blocks[0]
     found = _places([NOISE[0] + _wave(first, 1, 0.2), NOISE[1]])
     assert found and {place.direction for place in found} == {"cw"} and {place.part for place in found} == {"distance"}
-    assert any(place.why.startswith("part of the circle") or place.why == "1 wave per lap" for place in found)
+    assert any(place.why.startswith(("part of", "1 wave")) for place in found)
 
 
 def test_a_constant_is_all_along() -> None:
     first = healthy().blocks[0]
     (place,) = _places([NOISE[0] + _wave(first, 0, 0.2), NOISE[1]])
-    assert place.why == "constant over the lap" and place.joint is None
+    assert place.why.startswith("constant") and place.joint is None
     assert place.rms_um == pytest.approx(200, rel=0.02)
 
 
