@@ -94,22 +94,21 @@ class Reading:
 
 
 def possible_readings(rig: Rig, sight: Sight | None = None) -> list[Reading]:
-    """Return the readings that a cell can take, by its rig file and by the instruments that calibrated it.
+    """Return the readings of the instruments that calibrated an arm, otherwise of those in its rig file.
 
-    Raises FileError if the arm has no posture for the sockets.
+    sight: of a tracker, which then takes all readings. Raises FileError if the arm has no posture for the sockets.
     """
-    setups = rig.calibrated.setups.values() if rig.calibrated else ()
-    touched = rig.calibrated is not None and rig.calibrated.reach_mm is not None
-    has_tracker = sight is not None or (not touched and any(setup.T_instrument_world for setup in setups))
+    by_gauges = bool(rig.gauges.recorded) and rig.tests.circle is not None
+    by_sockets = rig.tests.touch is not None
+    if rig.calibrated is not None:
+        by_gauges = by_gauges and any(setup.ball_mm for setup in rig.calibrated.setups.values())
+        by_sockets = by_sockets and rig.calibrated.reach_mm is not None
     readings = list[Reading]()
-    if rig.tests.touch and not rig.robot.rail:
+    if by_sockets and sight is None:
         readings += touches_at(rig, _socket_places(rig))
-    if rig.gauges.recorded and rig.tests.circle and not rig.robot.rail:
+    if by_gauges and sight is None:
         readings += [Reading("circle", circle.minutes, circle=circle) for circle in _circles(rig)]
-    if has_tracker or not readings:
-        q = drawn_poses(arm_of(rig.robot), _POSES, sight, np.random.default_rng(_SEED))
-        readings += poses_at(q)
-    return readings
+    return readings or poses_at(drawn_poses(arm_of(rig.robot), _POSES, sight, np.random.default_rng(_SEED)))
 
 
 def poses_at(q: Array) -> list[Reading]:

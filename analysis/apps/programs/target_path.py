@@ -82,7 +82,8 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
         what = (
             f"has the columns {required[0]} … {required[-1]} and {both[0]}: joint angles and poses cannot be combined"
         )
-        raise FileError(str(path), what, "remove or rename the columns that are not targets", code="targets.mixed")
+        remedy = "keep the columns of the targets only; measured poses calibrate an arm: rig calibrate FILE --arm ARM"
+        raise FileError(str(path), what, remedy, code="targets.mixed")
     return _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
 
 
