@@ -23,8 +23,8 @@ from analysis.apps.correct.shared_corrections import (
     add_vias,
 )
 from analysis.apps.makers import Maker
-from analysis.apps.makers.external_axes import is_moved
 from analysis.apps.makers.numbers import frame_numbers, frame_of, is_frame, joint_numbers, joints_of, replaced, written
+from analysis.apps.makers.points import is_moved
 from analysis.apps.makers.program_reader import ProgramReader
 from analysis.apps.makers.reading import as_bytes, read_program
 from analysis.apps.makers.target import (

@@ -48,15 +48,13 @@ _SAME_SIZE = 1e-3
 
 @dataclass(frozen=True)
 class ControllerState:
-    """State of a controller.
-
-    arm: kinematic model of the controller. reads_more (6,): change of the joint readings in rad at an unchanged
-    position.
-    """
+    """State of a controller."""
 
     maker: MakerName
     arm: Arm
+    """Kinematic model of the controller."""
     reads_more: Array
+    """Change (6,) of the joint readings in rad at an unchanged position."""
 
     @classmethod
     def of_rig(cls, rig: Rig, maker: MakerName) -> ControllerState:
@@ -64,10 +62,7 @@ class ControllerState:
         return cls(maker, arm_of(rig.robot), np.zeros(6))
 
     def flange(self, q: Array) -> tuple[Array, Array]:
-        """Rotation (3, 3) and position (3,) in mm of the flange in the robot base.
-
-        q (6,): joint angles in rad.
-        """
+        """Rotation (3, 3) and position (3,) in mm of the flange in the robot base at joint angles q (6,) in rad."""
         T = forward(self.with_tool(np.eye(4)), q[None])[0]
         return T[:3, :3], T[:3, 3]
 
@@ -76,7 +71,7 @@ class ControllerState:
         return replace(self.arm, T_world_base=np.eye(4), T_flange_tool=T_flange_tool)
 
     def entered(self, corrections: Any, where: str) -> ControllerState:
-        """Controller after entering the parameters of `rig correct` (corrections.yaml or JSON).
+        """Enter the parameters of `rig correct` (corrections.yaml or JSON).
 
         Raises FileError for invalid content, a different maker or unknown parameters.
         """
@@ -153,25 +148,26 @@ _SMALLEST_STEP = 1e-6
 
 @dataclass(frozen=True)
 class DrivenMotion:
-    """Joint motion of a program: times t_s (n,) in s and commanded angles q (n, 6) in rad.
-
-    holds_s: times of waiting for the operator. outputs: switching times of digital outputs. registers: times and values
-    of output registers.
-    """
+    """Joint motion of a program."""
 
     t_s: Array
+    """Times (n,) in s."""
     q: Array
+    """Commanded angles (n, 6) in rad."""
     holds_s: tuple[float, ...]
+    """Times of waiting for the operator."""
     outputs: tuple[tuple[float, int | str, bool], ...]
+    """Switching times of digital outputs."""
     registers: tuple[tuple[float, int, int], ...]
+    """Times and values of output registers."""
 
 
 def drive(controller: ControllerState, events: Sequence[Event], near: Array, where: str) -> DrivenMotion:
     """Joint motion for the events of a program.
 
-    The arm starts at the first position, in the posture closest to `near` (6,) in rad if only a pose is given. `where`
-    names the program in errors. Raises FileError, including PathError, for impossible motions, and ProgramError for a
-    program that contains no moves.
+    The arm starts at the first position, in the configuration closest to `near` (6,) in rad if only a pose is given.
+    `where` names the program in errors. Raises FileError, including PathError, for impossible motions, and ProgramError
+    for a program that contains no moves.
     """
     driver = _Driver(controller, near, where)
     for event in events:
@@ -225,8 +221,7 @@ class _Driver:
     def add(self, seconds: Array, q: Array) -> None:
         """Append a motion through joint angles q (n, 6) in rad at increasing relative times (n,) in s."""
         self.samples += len(q)
-        if self.samples > _MOST_SAMPLES:
-            raise ProgramError("the program is too long for an emulated robot")
+        _require_short(self.samples)
         self.t_s.append(self.now_s + seconds)
         self.q.append(q)
 
@@ -249,24 +244,25 @@ class _Driver:
             self.add(times[1:], (at + share[:, None] * (end - at))[1:])
 
     def finish_chain(self) -> None:
-        """Execute the pending moves up to the stop."""
         moves = [move for move in self.chain if max(move.length_mm, move.turned_rad) > _SMALLEST_STEP]
         self.chain.clear()
         if not moves:
             return
         parts = [_part(move) for move in moves]
         poses, measures, speeds, accelerations = (np.concatenate(values) for values in zip(*parts, strict=True))
-        self.samples += len(poses)
-        if self.samples > _MOST_SAMPLES:
-            raise ProgramError("the program is too long for an emulated robot")
+        _require_short(self.samples + len(poses))
         arm = self.controller.with_tool(_frame(moves[0].tool))
         begin = _frames(*moves[0].at(np.zeros(1)))
         q = follow(arm, np.concatenate([begin, poses]), self.q[-1][-1], self.where)
         times = _times(np.concatenate([[0.0], np.cumsum(measures)]), speeds, accelerations)
         if len(moves) == 1 and moves[0].speed.seconds:
             times *= moves[0].speed.seconds / times[-1]
-        self.samples -= len(poses)
         self.add(times[1:], q[1:])
+
+
+def _require_short(samples: int) -> None:
+    if samples > _MOST_SAMPLES:
+        raise ProgramError("the program is too long for an emulated robot")
 
 
 def _part(move: LinearMove | Round) -> tuple[Array, Array, Array, Array]:
@@ -276,8 +272,7 @@ def _part(move: LinearMove | Round) -> tuple[Array, Array, Array, Array]:
     """
     step_rad = _ARC_RAD if isinstance(move, Round) else _TURN_RAD
     count = max(3, int(np.ceil(max(move.turned_rad / step_rad, move.length_mm / _LINE_MM))))
-    if count > _MOST_SAMPLES:
-        raise ProgramError("the program is too long for an emulated robot")
+    _require_short(count)
     share = np.linspace(0, 1, count + 1)[1:]
     turns = move.turned_rad if isinstance(move, LinearMove) else 0.0
     length = move.length_mm if move.length_mm > turns else _MM_PER_RAD * turns
@@ -318,7 +313,7 @@ def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
 
 
 def _standing(arm: Arm, pose: ToolPose, near: Array) -> Array:
-    """Joint angles (6,) in rad at a pose in the specified posture, preferring those closest to `near`."""
+    """Joint angles (6,) in rad at a pose in the stated configuration, preferring those closest to `near`."""
     solutions = inverse(arm, _frame(pose)[None])
     allowed, _ = within_limits(arm, solutions.q[solutions.found])
     if not len(allowed):
@@ -331,10 +326,7 @@ def _standing(arm: Arm, pose: ToolPose, near: Array) -> Array:
 
 
 def _posture(q: Array, stated: PostureFlags) -> PostureFlags:
-    """Posture at joint angles q (6,) in rad in the notation of `stated`.
-
-    The notation states whether axes 4, 6 and 1 exceed 180°.
-    """
+    """Configuration at joint angles q (6,) in rad in the notation of `stated`: whether axes 4, 6 and 1 exceed 180°."""
     beyond = tuple(int(not -np.pi < q[axis] <= np.pi) for axis in (3, 5, 0))
     return PostureFlags(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
 
@@ -345,7 +337,6 @@ def _frame(pose: ToolPose) -> Array:
 
 
 def _frames(places: Array, turns: Rotation) -> Array:
-    """Frames (n, 4, 4) in mm for positions (n, 3) in mm and orientations."""
     T = np.tile(np.eye(4), (len(places), 1, 1))
     T[:, :3, :3], T[:, :3, 3] = turns.as_matrix().reshape(-1, 3, 3), places
     return T

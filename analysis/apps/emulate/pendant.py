@@ -45,10 +45,7 @@ def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> No
 
 
 def _path_of(directory: Path, name: str) -> Path:
-    """Program file for a name as printed by `rig program`, optionally with suffix, or for a path.
-
-    Raises FileError for none or several.
-    """
+    """Find a program by a name as printed by `rig program`, optionally with suffix, or by a path."""
     named = Path(name)
     if named.parent != Path() and maker_of_file(named):
         return named
@@ -87,10 +84,7 @@ _TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
 
 
 class Pendant:
-    """Controller that executes the programs of a directory on the arm of a rig.
-
-    It does not know the effects of the arm.
-    """
+    """Controller that executes the programs of a directory on the arm of a rig, without knowledge of its effects."""
 
     def __init__(self, rig: Rig, programs: Path, maker: MakerName | None = None) -> None:
         self._rig, self._programs = rig, programs
@@ -132,10 +126,10 @@ class Pendant:
         return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=signals, holds_s=driven.holds_s)
 
     def enter(self, path: Path) -> tuple[int, Array]:
-        """Enter the parameters of a `rig correct` file.
+        """Enter the parameters of a `rig correct` file: their number, and the change (6,) in rad of the joint readings
+        at rest.
 
-        Return the number of parameters, and the change (6,) in rad of the joint readings at rest. Raises FileError for
-        an invalid file or a different controller; nothing is entered in this case.
+        Raises FileError for an invalid file or a different controller; nothing is entered in this case.
         """
         try:
             _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))
@@ -160,10 +154,8 @@ class Pendant:
         return self.controller or ControllerState.of_rig(self._rig, self._maker)
 
     def _signals(self, driven: DrivenMotion) -> tuple[tuple[float, float], ...]:
-        """Times and numbers signalled by the robot.
-
-        They come from the outputs, in order of first switching or as in the rig file, or from the register.
-        """
+        """Times and numbers signalled by the register or by the outputs, in order of first switching or as in the rig
+        file."""
         place = signal_of_outputs(self._rig.feedback)
         if place and place.int_register is not None:
             return tuple((t_s, float(value)) for t_s, at, value in driven.registers if at == place.int_register)

@@ -67,16 +67,14 @@ _CREEP_RAD_S = 1e-4
 
 @dataclass
 class Motors:
-    """Motors of six joints. warm_c (6,): joint temperatures at last_ns of the host clock."""
+    """Motors of six joints."""
 
     warm_c: Array = field(default_factory=lambda: np.full(6, ROOM_C + _HOLDS_C))
+    """Joint temperatures (6,) at last_ns of the host clock."""
     last_ns: int | None = None
 
     def currents_and_temperatures(self, now_ns: int, torque_nm: Array, speed_rad_s: Array) -> tuple[Array, Array]:
-        """Currents (6,) in A and temperatures (6,) in °C.
-
-        speed_rad_s (6,): joint speeds. torque_nm (6,): gravity torques, balanced by the motors.
-        """
+        """Currents (6,) in A and temperatures (6,) in °C at joint speeds and gravity torques (6,)."""
         friction = COULOMB_NM * np.tanh(speed_rad_s / _CREEP_RAD_S) + _VISCOUS_NMS * speed_rad_s
         friction *= 1 - _THINNER_PER_C * (self.warm_c - ROOM_C)
         current_a = (friction - torque_nm) / _TORQUE_NM_A
@@ -109,31 +107,30 @@ State = Literal["drives", "waits", "paused", "stopped", "done"]
 
 @dataclass(frozen=True)
 class Trace:
-    """A noise-free program run.
-
-    t_s (n,): times in s. phi (n,): circle angles in rad; empty off the circle. q (n, 6): reported angles in rad. g_mm
-    (n, k): gauge readings. signals: start times in s and displayed numbers. holds_s: times of waiting for the operator.
-    """
+    """A noise-free program run."""
 
     t_s: Array
+    """Times (n,) in s."""
     phi: Array
+    """Circle angles (n,) in rad; empty off the circle."""
     q: Array
+    """Reported angles (n, 6) in rad."""
     g_mm: Array
+    """Gauge readings (n, k)."""
     signals: tuple[tuple[float, float], ...] = ()
+    """Start times in s and displayed numbers."""
     holds_s: tuple[float, ...] = ()
+    """Times of waiting for the operator."""
 
     @property
     def end_s(self) -> float:
-        """Duration of the program in s, excluding waits for the operator."""
+        """Duration in s, excluding waits for the operator."""
         return float(self.t_s[-1])
 
 
 @dataclass(frozen=True)
 class _Pace:
-    """Course of the program time, starting from begin_s at begin_ns.
-
-    The rate changes linearly from `rate` to `wanted`.
-    """
+    """Course of the program time, whose rate changes linearly from `rate` to `wanted`."""
 
     begin_ns: int
     begin_s: float
@@ -151,10 +148,7 @@ class _Pace:
 
 
 def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
-    """Simulate the circle of a rig with the effects of the rig file.
-
-    Raises FileError if the robot cannot drive it.
-    """
+    """Simulate the circle of a rig. Raises FileError if the robot cannot drive it."""
     program = circle_program(rig, direction)
     return Trace(program.t_s, program.phi, program.q, _readings_along(rig, test, program.t_s, program.q))
 
@@ -166,16 +160,12 @@ def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
 
 
 def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
-    """Noise-free gauge readings (n, k) in mm along reported angles q (n, 6) in rad at t_s (n,) in s.
-
-    test: test for which the gauges are mounted.
-    """
+    """Noise-free gauge readings (n, k) in mm along reported angles q (n, 6) in rad, with the gauges of a test."""
     g_mm = _readings_along(rig, test, t_s, q)
     return g_mm if test in CIRCLES else np.repeat(g_mm, len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
 
 
 def _readings_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
-    """Noise-free readings (n, k) in mm at all times t_s (n,) of a motion q (n, 6)."""
     model = model_of(rig)
     if test in CIRCLES:
         circle = CircleTable(test, "acw", t_s, q, np.empty((0, 2)))
@@ -194,10 +184,7 @@ class EmulatedRobot:
 
     @classmethod
     def of_rig(cls, rig: Rig, seed: int) -> EmulatedRobot:
-        """Simulate the programs of both directions, noise-free.
-
-        Raises FileError if the robot cannot drive the circle.
-        """
+        """Simulate the circle in both directions. Raises FileError if the robot cannot drive it."""
         return cls(rig, {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}, seed)
 
     def __init__(self, rig: Rig, traces: dict[Direction, Trace], seed: int) -> None:
@@ -323,7 +310,7 @@ class EmulatedRobot:
         return self.play(replace(driven, signals=((-_STANDSTILL_S, number), (driven.end_s, 0.0))))
 
     def play(self, trace: Trace) -> float:
-        """Start a trace from the beginning and return the duration in seconds, excluding waits for the operator."""
+        """Start a trace and return the duration in seconds, excluding waits for the operator."""
         now_ns = clock.now_ns()
         before = self.signal(now_ns)
         with self._lock:
@@ -336,18 +323,15 @@ class EmulatedRobot:
         return _STANDSTILL_S + trace.end_s
 
     def stop(self) -> bool:
-        """Stop the program: the arm stops on the path, and outputs do not change.
-
-        Return whether a program was running.
-        """
+        """Stop on the path; outputs do not change. False if no program was running."""
         return self._at_rate(0.0, ("drives", "waits", "paused"), stops=True)
 
     def pause(self) -> bool:
-        """Pause the program: the arm stops on the path. Return whether a program was moving."""
+        """Stop on the path. False if no program was moving."""
         return self._at_rate(0.0, ("drives",))
 
     def go_on(self) -> bool:
-        """Continue a paused or waiting program. Return whether such a program existed."""
+        """Continue a paused or waiting program. False if there is none."""
         now_ns = clock.now_ns()
         if self.state(now_ns) != "waits":
             return self._at_rate(1.0, ("paused",))
@@ -362,7 +346,7 @@ class EmulatedRobot:
             self._trace = replace(self._trace, q=self._trace.q + more_rad)
 
     def _at_rate(self, new_rate: float, states: Sequence[State], *, stops: bool = False) -> bool:
-        """Change the rate of the program time if the program is in one of these states. Return whether it is."""
+        """Change the rate of the program time if the program is in one of these states."""
         now_ns = clock.now_ns()
         state = self.state(now_ns)
         if state not in states:
@@ -374,7 +358,6 @@ class EmulatedRobot:
         return True
 
     def _watch(self) -> None:
-        """Wait for the end of the program and set `finished`."""
         while self.state(clock.now_ns()) not in ("done", "stopped"):
             clock.sleep(_POLL_S)
         self.finished.set()
@@ -422,9 +405,9 @@ RIG, TRUTH = "rig.yaml", "truth.json"
 
 
 def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str) -> Path:
-    """Write the files of an emulated cell to a directory, replacing earlier files. Return the rig file.
+    """Write the files of an emulated cell, replacing earlier ones, and return the rig file. text: of that file.
 
-    text: rig file for the daemon. Raises FileError if the files cannot be written.
+    Raises FileError if the files cannot be written.
     """
     path = directory / RIG
     try:

@@ -46,13 +46,11 @@ _STATE_TEXTS: dict[State, str] = {
 
 @dataclass(frozen=True)
 class CellEvent:
-    """Event of an emulated cell.
-
-    event: kind of event. name: port, program, file or column, or the refused line. text: description.
-    """
+    """Event of an emulated cell."""
 
     event: Literal["port", "ready", "driving", "entered", "shows", "refused", "sent", State]
     name: str
+    """Port, program, file or column, or the refused line."""
     text: str
 
     @property
@@ -69,10 +67,7 @@ class CellEvent:
 
 
 class Keyboard:
-    """Keyboard of an emulated cell.
-
-    end: called with the exit code at the end. report: called with each event that responds to a command.
-    """
+    """Keyboard of an emulated cell."""
 
     def __init__(
         self,
@@ -90,11 +85,9 @@ class Keyboard:
         threading.Thread(target=self._read, args=(has_person,), daemon=True).start()
 
     def start(self) -> None:
-        """Start executing queued commands."""
         clock.Thread(target=self._begin_in_turn, name="keyboard", daemon=True).start()
 
     def take(self, line: str) -> None:
-        """Accept a line. Immediate commands are executed at once."""
         word, _, _ = line.partition(" ")
         if word in ("stop", "pause", "show") or line == "go on":
             self._try(self._at_once, line)
@@ -192,10 +185,7 @@ def locked_cell(directory: Path) -> int:
 
 
 def rig_file_of_cell(directory: Path) -> Path:
-    """Path for the rig file of a cell, possibly an earlier one.
-
-    Raises FileError if the existing rig file does not belong to a cell.
-    """
+    """Path for the rig file of a cell. Raises FileError for an existing file that does not belong to a cell."""
     path = directory / RIG
     if path.exists() and not any((directory / file).exists() for file in (TRUTH, MARKS)):
         raise FileError(
@@ -207,9 +197,9 @@ def rig_file_of_cell(directory: Path) -> Path:
 def serve(
     cell: EmulatedInstruments, lock: int, attend: Callable[[SimpleQueue[int]], int]
 ) -> tuple[int, dict[str, int]]:
-    """Serve a cell for the duration of `attend`, which receives the queue of signal exit codes.
+    """Serve a cell for the duration of `attend`, which receives the queue of signal exit codes, and release the lock.
 
-    Return the exit code, and the number of readings sent by each instrument. The lock is released.
+    Return the exit code, and the number of readings sent by each instrument.
     """
     ends: SimpleQueue[int] = SimpleQueue()
     signal.signal(signal.SIGTERM, lambda *_: ends.put(ENDED))

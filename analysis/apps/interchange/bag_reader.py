@@ -12,7 +12,7 @@ __all__ = ["file_of", "is_own", "size_remedy", "stands_of", "table_of"]
 
 
 def size_remedy(data: bytes) -> str:
-    """Return the remedy for a large bag; empty for SQLite, which `mcap filter` does not read."""
+    """Remedy for a large bag; empty for SQLite, which `mcap filter` does not read."""
     if not data.startswith(MCAP_MAGIC):
         return ""
     return "keep the topics that are read: mcap filter BAG -y /joint_states -y /g1 -y /g2 -o SMALL"

@@ -48,32 +48,31 @@ _PIECE = 1_000_000
 
 
 class BagMessage(NamedTuple):
-    """A message with its topic and message type.
-
-    kind: message type, with the encoding appended if it is not CDR. log_ns, sent_ns: time of reception, and time of
-    sending if known.
-    """
+    """A message with its topic."""
 
     topic: str
     kind: str
+    """Message type, with the encoding appended if it is not CDR."""
     log_ns: int
+    """Time of reception."""
     sent_ns: int
+    """Time of sending if known, else of reception."""
     data: bytes
 
 
 @dataclass
 class McapBag:
-    """An MCAP file in memory. has_checksums: whether checksums cover all messages read so far."""
+    """An MCAP file in memory."""
 
     data: bytes
     where: str
     has_checksums: bool = True
+    """True if checksums cover all messages read so far."""
     _schemas: dict[int, Schema] = field(default_factory=dict)
     _channels: dict[int, tuple[str, str]] = field(default_factory=dict)
 
     @property
     def is_whole(self) -> bool:
-        """True if the end of the file is present."""
         return self.data.endswith(MCAP_MAGIC)
 
     def messages(self) -> Iterator[BagMessage]:
@@ -123,7 +122,7 @@ class McapBag:
 
 
 def words_of(error: Exception) -> str:
-    """Return the damage of a bag in words, from the error of the decoder."""
+    """Describe the damage of a bag, from the error of the decoder."""
     if isinstance(error, CRCValidationError):
         return "the content has changed since it was recorded (CRC-32)"
     return str(error)[:80] or type(error).__name__
@@ -145,7 +144,7 @@ def _records_in(chunk: Chunk) -> Iterator[McapRecord]:
 
 
 def _frame_bytes(chunk: Chunk) -> int:
-    """Return the unpacked size in bytes of the frame of a compressed chunk, if known in advance."""
+    """Unpacked size in bytes of the frame of a compressed chunk, if known in advance."""
     if chunk.compression == "zstd":
         return int(zstandard.frame_content_size(chunk.data))  # -1 is unknown: the chunk then limits the size
     if chunk.compression != "lz4":
@@ -209,17 +208,15 @@ _SUFFIXES = (".mcap", ".db3")
 
 
 def is_bag(data: bytes) -> bool:
-    """Return whether the bytes of a file are a bag."""
     return data.startswith((MCAP_MAGIC, SQLITE_MAGIC))
 
 
 def bag_of(data: bytes, where: str) -> Bag:
-    """Return the bag in the bytes of a file."""
     return (SqliteBag if data.startswith(SQLITE_MAGIC) else McapBag)(data, where)
 
 
 def file_of(path: Path) -> Path:
-    """Return the file of a bag in a directory written by `ros2 bag record`, and any other path unchanged.
+    """Find the file of a bag in a directory written by `ros2 bag record`; any other path is returned unchanged.
 
     Raises FileError unless the directory contains exactly one such file, and for a file with messages in a separate
     log.
@@ -293,21 +290,20 @@ class Cdr:
         return min(int(self.take("I")[0]), len(self._body))
 
     def text(self) -> str:
-        """Read a text."""
         size = self.count()
         (encoded,) = struct.unpack_from(f"{size}s", self._body, self._at)
         self._at += size
         return str(encoded.rstrip(b"\0"), "utf-8", "replace")
 
     def header(self) -> int:
-        """Read a header, and return the stamp in ns, or 0 if there is none."""
+        """Read a header: the stamp in ns, or 0 if there is none."""
         seconds, nanoseconds = (int(part) for part in self.take("I", 2))
         self.text()
         return seconds * 10**9 + nanoseconds
 
 
 def joint_state(data: bytes) -> tuple[int, dict[str, float]]:
-    """Return the stamp in ns and the angle in rad of each joint in a JointState."""
+    """Stamp in ns and angle in rad of each joint in a JointState."""
     message = Cdr(data)
     stamp_ns = message.header()
     names = [message.text() for _ in range(message.count())]
@@ -316,23 +312,21 @@ def joint_state(data: bytes) -> tuple[int, dict[str, float]]:
 
 
 def number(data: bytes) -> float:
-    """Return the number of a Float64."""
     return float(Cdr(data).take("d")[0])
 
 
 class Placed(NamedTuple):
-    """A position in m, and an orientation as a quaternion x, y, z, w, possibly empty. child: name of the frame, if
-    given.
-    """
+    """A position in m, and an orientation as a quaternion x, y, z, w, possibly empty."""
 
     stamp_ns: int
     child: str
+    """Name of the frame, if given."""
     place_m: tuple[float, ...]
     turn: tuple[float, ...]
 
 
 def _placed(data: bytes, *, turn: int = 4, child: bool = False) -> Iterator[Placed]:
-    """Yield a position with an orientation of `turn` numbers. child: the message names the frame."""
+    """Decode a position with an orientation of `turn` numbers. child: the message names the frame."""
     message = Cdr(data)
     stamp_ns = message.header()
     if child:

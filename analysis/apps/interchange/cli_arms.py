@@ -88,7 +88,6 @@ def arms(
 
 
 def write_section(text: str, output: Path | None) -> None:
-    """Write a section to a new file, or to the screen."""
     from analysis.runs.written_files import holding, write_new
 
     if output is None:
@@ -99,7 +98,6 @@ def write_section(text: str, output: Path | None) -> None:
 
 
 def arms_table(arms: Sequence[LibraryArm]) -> RenderableType:
-    """Return a row for each arm: name, model, repeatability, and availability of masses."""
     from rich.console import Group
     from rich.table import Column, Table
     from rich.text import Text
@@ -116,7 +114,6 @@ def arms_table(arms: Sequence[LibraryArm]) -> RenderableType:
 
 
 def arm_object(arm: LibraryArm) -> dict[str, Any]:
-    """Return an arm as a JSON object."""
     return {
         "name": arm.name,
         "maker": arm.maker,
@@ -130,7 +127,7 @@ def arm_object(arm: LibraryArm) -> dict[str, Any]:
 
 
 def arm_section(arm: LibraryArm) -> str:
-    """Return the robot section of an arm, with the sources of the numbers as comments."""
+    """Robot section of an arm, with the sources of the numbers as comments."""
     repeatability = f", repeatability {arm.repeatability_mm:g} mm" if arm.repeatability_mm else ""
     head = [f"{arm.maker} {arm.model}{repeatability}", *([arm.note] if arm.note else []), f"frames: {arm.frames}"]
     head += [f"{key}: {words}" for key, words in arm.sources.model_dump(exclude_defaults=True).items()]
@@ -259,7 +256,6 @@ def export_urdf(
 
 
 def _description(rig: Rig, arm: Arm, reader: Reader, rig_file: str, calibration_hash: str | None, carried: str) -> str:
-    """Return the geometry of an arm in the notation of a reader other than MuJoCo. carried: remark on its errors."""
     if reader == "ur-driver":
         from analysis.apps.interchange.driver_kinematics import ur_driver_text
 
@@ -274,10 +270,7 @@ def _description(rig: Rig, arm: Arm, reader: Reader, rig_file: str, calibration_
 
 
 def _friction(run: Path, nm_per_a: str) -> dict[int, float]:
-    """Return the friction of the joints in Nm, derived from the motor currents of a run.
-
-    Raises FileError if the run does not show the friction.
-    """
+    """Friction of the joints in Nm, derived from the motor currents of a run."""
     import analysis
     from analysis.apps.interchange.exported_arm import friction_nm, torques_of
     from rigs.errors import FileError

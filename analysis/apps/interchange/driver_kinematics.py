@@ -41,15 +41,14 @@ _SAME_MM, _SAME_RAD = 0.5, 1e-4
 
 @dataclass(frozen=True)
 class KinematicsFormat:
-    """The format of a maker's description.
-
-    origins: nominal joint origins. flange: origin of the flange, if present. above, below: keys above and below the
-    joint names.
-    """
+    """The format of a maker's description."""
 
     origins: tuple[Origin, ...]
+    """Nominal joint origins."""
     flange: Origin | None = None
+    """Origin of the flange, if present."""
     above: str | None = None
+    """Key above the joint names; also `below`."""
     below: str | None = None
 
 
@@ -94,10 +93,10 @@ LAYOUTS: dict[str, tuple[KinematicsFormat, ...]] = {"franka": (_FRANKA,), "xarm"
 
 
 def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return kinematics.yaml of a calibrated arm for the description of a maker.
+    """Write kinematics.yaml of a calibrated arm for the description of a maker.
 
-    robot: nominal arm of the rig file. arm: calibrated arm. maker: a key of LAYOUTS. where: rig file, for errors.
-    remarks: comment lines at the top. Raises FileError for an arm of a different maker.
+    robot: nominal arm of the rig file. maker: a key of LAYOUTS. where: rig file, for errors. remarks: comment lines at
+    the top. Raises FileError for an arm of a different maker.
     """
     joint_senses(arm, where, "kinematics.yaml")
     # Find the layout with the axes of the nominal arm: each pair of frames shares the axis, and the flange is common.
@@ -129,11 +128,18 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
         origins.append(np.linalg.inv(between[-1]))
     entries: dict[str, object] = {}
     for number, T in enumerate(origins, start=1):
-        xyz, rpy = metres_and_rpy(T)
-        entry = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*xyz, *rpy), strict=True))
+        entry = _entry(T)
         entries[f"joint{number}"] = {layout.below: entry} if layout.below else entry
-    head = "".join(f"# {plain(remark)}\n" for remark in remarks)
-    return head + yaml.safe_dump({layout.above: entries} if layout.above else entries, sort_keys=False)
+    return _yaml({layout.above: entries} if layout.above else entries, remarks)
+
+
+def _entry(T: Array) -> dict[str, float]:
+    xyz, rpy = metres_and_rpy(T)
+    return dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*xyz, *rpy), strict=True))
+
+
+def _yaml(content: dict[str, object], remarks: Sequence[str]) -> str:
+    return "".join(f"# {plain(remark)}\n" for remark in remarks) + yaml.safe_dump(content, sort_keys=False)
 
 
 def _frame(origin: Origin) -> Array:
@@ -153,7 +159,7 @@ _MOST_DEG = 5.0
 
 
 def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, remarks: Sequence[str] = ()) -> str:
-    """Return calibration.yaml of an arm.
+    """Write calibration.yaml of an arm.
 
     where: rig file, for errors. calibration_hash: from the file extracted by the driver's tool. remarks: comment lines
     at the top. Raises FileError for an arm of a different kind, and UseError for an invalid hash.
@@ -175,10 +181,5 @@ def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, re
             "omit --for ur-driver: a URDF can describe any arm",
             code="export.kinematics",
         )
-    kinematics: dict[str, object] = {}
-    for link, T in zip(LINKS, joint_origins(arm), strict=True):
-        xyz, rpy = metres_and_rpy(T)
-        kinematics[link] = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*xyz, *rpy), strict=True))
-    kinematics["hash"] = calibration_hash or NOT_THE_CONTROLLERS
-    head = "".join(f"# {plain(remark)}\n" for remark in remarks)
-    return head + yaml.safe_dump({"kinematics": kinematics}, sort_keys=False)
+    links = {link: _entry(T) for link, T in zip(LINKS, joint_origins(arm), strict=True)}
+    return _yaml({"kinematics": {**links, "hash": calibration_hash or NOT_THE_CONTROLLERS}}, remarks)

@@ -30,7 +30,7 @@ _SPRING = "deg_per_Nm"
 
 
 def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> JointTraits:
-    """Return the well-known backlash and the compliance of a rig's model, named and calibrated.
+    """Known backlash and compliance of a rig's model, named and calibrated.
 
     friction_nm: Coulomb friction of joints in Nm, by axis from 1. Terms of the same axis add up; a sum that is not
     positive is not a compliance and is dropped.
@@ -48,7 +48,7 @@ def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> Jo
 
 
 def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> dict[int, float]:
-    """Return joint friction in Nm, by axis from 1, computed from motor current and torque constant.
+    """Joint friction in Nm, by axis from 1, from motor current and torque constant.
 
     Raises UseError if an axis has no constant.
     """
@@ -83,19 +83,18 @@ _OF_THE_ARM: tuple[Stage, ...] = ("arm", "joint", "tool")
 
 @dataclass(frozen=True)
 class GeometricShare:
-    """Rms tool displacement over the work area, in µm: of all effects, and remaining with the arm's constants.
-
-    left_out: effects that constants cannot represent.
-    """
+    """Rms tool displacement over the work area, in µm."""
 
     all_um: float
+    """By all effects."""
     left_um: float
+    """Remaining with the arm's constants."""
     left_out: tuple[Effect, ...]
+    """Effects that constants cannot represent."""
     rig: Rig
 
     @property
     def words(self) -> str:
-        """Describe the content of a geometry file."""
         if self.all_um == 0:
             return "The rig file has no effect that moves the tool: this is the nominal arm."
         moved = f"in the base frame the effects move the tool by {self.all_um:.1f} µm rms over the work area"
@@ -109,7 +108,7 @@ class GeometricShare:
 
 
 def geometric_share(model: Model) -> GeometricShare:
-    """Return the share of a model's tool displacement not represented by arm constants."""
+    """Compare a model's tool displacement with the part that arm constants represent."""
     whole = replace(model, effects=tuple(effect for effect in model.effects if effect.STAGE in _OF_THE_ARM))
     q = work_angles(model.rig)
     return GeometricShare(
@@ -121,7 +120,7 @@ def geometric_share(model: Model) -> GeometricShare:
 
 
 def simulated_arm(rig: Rig, arm: Arm, where: str, carried: str, friction: Mapping[int, float]) -> tuple[str, str]:
-    """Return an arm as a MuJoCo model with the joint properties, and a description that starts with `carried`.
+    """Write an arm as a MuJoCo model with the joint properties; the description starts with `carried`.
 
     where: rig file, for errors. friction: friction of the joints in Nm, by axis from 1. Raises the errors of
     `mjcf_text`.

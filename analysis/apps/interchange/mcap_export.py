@@ -54,7 +54,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 
 
 def urdf_of(rig: Rig) -> str:
-    """Return the URDF of the nominal arm of a rig, empty if it cannot be written."""
+    """URDF of the nominal arm of a rig, empty if it cannot be written."""
     try:
         return urdf_text(rig.robot, arm_of(rig.robot), rig.name)
     except RigError:
@@ -62,7 +62,7 @@ def urdf_of(rig: Rig) -> str:
 
 
 def joint_states(names: Sequence[str], q_deg: Sequence[float | None], at_ns: int) -> dict[str, Any]:
-    """Return the message for joint angles in degrees at a time in ns since 1970. Unknown angles are omitted."""
+    """Message for joint angles in degrees at a time in ns since 1970. Unknown angles are omitted."""
     sec, nsec = divmod(at_ns, 1_000_000_000)
     joints = [
         {"name": name, "position": math.radians(deg)}
@@ -89,10 +89,9 @@ class _Message(NamedTuple):
 
 
 def write_mcap(run: Run, file: BinaryIO) -> None:
-    """Write every row of every stream, every fault and the complete manifest.
+    """Write every row of every stream, every fault and the complete manifest: an exported run may be deleted.
 
-    An exported run may be deleted, so the file has to contain all data. Raises FileError for a table with no times that
-    fit MCAP.
+    Raises FileError for a table with no times that fit MCAP.
     """
     writer = Writer(file)
     writer.start(library=f"rig {run.manifest.software.get('rig', '')}")
@@ -122,7 +121,7 @@ def write_mcap(run: Run, file: BinaryIO) -> None:
 
 
 def _arm(writer: Writer, run: Run, tables: Mapping[str, pa.Table]) -> list[Iterator[_Message]]:
-    """Return the messages of the arm and its angles, if the run has both. The URDF is also an attachment."""
+    """Messages of the arm and its angles, if the run has both. The URDF is also an attachment."""
     name = next((name for name, table in tables.items() if set(_JOINTS) <= set(table.column_names)), None)
     try:
         rig = parse(run.manifest.rig_text, "the rig file of the run")
@@ -150,7 +149,7 @@ def _channel(writer: Writer, topic: str, name: str, schema: Mapping[str, Any]) -
 
 
 def _messages(table: pa.Table, channel: int, name: str, run: Run) -> Iterator[_Message]:
-    """Yield the messages of a stream in order of time, with a limited number of messages in memory."""
+    """Yield the messages of a stream in order of time, with a limited number in memory."""
     log_ns = _log_times(name, table, run)
     order = np.argsort(log_ns, kind="stable")
     if (order[1:] < order[:-1]).any():
@@ -167,8 +166,7 @@ def _messages(table: pa.Table, channel: int, name: str, run: Run) -> Iterator[_M
 
 
 def _log_times(name: str, table: pa.Table, run: Run) -> NDArray[np.uint64]:
-    """Return the time (n,) of each row in ns since 1970, never negative; for a table, in ns since the first row or
-    zero.
+    """Time (n,) of each row in ns since 1970, never negative; for a table, in ns since the first row or zero.
 
     Raises FileError for a time beyond the range of MCAP.
     """

@@ -44,21 +44,20 @@ _HEAD = (
 
 @dataclass(frozen=True)
 class JointTraits:
-    """Measured joint properties by axis, from 1.
-
-    play_deg: full backlash. compliance_deg_per_nm. friction_nm: Coulomb friction.
-    """
+    """Measured joint properties by axis, from 1."""
 
     play_deg: Mapping[int, float] = field(default_factory=dict)
+    """Full backlash."""
     compliance_deg_per_nm: Mapping[int, float] = field(default_factory=dict)
     friction_nm: Mapping[int, float] = field(default_factory=dict)
+    """Coulomb friction."""
 
 
 def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return an arm as MJCF, with names, limits and masses of a robot. The site `tool` is the robot's tool.
+    """Write an arm as MJCF, with names, limits and masses of a robot. The site `tool` is the robot's tool.
 
-    where: rig file named in errors. remarks: sentences written at the top. Raises FileError if axes are coupled or a
-    name is invalid.
+    where: rig file named in errors. remarks: sentences at the top. Raises FileError if axes are coupled or a name is
+    invalid.
     """
     senses = joint_senses(arm, where, "MJCF")
     require_names(robot, where)
@@ -93,12 +92,11 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
 
 
 def _body(parent: ElementTree.Element, name: str, T: Array) -> ElementTree.Element:
-    """Add a body at T (4, 4) mm relative to the parent, and return it."""
     return ElementTree.SubElement(parent, "body", {"name": name} | _place(T))
 
 
 def _place(T: Array) -> dict[str, str]:
-    """Return position in m and quaternion, scalar first, of a frame (4, 4) mm."""
+    """Position in m and quaternion, scalar first, of a frame (4, 4) mm."""
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
     return {"pos": numbers_text(T[:3, 3] / 1000.0), "quat": numbers_text(quaternion)}
 

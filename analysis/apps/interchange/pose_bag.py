@@ -17,7 +17,6 @@ import struct
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from analysis.apps.interchange.bags import (
     joint_state,
     messages_of,
 )
-from analysis.apps.interchange.ros_bag import newest, uneven_header
+from analysis.apps.interchange.ros_bag import Track, newest, uneven_header
 from analysis.intake.readers import StandTable
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.stands import stands_of
@@ -48,8 +47,6 @@ _APART_S = 0.1
 delays are smaller."""
 _UNIT_WITHIN = 0.01
 """Tolerance for the length of a quaternion. Drivers publish float32, and zeros if they see nothing."""
-_LARGEST = 1e6
-"""Limit for positions in m and angles in rad."""
 _MOST_JOINTS, _LONGEST_NAME = 50, 200
 _GAP_S = 1.0
 """Maximum gap in the joint angles: the robot may have moved in a longer gap."""
@@ -60,34 +57,8 @@ It is the difference between the means of the two halves, in multiples of its un
 """
 
 
-@dataclass
-class _SenderMessages:
-    """Messages of a sender: times of reception and sending in ns, and values.
-
-    placed: positions in m, optionally with an orientation; otherwise joint angles. lacking: number of unusable
-    messages.
-    """
-
-    placed: bool = False
-    log_ns: list[int] = field(default_factory=list)
-    sent_ns: list[int] = field(default_factory=list)
-    values: list[tuple[float, ...]] = field(default_factory=list)
-    lacking: int = 0
-
-    def add(self, log_ns: int, sent_ns: int, values: tuple[float, ...] | None) -> None:
-        values = values or ()
-        alike = not self.values or len(values) == len(self.values[0])
-        is_turned = not self.placed or len(values) < 7 or abs(math.hypot(*values[3:]) - 1) < _UNIT_WITHIN
-        if not values or not alike or not is_turned or not all(abs(value) < _LARGEST for value in values):
-            self.lacking += 1
-            return
-        self.log_ns.append(log_ns)
-        self.sent_ns.append(sent_ns)
-        self.values.append(values)
-
-
 def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTable:
-    """Return the standstills of the robot in a bag as a table.
+    """Tabulate the standstills of the robot in a bag.
 
     topic: topic of the poses; `/tf:CHILD` for a transform; by default the only candidate. Raises FileError.
     """
@@ -132,7 +103,7 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
 
 
 def _of_use(messages: Iterable[BagMessage]) -> list[BagMessage]:
-    """Return the relevant messages, and an empty message per other topic.
+    """Keep the relevant messages, and an empty message per other topic.
 
     Bags also contain images. The size of a bag limits the number of messages.
     """
@@ -147,10 +118,8 @@ def _of_use(messages: Iterable[BagMessage]) -> list[BagMessage]:
     return kept
 
 
-def _read(
-    messages: Sequence[BagMessage], where: str, rig: Rig
-) -> tuple[list[str], _SenderMessages, dict[str, _SenderMessages]]:
-    """Return the names of joints, their track, and the tracks of all positions by topic."""
+def _read(messages: Sequence[BagMessage], where: str, rig: Rig) -> tuple[list[str], Track, dict[str, Track]]:
+    """Names and track of the joints, and the tracks of all positions by topic."""
     ros = rig.feedback if isinstance(rig.feedback, ROS2JointStates) else None
     topic = "/" + (ros.topic if ros else "joint_states").lstrip("/")
     joint_topics = {message.topic for message in messages if message.kind == JOINT_STATE}
@@ -173,11 +142,10 @@ def _read(
     if odd := [name for name in names if not _JOINT.fullmatch(name)]:
         problem = f"contains an invalid joint name {odd[0][:40]!r}"
         raise FileError(where, problem, "name the six joints in the rig file", code="bag.joint_name")
-    joints, placed = _SenderMessages(), dict[str, _SenderMessages]()
+    joints, placed = Track(), dict[str, Track]()
     for message in states:
         stamp_ns, angles = _joints(message.data)
-        values = tuple(angles[name] for name in names) if set(names) <= angles.keys() else None
-        joints.add(message.log_ns, stamp_ns, values)
+        joints.add(message.log_ns, stamp_ns, [angles[name] for name in names if set(names) <= angles.keys()])
     for message in messages:
         if message.kind not in PLACED:
             continue
@@ -186,10 +154,11 @@ def _read(
             for thing in PLACED[message.kind](message.data):
                 name = f"{message.topic}:{thing.child}" if message.kind == TF else message.topic
                 if len(name) <= _LONGEST_NAME:
-                    track = placed.setdefault(name, _SenderMessages(placed=True))
-                    track.add(message.log_ns, thing.stamp_ns, (*thing.place_m, *thing.turn))
+                    track = placed.setdefault(name, Track())
+                    is_turn = not thing.turn or abs(math.hypot(*thing.turn) - 1) < _UNIT_WITHIN
+                    track.add(message.log_ns, thing.stamp_ns, (*thing.place_m, *thing.turn) if is_turn else ())
         except (struct.error, IndexError):
-            placed.setdefault(name, _SenderMessages(placed=True)).lacking += 1
+            placed.setdefault(name, Track()).lacking += 1
     if len(joints.log_ns) < 2:
         problem = f"contains fewer than two messages of {topic} with the joints {', '.join(names)}"
         raise FileError(
@@ -209,7 +178,7 @@ def _joints(data: bytes) -> tuple[int, dict[str, float]]:
 
 
 def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
-    """Return the joints of the first message with at least as many as the arm.
+    """Joints of the first message with at least as many as the arm.
 
     Raises FileError if there is no such message, if joints have no names, and if they belong to several arms.
     """
@@ -242,8 +211,8 @@ def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
     raise FileError(where, problem, "give the rig file of the measured arm", code="bag.no_joints")
 
 
-def _chosen(placed: dict[str, _SenderMessages], topic: str, where: str) -> tuple[str, _SenderMessages]:
-    """Return the topic of the instrument: the given topic, the only topic, or the only one that is not a transform."""
+def _chosen(placed: dict[str, Track], topic: str, where: str) -> tuple[str, Track]:
+    """Topic of the instrument: the given topic, the only topic, or the only one that is not a transform."""
     tracks = {name: track for name, track in placed.items() if len(track.log_ns) > 1}
     has = ", ".join(sorted(tracks))[:300]
     if not tracks:
@@ -271,8 +240,8 @@ def _chosen(placed: dict[str, _SenderMessages], topic: str, where: str) -> tuple
     return next(iter(no_transforms.items()))
 
 
-def _timed(tracks: dict[str, _SenderMessages]) -> tuple[tuple[Integers, Array], tuple[Integers, Array], list[str]]:
-    """Return the times in ns (n,) and values (n, k) of both tracks by the same clock, in order, and doubts in words."""
+def _timed(tracks: dict[str, Track]) -> tuple[tuple[Integers, Array], tuple[Integers, Array], list[str]]:
+    """Times in ns (n,) and values (n, k) of both tracks by the same clock, in order, and doubts in words."""
     doubts: list[str] = []
     log = {name: np.array(track.log_ns) for name, track in tracks.items()}
     sent = {name: np.array(track.sent_ns) for name, track in tracks.items()}
@@ -297,20 +266,12 @@ def _timed(tracks: dict[str, _SenderMessages]) -> tuple[tuple[Integers, Array], 
         log_ns, ns, values = log[name][order], by[name][order], np.array(track.values)[order]
         fresh = newest(log_ns, ns)
         timed.append((ns[fresh], values[fresh]))
-        total = len(ns) + track.lacking
-        if track.lacking:
-            doubts.append(
-                f"{name}: {track.lacking} of {total} messages not used, because a joint, a number or a turn is missing"
-            )
-        if stale := int((~fresh).sum()):
-            doubts.append(
-                f"{name}: {stale} of {total} messages not used, because they are not newer than the previous message"
-            )
+        doubts += track.doubts(name, fresh)
     return timed[0], timed[1], doubts
 
 
 def _unusable(t_s: Array, pose_ns: Integers, seen: Array, topic: str) -> str:
-    """Return the reason for not using a standstill at times t_s (n,) with readings seen (m, k); empty if usable."""
+    """Reason for not using a standstill at times t_s (n,) with readings seen (m, k); empty if usable."""
     if np.diff(t_s).max() > _GAP_S:
         return f"joint angles are missing for more than {_GAP_S:g} s"
     if len(pose_ns) < _FEWEST:

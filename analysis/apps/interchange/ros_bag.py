@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,46 +34,49 @@ _MOST_MESSAGES = 5_000_000
 _JOINT_COLUMNS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 _LEAP_NS = 1e9
 """Maximum delay of a message: a network that delays messages longer loses the connection."""
+_LARGEST = 1e6
+"""Limit for the values of messages: lengths in m or mm, angles in rad or degrees."""
 Message = tuple[int, list[float]]
 """The stamp of the sender in ns, 0 for none, and the values."""
 
 
 @dataclass
-class _TopicMessages:
-    """Messages of a topic: log times and stamps of the sender in ns, and values.
+class Track:
+    """Times of reception, stamps of the sender and values of the messages of a topic."""
 
-    read: decoder, returns None if a joint is missing. lacking: number of messages with missing values or a different
-    layout.
-    """
-
-    schema: str
-    columns: tuple[str, ...]
-    read: Callable[[bytes], Message | None]
-    ns: list[int] = field(default_factory=list)
+    log_ns: list[int] = field(default_factory=list)
     sent_ns: list[int] = field(default_factory=list)
-    values: list[list[float]] = field(default_factory=list)
+    values: list[Sequence[float]] = field(default_factory=list)
     lacking: int = 0
+    """Number of messages with missing values or a different layout."""
 
-    def add(self, log_ns: int, sent_ns: int, data: bytes) -> None:
-        try:
-            message = self.read(data)
-        except (struct.error, IndexError):
-            message = None
-        if message is None or not np.isfinite(message[1]).all():
+    def add(self, log_ns: int, sent_ns: int, values: Sequence[float]) -> None:
+        alike = not self.values or len(values) == len(self.values[0])
+        if not values or not alike or not all(abs(value) < _LARGEST for value in values):
             self.lacking += 1
             return
-        stamp_ns, values = message
-        self.ns.append(log_ns)
-        self.sent_ns.append(stamp_ns or (NO_STAMP if sent_ns == log_ns else sent_ns))
+        self.log_ns.append(log_ns)
+        self.sent_ns.append(sent_ns)
         self.values.append(values)
+
+    def doubts(self, name: str, fresh: Mask) -> list[str]:
+        """Describe the messages that are not used; a mask (n,) of those with a new stamp."""
+        unused = f"of {len(fresh) + self.lacking} messages not used, because"
+        doubts = []
+        if self.lacking:
+            doubts.append(f"{name}: {self.lacking} {unused} a joint, a turn or a finite number is missing")
+        if stale := int((~fresh).sum()):
+            why = "their timestamps are not newer than the previous message (a second publisher, or repeated messages)"
+            doubts.append(f"{name}: {stale} {unused} {why}")
+        return doubts
 
 
 def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0]) -> tuple[bytes, tuple[str, ...]]:
-    """Return a bag as CSV, with doubts in words. Raises FileError."""
+    """Convert a bag to CSV, with doubts in words. Raises FileError."""
     bag = bag_of(data, where)
     tracks = _read(bag, rig)
     doubts = [] if bag.has_checksums else ["the bag has no checksums: damage cannot be detected"]
-    begin_ns = min(min(track.ns) for track in tracks.values())  # Since 1970, a float has steps of 256 ns.
+    begin_ns = min(min(track.log_ns) for track in tracks.values())  # Since 1970, a float has steps of 256 ns.
     streams: dict[str, Columns] = {}
     for topic, track in tracks.items():
         streams[topic], of_topic = _stream(topic, track, begin_ns)
@@ -98,27 +102,17 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
     return text.getvalue().encode(), tuple(doubts)
 
 
-def _stream(topic: str, track: _TopicMessages, begin_ns: int) -> tuple[Columns, list[str]]:
-    """Return the messages of a topic as the columns of an instrument's stream, in order of time, and doubts as text."""
-    order = np.argsort(np.array(track.ns), kind="stable")
-    ns, sent_ns = (np.array(times, dtype=np.int64)[order] for times in (track.ns, track.sent_ns))
+def _stream(topic: str, track: Track, begin_ns: int) -> tuple[Columns, list[str]]:
+    """Columns of an instrument's stream from the messages of a topic, in order of time, and doubts."""
+    order = np.argsort(np.array(track.log_ns), kind="stable")
+    ns, sent_ns = (np.array(times, dtype=np.int64)[order] for times in (track.log_ns, track.sent_ns))
     values = np.array(track.values)[order]
     has_clock = bool((sent_ns != NO_STAMP).all() and np.ptp(sent_ns) > 0)
     doubts = []
     if has_clock and (uneven := uneven_header(ns, sent_ns)):
         has_clock, doubts = False, [f"{topic}: {uneven}"]
     fresh = newest(ns, sent_ns) if has_clock else np.ones(len(ns), dtype=bool)
-    total = len(ns) + track.lacking
-    if track.lacking:
-        doubts.append(
-            f"{topic}: {track.lacking} of {total} messages not used, because a joint or a finite number is missing"
-        )
-    if stale := int((~fresh).sum()):
-        why = (
-            "because their timestamps are not newer than the previous message (a second publisher, or "
-            f"repeated messages); check with ros2 topic info {topic} --verbose"
-        )
-        doubts.append(f"{topic}: {stale} of {total} messages not used, {why}")
+    doubts += track.doubts(topic, fresh)
     ns, sent_ns, values = ns[fresh] - begin_ns, sent_ns[fresh], values[fresh]
     device_s = (sent_ns - sent_ns[0]) / 1e9 if has_clock else np.full(len(ns), np.nan)
     none = np.zeros(len(ns), dtype=np.int64)
@@ -130,7 +124,8 @@ def _stream(topic: str, track: _TopicMessages, begin_ns: int) -> tuple[Columns, 
         "status": none,
         "device_time_s": device_s,
     }
-    return {**fixed, **dict(zip(track.columns, values.T, strict=True))}, doubts
+    columns = _JOINT_COLUMNS if values.shape[1] > 1 else (f"{topic[1:]}_mm",)
+    return {**fixed, **dict(zip(columns, values.T, strict=True))}, doubts
 
 
 _EVEN, _UNEVEN = 0.2, 0.5
@@ -139,7 +134,7 @@ median step. Chosen: a network makes times of reception uneven, and never evens 
 
 
 def uneven_header(ns: Integers, sent_ns: Integers) -> str:
-    """Return a doubt about messages (n,) received evenly although the stamps in their headers are uneven.
+    """Describe messages (n,) that came evenly although the stamps in their headers are uneven.
 
     The clock of the header is then wrong. The text is empty if the stamps are plausible, or explained by two publishers
     that both send evenly.
@@ -163,13 +158,13 @@ _FEWEST_STEPS = 20
 
 
 def _spread(steps: Array) -> float:
-    """Return the spread of steps (n,) as a share of their median."""
+    """Spread of steps (n,) as a share of their median."""
     low, middle, high = np.percentile(steps, [5, 50, 95])
     return float((high - low) / middle) if middle > 0 else np.inf
 
 
 def newest(ns: Integers, sent_ns: Integers) -> Mask:
-    """Return a mask (n,) of the messages with a later stamp than all previous messages.
+    """Mask (n,) of the messages with a later stamp than all previous messages.
 
     An isolated stamp from the future is excluded, because all following messages would count as old.
     """
@@ -179,40 +174,42 @@ def newest(ns: Integers, sent_ns: Integers) -> Mask:
     return np.asarray(possible & (sent_ns > np.concatenate([[np.iinfo(np.int64).min], newest[:-1]])))
 
 
-def _read(bag: Bag, rig: Rig) -> Mapping[str, _TopicMessages]:
-    """Return the track of the joints, then the tracks of the gauges, by topic."""
+def _read(bag: Bag, rig: Rig) -> dict[str, Track]:
+    """Track of the joints, then the tracks of the gauges, by topic."""
     where = bag.where
     if not isinstance(rig.feedback, ROS2JointStates):
         remedy = "add the joints to the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
         raise FileError(where, "is a bag, but the rig file does not name the joints", remedy, code="bag.joint_name")
     names = rig.feedback.joints
-    topic = "/" + rig.feedback.topic.lstrip("/")
-    tracks = {topic: _TopicMessages(JOINT_STATE, _JOINT_COLUMNS, lambda message: _angles_deg(message, names))}
-    tracks |= {
-        f"/{name}": _TopicMessages(NUMBER, (f"{name}_mm",), lambda message: (NO_STAMP, [number(message)]))
-        for name, _ in rig.gauges
+
+    def angles_deg(data: bytes) -> Message:
+        stamp_ns, angles = joint_state(data)
+        return stamp_ns, [math.degrees(angles[name]) for name in names]
+
+    decoders: dict[str, tuple[str, Callable[[bytes], Message]]] = {
+        "/" + rig.feedback.topic.lstrip("/"): (JOINT_STATE, angles_deg),
+        **{f"/{name}": (NUMBER, lambda data: (NO_STAMP, [number(data)])) for name, _ in rig.gauges},
     }
+    tracks = {topic: Track() for topic in decoders}
     kinds: dict[str, str] = {}
     for message in messages_of(bag):
         kinds[message.topic] = message.kind
-        track = tracks.get(message.topic)
-        if track and message.kind == track.schema:
-            track.add(message.log_ns, message.sent_ns, message.data)
-            if len(track.ns) > _MOST_MESSAGES:
-                problem = f"contains more than {_MOST_MESSAGES} messages of {message.topic}"
-                raise FileError(where, problem, "import the file in several runs", code="bag.too_large")
+        if message.topic not in tracks or message.kind != decoders[message.topic][0]:
+            continue
+        track = tracks[message.topic]
+        try:
+            stamp_ns, values = decoders[message.topic][1](message.data)
+        except (struct.error, LookupError):  # truncated, or a joint is missing
+            stamp_ns, values = NO_STAMP, []
+        sent_ns = NO_STAMP if message.sent_ns == message.log_ns else message.sent_ns
+        track.add(message.log_ns, stamp_ns or sent_ns, values)
+        if len(track.log_ns) > _MOST_MESSAGES:
+            problem = f"contains more than {_MOST_MESSAGES} messages of {message.topic}"
+            raise FileError(where, problem, "import the file in several runs", code="bag.too_large")
     for topic, track in tracks.items():
-        if len(track.ns) < 2:
+        if len(track.log_ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
-            problem = f"contains fewer than two usable messages of {topic} ({track.schema}); its topics: {has}"
+            problem = f"contains fewer than two usable messages of {topic} ({decoders[topic][0]}); its topics: {has}"
             remedy = "set the topic and the joints in the rig file, and publish the gauges on /g1, /g2"
             raise FileError(where, problem, remedy, code="bag.too_large")
     return tracks
-
-
-def _angles_deg(data: bytes, names: tuple[str, ...]) -> Message | None:
-    """Return the stamp and the six angles of a JointState, or None if a joint is missing."""
-    stamp_ns, placed = joint_state(data)
-    if not set(names) <= placed.keys():
-        return None
-    return stamp_ns, [float(np.degrees(placed[name])) for name in names]

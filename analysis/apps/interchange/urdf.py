@@ -55,22 +55,22 @@ _XACRO = "expand the macros first: xacro FILE > arm.urdf"
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint.
-
-    T_parent_child (4, 4): frame at zero, with the position in mm. axis (3,): in that frame, of any length. lower, upper
-    (rad) and velocity (rad/s): infinite if absent. follows: mimicked joint.
-    """
+    """A joint; infinite limits are absent."""
 
     name: str
     type: str
     parent: str
     child: str
     T_parent_child: Array
+    """Frame (4, 4) at zero, with the position in mm."""
     axis: Array
+    """In that frame, of any length."""
     lower: float
+    """In rad; also `upper`, and `velocity` in rad/s."""
     upper: float
     velocity: float
     follows: str | None
+    """The joint that this one mimics."""
 
     @property
     def moves(self) -> bool:
@@ -129,7 +129,7 @@ def read_urdf(path: Path) -> Urdf:
 
 
 def _xml_root(path: Path) -> Any:
-    """Return the <robot> element of a URDF after checks of size and macros, with shapes removed."""
+    """The <robot> element after checks of size and macros, with shapes removed."""
     from lxml import etree  # noqa: PLC0415
 
     where = str(path)
@@ -225,7 +225,6 @@ def _joint(joint: LibraryJoint, element: Any) -> UrdfJoint:
 
 
 def _in_mm(T: Array) -> Array:
-    """Return a frame (4, 4) with its position in mm instead of metres."""
     T = T.copy()
     T[:3, 3] *= 1000.0
     return T
@@ -246,13 +245,14 @@ _NONE = 1e-13
 
 @dataclass(frozen=True)
 class Chain:
-    """The joints between two links of a URDF. up: fixed joints from the base to the common ancestor. down: joints
-    from there to the tip."""
+    """The joints between two links of a URDF."""
 
     base: str
     tip: str
     up: tuple[UrdfJoint, ...]
+    """Fixed joints from the base to the common ancestor."""
     down: tuple[UrdfJoint, ...]
+    """Joints from there to the tip."""
 
     @property
     def rail(self) -> UrdfJoint | None:
@@ -262,16 +262,15 @@ class Chain:
 
     @property
     def turning(self) -> tuple[UrdfJoint, ...]:
-        """The joints that are neither fixed nor the rail, from the base."""
         return tuple(joint for joint in self.down if self.turns(joint))
 
     def turns(self, joint: UrdfJoint) -> bool:
-        """Return whether a joint is an axis of the arm."""
+        """True for an axis of the arm."""
         return joint.moves and joint is not self.rail
 
 
 def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain:
-    """Return the chain of four to seven turning joints between two links.
+    """Find the chain of four to seven turning joints between two links.
 
     base: by default the link `base`, otherwise the root. tip: by default `tool0`, otherwise the only end link. Raises
     FileError for any other chain.
@@ -299,7 +298,7 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
 
 
 def axes_of(chain: Chain) -> AxisLines:
-    """Return the axes of a chain in its base frame, in mm, all joints at zero, and its rail."""
+    """Axes of a chain in its base frame, in mm, all joints at zero, and its rail."""
     T, rail = _T_base_parting(chain), None
     points, directions = [], []
     for joint in chain.down:
@@ -318,7 +317,7 @@ def axes_of(chain: Chain) -> AxisLines:
 
 
 def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
-    """Return joint properties: limits, speed, and the mass of all links fixed to the joint's link."""
+    """Limits, speed, and the mass of all links fixed to the joint's link."""
     T = _T_base_parting(chain)
     joints = []
     for joint in chain.down:
@@ -342,8 +341,7 @@ def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
 
 
 def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJoint], where: str) -> tuple[str, str]:
-    """Return the end links of the chain of an arm: requested links, links with the usual names, or the root and the
-    only movable end link."""
+    """End links of an arm: requested links, links with the usual names, or the root and the only movable end link."""
     names = list(urdf.masses)
     for name in (base, tip):
         if name is not None and name not in names:
@@ -381,7 +379,6 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
 
 
 def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
-    """Check that a joint is valid as an axis or rail of a rig file."""
     place = f"joint {joint.name}"
     if joint.follows is not None:
         problem = (
@@ -415,7 +412,7 @@ def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
 
 
 def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]:
-    """Return the joints from the root to a link."""
+    """Joints from the root to a link."""
     path: list[UrdfJoint] = []
     while joint := above.get(link):
         if len(path) > len(above):
@@ -428,7 +425,7 @@ def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]
 
 
 def _T_base_parting(chain: Chain) -> Array:  # noqa: N802 - a frame's name
-    """Return the frame (4, 4) mm of the common ancestor of base and tip, in the base frame."""
+    """Frame (4, 4) mm of the common ancestor of base and tip, in the base frame."""
     T = np.eye(4)
     for joint in chain.up:
         T = T @ np.linalg.inv(joint.T_parent_child)
@@ -441,7 +438,7 @@ _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
 
 @dataclass(frozen=True)
 class UrdfArm:
-    """An arm between the links base and tip of a URDF. doubts: remarks for the user to check."""
+    """An arm between two links of a URDF, with remarks for the user to check."""
 
     section: RobotSection
     base: str
@@ -450,7 +447,7 @@ class UrdfArm:
 
 
 def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
-    """Return the arm between two links of a URDF. Raises FileError unless it has four to seven axes."""
+    """Read the arm between two links of a URDF. Raises FileError unless it has four to seven axes."""
     urdf = read_urdf(path)
     chain = chain_of(urdf, base, tip, str(path))
     axes = axes_of(chain)
@@ -491,7 +488,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
 
 
 def library_poses(chain: Chain, q: Array) -> Array:
-    """Return poses (n, 4, 4) mm of the tip in the base frame, computed by pytransform3d.
+    """Poses (n, 4, 4) mm of the tip in the base frame, computed by pytransform3d.
 
     q (n, axes): joint angles in rad, followed by the rail position in m, if any.
     """

@@ -31,7 +31,7 @@ between file and arm.
 
 
 def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
-    """Return 1 or -1 for each joint (6): the direction of the axis relative to the controller's angle.
+    """Direction 1 or -1 of each axis relative to the controller's angle.
 
     kind: of file, named in errors. Raises FileError if an axis is coupled to another, or turns by a different ratio.
     """
@@ -48,7 +48,7 @@ def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
 
 
 def joint_origins(arm: Arm) -> Array:
-    """Return the joint frames (6, 4, 4) in mm with all angles zero, each relative to the previous joint."""
+    """Joint frames (6, 4, 4) in mm with all angles zero, each relative to the previous joint."""
     c, s = np.cos(arm.offset), np.sin(arm.offset)
     turned = np.tile(np.eye(4), (len(arm.a), 1, 1))
     turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
@@ -56,14 +56,14 @@ def joint_origins(arm: Arm) -> Array:
 
 
 def rail_way(arm: Arm) -> Array:
-    """Return the direction (3,) of the rail in the base frame."""
+    """Direction (3,) of the rail in the base frame."""
     assert arm.rail is not None  # noqa: S101 - asked for rails alone
     way: Array = arm.T_world_base[:3, :3].T @ arm.rail
     return way / np.linalg.norm(way)
 
 
 def metres_and_rpy(T: Array) -> tuple[list[float], list[float]]:
-    """Return x, y, z in metres and roll, pitch, yaw in rad of a frame (4, 4) in mm."""
+    """x, y, z in metres and roll, pitch, yaw in rad of a frame (4, 4) in mm."""
     xyz, rpy = T[:3, 3] / 1000.0, roll_pitch_yaw(T)
     return [_written(value) for value in xyz], [_written(value) for value in rpy]
 
@@ -84,10 +84,10 @@ _RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is unkn
 
 
 def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return an arm as URDF, with names, limits and masses of a robot.
+    """Write an arm as URDF, with names, limits and masses of a robot.
 
-    where: rig file named in errors. remarks: sentences written at the top. Raises FileError if axes are coupled or a
-    name is invalid.
+    where: rig file named in errors. remarks: sentences at the top. Raises FileError if axes are coupled or a name is
+    invalid.
     """
     senses = joint_senses(arm, where, "a URDF")
     require_names(robot, where)
@@ -117,7 +117,7 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
 
 
 def require_names(robot: Robot, where: str) -> None:
-    """Raise FileError for a name that is invalid in XML or shared by two joints. where: rig file named in errors."""
+    """Raise FileError for a name that is invalid in XML or shared by two joints."""
     names = [axis.name for axis in robot.axes]
     for k, name in enumerate(names, start=1):
         if not name.strip() or not name.isprintable():
@@ -133,12 +133,10 @@ def require_names(robot: Robot, where: str) -> None:
 
 
 def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
-    """Return the names of the fixed joints."""
     return "world-base_link", f"link_{len(robot.axes)}-flange", "flange-tool"
 
 
 def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    """Add a link, with a mass if any."""
     link = ElementTree.SubElement(root, "link", name=name)
     if kg > 0:
         inertial = ElementTree.SubElement(link, "inertial")
@@ -151,7 +149,7 @@ def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequ
 def _joint(
     root: ElementTree.Element, name: str, kind: str, links: tuple[str, str], T_parent_joint: Array
 ) -> ElementTree.Element:
-    """Add a joint between two links, parent and child, at T_parent_joint (4, 4) mm. Return the joint."""
+    """Add a joint between two links, parent and child, at T_parent_joint (4, 4) mm."""
     joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
     xyz, rpy = metres_and_rpy(T_parent_joint)
     ElementTree.SubElement(joint, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
@@ -168,18 +166,17 @@ def _limited(joint: ElementTree.Element, way: Sequence[float], lower: float, upp
 
 
 def numbers_text(values: Sequence[float] | Array) -> str:
-    """Format numbers (n,) with all digits. Units are unchanged."""
+    """Format numbers (n,) with all digits."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def xml_text(root: ElementTree.Element) -> str:
-    """Format an element as a file, with one line per child element."""
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
 def add_remarks(root: ElementTree.Element, remarks: Iterable[str]) -> None:
-    """Add comments to an element. Double hyphens are replaced."""
+    """Add comments to an element, without double hyphens."""
     for remark in remarks:
         root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
 
@@ -190,13 +187,13 @@ _EXPANDS = re.compile(r"\$+[{(]")
 
 
 def macro_name(robot: Robot) -> str:
-    """Return the name of the macro: the robot's name, in the characters permitted by xacro."""
+    """Name of the robot in the characters permitted by xacro."""
     letters = re.sub(r"\W+", "_", robot.name.casefold(), flags=re.ASCII).strip("_")
     return letters if letters and not letters[0].isdigit() else f"arm_{letters}".rstrip("_")
 
 
 def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return a xacro file with a macro of an arm. Parameters: a prefix for all names, and a parent link.
+    """Write a macro of an arm with a prefix for all names and a parent link as parameters.
 
     where: rig file named in errors. Raises FileError like `urdf_text`, and for a name that xacro would evaluate.
     """

@@ -41,41 +41,41 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class ProgramFiles:
-    """The files of a program.
-
-    label: short name of the maker. suffixes: suffixes of the file with the motion, in lower case. data: suffix of the
-    data list in the same directory. ending: text added to the name of the program in the file name. unread: suffix of a
-    form that rig does not read, if the controller also writes the program as text.
-    """
+    """The files of a program."""
 
     label: str
+    """Short name of the maker."""
     suffixes: tuple[str, ...]
+    """Of the file with the motion, in lower case."""
     data: str = ""
+    """Suffix of the data list in the same directory."""
     ending: str = ""
+    """Text added to the name of the program in the file name."""
     unread: str = ""
+    """Suffix of a form that rig does not read, if the controller also writes the program as text."""
 
 
 @dataclass(frozen=True)
 class ConstantParameter:
-    """The parameter of a link constant at a controller.
-
-    key: as in the rig file. name, unit: at the controller. per_unit: change of the parameter per mm or degree. later:
-    axis number in the rig file minus axis number at the controller, since Craig's a and alpha belong to the axis after
-    the link. axes: axes of the rig file with the parameter, from 1. by_size: True if the sign convention of a length is
-    not public. The correction then states by how much the length grows, whatever its sign, and a zero length has no
-    parameter.
-    """
+    """The parameter of a link constant at a controller."""
 
     key: str
+    """As in the rig file."""
     name: str
     unit: str
     per_unit: float
+    """Change of the parameter per mm or degree."""
     later: int = 0
+    """Axis number in the rig file minus axis number at the controller: Craig's a and alpha belong to the axis after the
+    link."""
     axes: tuple[int, ...] = (1, 2, 3, 4, 5, 6)
+    """Axes of the rig file with the parameter."""
     by_size: bool = False
+    """True if the sign convention of a length is not public. The correction then states by how much the length grows,
+    whatever its sign, and a zero length has no parameter."""
 
     def of(self, axis: int) -> str:
-        """Return the name of the parameter for an axis of the rig file."""
+        """Name of the parameter for an axis of the rig file."""
         return self.name.format(axis=axis - self.later)
 
 
@@ -83,36 +83,40 @@ class ConstantParameter:
 class Controller:
     """Zeros and constants in the controllers of a maker.
 
-    zero: parameter of the zero of axis {axis}. Each additional degree of the reading changes it by `per_deg` of `unit`,
-    multiplied by the scale of the axis if `scale` describes a scale. changes_reading: whether the reading of a joint
-    changes, rather than only the model of the arm. steps: instructions for the operator. source: public reference; (W)
-    marks references other than a manual of the maker. missing: information not found in public. place: menu or file in
-    which the operator enters the values. first_joint: number of the first joint. signs_tested: whether the values were
-    entered in a real controller. files: texts by name that enter changes, by axis and key, into a controller of a rig.
+    Each additional degree of the reading changes the zero of an axis by `per_deg` of `unit`, multiplied by the scale of
+    the axis if `scale` describes one.
     """
 
     maker: str
     place: str
+    """Menu or file in which the operator enters the values."""
     zero: str
+    """Parameter of the zero of axis {axis}."""
     unit: str
     per_deg: float
     scale: str
     steps: tuple[str, ...]
+    """Instructions for the operator."""
     source: str
+    """Public reference; (W) marks references other than a manual of the maker."""
     missing: str
+    """Information not found in public."""
     changes_reading: bool = True
+    """False if only the model of the arm changes."""
     constants: tuple[ConstantParameter, ...] = ()
     first_joint: int = 1
     signs_tested: bool = False
+    """True if the values were entered in a real controller."""
     files: Callable[[Rig, Mapping[tuple[int, str], float]], dict[str, str]] | None = None
+    """Texts by name that enter changes, by axis and key, into a controller of a rig."""
 
     def zero_of(self, axis: int) -> str:
-        """Return the name of the zero of an axis of the rig file."""
+        """Name of the zero of an axis of the rig file."""
         return self.zero.format(axis=axis - 1 + self.first_joint)
 
     @property
     def check(self) -> str:
-        """Check for the correct sign of an entered value, to be done before the robot moves."""
+        """Check of the signs of entered values, to be done before the robot moves."""
         check = _CHECK_READING if self.changes_reading else f"{_CHECK_MODEL} If not, restore {self.place}."
         return check.replace(_UNTESTED, "") if self.signs_tested else check
 
@@ -137,13 +141,13 @@ LATER = (2, 3, 4, 5, 6)
 
 @dataclass(frozen=True)
 class _PackageValue(Generic[T]):
-    """A value in the package of a maker, as "writer.WRITER", with the message if it is missing."""
+    """A value in the package of a maker, as "writer.WRITER", imported on first use."""
 
     place: str
     lacking: str
 
     def __get__(self, maker: Maker, owner: type[Maker]) -> T:
-        """Return the value. Raises UseError if it is missing or cannot be imported."""
+        """Import the value. Raises UseError if it is missing or cannot be imported."""
         place = f"{maker.package}.{self.place}"
         module, _, name = place.rpartition(".")
         try:
@@ -166,8 +170,6 @@ class _PackageValue(Generic[T]):
 
 @dataclass(frozen=True)
 class Maker:
-    """A maker: name, and package with the values."""
-
     name: MakerName
     package: str
     files: ClassVar[_PackageValue[ProgramFiles]] = _PackageValue("FILES", "the files of the programs are unknown")
@@ -186,7 +188,7 @@ class Maker:
 
 
 def maker_by(name: MakerName) -> Maker:
-    """Return a maker by name. Raises UseError if neither rig nor an installed package provides it."""
+    """Look up a maker. Raises UseError if neither rig nor an installed package provides it."""
     package = f"analysis.apps.makers.{name}" if name in MAKERS else offered_makers().get(name)
     if package is None:
         raise UseError(
@@ -196,7 +198,7 @@ def maker_by(name: MakerName) -> Maker:
 
 
 def maker_of_file(name: str | Path) -> Maker | None:
-    """Return the maker for the suffix of a file, None if the file is not a robot program."""
+    """Return the maker for the suffix of a file; None if the file is not a robot program."""
     suffix = Path(name).suffix.lower()
     for maker in map(maker_by, makers()):
         with suppress(UseError):  # An external package that cannot be imported has no files.
@@ -206,7 +208,7 @@ def maker_of_file(name: str | Path) -> Maker | None:
 
 
 def remedy_for(name: str | Path) -> str:
-    """Return what to give instead of a file that is no program."""
+    """The remedy for a file that is no program."""
     suffix = Path(name).suffix.lower()
     for files in (maker_by(maker).files for maker in MAKERS):
         if suffix and suffix == files.unread:
@@ -215,7 +217,6 @@ def remedy_for(name: str | Path) -> str:
 
 
 def suffixes_in_words() -> str:
-    """Return the program suffixes of the built-in makers as text, each with the maker."""
     every = [maker_by(name).files for name in MAKERS]
     *first, last = (
         f"{' or '.join(files.suffixes)}{f' with its {files.data}' * bool(files.data)} ({files.label})"

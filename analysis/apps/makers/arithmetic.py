@@ -10,7 +10,7 @@ Operators = Mapping[type[ast.operator] | str, Callable[..., float]]
 
 
 def tree_of(text: str) -> ast.expr | None:
-    """The syntax tree of an expression; None for other text."""
+    """Syntax tree of an expression; None for other text."""
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError):
@@ -18,7 +18,7 @@ def tree_of(text: str) -> ast.expr | None:
 
 
 def value_of(node: ast.expr, names: Mapping[str, float], operators: Operators) -> float:
-    """The value of an expression. Raises KeyError for anything that is not arithmetic with these names."""
+    """Value of an expression. Raises KeyError for anything that is not arithmetic with these names."""
     match node:
         case ast.Constant(value) if isinstance(value, int | float):
             return float(value)

@@ -45,14 +45,14 @@ class ProgramError(Exception):
 
 @dataclass
 class Tokens:
-    """The tokens of a program, each with a kind. at: index of the next token."""
+    """The tokens of a program, each with a kind."""
 
     items: list[tuple[str, str]]
     at: int = 0
 
     @classmethod
     def of(cls, text: str, token: re.Pattern[str], language: str) -> Tokens:
-        """Split a text into tokens by a pattern whose groups are the kinds.
+        """Split a text by a pattern whose groups are the kinds.
 
         Matches outside any group and of the kind `skip` are dropped. Raises ProgramError for a text that does not
         match.
@@ -68,11 +68,11 @@ class Tokens:
         return cls(items)
 
     def peek(self) -> tuple[str, str]:
-        """Return kind and text of the next token; ("over", "") at the end."""
+        """Kind and text of the next token; ("over", "") at the end."""
         return self.items[self.at] if self.at < len(self.items) else ("over", "")
 
     def take(self, *expected: str) -> str:
-        """Consume and return the next token. Raises ProgramError if neither kind nor text is expected."""
+        """Consume the next token. Raises ProgramError if neither kind nor text is expected."""
         kind, text = self.peek()
         if kind not in expected and text not in expected:
             raise ProgramError(f"{repr(text) if text else 'the end'} instead of {' or '.join(expected)}")
@@ -82,18 +82,17 @@ class Tokens:
 
 @dataclass(frozen=True)
 class PostureFlags:
-    """The posture flags of a position that follow from the joint angles.
-
-    flip: axis 5 has a positive angle. counts: turns of axes 4, 5 and 6 or of 4, 6 and 1, as used by the language.
-    """
+    """The configuration flags of a position that follow from the joint angles."""
 
     flip: bool
+    """True for a positive angle of axis 5."""
     counts: tuple[int, ...]
+    """Turns of axes 4, 5 and 6 or of 4, 6 and 1, as used by the language."""
 
 
 @dataclass(frozen=True)
 class ToolPose:
-    """The position (3,) mm and orientation of a tool in the base frame, and the posture of the arm if stated."""
+    """The position (3,) mm and orientation of a tool in the base frame, and the configuration if stated."""
 
     place: Array
     turn: Rotation
@@ -102,20 +101,19 @@ class ToolPose:
 
 @dataclass(frozen=True)
 class MoveLimits:
-    """The limits of a move; None if the language sets no limit.
-
-    share: share of the maximum speed of each axis, 0 to 1. axis_rad_s, axis_rad_s2: speed and acceleration of the
-    fastest joint. mm_s, rad_s: speed of the tool along the path and in rotation. mm_s2: acceleration of the tool.
-    seconds: duration of the move, which overrides the other limits.
-    """
+    """The limits of a move; None if the language sets no limit."""
 
     share: float | None = None
+    """Share of the maximum speed of each axis, 0 to 1."""
     axis_rad_s: float | None = None
+    """Speed of the fastest joint."""
     axis_rad_s2: float | None = None
     mm_s: float | None = None
+    """Speed of the tool along the path."""
     rad_s: float | None = None
     mm_s2: float | None = None
     seconds: float | None = None
+    """Duration of the move, which overrides the other limits."""
 
 
 @dataclass(frozen=True)
@@ -130,40 +128,33 @@ class PointToPointMove:
 
 @dataclass(frozen=True)
 class LinearMove:
-    """A straight move of the tool with even rotation, at a speed in mm/s.
-
-    stops: True if the tool stops at the end.
-    """
+    """A straight move of the tool with even rotation."""
 
     begin: ToolPose
     end: ToolPose
     speed_mm_s: float
     stops: bool
+    """True if the tool stops at the end."""
     tool: ToolPose
     speed: MoveLimits
 
     @property
     def length_mm(self) -> float:
-        """Return the length of the path in mm."""
         return float(np.linalg.norm(self.end.place - self.begin.place))
 
     @property
     def turned_rad(self) -> float:
-        """Return the rotation angle of the tool in rad."""
         return float((self.end.turn * self.begin.turn.inv()).magnitude())
 
     def at(self, share: Array) -> tuple[Array, Rotation]:
-        """Return positions (n, 3) mm and orientations at fractions (n,) of the path."""
+        """Positions (n, 3) mm and orientations at fractions (n,) of the path."""
         places = self.begin.place + share[:, None] * (self.end.place - self.begin.place)
         return places, _evenly(self.begin.turn, self.end.turn, share)
 
 
 @dataclass(frozen=True)
 class Round:
-    """An arc of a tool by an angle in rad about a unit axis (3,) through a centre (3,) mm.
-
-    stops: True if the tool stops at the end.
-    """
+    """An arc of a tool by an angle in rad about a unit axis (3,) through a centre (3,) mm."""
 
     begin: ToolPose
     end: ToolPose
@@ -178,16 +169,13 @@ class Round:
 
     @property
     def length_mm(self) -> float:
-        """Return the length of the arc in mm."""
         return self.angle * float(np.linalg.norm(self.begin.place - self.centre))
 
     @property
     def turned_rad(self) -> float:
-        """Return the rotation angle of the path in rad."""
         return self.angle
 
     def at(self, share: Array) -> tuple[Array, Rotation]:
-        """Return positions (n, 3) mm and orientations at fractions (n,) of the arc."""
         around = Rotation.from_rotvec(self.angle * share[:, None] * self.axis)
         begin, end = self.begin.turn, self.end.turn
         match self.turning:
@@ -242,7 +230,7 @@ def _evenly(begin: Rotation, end: Rotation, share: Array) -> Rotation:
 
 
 def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
-    """Return centre (3,) mm, axis (3,) and angle in rad of the arc from a (3,) mm through b to c.
+    """Centre (3,) mm, axis (3,) and angle in rad of the arc from a (3,) mm through b to c.
 
     Raises ProgramError for points that no arc connects in this order.
     """
@@ -270,14 +258,14 @@ class Machine:
 
     @property
     def pose(self) -> ToolPose:
-        """Return the pose of the tool. Raises ProgramError before the first move."""
+        """Pose of the tool. Raises ProgramError before the first move."""
         if self._pose is None:
             raise ProgramError("the program starts with a path move, before the first joint move")
         return self._pose
 
     @property
     def tool(self) -> ToolPose:
-        """Return the tool in the flange's frame. Raises ProgramError if no tool is set."""
+        """Tool in the flange's frame. Raises ProgramError if no tool is set."""
         if self._tool is None:
             raise ProgramError("the program moves before setting a tool")
         return self._tool
@@ -307,7 +295,6 @@ class Machine:
         self.events.append(PointToPointMove(pose, None, self.tool, speed))
 
     def line(self, pose: ToolPose, speed_mm_s: float, *, stops: bool, speed: MoveLimits) -> None:
-        """Move the tool on a line to a pose, at a speed in mm/s along it."""
         self.events.append(LinearMove(self.pose, _finite(pose), _speed(speed_mm_s), stops, self.tool, speed))
         self._pose = pose
 
@@ -320,7 +307,7 @@ class Machine:
     def arc(
         self, via: Array, end: ToolPose, speed_mm_s: float, *, turning: Turning, stops: bool, speed: MoveLimits
     ) -> None:
-        """Move the tool on the arc through a position `via` (3,) mm to a pose, at a speed in mm/s."""
+        """Move the tool on the arc through a position `via` (3,) mm to a pose."""
         begin = self.pose
         centre, axis, angle = circle_through(begin.place, via, _finite(end).place)
         way = Round(begin, end, centre, axis, angle, turning, _speed(speed_mm_s), stops, self.tool, speed)
@@ -328,7 +315,6 @@ class Machine:
         self._pose = ToolPose(end.place, way.at(np.ones(1))[1][0])
 
     def wait(self, seconds: float) -> None:
-        """Wait for a time in seconds."""
         if not 0 <= seconds < np.inf:
             raise ProgramError(f"{seconds} s is not a valid waiting time")
         self.events.append(Waited(seconds))
@@ -348,23 +334,23 @@ def _speed(speed_mm_s: float) -> float:
 
 @dataclass(frozen=True)
 class ControllerParameter:
-    """A parameter by its name at the controller; {axis} is the number of a joint, from 1.
-
-    field: the changed property of the arm. factor: mm or rad per unit. later: axis number in the rig file minus axis
-    number at the controller. axis: from 1, if the name contains no axis. grows: the length grows regardless of its
-    sign.
-    """
+    """A parameter by its name at the controller; {axis} is the number of a joint, from 1."""
 
     name: str
     unit: str
     field: Field
+    """The changed property of the arm."""
     factor: float
+    """mm or rad per unit."""
     later: int = 0
+    """Axis number in the rig file minus axis number at the controller."""
     axis: int = 0
+    """From 1, if the name contains no axis."""
     grows: bool = False
+    """True if the length grows regardless of its sign."""
 
     def axis_of(self, name: str) -> int | None:
-        """Return the axis of the rig file, from 1, for a name of this parameter; None for any other name."""
+        """Axis of the rig file, from 1, for a name of this parameter; None for any other name."""
         match = re.fullmatch(re.escape(self.name).replace(r"\{axis\}", "([0-6])"), name)
         axis = (self.axis or int(match[1]) + self.later) if match else 0
         return axis if 1 <= axis <= 6 else None
@@ -376,13 +362,11 @@ READING = ControllerParameter("reading of axis {axis}", "deg", "reading", math.r
 
 @dataclass(frozen=True)
 class ProgramDriver:
-    """The emulated controller of a maker.
-
-    run: executes a program on a machine, given the text of the file with the motion and of the data list; raises
-    ProgramError if the controller would reject it. parameters: the parameters that an operator can enter. tool_entered:
-    the operator enters the tool at the controller, because the program does not set it.
-    """
+    """The emulated controller of a maker."""
 
     run: Callable[[str, str, Machine], None]
+    """Executes a program on a machine, given the text of the file with the motion and of the data list. Raises
+    ProgramError if the controller would reject it."""
     parameters: tuple[ControllerParameter, ...]
     tool_entered: bool = False
+    """True if the operator enters the tool at the controller, because the program does not set it."""

@@ -27,7 +27,7 @@ ACCELERATION_MM_S2 = 200.0
 
 @dataclass(frozen=True)
 class PlannedTarget:
-    """A tool pose T (4, 4) in the base frame, with the position in mm, and the joint angles q (6,) rad."""
+    """A tool pose in the base frame, in mm, and the joint angles (6,) rad."""
 
     T: Array
     q: Array
@@ -35,29 +35,28 @@ class PlannedTarget:
 
 @dataclass(frozen=True)
 class JointMove:
-    """A move of all joints together to a target, with a stop there. speed_rad_s: maximum speed of any joint."""
+    """A move of all joints together to a target, with a stop there."""
 
     target: PlannedTarget
     speed_rad_s: float
+    """Maximum speed of any joint."""
 
 
 @dataclass(frozen=True)
 class StraightMove:
-    """A straight move of the tool to a target in the same posture of the arm.
-
-    stops: the tool stops at the target; otherwise the next line continues at the same speed. q (n, 6) rad: joint angles
-    at equal distances along the line, including both ends.
-    """
+    """A straight move of the tool to a target in the same configuration of the arm."""
 
     target: PlannedTarget
     speed_mm_s: float
     stops: bool = True
+    """False if the next line or arc continues at the same speed."""
     q: Array = field(kw_only=True)
+    """Joint angles (n, 6) rad at equal distances, including both ends; also of the other moves."""
 
 
 @dataclass(frozen=True)
 class ToolRotation:
-    """A rotation of the tool about its origin by `angle` rad, with a stop at the target; q as for a line."""
+    """A rotation of the tool about its origin by `angle` rad, with a stop at the target."""
 
     target: PlannedTarget
     angle: float
@@ -67,18 +66,15 @@ class ToolRotation:
 
 @dataclass(frozen=True)
 class Arc:
-    """A move of the tool on the circle through `via` to `end`.
-
-    with_path: the tool keeps its orientation to the path, so it rotates about the axis of the circle by the angle of
-    the arc. Otherwise it rotates evenly to the orientation of the end. stops: the tool stops at the end; otherwise the
-    next arc continues at the same speed. q as for a line.
-    """
+    """A move of the tool on the circle through `via` to `end`."""
 
     via: PlannedTarget
     end: PlannedTarget
     speed_mm_s: float
     stops: bool = True
     with_path: bool = False
+    """True if the tool keeps its orientation to the path and rotates about the axis of the circle by the angle of the
+    arc. Otherwise it rotates evenly to the orientation of the end."""
     q: Array = field(kw_only=True)
 
 
@@ -116,59 +112,55 @@ Step = Move | Dwell | Signal | Hold | Comment
 
 @dataclass(frozen=True)
 class SignalPlace:
-    """The outputs or the register with the number shown by the controller; neither if the rig file needs no signal.
-
-    outputs: digital outputs read as a binary number, least significant bit first. int_register: an integer register.
-    """
+    """The outputs or the register with the number shown by the controller; neither if the rig file needs no signal."""
 
     outputs: tuple[int, ...] = ()
+    """Digital outputs read as a binary number, least significant bit first."""
     int_register: int | None = None
 
     def bits(self, value: int) -> list[tuple[int, bool]]:
-        """Return each output with the state representing `value`."""
+        """Each output with its state for a number."""
         return [(number, bool(value >> place & 1)) for place, number in enumerate(self.outputs)]
 
 
 @dataclass(frozen=True)
 class MotionPlan:
-    """A robot program before it is written.
-
-    name: test, direction and rig. ball_mm (3,): nominal centre of the base-ball in the robot's base frame. has_link:
-    whether a ball link is mounted, rather than the target of a tracker.
-    """
+    """A robot program before it is written."""
 
     name: str
+    """Test, direction and rig."""
     arm: Arm
     payload_kg: float
     ball_mm: Array
+    """Nominal centre (3,) of the base-ball in the robot's base frame."""
     signal_place: SignalPlace
     feedback: Feedback
     steps: tuple[Step, ...]
     has_link: bool = True
+    """False if the target of a tracker is mounted instead of a ball link."""
 
 
 def percent_of_axes(arm: Arm, speed_rad_s: float) -> int:
-    """Return the largest whole percentage of the maximum axis speeds at which no axis exceeds speed_rad_s."""
+    """Largest whole percentage of the maximum axis speeds at which no axis exceeds speed_rad_s."""
     return max(1, min(100, int(100 * speed_rad_s / float(arm.speed.max()))))
 
 
 def end_of(move: Move) -> PlannedTarget:
-    """Return the final target of a move."""
     return move.end if isinstance(move, Arc) else move.target
 
 
 def start_of(plan: MotionPlan) -> PlannedTarget:
-    """Return the first target of a plan."""
+    """First target of a plan."""
     return next(end_of(step) for step in plan.steps if isinstance(step, Move))
 
 
 def turns_with_path(plan: MotionPlan) -> bool:
-    """Return whether the tool keeps a constant orientation to the arcs of a plan; all arcs are alike."""
+    """True if the tool keeps its orientation to the arcs of a plan; all arcs are alike."""
     return any(step.with_path for step in plan.steps if isinstance(step, Arc))
 
 
 def in_base(arm: Arm, poses: Array) -> Array:
-    """Return poses (n, 4, 4) in the world frame relative to the robot's base frame, with positions in mm."""
+    """Convert poses (n, 4, 4) in the world frame to the robot's base frame."""
     inside: Array = np.linalg.inv(arm.T_world_base) @ poses
     return inside
 
@@ -183,26 +175,24 @@ _NEAR_SINGULAR = 0.02
 
 @dataclass(frozen=True)
 class Demand:
-    """The demand of a plan on the arm after the arm has reached the start.
-
-    low, high, travel (6,) rad: lowest and highest angle, and total travel of each joint. least_conditioning: the
-    minimum, at the joint angles q_there (6,) rad. box_mm (2, 3): lowest and highest tool coordinates in the base frame.
-    distance_mm (2,): least and greatest distance from the base-ball while the link is mounted. removals: number of
-    joint moves for which the operator removes the link.
-    """
+    """The demand of a plan on the arm after it has reached the start; lowest and highest angle of each joint in rad."""
 
     low: Array
     high: Array
     travel: Array
+    """Total travel (6,) rad."""
     least_conditioning: float
+    """At the joint angles `q_there` (6,) rad."""
     q_there: Array
     box_mm: Array
+    """Lowest and highest tool coordinates (2, 3) in the base frame."""
     distance_mm: Array
+    """Least and greatest distance (2,) from the base-ball while the link is mounted."""
     removals: int
+    """Number of joint moves for which the operator removes the link."""
 
 
 def demand_of(plan: MotionPlan) -> Demand:
-    """Compute the demand of a plan on the arm."""
     arm = plan.arm
     moves = [step for step in plan.steps if isinstance(step, Move)]
     pieces = [angles_along(end_of(before), move) for before, move in pairwise(moves)]
@@ -226,7 +216,7 @@ def demand_of(plan: MotionPlan) -> Demand:
 
 
 def angles_along(begin: PlannedTarget, move: Move) -> Array:
-    """Return the joint angles (n, 6) rad along a move, excluding the start."""
+    """Joint angles (n, 6) rad along a move, excluding the start."""
     if not isinstance(move, JointMove):
         return move.q[1:]
     count = 1 + int(np.abs(move.target.q - begin.q).max() / _STEP_RAD)
@@ -235,7 +225,7 @@ def angles_along(begin: PlannedTarget, move: Move) -> Array:
 
 
 def seconds_of(plan: MotionPlan) -> float:
-    """Return the duration of a program in s, from the start position, excluding pauses for the operator."""
+    """Duration in s from the start position, excluding pauses for the operator."""
     at, seconds = start_of(plan), 0.0
     for step in plan.steps:
         if isinstance(step, Dwell):
@@ -254,7 +244,7 @@ def seconds_of(plan: MotionPlan) -> float:
 
 
 def demand_lines(plan: MotionPlan, demand: Demand, names: list[str]) -> list[str]:
-    """Return the demand as lines of text. names (6): names of the axes."""
+    """Describe the demand in lines of text, with the names (6) of the axes."""
     low, high, travel = np.degrees(demand.low), np.degrees(demand.high), np.degrees(demand.travel)
     room = np.degrees(np.minimum(demand.low - plan.arm.limits[:, 0], plan.arm.limits[:, 1] - demand.high))
     tight = int(room.argmin())

@@ -1,7 +1,5 @@
 """Conversion of the numbers of a target to joint angles or a frame and back, and to text in the style of the old
 number.
-
-Sources: as for the readers of the makers.
 """
 
 from __future__ import annotations
@@ -22,17 +20,17 @@ _M_MM = 1e3
 
 @dataclass(frozen=True)
 class Decimals:
-    """Minimum and maximum number of decimals in a dialect. Between these limits a number keeps its number of decimals.
-
-    place: coordinates. turn: angles and the components of a quaternion.
-    """
+    """Minimum and maximum number of decimals in a dialect. Between these limits a number keeps its number of
+    decimals."""
 
     place: tuple[int, int]
+    """Of coordinates."""
     turn: tuple[int, int]
+    """Of angles and of the components of a quaternion."""
 
 
 def joints_of(target: Target, scale: Sequence[float] | None) -> Array:
-    """Return the joint angles (6,) rad of a joint target. scale (6,): counts per degree, for pulses."""
+    """Joint angles (6,) rad of a joint target. scale (6,): counts per degree, for pulses."""
     values = np.array([number.value for number in target.numbers])
     if target.form == "pulses":
         values = values / np.asarray(scale)
@@ -41,7 +39,7 @@ def joints_of(target: Target, scale: Sequence[float] | None) -> Array:
 
 
 def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
-    """Return the frame (4, 4) in mm for the numbers (6,) or (7,) of a pose."""
+    """Frame (4, 4) in mm for the numbers (6,) or (7,) of a pose."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     values = np.asarray(values, dtype=float)
@@ -60,8 +58,7 @@ def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
 
 
 def is_frame(form: Form, values: Sequence[float]) -> bool:
-    """Return whether the numbers of a pose are finite and of plausible size, and a quaternion has length 1 within
-    rounding."""
+    """True if the numbers of a pose are finite and of plausible size, and a quaternion has length 1 within rounding."""
     if not np.isfinite(values).all() or max(map(abs, values)) > _LARGEST:
         return False
     return form != "quaternion" or abs(float(np.linalg.norm(values[3:])) - 1) < _LENGTH_OFF
@@ -75,7 +72,7 @@ larger error is a typing error."""
 
 
 def joint_numbers(form: Form, q: Array, scale: Sequence[float] | None) -> Array:
-    """Return the numbers (6,) of joint angles q (6,) rad."""
+    """Numbers (6,) of joint angles q (6,) rad."""
     if form == "joints_rad":
         return q
     degrees: Array = np.degrees(q)
@@ -83,10 +80,8 @@ def joint_numbers(form: Form, q: Array, scale: Sequence[float] | None) -> Array:
 
 
 def frame_numbers(form: Form, T: Array, old: Array) -> Array:
-    """Return the numbers (6,) or (7,) of a frame (4, 4) in mm nearest to the `old` numbers.
-
-    An orientation has several sets of angles.
-    """
+    """Numbers (6,) or (7,) of a frame (4, 4) in mm; of the sets for one orientation, those nearest to the `old`
+    numbers."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     turn = Rotation.from_matrix(T[:3, :3])
@@ -113,7 +108,7 @@ def _nearest(candidates: Sequence[Array], old: Array) -> Array:
 
 
 def written(number: Number, text: str, value: float, form: Form, decimals: tuple[int, int]) -> str:
-    """Return the text of a new value in the style of the old number: decimals, leading zero and sign."""
+    """Format a new value in the style of the old number: decimals, leading zero and sign."""
     old = text[number.begin : number.end]
     if form == "pulses":
         return str(round(value))
@@ -130,7 +125,7 @@ def written(number: Number, text: str, value: float, form: Form, decimals: tuple
 
 
 def replaced(text: str, changes: Sequence[tuple[Number, str]]) -> str:
-    """Return the text with new numbers.
+    """Put new numbers into the text.
 
     Spaces between an equals sign and a number, as in the columns of a listing, are adjusted to keep the width.
     """

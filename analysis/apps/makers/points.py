@@ -2,30 +2,36 @@
 
 A point with a name is a single target, however often it is used. It is corrected only if every move to it has the same
 tool and frame on every path, no other setting displaces it, and nothing else in the program refers to it.
+
+A pose refers to the base of the arm, which an external axis may carry. A pose is therefore corrected only if every
+external axis moved by the program is at zero when the arm arrives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
 import numpy as np
 
-from analysis.apps.makers.external_axes import PointAxes, with_external_axes
 from analysis.apps.makers.program_machine import (
     BEGIN,
     EXTERNAL,
     OFF,
-    Call,
     Elsewhere,
+    ForgetFamily,
     Move,
+    Needs,
     Program,
     Ref,
+    Set,
+    Statement,
     Unknown,
     Usage,
     Value,
     family_of,
+    reachable,
     usages_of,
 )
 from analysis.apps.makers.target import (
@@ -42,22 +48,16 @@ from analysis.apps.makers.target import (
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
 
-_BY_PART: dict[str, Reason] = {
-    "shift": "displaced",
-    "tracking": "tracked",
-    "external_tcp": "external_tcp",
-    "coordinated": "coordinated",
-    "switch": "switched",
-    "selected": "selected",
-    "option": "not_understood",
-    EXTERNAL: "external_axes",
-}
-"""Reason for leaving a point uncorrected if this part of the state is not certainly off."""
+_AT_ZERO = 0.01
+"""Largest coordinate in mm or ° of an external axis at zero: its last decimal stays after a taught stop. Chosen: it
+changes the angles of the arm by a few hundredths of a degree, and the correction by less than 1 µm."""
+_Because = tuple[Reason, tuple[Unknown, ...]]
+"""A reason with the places that cause it."""
 
 
 @dataclass
-class _Point:
-    """A declared point."""
+class Point:
+    """A declared point. One with a reason is a valid target of moves but cannot be corrected."""
 
     target: Target
     reason: Reason | None
@@ -67,59 +67,39 @@ class _Point:
 
 @dataclass
 class Points:
-    """The points of a program during parsing, and the moves to unknown points.
-
-    files: number of texts to correct; the others are in the same directory. silent: keys of points that are not listed
-    if unused. axes: external axes moved by the texts.
-    """
+    """The points of a program during parsing, and the moves to unknown points."""
 
     files: int
+    """Number of texts to correct; the others are only read."""
+    declared: dict[str, Point] = field(default_factory=dict)
     silent: set[str] = field(default_factory=set)
+    """Keys of points that are not listed if unused."""
     axes: set[str] = field(default_factory=set)
+    """External axes moved by the texts."""
     notices: list[Notice] = field(default_factory=list)
-    _points: dict[str, _Point] = field(default_factory=dict)
-    _left: list[UncorrectedTarget] = field(default_factory=list)
-    _sets: list[NamedFrame] = field(default_factory=list)
+    left: list[UncorrectedTarget] = field(default_factory=list)
+    sets: list[NamedFrame] = field(default_factory=list)
+    """Numbers that the program assigns to tools and frames."""
 
     def declare(self, key: str, target: Target, reason: Reason | None = None) -> None:
-        """Add a point. A point with a reason is a valid target of moves but cannot be corrected."""
-        if key in self._points:
-            self.change(key, target.file, target.line)
-            if target.file < self.files and key not in self.silent:
-                self.leave(UncorrectedTarget(target.file, target.line, target.name, "changed"))
-        else:
-            self._points[key] = _Point(target, reason)
-
-    def knows(self, key: str) -> bool:
-        """Return whether a point with this key exists."""
-        return key in self._points
-
-    def all_keys(self) -> Iterable[str]:
-        """Return the keys of the points."""
-        return self._points.keys()
-
-    def target(self, key: str) -> Target:
-        """Return an existing point."""
-        return self._points[key].target
+        """Add a point. A second declaration under the same key makes its meaning uncertain."""
+        if key not in self.declared:
+            self.declared[key] = Point(target, reason)
+            return
+        self.change(key, target.file, target.line)
+        if target.file < self.files and key not in self.silent:
+            self.left.append(UncorrectedTarget(target.file, target.line, target.name, "changed"))
 
     def change(self, key: str, file: int, line: int) -> None:
         """Record that the program uses a point in a statement other than a move."""
-        point = self._points[key]
+        point = self.declared[key]
         point.changed = point.changed or Unknown(file, line, "the point is used or assigned there")
-
-    def leave(self, move: UncorrectedTarget) -> None:
-        """List a move that cannot be corrected."""
-        self._left.append(move)
-
-    def state(self, named: NamedFrame) -> None:
-        """Add the numbers that the program assigns to a tool or frame."""
-        self._sets.append(named)
 
     def parsed(self, program: Program) -> Parsed:
         """Return the targets with the moves that a program can make to them."""
-        usages = usages_of(with_external_axes(program, frozenset(self.axes), self._axes_of))
+        usages = usages_of(_with_external_axes(program, sorted(self.axes), self.declared))
         for usage in usages:
-            if point := self._points.get(usage.move.base or usage.move.key):
+            if point := self.declared.get(usage.move.base or usage.move.key):
                 point.usages.append(usage)
         targets, places, skipped = self._targets()
         arcs = _arcs(usages, places)
@@ -143,94 +123,103 @@ class Points:
         if targets:
             skipped += [UncorrectedTarget(at.file, at.line, at.why, "relative") for at in _relative_moves(program)]
         ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
-        notices, named = tuple(self.notices), self._names_in_use(usages)
-        return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), tuple(self._sets), notices, named)
-
-    def _names_in_use(self, usages: Sequence[Usage]) -> frozenset[tuple[str, str]]:
-        """Return the names of the tools and frames in moves, points and settings of the program."""
-        named: set[tuple[str, str]] = {(of.kind, of.name.lower()) for of in self._sets}
-        for usage in usages:
-            named |= {(kind, value.lower()) for kind, value in _by_kind(usage.tool, usage.frame) if value}
-        for point in self._points.values():
-            of_point = _by_kind(point.target.tool, point.target.frame)
-            named |= {(kind, value.lower()) for kind, value in of_point if value}
-        return frozenset(named)
-
-    def _axes_of(self, key: str) -> PointAxes | None:
-        """Return the external axes of a point, None if there is no such point."""
-        point = self._points.get(key)
-        if point is None:
-            return None
-        return PointAxes(None if point.changed else dict(point.target.external), not point.target.joints)
+        frames = [(usage.tool, usage.frame) for usage in usages]
+        frames += [(point.target.tool, point.target.frame) for point in self.declared.values()]
+        named = {(of.kind, of.name.lower()) for of in self.sets}
+        for pair in frames:
+            kinds = zip(("tool", "frame"), pair, strict=True)
+            named |= {(kind, name.lower()) for kind, name in kinds if isinstance(name, str) and name}
+        sets, notices = tuple(self.sets), tuple(self.notices)
+        return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), sets, notices, frozenset(named))
 
     def _targets(self) -> tuple[list[Target], dict[str, int], list[UncorrectedTarget]]:
-        """Return the targets of the points, their indices, and the uncorrected points and moves.
-
-        Targets have the tool and the frame of their moves. The keys of the indices are those of the moves.
-        """
+        """Targets with the tool and frame of their moves, their indices by the key of a move, and what is left."""
         targets: list[Target] = []
         places: dict[str, int] = {}
-        skipped = list(self._left)
-        for key, point in self._points.items():
-            is_foreign = point.target.file >= self.files  # Its numbers stay, but the arm stands there.
+        skipped = list(self.left)
+        for key, point in self.declared.items():
             if why := next(_reasons(point), None):
-                if not is_foreign and (why[0] != "unused" or key not in self.silent):
+                # The numbers of a point in another file stay, but the arm stands there.
+                if point.target.file < self.files and (why[0] != "unused" or key not in self.silent):
                     skipped.append(UncorrectedTarget(point.target.file, point.target.line, point.target.name, *why))
                 continue
-            skipped += _unknown_offsets(point)
+            bad_offsets = {usage.move.key: (usage.move, why) for usage, why in _bad_offsets(point)}
+            name = point.target.name
+            skipped += [UncorrectedTarget(at.file, at.line, name, "offset", (why,)) for at, why in bad_offsets.values()]
             first = point.usages[0]
             target = replace(
                 point.target,
-                tool=_tool(first.tool, point.target.tool),
-                frame=_tool(first.frame, point.target.frame),
+                tool=_named_or_frame(first.tool, point.target.tool),
+                frame=_named_or_frame(first.frame, point.target.frame),
                 near=next((usage.move.near for usage in point.usages if usage.move.near), None),
-                unknown_offsets=next(_bad_offsets(point), None) is not None,
+                unknown_offsets=bool(bad_offsets),
                 flags=point.target.flags if any(usage.trusts != OFF for usage in point.usages) else None,
             )
             places[key] = base = len(targets)
             targets.append(target)
-            unknown = {usage.move.key for usage, _ in _bad_offsets(point)}
-            for usage in {usage.move.key: usage for usage in point.usages if usage.offset}.values():
-                if usage.move.key in unknown or usage.offset is None:
+            for move_key, (move, offset) in {u.move.key: (u.move, u.offset) for u in point.usages if u.offset}.items():
+                if move_key in bad_offsets or offset is None:
                     continue
-                places[usage.move.key] = len(targets)
-                kind, numbers = usage.offset
+                places[move_key] = len(targets)
+                kind, numbers = offset
                 assert isinstance(numbers, tuple)  # noqa: S101 - the others are unknown
-                offset = kind, as_frame(numbers)
-                targets.append(replace(target, line=usage.move.line, file=usage.move.file, offset=offset, of=base))
-            self._sets += [named for usage in point.usages for named in _registers(usage)]
+                offset_frame = kind, as_frame(numbers)
+                targets.append(replace(target, line=move.line, file=move.file, offset=offset_frame, of=base))
+            self.sets += [named for usage in point.usages for named in _registers(usage)]
         return targets, places, skipped
 
 
-def _relative_moves(program: Program) -> list[Unknown]:
-    """Return the relative moves in routines that are called, directly or indirectly, by routines with targets."""
-    calls = {
-        name: {statement.name for statement in body if isinstance(statement, Call)} & program.routines.keys()
+def is_moved(coordinate: float) -> bool:
+    """Return whether the coordinate of an external axis is not zero."""
+    return abs(coordinate) > _AT_ZERO
+
+
+def _with_external_axes(program: Program, axes: Sequence[str], points: Mapping[str, Point]) -> Program:
+    """Add the positions of external axes to the state. An axis that a point does not name stays in place."""
+    if not axes:
+        return program
+    at_zero: Needs = tuple(("external_axes", Ref(f"{EXTERNAL}[{axis}]")) for axis in axes)
+    at_begin = Unknown(0, 0, "these files do not define the positions of the external axes")
+    elsewhere = Unknown(0, 0, "a move to a place that is unknown may move the external axes")
+    changed = "the point is used or assigned elsewhere, possibly with different coordinates of the external axes"
+
+    def initial(part: str) -> Value:
+        return at_begin if family_of(part) == EXTERNAL else program.initial(part)
+
+    def followed(statement: Statement) -> Iterator[Statement]:
+        if isinstance(statement, Elsewhere):
+            yield ForgetFamily(EXTERNAL, elsewhere)
+        elif isinstance(statement, Move) and (point := points.get(statement.base or statement.key)):
+            if point.changed:
+                yield ForgetFamily(EXTERNAL, Unknown(statement.file, statement.line, changed))
+            for axis, coordinate in () if point.changed else point.target.external:
+                if axis in axes:
+                    yield Set(f"{EXTERNAL}[{axis}]", "moved" if is_moved(coordinate) else OFF)
+            if not point.target.joints:
+                statement = replace(statement, needs=(*statement.needs, *at_zero))
+        yield statement
+
+    routines = {
+        name: tuple(added for statement in body for added in followed(statement))
         for name, body in program.routines.items()
     }
-    todo = [name for name, body in program.routines.items() if any(isinstance(statement, Move) for statement in body)]
-    reached: set[str] = set()
-    while todo:
-        name = todo.pop()
-        if name not in reached:
-            reached.add(name)
-            todo += calls[name]
-    moves = (statement for name in reached for statement in program.routines[name])
+    return replace(program, routines=routines, initial=initial)
+
+
+def _relative_moves(program: Program) -> list[Unknown]:
+    """Relative moves in routines that run, directly or indirectly, with a routine that has targets."""
+    first = [name for name, body in program.routines.items() if any(isinstance(statement, Move) for statement in body)]
+    moves = (of for name in reachable(program.routines, first) for of in program.routines[name])
     return sorted({move.relative for move in moves if isinstance(move, Elsewhere) and move.relative})
 
 
-def _by_kind(tool: object, frame: object) -> Iterator[tuple[str, str]]:
-    """Yield a tool and a frame, if they are given by name."""
-    yield from ((kind, value) for kind, value in (("tool", tool), ("frame", frame)) if isinstance(value, str))
-
-
 def _sources(usage: Usage, places: dict[str, int]) -> frozenset[int | None]:
-    """Return the indices of the targets at the start of a move."""
+    """Indices of the targets at the start of a move."""
     return frozenset(AT_BEGIN if key == BEGIN else places.get(key or "") for key in usage.comes_from)
 
 
 def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, Arc]:
-    """Return the arcs with orientations other than written, by name."""
+    """Arcs with orientations other than written, by name."""
     arcs: dict[str, Arc] = {}
     for usage in usages:
         if not (name := usage.move.arc):
@@ -244,7 +233,7 @@ def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, Arc]:
 
 
 def _registers(usage: Usage) -> Iterator[NamedFrame]:
-    """Yield the tool and frame of a move if the program itself sets their numbers in a register."""
+    """Tool and frame of a move if the program itself sets their numbers in a register."""
     kinds: dict[str, Literal["tool", "frame"]] = {"UTOOL": "tool", "UFRAME": "frame"}
     for of, value in ((usage.move.tool, usage.tool), (usage.move.frame, usage.frame)):
         if isinstance(of, Ref) and isinstance(value, tuple):
@@ -253,8 +242,8 @@ def _registers(usage: Usage) -> Iterator[NamedFrame]:
                 yield NamedFrame(number.rstrip("]"), kinds[family], usage.move.file, usage.move.line, value)
 
 
-def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
-    """Yield the reasons for leaving a point uncorrected, each with the places causing it."""
+def _reasons(point: Point) -> Iterator[_Because]:
+    """Yield the reasons for leaving a point uncorrected, the strongest first."""
     target, usages = point.target, point.usages
     if point.reason and (usages or point.reason != "unused"):
         yield point.reason, ()
@@ -262,7 +251,7 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
         yield "changed", (point.changed,)
     if not usages:
         yield "unused", ()
-    yield from _elsewhere(point)
+    yield from _displacements(point)
     for usage in () if target.joints else usages:
         move = _unknown_at(usage, "the move")
         of_parts: tuple[tuple[Value, Reason], ...] = ((usage.tool, "unknown_tool"), (usage.frame, "unknown_frame"))
@@ -277,7 +266,24 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
             yield "two_postures", (_unknown_at(by_angles[0], "one move"), _unknown_at(usage, "another move"))
 
 
-def _bad_offsets(point: _Point) -> Iterator[tuple[Usage, Unknown]]:
+def _displacements(point: Point) -> Iterator[_Because]:
+    """Yield the reasons why moves to a point end elsewhere.
+
+    If one move reaches the point without an offset, unknown offsets of others do not matter.
+    """
+    if all(usage.offset for usage in point.usages):
+        for _, why in _bad_offsets(point):
+            yield "offset", (why,)
+    for usage in point.usages:
+        move = _unknown_at(usage, "the move")
+        for reason, value in usage.needs:
+            if isinstance(value, Unknown):
+                yield "not_understood" if value.everything else reason, (value, move)
+            elif value != OFF:
+                yield reason, (move,)
+
+
+def _bad_offsets(point: Point) -> Iterator[tuple[Usage, Unknown]]:
     """Yield the moves whose offset from a point is unknown or differs between paths, each with the cause."""
     offsets: dict[str, object] = {}
     for usage in point.usages:
@@ -289,45 +295,22 @@ def _bad_offsets(point: _Point) -> Iterator[tuple[Usage, Unknown]]:
             yield usage, value if isinstance(value, Unknown) else _unknown_at(usage, "the move with the offset")
 
 
-def _unknown_offsets(point: _Point) -> Iterator[UncorrectedTarget]:
-    """Yield the moves of a corrected point that reach an unknown position: the error there is unknown."""
-    for usage, why in {usage.move.key: (usage, why) for usage, why in _bad_offsets(point)}.values():
-        yield UncorrectedTarget(usage.move.file, usage.move.line, point.target.name, "offset", (why,))
-
-
-def _elsewhere(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
-    """Yield the reasons why moves to a point do not end at the point itself, or have an unknown or varying offset.
-
-    The work point comes first: if a move reaches it without an offset, unknown offsets of others do not matter.
-    """
-    usages = point.usages
-    if all(usage.offset for usage in usages):
-        for _, why in _bad_offsets(point):
-            yield "offset", (why,)
-    for usage in usages:
-        for part, value in usage.needs:
-            reason, move = _BY_PART[family_of(part.partition(" ")[0])], _unknown_at(usage, "the move")
-            if isinstance(value, Unknown):
-                yield "not_understood" if value.everything else reason, (value, move)
-            elif value != OFF:
-                yield reason, (move,)
-
-
 def _unknown_at(usage: Usage, fact: str) -> Unknown:
     return Unknown(usage.move.file, usage.move.line, fact)
 
 
-def _tool(value: Value, of_point: Array | str) -> Array | str:
+def _named_or_frame(value: Value, of_point: Array | str) -> Array | str:
+    """Tool or frame of a move; that of the point if the move states none."""
     if value == "" or isinstance(value, Unknown):
         return of_point
     return value if isinstance(value, str) else as_frame(value)
 
 
 def as_frame(numbers: Iterable[float]) -> Array:
-    """Return the frame (4, 4) in mm of a value of the state machine."""
+    """Convert a value of the state machine to a frame (4, 4) in mm."""
     return np.array(tuple(numbers), dtype=float).reshape(4, 4)
 
 
 def as_value(T: Array) -> tuple[float, ...]:
-    """Return a frame (4, 4) in mm as a value of the state machine."""
+    """Convert a frame (4, 4) in mm to a value of the state machine."""
     return tuple(np.asarray(T, dtype=float).ravel().tolist())

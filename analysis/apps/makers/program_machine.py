@@ -17,14 +17,14 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from analysis.correction.reasons import Reason
+
 OFF = "off"
 """The value of an inactive part, such as no displacement."""
 BEGIN = "\0begin"
 """The position of the arm at the start of the program."""
 EXTERNAL = "external"
 """The family of the parts for external axes: off at zero."""
-HERE = " here"
-"""Suffix of parts of the state that apply to the next move only."""
 _MOST_STATES = 64
 """Maximum number of states in which a routine is analysed; further states count as unknown. Chosen: real programs
 call a routine with a few tools and frames."""
@@ -34,15 +34,13 @@ _DEEPEST = 60
 
 @dataclass(frozen=True, order=True)
 class Unknown:
-    """An unknown value, with the place in the program and a reason that completes "line n: …".
-
-    everything: the complete state is unknown there, rather than only this part.
-    """
+    """An unknown value, with the place in the program and a reason that completes "line n: …"."""
 
     file: int
     line: int
     why: str
     everything: bool = False
+    """True if the complete state is unknown there, rather than only this part."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +63,17 @@ class ComputedValue:
     make: Callable[[tuple[Value, ...]], Value]
 
 
+Setting = Value | Ref | ComputedValue
+Needs = tuple[tuple[Reason, Setting], ...]
+"""Settings that must be off, each with the reason for leaving a target if it is not."""
+
+
 @dataclass(frozen=True)
 class Set:
     """The assignment of a value to a part."""
 
     part: str
-    value: Value | Ref | ComputedValue
+    value: Setting
 
 
 @dataclass(frozen=True)
@@ -90,20 +93,19 @@ class ForgetAll:
 
 @dataclass(frozen=True)
 class Call:
-    """A call of a routine. why: reason for an unknown state if the routine has no text."""
+    """A call of a routine."""
 
     name: str
     why: Unknown
+    """Reason for an unknown state if the routine has no text."""
 
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """A move of the arm to a position outside the targets of the program.
-
-    relative: place and text of a relative move in another file, which starts at the position of the arm.
-    """
+    """A move of the arm to a position outside the targets of the program."""
 
     relative: Unknown | None = None
+    """Place and text of a relative move in another file, which starts at the position of the arm."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ class JumpTarget:
 
 @dataclass(frozen=True)
 class Jump:
-    """A jump to any of the labels, or also to the next statement if it `falls` through."""
+    """A jump to any of the labels, or to the next statement if it `falls` through."""
 
     labels: tuple[str, ...]
     falls: bool = False
@@ -130,24 +132,21 @@ class End:
 
 @dataclass(frozen=True)
 class Move:
-    """A move to a point.
-
-    needs: parts that must be off. trusts: the part, if any, that is "on" if posture flags are valid, or "checked" if
-    the path has to lead to the same posture. near (6,): angles in rad near which the controller searches for a
-    solution. offset: offset added to the point. It consists of the kind, "frame" or "tool", and the 16 numbers of a
-    frame in mm, or is unknown.
-    """
+    """A move to a point."""
 
     key: str
     way: str
     file: int
     line: int
-    tool: Value | Ref | ComputedValue = ""
-    frame: Value | Ref | ComputedValue = ""
-    needs: tuple[str, ...] = ()
-    trusts: str | None = None
+    tool: Setting = ""
+    frame: Setting = ""
+    needs: Needs = ()
+    trusts: Setting = "on"
+    """"on" if configuration flags are valid, "checked" if the path has to lead to the same configuration, or off."""
     near: tuple[float, ...] | None = None
+    """Angles (6,) in rad near which the controller searches for a solution."""
     offset: tuple[str, Value | ComputedValue] | None = None
+    """The kind, "frame" or "tool", and the 16 numbers of a frame in mm, or unknown."""
     base: str = ""
     """The key of the point itself, if `key` belongs to a point with an offset."""
     arc: str = ""
@@ -164,48 +163,49 @@ Statement = Set | ForgetFamily | ForgetAll | Call | Elsewhere | JumpTarget | Jum
 
 @dataclass(frozen=True)
 class Program:
-    """The routines of a program by name.
-
-    initial: value of a part at the start. beside: routines that may run at any moment. broken: routines that may end at
-    any statement, after which the program continues anywhere. kept: prefixes of parts that keep the value set by any
-    routine, even by a routine that is not called, because a program may have been stopped anywhere, and a routine
-    started by hand or by an event. cycles: the program restarts at the end with all parts unchanged. starts: the
-    routine with which the operator starts the program, if certain.
-    """
+    """The routines of a program by name."""
 
     routines: Mapping[str, tuple[Statement, ...]]
     initial: Callable[[str], Value]
+    """The value of a part at the start."""
     beside: tuple[Call, ...] = ()
+    """Routines that may run at any moment."""
     broken: tuple[Call, ...] = ()
+    """Routines that may end at any statement, after which the program continues anywhere."""
     kept: tuple[str, ...] = ()
+    """Prefixes of parts that keep the value set by any routine, even by one that is not called: a program may have been
+    stopped anywhere, and a routine started by hand or by an event."""
     cycles: bool = False
+    """True if the program restarts at the end with all parts unchanged."""
     starts: str | None = None
+    """The routine with which the operator starts the program, if certain."""
 
 
 @dataclass(frozen=True)
 class Usage:
-    """The state at a move: the parts used by it, and the keys of the points from which the arm comes; None for an
-    unknown position."""
+    """The parts of the state that a move uses."""
 
     move: Move
     tool: Value
     frame: Value
-    needs: tuple[tuple[str, Value], ...]
+    needs: tuple[tuple[Reason, Value], ...]
     trusts: Value
     offset: tuple[str, Value] | None
     comes_from: frozenset[str | None]
+    """Keys of the points from which the arm comes; None for an unknown position."""
 
 
 @dataclass(frozen=True)
 class MachineState:
-    """Parts with their values. Parts of a family in `lost` are unknown unless set later; "" stands for all families."""
+    """Parts with their values."""
 
     values: Mapping[str, Value] = field(default_factory=dict)
     lost: Mapping[str, Unknown] = field(default_factory=dict)
+    """Families whose parts are unknown unless set later; "" stands for all families."""
     stands: frozenset[object] = frozenset()
 
     def key(self) -> tuple[frozenset[object], frozenset[object]]:
-        """Return the key that distinguishes the states in which a routine is called."""
+        """What distinguishes the states in which a routine is called."""
         return frozenset(self.values.items()), frozenset(self.lost.items())
 
 
@@ -236,8 +236,8 @@ class _Machine:
         self.pinned, self.pinned_all, self.moved = self._concurrent_changes()
 
     def _concurrent_changes(self) -> tuple[dict[str, Unknown], Unknown | None, bool]:
-        """Return the possible changes by concurrent routines: parts and families, the complete state, and the
-        position of the arm."""
+        """Parts and families that concurrent routines may change, the cause if they may change all, and whether they
+        may move the arm."""
         pinned: dict[str, Unknown] = {}
         everything: Unknown | None = None
         moved, seen = False, set()
@@ -251,8 +251,7 @@ class _Machine:
                 seen.add(call.name)
                 for statement in body:
                     if isinstance(statement, Set):
-                        if not statement.part.endswith(HERE):
-                            pinned.setdefault(statement.part, call.why)
+                        pinned.setdefault(statement.part, call.why)
                     elif isinstance(statement, ForgetFamily):
                         pinned.setdefault(statement.family, call.why)
                     elif isinstance(statement, ForgetAll):
@@ -264,7 +263,7 @@ class _Machine:
         return pinned, everything, moved
 
     def value(self, state: MachineState, part: str) -> Value:
-        if self.pinned_all and not part.endswith(HERE):  # set by the move itself
+        if self.pinned_all:
             return replace(self.pinned_all, everything=True)
         if pinned := self.pinned.get(part) or self.pinned.get(family_of(part)):
             return pinned
@@ -276,7 +275,7 @@ class _Machine:
             return replace(lost, everything=True)
         return self.program.initial(part)
 
-    def resolved(self, state: MachineState, value: Value | Ref | ComputedValue) -> Value:
+    def resolved(self, state: MachineState, value: Setting) -> Value:
         if isinstance(value, ComputedValue):
             return value.make(tuple(self.value(state, part) for part in value.parts))
         return self.value(state, value.part) if isinstance(value, Ref) else value
@@ -295,7 +294,6 @@ class _Machine:
         return MachineState(values, lost, first.stands | second.stands)
 
     def context(self, routine: str, entry: MachineState) -> _Context:
-        """Return the analysis of a routine from a state."""
         key = (routine, entry.key())
         if key in self.by_key:
             context = self.by_key[key]
@@ -337,7 +335,7 @@ class _Machine:
         context.after = context.before.get(len(body))
 
     def _step(self, statement: Statement, state: MachineState) -> MachineState | None:
-        """Return the state after a statement, None if the path ends."""
+        """Return the state after a statement; None if the path ends."""
         match statement:
             case Set(part, value):
                 return replace(state, values={**state.values, part: self.resolved(state, value)})
@@ -373,7 +371,6 @@ class _Machine:
         return replace(context.after, stands=frozenset(stands))
 
     def run(self) -> list[Usage]:
-        """Return the moves of the program, each with the state."""
         called = {
             statement.name: statement.why
             for body in self.program.routines.values()
@@ -413,8 +410,7 @@ class _Machine:
             again = begin
             for end in ([context.after] if context.after else []) + self.halted:
                 context.called_from |= end.stands
-                values = {part: value for part, value in end.values.items() if not part.endswith(HERE)}
-                again = self.join(again, MachineState(values, end.lost, begin.stands), _KEPT)
+                again = self.join(again, replace(end, stands=begin.stands), _KEPT)
             if again.key() == begin.key():
                 return
             begin = again
@@ -447,8 +443,8 @@ class _Machine:
                         move,
                         self.resolved(state, move.tool),
                         self.resolved(state, move.frame),
-                        tuple((part, self.value(state, part)) for part in move.needs),
-                        self.value(state, move.trusts) if move.trusts else "on",
+                        tuple((reason, self.resolved(state, setting)) for reason, setting in move.needs),
+                        self.resolved(state, move.trusts),
                         (move.offset[0], self.resolved(state, move.offset[1])) if move.offset else None,
                         comes_from | {None} if self.moved else comes_from,
                     )
@@ -459,10 +455,7 @@ class _Machine:
 
 
 def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozenset[str | None]:
-    """Return the points at which the arm may be, given positions as keys, as None, or as contexts.
-
-    A context stands for the position at the start of its routine.
-    """
+    """Points at which the arm may be. A context stands for the position at the start of its routine."""
     points: set[str | None] = set()
     for place in places:
         points |= stands[place] if isinstance(place, int) else {place if isinstance(place, str) else None}
@@ -470,17 +463,17 @@ def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozen
 
 
 def usages_of(program: Program) -> list[Usage]:
-    """Return every move that a program can make, with the state known on every path to it."""
+    """Find every move that a program can make, with the state known on every path to it."""
     return _Machine(program).run()
 
 
 def family_of(part: str) -> str:
-    """Return the family of a part: "UFRAME" for "UFRAME[3]"."""
+    """ "UFRAME" for "UFRAME[3]"."""
     return part.partition("[")[0]
 
 
 def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
-    """Return the reason for a part with different values on joining paths, located at the next move or call."""
+    """Reason for different values on joining paths, located at the next move or call."""
     for place in range(at, len(body)):  # A slice would copy a long routine at each join.
         statement = body[place]
         if isinstance(statement, Move):
@@ -491,8 +484,10 @@ def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
 
 
 def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:
-    """Return the successors of each statement of a routine; the length of the body is the return. A jump to a
-    missing label ends the program."""
+    """Successors of each statement; the length of the body is the return.
+
+    A jump to a missing label ends the program.
+    """
     places = {statement.name: at for at, statement in enumerate(body) if isinstance(statement, JumpTarget)}
     flow: list[tuple[int, ...]] = []
     for at, statement in enumerate(body):
@@ -506,6 +501,17 @@ def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:
     return flow
 
 
+def reachable(routines: Mapping[str, tuple[Statement, ...]], first: Iterable[str]) -> list[str]:
+    """Names of the routines that run, directly or indirectly, with those named `first`."""
+    todo, found = list(first), dict[str, None]()
+    while todo:
+        name = todo.pop()
+        if name in routines and name not in found:
+            found[name] = None
+            todo += [statement.name for statement in routines[name] if isinstance(statement, Call)]
+    return list(found)
+
+
 class Blocks:
     """Statements of a routine during parsing, with blocks translated to jumps.
 
@@ -514,39 +520,69 @@ class Blocks:
 
     def __init__(self) -> None:
         self.body: list[Statement] = []
-        self._open: list[tuple[str, str, str]] = []
+        self.open: list[tuple[str, str, str]] = []
+        """Kind of each open block, and its two labels: the next branch, or the head of a loop; and the end."""
         self._labels = 0
 
     def add(self, *statements: Statement) -> None:
-        """Add statements."""
         self.body += statements
 
-    def _label(self) -> str:
-        self._labels += 1
-        return f"\0{self._labels}"
+    def keyword(self, role: str, condition: Callable[[], None] = lambda: None) -> None:
+        """Translate a keyword of flow control. `condition` adds the calls in its condition."""
+        self.before_condition(role)
+        condition()
+        self.after_condition(role)
 
-    def branch(self) -> None:
-        """Start a block with branches, after the calls in the first condition."""
-        self._open.append(("branch", self._label(), self._label()))
-        self.guard()
+    def before_condition(self, role: str) -> None:
+        match role:
+            case "case" | "else" if self._in_branch():
+                _, branch, end = self.open[-1]
+                self.open[-1] = ("branch", self._label(), end)
+                self.add(Jump((end,)), JumpTarget(branch))
+            case "loop" | "while":
+                self._begin("loop")
+                self.add(JumpTarget(self.open[-1][1]))
+            case "break":
+                self.add(Jump((self._innermost_loop(2),)))
+            case "continue":
+                self.add(Jump((self._innermost_loop(1),)))
 
-    def cases(self) -> None:
-        """Start a block of cases, which may be skipped if there is no default case."""
-        self._open.append(("branch", self._label(), self._label()))
-        self.add(Jump((self._open[-1][1],)))
+    def after_condition(self, role: str) -> None:
+        match role:
+            case "if":
+                self._begin("branch")
+                self.add(Jump((self.open[-1][1],), falls=True))
+            case "switch":  # Without a default case, all cases may be skipped.
+                self._begin("branch")
+                self.add(Jump((self.open[-1][1],)))
+            case "case" if self._in_branch():
+                self.add(Jump((self.open[-1][1],), falls=True))
+            case "while" | "until":
+                self.add(Jump((self._innermost_loop(2),), falls=True))
+        match role:
+            case "until" | "end":
+                self.close()
+            case "return":
+                self.add(End())
+
+    def close(self) -> None:
+        """End the innermost block."""
+        if self.open:
+            kind, first, end = self.open.pop()
+            self.add(Jump((first,)) if kind == "loop" else JumpTarget(first), JumpTarget(end))
 
     def add_conditional(self, *statements: Statement) -> None:
         """Add statements that a condition may skip."""
-        self.branch()
+        self.keyword("if")
         self.add(*statements)
         self.close()
 
     def add_one_of(self, statements: Sequence[Statement]) -> None:
         """Add alternative statements, of which one is executed."""
         for statement in statements[:-1]:
-            self._open.append(("branch", self._label(), self._label()))
-            self.add(Jump((self._open[-1][1],), falls=True), statement)
-            self.other()
+            self.keyword("if")
+            self.add(statement)
+            self.keyword("else")
         self.add(*statements[-1:])
         for _ in statements[:-1]:
             self.close()
@@ -556,88 +592,21 @@ class Blocks:
         manual guarantees that both sides are evaluated."""
         (self.add_conditional if re.search(r"\b(?:and|or)\b", before, re.IGNORECASE) else self.add)(call)
 
-    def other(self) -> None:
-        """Start another branch of the block. A branch with no guard is taken if all others are not."""
-        if self._open and self._open[-1][0] == "branch":
-            _, branch_label, end = self._open[-1]
-            self._open[-1] = ("branch", self._label(), end)
-            self.add(Jump((end,)), JumpTarget(branch_label))
-
-    def guard(self) -> None:
-        """Make the branch optional, after the calls in its condition."""
-        if self._open and self._open[-1][0] == "branch":
-            self.add(Jump((self._open[-1][1],), falls=True))
-
-    def loop(self) -> None:
-        """Start a loop at its head, before the calls in its condition."""
-        self._open.append(("loop", self._label(), self._label()))
-        self.add(JumpTarget(self._open[-1][1]))
-
-    def may_leave(self) -> None:
-        """Let the innermost loop end here, conditionally."""
-        self.add(Jump((self._innermost(2),), falls=True))
-
-    def leave(self) -> None:
-        """End the innermost loop here."""
-        self.add(Jump((self._innermost(2),)))
-
-    def again(self) -> None:
-        """Continue the innermost loop at the head."""
-        self.add(Jump((self._innermost(1),)))
-
-    def _innermost(self, which: int) -> str:
-        return next((block[which] for block in reversed(self._open) if block[0] == "loop"), "")
-
-    def keyword(self, role: str, condition: Callable[[], None] = lambda: None) -> None:
-        """Translate a keyword of flow control. condition: adds the calls in its condition."""
-        if role in ("if", "switch", "while", "until", "end", "return"):
-            condition()
-        match role:
-            case "if":
-                self.branch()
-            case "switch":
-                self.cases()
-            case "case":
-                self.other()
-                condition()
-                self.guard()
-            case "else":
-                self.other()
-            case "loop":
-                self.loop()
-            case "while":
-                self.loop()
-                condition()
-                self.may_leave()
-            case "until":
-                self.may_leave()
-                self.close()
-            case "end":
-                self.close()
-            case "break":
-                self.leave()
-            case "continue":
-                self.again()
-            case "return":
-                self.add(End())
-
-    def close(self) -> None:
-        """End the innermost block."""
-        if not self._open:
-            return
-        kind, first, end = self._open.pop()
-        if kind == "loop":
-            self.add(Jump((first,)), JumpTarget(end))
-        else:
-            self.add(JumpTarget(first), JumpTarget(end))
-
-    @property
-    def depth(self) -> int:
-        """Return the number of open blocks."""
-        return len(self._open)
-
     def finish_routine(self) -> tuple[Statement, ...]:
-        """Return the statements of the routine, and close all open blocks."""
-        while self._open:
+        """Close all open blocks and return the statements."""
+        while self.open:
             self.close()
         return tuple(self.body)
+
+    def _begin(self, kind: str) -> None:
+        self.open.append((kind, self._label(), self._label()))
+
+    def _label(self) -> str:
+        self._labels += 1
+        return f"\0{self._labels}"
+
+    def _in_branch(self) -> bool:
+        return bool(self.open) and self.open[-1][0] == "branch"
+
+    def _innermost_loop(self, which: int) -> str:
+        return next((block[which] for block in reversed(self.open) if block[0] == "loop"), "")

@@ -36,7 +36,7 @@ _LONGEST_FACT, _LONGEST_NAME = 80, 60
 
 
 class ProgramParser:
-    """A program during parsing. file, at: the text and the position in it that are parsed now."""
+    """A program during parsing: `file` and `at` are the text and the position that are parsed now."""
 
     def __init__(self, program: ProgramTexts, blank: re.Pattern[str]) -> None:
         """blank: comments and quoted texts, which become spaces."""
@@ -61,11 +61,10 @@ class ProgramParser:
 
     @property
     def is_own(self) -> bool:
-        """Whether the targets of the text are corrected; others only run."""
+        """True if the targets of the text are corrected."""
         return self.file < self.own
 
     def lines(self, file: int) -> Iterator[str]:
-        """Go through the lines of a text."""
         self.file, at = file, 0
         for line in self.texts[file].split("\n"):
             self.at = at
@@ -73,11 +72,10 @@ class ProgramParser:
             at += len(line) + 1
 
     def line(self, at: int | None = None) -> int:
-        """Number of the line, from 1."""
+        """Number of a line, from 1."""
         return bisect_left(self._line_ends[self.file], self.at if at is None else at) + 1
 
     def why(self, fact: str, at: int | None = None) -> Unknown:
-        """A reason for an unknown value."""
         return Unknown(self.file, self.line(at), " ".join(fact.split())[:_LONGEST_FACT])
 
     def add(self, *statements: Statement) -> None:
@@ -94,10 +92,9 @@ class ProgramParser:
         self.blocks.add(ForgetAll(self.why(f"{text} is unknown here", at)))
 
     def list_left(self, reason: Reason, name: str, at: int | None = None) -> None:
-        """List a target that cannot be corrected."""
         if self.is_own:
             short = " ".join(name.split())[:_LONGEST_NAME]
-            self.points.leave(UncorrectedTarget(self.file, self.line(at), short, reason))
+            self.points.left.append(UncorrectedTarget(self.file, self.line(at), short, reason))
 
     def leave(self, reason: Reason, name: str, at: int | None = None, *, relative: bool = False) -> None:
         """List a move that cannot be corrected. The arm is anywhere afterwards.
@@ -109,11 +106,11 @@ class ProgramParser:
 
     def change(self, key: str, at: int | None = None) -> None:
         """Record that the program uses a point otherwise than as a target."""
-        if self.points.knows(key):
+        if key in self.points.declared:
             self.points.change(key, self.file, self.line(at))
 
     def mentions(self, word: re.Pattern[str]) -> Iterator[re.Match[str]]:
-        """Go through the words of all texts that no statement has used."""
+        """Yield the words of all texts that no statement has used."""
         for file, text in enumerate(self.texts):
             for found in word.finditer(text):
                 self.file, self.at = file, found.start()
@@ -125,11 +122,10 @@ class ProgramParser:
         return (name.upper(),)
 
     def named(self, name: str) -> list[str]:
-        """The routines that a name may mean here."""
         return next((self.defined[scope] for scope in self.scopes(name) if scope in self.defined), [])
 
     def call_of(self, name: str, at: int | None = None) -> Statement:
-        """The call of a routine; everything is unknown after a name that is not unique or has no text."""
+        """Call a routine; everything is unknown after a name that is not unique or has no text."""
         routines = self.named(name)
         if len(routines) == 1:
             return Call(routines[0], self.why(f"{name} is called", at))
@@ -177,17 +173,16 @@ class ProgramParser:
             self.beside.append(Call(name, why))
 
     def initial(self, part: str) -> Value:
-        """The value of a part of the state when the program starts."""
+        """Value of a part of the state when the program starts."""
         raise NotImplementedError
 
     def program(self, *, kept: tuple[str, ...] = (), cycles: bool = False, starts: str | None = None) -> Program:
-        """The program for the abstract machine."""
         concurrent = tuple(self.beside), tuple(self.broken)
         return Program(self.routines, self.initial, *concurrent, kept, cycles=cycles, starts=starts)
 
 
 def _blanked(text: str, pattern: re.Pattern[str]) -> str:
-    """A text of the same length with a newline at each line end, and spaces for comments and inside quotes."""
+    """Put spaces for comments and inside quotes, and a newline at each line end; the length stays."""
 
     def spaces(match: re.Match[str]) -> str:
         matched = match[0]
@@ -201,7 +196,6 @@ def _blanked(text: str, pattern: re.Pattern[str]) -> str:
 
 
 def words(text: str) -> frozenset[str]:
-    """The words of a closed list."""
     return frozenset(text.split())
 
 
@@ -211,14 +205,14 @@ def number_at(match: re.Match[str], group: int | str, begin: int = 0) -> Number:
 
 
 def numbers_in(text: str, begin: int, end: int, offset: int = 0) -> tuple[Number, ...] | None:
-    """The numbers of a list "n, n, n" in a text that starts at `offset`; None for any other text."""
+    """Numbers of a list "n, n, n" in a text that starts at `offset`; None for any other text."""
     found = [_NUMBER.fullmatch(text, *place) for place in arguments(text, begin, end)]
     numbers = tuple(number_at(number, 0, offset) for number in found if number)
     return numbers if len(numbers) == len(found) else None
 
 
 def brackets(text: str, begin: int = 0, end: int | None = None) -> dict[int, int]:
-    """The position of the closing bracket for each opening bracket. Unclosed brackets are omitted."""
+    """Position of the closing bracket for each opening bracket that is closed."""
     open_at: list[int] = []
     closes: dict[int, int] = {}
     for match in re.compile(r"[()\[\]{}]").finditer(text, begin, len(text) if end is None else end):
@@ -230,7 +224,7 @@ def brackets(text: str, begin: int = 0, end: int | None = None) -> dict[int, int
 
 
 def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
-    """The ranges of arguments separated by commas outside brackets, without the spaces around them."""
+    """Ranges of arguments separated by commas outside brackets, without the spaces around them."""
     commas, depth = [begin - 1], 0
     for match in re.compile(r"[()\[\]{},]").finditer(text, begin, end):
         if match[0] == "," and depth == 0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +34,7 @@ DEG_DECIMALS = 9
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Return a number with fixed decimals, never `-0` or with an exponent. Raises FileError for NaN and infinity."""
+    """Format a number, never as `-0` or with an exponent. Raises FileError for NaN and infinity."""
     if not math.isfinite(value):
         raise FileError(
             "the program", f"a number is {value}", "check the numbers in the rig file", code="program.number"
@@ -44,15 +44,11 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def listed(values: Iterable[float], decimals: int) -> str:
-    """Return numbers separated by commas."""
     return ",".join(fixed(value, decimals) for value in values)
 
 
 def identifier(name: str, most: int) -> str:
-    """Return a valid identifier in all languages, with at most `most` letters, digits and underscores.
-
-    Longer names are cut at the end, so test and direction remain.
-    """
+    """Make a name valid in all languages. Longer names are cut at the end, so test and direction remain."""
     return re.sub(r"[^A-Za-z0-9]+", "_", name)[:most].strip("_")
 
 
@@ -64,26 +60,25 @@ def wrapped(text: str, width: int) -> list[str]:
 
 @dataclass(frozen=True)
 class Words:
-    """Formats of a language for steps other than moves, with {} for the number or text.
-
-    wait: a pause of a number of seconds, with `decimals`. on, off: switching of an output. remark: a remark of at most
-    `width` characters. hold: a pause for the operator, below a remark with the request.
-    """
+    """Formats of a language for steps other than moves, with {} for the number or text."""
 
     wait: str
+    """A pause of a number of seconds, with `decimals`."""
     decimals: int
     on: str
+    """Switching of an output; also `off`."""
     off: str
     remark: str
+    """A remark of at most `width` characters."""
     width: int
     hold: str
+    """A pause for the operator, below a remark with the request."""
 
     def remarks(self, *texts: str) -> list[str]:
-        """Return texts as lines of remarks."""
         return [self.remark.format(line) for text in texts for line in wrapped(text, self.width)]
 
     def lines(self, plan: MotionPlan, step: Step, move: Callable[[Move], list[str]]) -> list[str]:
-        """Return the lines of a step; `move` writes moves."""
+        """Lines of a step; `move` writes moves."""
         match step:
             case Dwell(seconds):
                 return [self.wait.format(fixed(seconds, self.decimals))]
@@ -97,12 +92,23 @@ class Words:
 
 
 def fixed_xyz_deg(T: Array) -> Array:
-    """Return the angles (3,) in degrees about the fixed x, y, z axes, in this order, of a frame (4, 4).
+    """Roll, pitch and yaw (3,) in degrees: angles about the fixed x, y, z axes, in this order, of a frame (4, 4).
 
-    These are roll, pitch and yaw. Makers call them W, P, R, or Rx, Ry, Rz; A, B, C are the same angles in reverse
-    order.
+    Makers call them W, P, R, or Rx, Ry, Rz; A, B, C are the same angles in reverse order.
     """
     return np.degrees(roll_pitch_yaw(T))
+
+
+def labelled(form: str, names: Sequence[str], values: Iterable[float], decimals: int) -> list[str]:
+    """Format each value with its name, by a format such as "{} = {} mm"."""
+    return [form.format(name, fixed(value, decimals)) for name, value in zip(names, values, strict=True)]
+
+
+def shown_pose(T: Array, names: Sequence[str], *, yaw_first: bool = False) -> str:
+    """Format a pose (4, 4) with the names of its angles, as a pendant shows it."""
+    places = " ".join(f"{axis} {value:z.1f}" for axis, value in zip("XYZ", T[:3, 3], strict=True))
+    angles = fixed_xyz_deg(T)[:: -1 if yaw_first else 1]
+    return f"{places} mm {' '.join(f'{name} {angle:z.2f}' for name, angle in zip(names, angles, strict=True))} deg"
 
 
 _CLEARANCE_MM = 100.0
@@ -110,7 +116,7 @@ _CLEARANCE_MM = 100.0
 
 
 def heading(plan: MotionPlan, demand: Demand, shown: str) -> list[str]:
-    """Return the comments at the head of a program, starting with the speed override and the clearances to check.
+    """Comments at the head of a program, starting with the speed override and the clearances to check.
 
     shown: the pose at the start as displayed by the pendant of this controller.
     """

@@ -12,14 +12,12 @@ BY_ITSELF = "the controller provides the feedback without this program"
 
 @dataclass(frozen=True)
 class ProgramWriter:
-    """The writer of a maker.
-
-    write: returns the files of a plan by name, with lines ending with a line feed. feedbacks: interfaces served by the
-    controllers in addition to Modbus, with the requirements. newline: line end in the files of the controller. outputs:
-    numbers of the digital outputs, starting at 1; some controllers have up to 4096, others fewer.
-    """
+    """The writer of a maker."""
 
     write: Callable[[MotionPlan, Demand], dict[str, str]]
+    """Returns the files of a plan by name, with lines ending with a line feed."""
     feedbacks: Mapping[type, str] = field(default_factory=dict)
+    """Interfaces served by the controllers in addition to Modbus, with the requirements."""
     newline: str = "\r\n"
     outputs: range = range(1, 4097)
+    """Numbers of the digital outputs; some controllers have up to 4096."""

@@ -22,10 +22,9 @@ _MOST_FILES = 3000
 
 
 def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
-    """Return the maker of a program, and the texts of its files by name, the data list last.
+    """Read the files of a program, or of all programs in a directory and below it, by name, the data list last.
 
-    The files of a directory are those of all programs in it and below it, by their path in the directory. Raises
-    FileError for a file that is not a program or cannot be read.
+    Raises FileError for a file that is not a program or cannot be read.
     """
     maker = _maker_of_directory(path) if path.is_dir() else maker_of_file(path)
     if maker is None:
@@ -41,7 +40,6 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
 
 
 def _text(file: Path) -> str:
-    """Return the text of a file. Raises FileError for a file that is not a text or cannot be read."""
     try:
         content = read_bytes(file, MOST_BYTES)
     except OSError as error:
@@ -55,7 +53,6 @@ def _text(file: Path) -> str:
 
 
 def _maker_of_directory(path: Path) -> Maker:
-    """Return the maker of the programs in a directory. Raises FileError if there is none or more than one."""
     names = {maker.name for file in path.rglob("*") if file.is_file() and (maker := maker_of_file(file))}
     if len(names) != 1:
         problem = f"has programs of {', '.join(sorted(names))}" if names else "has no robot program"
@@ -69,7 +66,7 @@ def _maker_of_directory(path: Path) -> Maker:
 
 
 def programs_at(path: Path) -> list[Path]:
-    """Return the programs to correct for a path: of a directory every program in it and below it.
+    """List the programs to correct at a path: of a directory every program in it and below it.
 
     If the language has data and routines visible in all files, the directory counts as a single program.
     """
@@ -79,7 +76,7 @@ def programs_at(path: Path) -> list[Path]:
 
 
 def _tree(root: Path, suffixes: Sequence[str], *, deep: bool = True) -> dict[str, Path]:
-    """Return the files with any of the suffixes in a directory and, if `deep`, below it, by their path in it.
+    """Find the files with any of the suffixes, by their path in the directory.
 
     Raises FileError if there are too many.
     """
@@ -96,15 +93,11 @@ def _tree(root: Path, suffixes: Sequence[str], *, deep: bool = True) -> dict[str
 
 
 def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, ProgramTexts]:
-    """Return the maker of a program, and the texts of its files and of the other files that it can use.
+    """Read a program and the files that it can use, in its directory or in the backup of the controller around it.
 
     neutral: names of routines that change nothing, as stated by the user. They count as empty, unless a file has the
-    name of the routine. Raises UseError if the language has no such files.
-
-
-    These are in the directory of the program or, if the program is in a backup of the controller, in the backup. The
-    data list is included if it exists. Raises FileError for a file that is not a program, and for a directory with too
-    much to read.
+    name of the routine. Raises UseError if the language has no such files, and FileError for a file that is not a
+    program or a directory with too much to read.
     """
     maker, files = program_texts(path)
     reader, full = maker.reader, path.resolve()
@@ -145,17 +138,15 @@ def refuse_marked(path: Path) -> None:
 
 
 def is_marked(path: Path) -> bool:
-    """Return whether a file of the program contains the remark of an earlier correction."""
+    """True if a file of the program contains the remark of an earlier correction."""
     return any(_MARKED.search(text) for text in program_texts(path)[1].values())
 
 
 def mark_of(date: str) -> str:
-    """Return the remark for a program corrected on a date."""
     return f"{MARK} on {date}: do not correct twice"
 
 
 def as_bytes(text: str) -> bytes:
-    """Return the bytes of a program's text."""
     return text.encode(ENCODING)
 
 
@@ -163,7 +154,7 @@ _NUMBERED = re.compile(rb"^[ \t]*(\d+):", re.MULTILINE)
 
 
 def with_remark(form: Remark, name: str, data: bytes, remark: str) -> bytes:
-    """Return the bytes of a program file with an added remark in separate lines."""
+    """Add a remark to the bytes of a program file, in separate lines."""
     returns = b"\r\n" if b"\r\n" in data else b"\r" if b"\r" in data and b"\n" not in data else b"\n"
     before = form.before.get(Path(name).suffix.lower())
     places = [match.start() for match in before.finditer(data.replace(b"\r", b"\n"))] if before else []

@@ -16,7 +16,8 @@ Form = Literal[
 """The meaning of the numbers of a target: joint angles 1 to 6, pulses, or a position followed by an orientation."""
 JOINT_FORMS: tuple[Form, ...] = ("joints_rad", "joints_deg", "pulses")
 Way = Literal["joint", "closest", "line"]
-"""A joint move; one for which the controller, without posture flags, chooses the closest solution; or a line or arc."""
+"""A joint move; one for which the controller, without configuration flags, chooses the closest solution; or a line or
+arc."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ argument is the tolerance in rad of an angle beyond its sign, quadrant or turn."
 
 @dataclass(frozen=True)
 class Flags:
-    """The posture of a target: flag values in the notation of a maker, and the function that checks solutions."""
+    """The configuration of a target in the notation of a maker, and the function that checks solutions."""
 
     values: tuple[int, ...]
     agreeing: Agreeing
@@ -48,24 +49,22 @@ class Flags:
 
 @dataclass(frozen=True)
 class Target:
-    """A target with numbers.
-
-    file: index of the program file. numbers: in the order of the form, regardless of the order in the text. tool,
-    frame: frames (4, 4) in mm, or the name used by the program. near (6,): joint angles in rad close to the solution,
-    as stated by the program. of, offset: index of another target, and the frame (4, 4) in mm added to it, in the frame
-    or in the tool.
-    """
+    """A target with numbers."""
 
     name: str
     file: int
     line: int
     form: Form
     numbers: tuple[Number, ...]
+    """In the order of the form, regardless of the order in the text."""
     tool: Array | str = ""
+    """A frame (4, 4) in mm, or the name used by the program; also `frame`."""
     frame: Array | str = ""
     flags: Flags | None = None
     near: tuple[float, ...] | None = None
+    """Joint angles (6,) in rad close to the solution, as stated by the program."""
     offset: tuple[str, Array] | None = None
+    """A frame (4, 4) in mm added to the target with the index `of`, in the "frame" or in the "tool"."""
     of: int | None = None
     unknown_offsets: bool = False
     """True if moves add an unknown offset to the target."""
@@ -74,7 +73,7 @@ class Target:
 
     @property
     def joints(self) -> bool:
-        """Return whether the target is a set of joint angles; otherwise it is a pose."""
+        """True for a set of joint angles, False for a pose."""
         return self.form in JOINT_FORMS
 
 
@@ -95,32 +94,28 @@ AT_BEGIN = -1
 
 @dataclass(frozen=True)
 class Arc:
-    """An arc by target indices: possible starts, via point and end. None is an unknown position.
-
-    tangent: the arc rotates the tool with the tangent. Otherwise the orientation changes from start to end, and the
-    controller uses only the position of the via point.
-    """
+    """An arc by target indices; None is an unknown position."""
 
     starts: frozenset[int | None]
     through: int | None
     end: int | None
     tangent: bool
+    """True if the arc rotates the tool with the tangent. Otherwise the orientation changes from start to end, and the
+    controller uses only the position of the via point."""
 
 
 @dataclass(frozen=True)
 class TargetMove:
-    """A move to a target.
-
-    target: index of the target. comes_from: indices of the possible previous targets, None for an unknown position,
-    AT_BEGIN for the position at the start. by_flags: the posture flags of the target are valid; otherwise the arm keeps
-    the current posture. arc: the arc of the move, if its targets may be passed in orientations other than written.
-    """
+    """A move to the target with an index, from one of several possible targets."""
 
     target: int
     comes_from: frozenset[int | None]
+    """None for an unknown position, AT_BEGIN for the position at the start."""
     way: Way = "joint"
     by_flags: bool = True
+    """True if the configuration flags of the target are valid; otherwise the arm keeps its configuration."""
     arc: Arc | None = None
+    """The arc of the move, if its targets may be passed in orientations other than written."""
 
 
 @dataclass(frozen=True)
@@ -133,26 +128,8 @@ class Notice:
 
 
 @dataclass(frozen=True)
-class Parsed:
-    """The targets of a program, the moves, and the parts that cannot be corrected.
-
-    next_to_left: targets next to an uncorrected point, an entry per move. sets: tools and frames with numbers set by
-    the program itself. named: tools and frames used by moves that the user can state, by kind and name in lower case.
-    """
-
-    targets: tuple[Target, ...]
-    steps: tuple[TargetMove, ...]
-    left: tuple[UncorrectedTarget, ...]
-    next_to_left: tuple[int, ...] = ()
-    sets: tuple[NamedFrame, ...] = ()
-    notices: tuple[Notice, ...] = ()
-    named: frozenset[tuple[str, str]] = frozenset()
-
-
-@dataclass(frozen=True)
 class NamedFrame:
-    """A tool or frame whose numbers, a frame (4, 4) in mm, are set by the program, under the name available to the
-    user."""
+    """A tool or frame whose numbers, a frame (4, 4) in mm, are set by the program, under the name that users state."""
 
     name: str
     kind: Literal["tool", "frame"]
@@ -162,11 +139,26 @@ class NamedFrame:
 
 
 @dataclass(frozen=True)
+class Parsed:
+    """The targets of a program, the moves, and the parts that cannot be corrected."""
+
+    targets: tuple[Target, ...]
+    steps: tuple[TargetMove, ...]
+    left: tuple[UncorrectedTarget, ...]
+    next_to_left: tuple[int, ...] = ()
+    """Targets next to an uncorrected point, an entry per move."""
+    sets: tuple[NamedFrame, ...] = ()
+    notices: tuple[Notice, ...] = ()
+    named: frozenset[tuple[str, str]] = frozenset()
+    """Tools and frames used by moves that the user can state, by kind and name in lower case."""
+
+
+@dataclass(frozen=True)
 class ProgramTexts:
-    """The texts of files with their names. The first `own` texts are corrected; the others in the directory are only
-    read. neutral: names of routines that change nothing, as stated by the user; they have empty texts."""
+    """The texts of files with their names. The first `own` texts are corrected, the others are only read."""
 
     names: tuple[str, ...]
     texts: tuple[str, ...]
     own: int = 1
     neutral: tuple[str, ...] = ()
+    """Names of routines that change nothing, as stated by the user; they have empty texts."""

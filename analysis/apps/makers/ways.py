@@ -32,19 +32,30 @@ of the arc between them would be determined by rounding."""
 
 @dataclass(frozen=True)
 class ToolPath:
-    """Poses (n, 4, 4) at equal distances, n odd. seconds: duration of the path."""
+    """Poses (n, 4, 4) at equal distances, n odd."""
 
     poses: Array
     seconds: float
 
     def joint_speeds(self, q: Array) -> Array:
-        """Return the maximum speed (6,) rad/s of each joint for joint angles q (n, 6) rad along this path."""
+        """Maximum speed (6,) rad/s of each joint for joint angles q (n, 6) rad along this path."""
         fastest: Array = np.abs(np.diff(q, axis=0)).max(axis=0) * (len(q) - 1) / self.seconds
         return fastest
 
+    def followed(self, arm: Arm, begin: Array, where: str) -> Array:
+        """Joint angles (n, 6) rad along this path in the robot's base frame, from joint angles (6,) rad.
+
+        Raises FileError if the arm cannot follow, or a joint is too slow.
+        """
+        q = follow(arm, arm.T_world_base @ self.poses, begin, where)
+        for axis in np.flatnonzero(self.joint_speeds(q) > arm.speed):
+            problem = f"axis {axis + 1} is too slow for the path"
+            raise FileError(where, problem, "move the test away from the singularity", code="path.speed")
+        return q
+
 
 def straight_path(begin: Array, end: Array, speed_mm_s: float, shares: Array | None = None) -> ToolPath:
-    """Return the straight path from one pose (4, 4) to another, at shares (n,) or every 4 mm."""
+    """Straight path from one pose (4, 4) to another, at shares (n,) or every 4 mm."""
     way_mm = end[:3, 3] - begin[:3, 3]
     length = float(np.linalg.norm(way_mm))
     share = _shares(length, 0.0) if shares is None else shares
@@ -52,17 +63,14 @@ def straight_path(begin: Array, end: Array, speed_mm_s: float, shares: Array | N
 
 
 def turned(begin: Array, end: Array, speed_rad_s: float, shares: Array | None = None) -> ToolPath:
-    """Return the rotation about the tool's origin from one pose (4, 4) to another, at shares (n,) or every 4°."""
+    """Rotation about the tool's origin from one pose (4, 4) to another, at shares (n,) or every 4°."""
     angle = float(np.linalg.norm(rotation_vector(begin, end)))
     share = _shares(0.0, angle) if shares is None else shares
     return _way(begin, end, share, np.tile(begin[:3, 3], (len(share), 1)), angle / speed_rad_s)
 
 
 def circular_path(begin: Array, via_mm: Array, end: Array, speed_mm_s: float, shares: Array | None = None) -> ToolPath:
-    """Return the circular path from one pose (4, 4) through a position (3,) mm to another pose.
-
-    The poses are at shares (n,) of the path, or every 4 mm or 4°.
-    """
+    """Circular path from one pose (4, 4) through a position (3,) mm to another, at shares (n,) or every 4 mm or 4°."""
     centres, axes, _ = circles_through(np.stack([begin[:3, 3], via_mm, end[:3, 3]])[None])
     centre, axis = centres[0], axes[0]
     arm = begin[:3, 3] - centre
@@ -99,7 +107,7 @@ def _shares(length_mm: float, angle: float) -> Array:
 
 
 def rotation_vector(begin: Array, end: Array) -> Array:
-    """Return the rotation vector (3,) rad in the base frame from one pose (4, 4) to another."""
+    """Rotation vector (3,) rad in the base frame from one pose (4, 4) to another."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     vector: Array = Rotation.from_matrix(end[:3, :3] @ begin[:3, :3].T).as_rotvec()
@@ -107,7 +115,7 @@ def rotation_vector(begin: Array, end: Array) -> Array:
 
 
 def _rotations(vector: Array, share: Array) -> Array:
-    """Return the rotations (n, 3, 3) by fractions (n,) of a rotation vector (3,) rad."""
+    """Rotations (n, 3, 3) by fractions (n,) of a rotation vector (3,) rad."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     matrices: Array = Rotation.from_rotvec(share[:, None] * vector).as_matrix()
@@ -129,9 +137,9 @@ _SAME_PLACE_MM = 1e-6
 def over_sphere(
     arm: Arm, begin: PlannedTarget, end: PlannedTarget, centre_mm: Array, radius_mm: float
 ) -> tuple[list[Step], PlannedTarget]:
-    """Return the steps between two targets on a sphere about centre_mm (3,) in the base frame, and the target reached.
+    """Steps between two targets on a sphere about centre_mm (3,) in the base frame, and the target reached.
 
-    The posture at the end may differ from the posture of the target. If the arm cannot follow the path, or only slowly,
+    The configuration at the end may differ from that of the target. If the arm cannot follow the path, or only slowly,
     the operator removes the link for a joint move.
     """
     turn = float(np.linalg.norm(rotation_vector(begin.T, end.T)))

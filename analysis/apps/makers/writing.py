@@ -15,14 +15,14 @@ from rigs.schema.vocabulary import MakerName
 
 
 def feedback_note(maker: MakerName, feedback: Feedback) -> str:
-    """Return a sentence on what the feedback in the rig file requires from the controller."""
+    """State what the feedback in the rig file requires from the controller."""
     served = {ModbusJoints: BY_ITSELF} | dict(maker_by(maker).writer.feedbacks)
     need = served.get(type(feedback), "provide it yourself: this program does not")
     return f"feedback {feedback.interface}: {need}"
 
 
 def programs_of(maker: MakerName, plans: Sequence[tuple[MotionPlan, Demand]]) -> dict[str, str]:
-    """Return the text of each file by name; a file shared by several plans appears once.
+    """Write the text of each file by name; a file shared by several plans appears once.
 
     Raises FileError if two plans would have the same program name, and for an output that the controller does not have.
     """
@@ -49,6 +49,6 @@ def write_programs(maker: MakerName, files: dict[str, str], directory: Path) -> 
 
 
 def encoded_programs(maker: MakerName, files: dict[str, str]) -> dict[str, Writer]:
-    """Return the writers of program files, with the line ends of the controller."""
+    """Writers of program files, with the line ends of the controller."""
     end = maker_by(maker).writer.newline
     return {name: holding(text.replace("\n", end).encode("ascii")) for name, text in files.items()}

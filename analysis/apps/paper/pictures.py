@@ -33,30 +33,19 @@ from rigs.schema.vocabulary import Direction, TestName
 
 
 @dataclass(frozen=True)
-class JointLap:
-    """Reported joint angles on one lap: phi_deg (n,), q_deg (n, 6), and the axis names."""
-
-    phi_deg: Array
-    q_deg: Array
-    names: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class SimulatedFigures:
-    """Evaluated runs, by the figures drawn from them.
-
-    yaw: 3, 5 and 6. eccentric: 4. joints: 7. yaw_datum_and_play: 8. roll: 10 and 11. sphere: 13. sphere_gears: 14.
-    repeatability: 15, the only run with noise.
-    """
+    """Evaluated runs, by the figures drawn from them."""
 
     yaw: dict[Direction, Result]
     eccentric: Result
-    joints: JointLap
+    joints: tuple[Array, Array, tuple[str, ...]]
+    """Circle angles (n,) and reported joint angles (n, 6) in degrees on a lap, and the axis names."""
     yaw_datum_and_play: dict[Direction, Result]
     roll: dict[Direction, Result]
     sphere: Result
     sphere_gears: Result
     repeatability: Result
+    """The only run with noise."""
 
 
 def figures_of(rig: Rig, rig_text: str) -> SimulatedFigures:
@@ -73,7 +62,7 @@ def figures_of(rig: Rig, rig_text: str) -> SimulatedFigures:
     return SimulatedFigures(
         yaw=both("yaw", rig.effects),
         eccentric=result("yaw", "acw", (), eccentric(rig)),
-        joints=JointLap(np.degrees(phi), np.degrees(q), tuple(axis.name for axis in rig.robot.axes)),
+        joints=(np.degrees(phi), np.degrees(q), tuple(axis.name for axis in rig.robot.axes)),
         yaw_datum_and_play=both("yaw", datum_and_play(rig.effects)),
         roll=both("roll", rig.effects),
         sphere=result("radial", None, rig.effects),
@@ -90,7 +79,7 @@ _MAGNIFIED = 100
 
 
 def save(rig: Rig, rig_text: str, rows: Sequence[PaperRow], directory: Path) -> list[Path]:
-    """Write the pictures to a directory and return their paths. File names contain the figure numbers of the paper.
+    """Write the pictures to a directory; file names contain the figure numbers of the paper.
 
     Raises FileError if a picture cannot be written.
     """
@@ -112,7 +101,7 @@ def save(rig: Rig, rig_text: str, rows: Sequence[PaperRow], directory: Path) -> 
 
 
 def _sheet(title: str, rows: Sequence[PaperRow], height_inch: float) -> Sheet:
-    """Return a sheet with an empty subfigure for the drawing, and a table of the rows below it."""
+    """An empty subfigure for the drawing, and a table of the rows below it."""
     rows_inch = 0.24 * (len(rows) + 1) + 0.1
     sheet = Sheet(9, height_inch + rows_inch)
     sheet.suptitle(title, fontsize=11)
@@ -151,7 +140,7 @@ def _curve(result: Result) -> CircleCurve:
 
 
 def _sine_deg(result: Result) -> Array:
-    """Return the least-squares sine (n,) deg of a run at the circle angles of the curve."""
+    """Least-squares sine (n,) deg of a run at the circle angles of the curve."""
     amplitude, shift, offset = (result.figures[f"{name}_deg"].value for name in ("amplitude", "shift", "offset"))
     return offset + amplitude * np.sin(np.radians(_curve(result).phi_deg + shift))
 
@@ -220,17 +209,17 @@ def _errors(figure: FigureBase, results: Mapping[Direction, Result]) -> None:
 
 def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
     """Figure 7: joint angles on the circle. As in the paper, a square marks each reversal."""
-    lap = simulated.joints
+    phi_deg, angles_deg, names = simulated.joints
     panels = list(figure.subplots(3, 2, sharex=True).flat)
-    for axes, name, q_deg in zip(panels, lap.names, lap.q_deg.T, strict=True):
+    for axes, name, q_deg in zip(panels, names, angles_deg.T, strict=True):
         _label_axes(axes, "", f"{name} / °")
-        axes.plot(lap.phi_deg, q_deg, color=_INK["cw"], lw=1.2)
+        axes.plot(phi_deg, q_deg, color=_INK["cw"], lw=1.2)
         axes.set_xlim(0, 360)
         axes.set_xticks(range(0, 361, 60))
         axes.margins(y=0.25)
         turns = [turn for turn in simulated.yaw["acw"].reversals if turn.name == name]
         for turn in turns:
-            at = (turn.phi_deg, float(np.interp(turn.phi_deg, lap.phi_deg, q_deg)))
+            at = (turn.phi_deg, float(np.interp(turn.phi_deg, phi_deg, q_deg)))
             axes.plot(*at, "s", ms=8, mfc="none", mec="black", mew=1.4, clip_on=False)
             style = {"xytext": (-7 if turn.phi_deg > 300 else 7, 9 if turn.upper else -14), "fontsize": 8}
             side = "right" if turn.phi_deg > 300 else "left"
@@ -379,7 +368,6 @@ _FIGURES: dict[int, tuple[str, str, Callable[[FigureBase, SimulatedFigures], Non
 
 
 def _label_axes(axes: Axes, x: str, y: str) -> None:
-    """Label the axes of a panel, and draw a grid instead of a frame."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.grid(color="#dddddd", lw=0.5)

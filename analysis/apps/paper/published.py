@@ -35,10 +35,10 @@ REVERSAL_MM = 1.40
 
 
 def gears(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Select the gear transmission errors, as in the paper's simulation of figure 14."""
+    """Gear transmission errors, as in the paper's simulation of figure 14."""
     return tuple(effect for effect in effects if hasattr(effect, "order"))
 
 
 def datum_and_play(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Select the datum errors and backlash, as in the paper's simulation of figure 8."""
+    """Datum errors and backlash, as in the paper's simulation of figure 8."""
     return tuple(effect for effect in effects if is_play(effect) or effect.turning(1, 0.0))

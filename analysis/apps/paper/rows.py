@@ -29,25 +29,23 @@ DIRECTIONS: tuple[Direction, ...] = ("cw", "acw")
 
 @dataclass(frozen=True)
 class PaperRow:
-    """A row of the table.
-
-    where: section, figure or table of the paper.
-    paper, ours: published and simulated value, a number in `unit` or a text.
-    place: whether the number is a circle angle, so that 359° and 1° differ by 2°.
-    """
+    """A row of the table."""
 
     where: str
+    """Section, figure or table of the paper."""
     figure: str
     paper: float | str
+    """Published value, a number in `unit` or a text; also `ours`, simulated."""
     ours: float | str
     unit: str = ""
     note: str = ""
     digits: int = 3
     place: bool = False
+    """True for a circle angle, so that 359° and 1° differ by 2°."""
 
     @property
     def difference(self) -> float | None:
-        """Simulated minus published value, or None if either is a text."""
+        """Simulated minus published value; None if either is a text."""
         if isinstance(self.paper, str) or isinstance(self.ours, str):
             return None
         apart = self.ours - self.paper
@@ -55,7 +53,7 @@ class PaperRow:
 
 
 def rows_of(rig: Rig) -> list[PaperRow]:
-    """Compute all rows from the set-up and effects of the rig. Raises FileError if the rig cannot run a test."""
+    """Compute all rows. Raises FileError if the rig cannot run a test."""
     return [
         *rule_rows(rig),
         *reversal_rows(rig),
@@ -67,7 +65,7 @@ def rows_of(rig: Rig) -> list[PaperRow]:
 
 
 def rule_rows(rig: Rig) -> Iterator[PaperRow]:
-    """Yield rows for §2.1, the eccentricity rule: from the formula, and by simulation and evaluation."""
+    """Rows for §2.1, the eccentricity rule: from the formula, and by simulation and evaluation."""
     e_mm, R_mm = paper.RULE_ECCENTRICITY_MM, paper.RULE_RADIUS_MM
     by_rule = paper.RULE_CONSTANT * e_mm * 1000 / R_mm / 3600
     curve = circle(eccentric(rig), "yaw", "acw", ())
@@ -83,7 +81,7 @@ def rule_rows(rig: Rig) -> Iterator[PaperRow]:
 
 
 def eccentric(rig: Rig) -> Rig:
-    """Return the rig with the eccentricity and radius used in the rule."""
+    """The rig with the eccentricity and radius used in the rule."""
     frame = frame_of(circle_of(rig))
     eccentricity_mm = tuple(float(x) for x in paper.RULE_ECCENTRICITY_MM * (frame.u + frame.v) / np.sqrt(2))
     moved = circle_of(rig).model_copy(update={"eccentricity_mm": eccentricity_mm, "radius_mm": paper.RULE_RADIUS_MM})
@@ -91,7 +89,7 @@ def eccentric(rig: Rig) -> Rig:
 
 
 def reversal_rows(rig: Rig) -> Iterator[PaperRow]:
-    """Yield rows for Table 1. Reversals depend on the set-up only, not on effects."""
+    """Rows for Table 1. Reversals depend on the set-up only, not on effects."""
     names = [axis.name for axis in rig.robot.axes]
     all_turns = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
     for axis, name in enumerate(names, start=1):
@@ -107,7 +105,7 @@ def reversal_rows(rig: Rig) -> Iterator[PaperRow]:
 
 
 def yaw_rows(rig: Rig) -> Iterator[PaperRow]:
-    """Yield rows for figures 6 and 8.
+    """Rows for figures 6 and 8.
 
     For figure 8, compare the jumps of the residual caused by backlash after each reversal. Each jump is the difference
     between simulations with and without backlash.
@@ -136,7 +134,7 @@ def yaw_rows(rig: Rig) -> Iterator[PaperRow]:
 
 
 def roll_rows(rig: Rig) -> Iterator[PaperRow]:
-    """Yield rows for figures 10 and 11. As in the paper, no sine is removed, so the extremes are 135° apart."""
+    """Rows for figures 10 and 11. As in the paper, no sine is removed, so the extremes are 135° apart."""
     curves = {direction: circle(rig, "roll", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
         note = f"total angle, as in the paper; with the sine subtracted {curve.figures['band_deg']:.2f}°"
@@ -162,7 +160,7 @@ def roll_rows(rig: Rig) -> Iterator[PaperRow]:
 
 
 def sphere_rows(rig: Rig) -> Iterator[PaperRow]:
-    """Yield rows for figures 13 (all errors) and 14 (gear transmission errors only, as in the paper's simulation)."""
+    """Rows for figures 13 (all errors) and 14 (gear transmission errors only, as in the paper's simulation)."""
     measured, simulated = sphere(rig, rig.effects), sphere(rig, paper.gears(rig.effects))
     every, gears = "all errors", "gear transmission errors alone"
     yield PaperRow("Fig. 13", "sphere, measured: radius", paper.RADIUS_MM, measured.radius_mm, "mm", every)
@@ -193,7 +191,7 @@ def _towards(ball: FittedSphere, measured: FittedSphere | None = None) -> str:
 
 
 def repeatability_rows(rig: Rig) -> Iterator[PaperRow]:
-    """Yield rows for figure 15: mean and standard deviation over simulated tests."""
+    """Rows for figure 15: mean and standard deviation over simulated tests."""
     figures = repeats(rig, rig.effects)
     uni, bi = figures["uni_mm"], figures["bi_mm"]
     spread = f"mean of {len(uni)} simulated tests, sd {{:.3f}} mm"
@@ -226,7 +224,7 @@ SLIPS = (
 
 
 def as_table(rig: Rig, rows: Sequence[PaperRow]) -> RenderableType:
-    """Format the rows as a table, followed by the effects, the errata of the paper, and the limitations."""
+    """The rows as a table, followed by the effects, the errata of the paper, and the limitations."""
     table = Table(title=f"Oh 2019 and the simulated robot of {rig.name}", title_style="bold", header_style="bold")
     for heading in ("where", "figure", "paper", "ours", "difference", "note"):
         table.add_column(heading, justify="right" if heading in ("paper", "ours", "difference") else "left")
@@ -245,7 +243,6 @@ def as_table(rig: Rig, rows: Sequence[PaperRow]) -> RenderableType:
 
 
 def written(row: PaperRow, value: float | str) -> str:
-    """Format a value of a row with the unit."""
     if isinstance(value, str):
         return value
     return f"{value:.{row.digits}f}{'' if row.unit in ('', '°') else ' '}{row.unit}"
@@ -262,7 +259,6 @@ def in_words(rig: Rig, effect: Effect) -> str:
 
 
 def as_object(rig: Rig, rows: Sequence[PaperRow]) -> dict[str, Any]:
-    """Return the table as a JSON object."""
     return {
         "rig": rig.name,
         "rows": [{**asdict(row), "difference": row.difference} for row in rows],

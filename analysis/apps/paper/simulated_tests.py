@@ -35,30 +35,27 @@ SEEDS = 100
 
 @dataclass(frozen=True)
 class SimulatedLap:
-    """A lap in order of phi.
-
-    phi: circle angle (n,) rad, 0 … 2 pi.
-    angle, residual: (n,) rad, before and after removing the least-squares sine.
-    figures: figures of the test.
-    """
+    """A lap in order of phi."""
 
     phi: Array
+    """Circle angle (n,) rad, 0 … 2 pi."""
     angle: Array
+    """(n,) rad; also `residual`, after removing the least-squares sine."""
     residual: Array
     figures: dict[str, float]
 
 
 @dataclass(frozen=True)
 class FittedSphere:
-    """Least-squares sphere: radius_mm, band_mm, and centre_mm (3,) from the base-ball in the hemisphere's frame."""
+    """Least-squares sphere."""
 
     radius_mm: float
     band_mm: float
     centre_mm: Array
+    """(3,), from the base-ball in the hemisphere's frame."""
 
     @property
     def shift_mm(self) -> float:
-        """Displacement of the sphere."""
         return float(np.linalg.norm(self.centre_mm))
 
 
@@ -91,7 +88,7 @@ def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
 
 
 def step(curve: SimulatedLap, at_deg: float, span_deg: float) -> float:
-    """Return the change of the residual in degrees from circle angle `at_deg` over `span_deg`, negative for cw."""
+    """Change of the residual in degrees from circle angle `at_deg` over `span_deg`, negative for cw."""
     ends = np.radians([at_deg, at_deg + span_deg]) % (2 * np.pi)
     before, after = np.interp(ends, curve.phi, curve.residual, period=2 * np.pi)
     return float(np.degrees(after - before))
@@ -106,7 +103,7 @@ def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
 
 
 def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str, Array]:
-    """Simulate repeatability tests and return uni_mm and bi_mm, (seeds,) each."""
+    """Simulate repeatability tests: uni_mm and bi_mm, (seeds,) each."""
     readings = []
     for seed in range(seeds):
         table = simulate(rig, "repeatability", None, noise_seed(seed, None), effects, SCATTER)
@@ -120,9 +117,6 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
 
 
 def typical_seed(figures: dict[str, Array]) -> int:
-    """Return the index of the most typical test: the closest to the means of the figures, (seeds,) in mm each.
-
-    Distances are relative to the spread of each figure.
-    """
+    """Index of the most typical test: the closest to the means of the figures, relative to the spread of each."""
     off = [(values - values.mean()) / (values.std() or 1.0) for values in figures.values()]
     return int(np.argmin(np.sum(np.square(off), axis=0)))

@@ -74,7 +74,6 @@ def parts(
 
 
 def _pair(written: str) -> tuple[float, float]:
-    """Parse two positive numbers separated by a comma."""
     try:
         first, second = (float(word) for word in written.split(","))
     except ValueError:

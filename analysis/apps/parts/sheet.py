@@ -31,7 +31,6 @@ class Purchase:
 
 
 def purchases(parts: Sequence[PrintedPart], bought: Bought) -> list[Purchase]:
-    """List the items to buy for these parts."""
     seats = sum(part.count * (2 if part.name in {"bar", "link", "long-link"} else 1) for part in parts)
     magnets = seats - sum(part.count for part in parts if part.name == "holder")
     screws = sum(part.count * (2 if part.name == "bar" else 1) for part in parts if part.name in {"bar", "socket"})
@@ -51,7 +50,6 @@ def purchases(parts: Sequence[PrintedPart], bought: Bought) -> list[Purchase]:
 
 
 def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: Sequence[str]) -> str:
-    """Write the sheet as Markdown."""
     things = purchases(parts, bought)
     printed = [f"| {part.count} | `{part.name}.stl` | {part.about} |" for part in parts]
     buy = [f"| {thing.count} | {thing.name} | {thing.euro:.0f} | {thing.why} |" for thing in things]
@@ -106,7 +104,7 @@ _STYLE = (
 
 
 def drawing(parts: Sequence[PrintedPart], title: str) -> str:
-    """Draw the parts as SVG in mm. The title becomes the heading."""
+    """Draw the parts as SVG in mm."""
     body, x, tallest = list[str](), 0.0, 0.0
     for part in parts:
         low, high = part.solid.corners.min(axis=0), part.solid.corners.max(axis=0)
@@ -133,7 +131,7 @@ def drawing(parts: Sequence[PrintedPart], title: str) -> str:
 
 
 def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
-    """Draw a part centred on x = 0, starting with the title. The foot is level with the lowest corner of the part."""
+    """Draw a part centred on x = 0, with the foot level with its lowest corner."""
     foot = _MARGIN + height
     axes = [0.0]
     if "distance of the sockets" in part.numbers:
@@ -167,7 +165,7 @@ def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
 
 
 def _ball_overhang(part: PrintedPart) -> float:
-    """Return the distance from the foot of a link down to the lowest point of the ball, in mm, or 0 for other parts."""
+    """Distance from the foot of a link down to the lowest point of the ball, in mm; 0 for other parts."""
     reach = part.numbers.get("ball to ball", 0.0) - part.numbers.get("length", 0.0)
     return reach / 2 + part.numbers["ball"] / 2 if "ball to ball" in part.numbers else 0.0
 

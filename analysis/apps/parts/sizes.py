@@ -40,47 +40,47 @@ BED_MM = 220.0
 
 @dataclass(frozen=True)
 class Bought:
-    """Dimensions of purchased items: ball diameter, magnet diameter and height (mm), and screw of a socket."""
+    """Dimensions of purchased items in mm, and the screw of a socket."""
 
     ball_mm: float = 20.0
     magnet_mm: Size = (10.0, 5.0)
+    """Diameter and height."""
     screw: str = "M4"
 
 
 @dataclass(frozen=True)
 class Seat:
-    """Cone seat of a ball: heights above the apex of the cone, and radius of the bore, in mm.
-
-    centre: centre of the ball. contact, rim: contact circle and rim of the cone; in a cone of 90 degrees the radius
-    equals the height. magnet_top: upper face of the magnet. bore: radius of the magnet's bore.
-    """
+    """Cone seat of a ball: heights above the apex of the cone, in mm. In a cone of 90 degrees the radius equals the
+    height."""
 
     centre: float
     contact: float
+    """Contact circle."""
     rim: float
     magnet_top: float
+    """Upper face of the magnet."""
     bore: float
+    """Radius of the magnet's bore."""
 
     @property
     def outside(self) -> float:
-        """Outer radius of the part in mm."""
+        """Outer radius of the part."""
         return self.rim + _WALL_MM
 
 
 @dataclass(frozen=True)
 class PrintedPart:
-    """A printed part.
-
-    count: quantity. section: corners (radius, height) in mm for the drawing. about: description. numbers: dimensions in
-    mm by name.
-    """
+    """A printed part."""
 
     name: str
     count: int
     solid: Solid
     section: Profile
+    """Corners (radius, height) in mm for the drawing."""
     about: str
+    """Purpose and mounting."""
     numbers: dict[str, float]
+    """Dimensions in mm by name."""
 
 
 def seat_of(bought: Bought) -> Seat:
@@ -101,7 +101,7 @@ def seat_of(bought: Bought) -> Seat:
 
 
 def parts_of(rig: Rig, bought: Bought) -> tuple[PrintedPart, ...]:
-    """Return the parts required for a rig's touches and link. Raises UseError if a dimension is impossible."""
+    """Parts required for a rig's touches and link. Raises UseError if a dimension is impossible."""
     touch, circle = rig.tests.touch, rig.tests.circle
     distance_mm = touch.distances[0].distance_mm if touch and touch.distances else DISTANCE_MM
     sockets = max(len(touch.sockets) - 2, 0) if touch else 1
@@ -117,7 +117,7 @@ def parts_of(rig: Rig, bought: Bought) -> tuple[PrintedPart, ...]:
 
 
 def remarks_of(rig: Rig, bought: Bought) -> list[str]:
-    """Return remarks about oversized parts and the position of the holder."""
+    """Remarks about oversized parts and the position of the holder."""
     lengths = {"the long link": _long_mm(rig)}
     if rig.tests.touch and rig.tests.touch.distances:
         lengths["the bar of two sockets"] = rig.tests.touch.distances[0].distance_mm + 2 * seat_of(bought).outside
@@ -137,7 +137,7 @@ def _long_mm(rig: Rig) -> float | None:
 
 
 def _hole(bought: Bought) -> list[tuple[float, float]]:
-    """Return the inner contour of a socket from the rim downwards: cone, bore of the magnet, and countersunk screw.
+    """Inner contour of a socket from the rim downwards: cone, bore of the magnet, and countersunk screw.
 
     Heights are measured from the printer's bed.
     """
@@ -186,9 +186,7 @@ def _bar(bought: Bought, distance_mm: float) -> PrintedPart:
 
 
 def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
-    """Return the ball holder of the tool. The height of the ball centre follows the rig file, within the printable
-    range.
-    """
+    """Ball holder of the tool. The height of the ball centre follows the rig file, within the printable range."""
     seat = seat_of(bought)
     height = min(max(asked_mm, _SHORTEST_HOLDER_MM), _LONGEST_HOLDER_MM)
     rim = height - (seat.centre - seat.contact)
@@ -208,7 +206,7 @@ def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
 
 
 def _link(bought: Bought, name: str, length_mm: float) -> PrintedPart:
-    """Return a rod with a cone at each end. The distance between the balls is the radius of the test.
+    """Rod with a cone at each end. The distance between the balls is the radius of the test.
 
     The bore of the lower magnet ends in a cone above a shelf, because a flat ceiling would require supports.
     """

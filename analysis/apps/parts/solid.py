@@ -33,7 +33,7 @@ class Solid:
 
     @property
     def triangles(self) -> Array:
-        """Corners (m, 3, 3) mm of all faces."""
+        """Corners (m, 3, 3) of all faces."""
         return np.asarray(self.corners[self.faces])
 
     @property
@@ -43,7 +43,7 @@ class Solid:
         return float((a * np.cross(b, c)).sum() / 6)
 
     def stl(self) -> bytes:
-        """Return the surface as a binary STL file, in mm."""
+        """The surface as a binary STL file, in mm."""
         triangles = self.triangles
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         records = np.zeros(len(triangles), dtype=[("sides", "<f4", (4, 3)), ("attribute", "<u2")])
@@ -53,7 +53,7 @@ class Solid:
 
 
 def turned(profile: Profile) -> Solid:
-    """Return the solid of revolution of a section, with corners on one side of the axis, downwards on the outside.
+    """Revolve a section, with corners on one side of the axis, downwards on the outside.
 
     A section that starts and ends on the axis becomes a closed body, any other section becomes a ring.
     """
@@ -68,7 +68,7 @@ def turned(profile: Profile) -> Solid:
 
 
 def bar(hole: Profile, apart_mm: float, beyond_mm: float) -> Solid:
-    """Return a bar along x with two equal vertical holes.
+    """Bar along x with two equal vertical holes.
 
     hole: radii and heights of a hole, from the top to the bottom of the bar. apart_mm: distance of the axes. beyond_mm:
     length of the bar past each axis.

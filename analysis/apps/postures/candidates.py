@@ -45,21 +45,21 @@ NO_BRANCH = -1
 
 @dataclass(frozen=True)
 class Candidates:
-    """Postures q (m, axes) rad, followed by the rail position in m, that reach targets (m,), sorted by target.
-
-    `branch` (m,): 4 · shoulder + 2 · elbow + wrist, or NO_BRANCH. `conditioning` (m,): 0 is singular. `reasons`: reason
-    for each target without a posture. Postures with the same `solution` (m,) differ by full turns.
-    """
+    """Postures of targets, sorted by target."""
 
     q: Array
+    """Joint angles (m, axes) rad, followed by the rail position in m."""
     target: Integers
     solution: Integers
+    """Postures with the same number (m,) differ by full turns."""
     branch: Integers
+    """4 · shoulder + 2 · elbow + wrist (m,), or NO_BRANCH."""
     conditioning: Array
+    """0 is singular."""
     reasons: dict[int, Reason]
+    """Reason for each target without a posture."""
 
     def of(self, rows: Mask | Integers) -> Candidates:
-        """Return the postures of a mask (m,) or of indices (k,)."""
         return Candidates(
             self.q[rows], self.target[rows], self.solution[rows], self.branch[rows], self.conditioning[rows],
             self.reasons,
@@ -74,7 +74,7 @@ class Candidates:
 
 
 def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, float] | None = None) -> Candidates:
-    """Return the postures of an arm at tool poses (n, 4, 4) in the world.
+    """Find the postures of an arm at tool poses (n, 4, 4) in the world.
 
     near: reference posture (axes,) rad for full turns. rail_m: travel of a rail in m, whose position is free.
     """
@@ -82,7 +82,11 @@ def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, fl
     parts, solutions = [], 0
     in_reach: Mask = np.zeros(len(poses), dtype=bool)
     for stand in stands:
-        at_stand = arm if stand is None or arm.rail is None else _standing(arm, arm.rail, stand)
+        at_stand = arm
+        if stand is not None and arm.rail is not None:
+            T = arm.T_world_base.copy()
+            T[:3, 3] += RAIL_MM * stand * arm.rail
+            at_stand = replace(arm, T_world_base=T, rail=None)
         find = _branches if arm.axes == DRIVEN_AXES else _sampled
         q, target, solution, reached = find(at_stand, poses, near)
         in_reach |= reached
@@ -102,7 +106,7 @@ def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, fl
 
 
 def branch_of(arm: Arm, poses: Array, q: Array) -> Integers:
-    """Return the branch (m,) of postures q (m, axes) rad at their poses (m, 4, 4)."""
+    """Branch (m,) of postures q (m, axes) rad at their poses (m, 4, 4)."""
     form = canonical(arm) if arm.axes == DRIVEN_AXES and arm.rail is None else None
     if form is None or not len(q):
         return np.full(len(q), NO_BRANCH, dtype=np.int64)
@@ -111,19 +115,9 @@ def branch_of(arm: Arm, poses: Array, q: Array) -> Integers:
     return np.asarray(np.abs(wrapped(theta - turned)).max(axis=1).argmin(axis=0), dtype=np.int64)
 
 
-def _standing(arm: Arm, rail: Array, stand_m: float) -> Arm:
-    """Return an arm with its base at a position of its rail, which has a direction (3,)."""
-    T = arm.T_world_base.copy()
-    T[:3, 3] += RAIL_MM * stand_m * rail
-    return replace(arm, T_world_base=T, rail=None)
-
-
 def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
-    """Return the postures (m, 6) rad of a six-axis arm, their targets (m,), solution numbers (m,) and a mask (n,) of
-    poses in reach.
-
-    Postures with the same solution number differ by full turns.
-    """
+    """Postures (m, 6) rad of a six-axis arm, their targets (m,), solution numbers (m,) and a mask (n,) of poses in
+    reach."""
     solutions = inverse(arm, poses)
     target, slot = np.nonzero(solutions.found)
     q, row = within_limits(arm, solutions.q[target, slot])
@@ -136,8 +130,8 @@ def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Int
 
 
 def _sampled(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
-    """Return postures (m, axes) rad of an arm without a closed form, their targets (m,), a number (m,) of each, and a
-    mask (n,) of poses in reach.
+    """Postures (m, axes) rad of an arm without a closed form, their targets (m,), a number (m,) of each, and a mask
+    (n,) of poses in reach.
 
     All poses have the same start values, so that neighbouring poses have neighbouring postures.
     """
@@ -156,17 +150,14 @@ def _sampled(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Inte
 
 
 def _in_part(arm: Arm, poses: Array, q: Array) -> tuple[Array, Mask]:
-    """Solve poses (n, 4, 4) with four or five axes from q (n, axes) rad.
-
-    Return the angles (n, axes) rad, and a mask (n,) of the positions reached with nearly the requested orientation.
-    """
+    """Solve poses (n, 4, 4) with four or five axes from q (n, axes) rad, up to nearly the requested orientation."""
     q, reached = newton_in_part(arm, poses, q)
     turned = turned_rad(forward(arm, np.where(reached[:, None], q, 0.0)), poses)
     return q, reached & (turned < _LARGEST_TURN_RAD)
 
 
 def _thinned(q: Array) -> tuple[Array, Integers]:
-    """Return the distinct postures (m, axes) of q (n, k, axes), without NaN, and their targets (m,)."""
+    """Distinct postures (m, axes) of q (n, k, axes), without NaN, and their targets (m,)."""
     kept: Mask = np.asarray(np.isfinite(q).all(axis=2))
     for slot in range(1, q.shape[1]):
         with np.errstate(invalid="ignore"):

@@ -69,9 +69,9 @@ def postures(
     """Rank all postures that reach each target by their expected error, and choose the best sequence.
 
     A posture is within the joint limits and clear of singularities. Obstacles are not known."""
-    from analysis.apps.postures.posture_report import as_screen
-    from analysis.apps.postures.posture_targets import labels_of, read_targets, target_errors
+    from analysis.apps.postures.report import as_screen
     from analysis.apps.postures.result import choose_postures
+    from analysis.apps.postures.targets import labels_of, read_targets, target_errors
     from analysis.cli.console import progress_of
     from analysis.cli.plain_console import PlainConsole
     from analysis.cli.several import end_with_errors
@@ -88,7 +88,7 @@ def postures(
         errors = target_errors(targets, read, chosen)
         written: list[Path] = []
         if output is not None and len(chosen.best.rows):
-            from analysis.apps.postures.posture_files import write_postures  # matplotlib takes half a second
+            from analysis.apps.postures.files import write_postures  # matplotlib takes half a second
 
             written = write_postures(chosen, read, output, maker)
     if as_json:
@@ -110,7 +110,6 @@ def postures(
 
 
 def _check_arm(rig: Rig, maker: MakerName | None, size: Array | None) -> None:
-    """Raise UseError for programs or a map of places that this arm does not support."""
     if maker and not rig.takes_programs:
         problem = "programs are written for arms of six axes without a rail"
         raise UseError("--for", problem, "leave it out and use postures.csv", code="postures.option")
@@ -121,7 +120,6 @@ def _check_arm(rig: Rig, maker: MakerName | None, size: Array | None) -> None:
 
 
 def _size_of(part: str | None) -> Array | None:
-    """Return the size (3,) mm of a part. Raises UseError."""
     import numpy as np
 
     if part is None:

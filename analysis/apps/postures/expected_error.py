@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.postures.typical import typical_displacements, typical_plays
+from analysis.apps.planning.pose_plan import pose_columns
 from analysis.correction.pose_uncertainty import (
     CalibratedUncertainty,
     PoseUncertainty,
@@ -32,6 +32,7 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
+from analysis.diagnosis.fit.candidates import Level
 from analysis.robot.kinematics.arm import (
     Array,
     Integers,
@@ -44,8 +45,9 @@ from analysis.robot.kinematics.arm import (
     reported_angles,
 )
 from analysis.robot.model.predict import driven, model_of, stops
-from rigs.effects import Effect
+from rigs.effects import VOCABULARY, Effect
 from rigs.rig import Rig
+from rigs.schema.effect import healthy, scaled, size_fields
 
 Knowledge = Literal["calibrated", "effects", "typical"]
 """Origin of the errors: a calibrated model, only effects of the rig file, or the typical size of every effect."""
@@ -58,26 +60,26 @@ _GROWN_RAD = np.radians(30.0)
 """Distance outside the range at which the growth is complete. Chosen: a usual range of taught postures."""
 _ROWS = 1024
 """Postures per block: 1500 terms at each need 75 MB. Smaller blocks are slower."""
+_LEVEL = 1.0
+"""Size of typical errors relative to a healthy arm. For 1 the model of a UR10 has 1.0 mm rms over its work space;
+measured nominal errors of a UR10 are 0.8 to 1.1 mm (docs/trials.md)."""
 _SAMPLE = 40
 """Number of postures at which time-dependent effects are evaluated; they hardly depend on the posture."""
 
 
 @dataclass(frozen=True)
 class PostureErrors:
-    """Errors of m postures in mm.
-
-    error_mm (m, 3): expected displacement excluding backlash.
-    u_mm (m,): standard uncertainty of the displacement.
-    rising_mm, falling_mm (m, axes, 3): displacement by the backlash of each joint for an approach with rising or
-    falling angle.
-    covered (m,): True if the posture is within the range of the runs; None if that range is unknown.
-    """
+    """Errors of m postures in mm."""
 
     error_mm: Array
+    """Expected displacement (m, 3) excluding backlash."""
     u_mm: Array
+    """Standard uncertainty (m,) of the displacement."""
     rising_mm: Array
+    """Displacement (m, axes, 3) by the backlash of each joint for an approach with rising angle; also `falling_mm`."""
     falling_mm: Array
     covered: Mask | None
+    """True (m,) if the posture is within the range of the runs; None if that range is unknown."""
 
     @cached_property
     def size_mm(self) -> Array:
@@ -100,16 +102,14 @@ class PostureErrors:
         return np.asarray(((self.rising_mm + self.falling_mm) / 2).sum(axis=1))
 
     def of(self, rows: Mask | Integers | slice) -> PostureErrors:
-        """Return the errors of the postures of a mask (m,), of indices (k,) or of a slice."""
         inside = None if self.covered is None else self.covered[rows]
         return PostureErrors(
             self.error_mm[rows], self.u_mm[rows], self.rising_mm[rows], self.falling_mm[rows], inside
         )  # fmt: skip
 
     def best_approach(self) -> tuple[Mask, Array]:
-        """Return for each posture the joints (m, axes) that should approach with a rising angle, and the resulting
-        expected rms error (m,) mm. Joints without backlash count as rising.
-        """
+        """For each posture the joints (m, axes) that should approach with a rising angle, as those without backlash do,
+        and the resulting expected rms error (m,) mm."""
         axes = self.rising_mm.shape[1]
         playing = np.flatnonzero(np.abs(self.rising_mm - self.falling_mm).max(axis=(0, 2), initial=0.0) > 0)
         sides = np.ones((len(self.u_mm), axes))
@@ -123,9 +123,8 @@ class PostureErrors:
         return sides > 0, best
 
     def from_sides(self, side: Array) -> Array:
-        """Return the expected rms error (m,) mm for sides of approach (m, axes): 1 for a rising angle, -1 for a
-        falling one, 0 if unknown.
-        """
+        """Expected rms error (m,) mm for sides of approach (m, axes): 1 for a rising angle, -1 for a falling one, 0 if
+        unknown."""
         half = (self.rising_mm - self.falling_mm) / 2
         displaced = self.error_mm + self._middle_mm + (side[..., None] * half).sum(axis=1)
         unknown = ((side == 0)[..., None] * half**2).sum(axis=(1, 2))
@@ -133,7 +132,6 @@ class PostureErrors:
 
 
 def knowledge_of(rig: Rig) -> Knowledge:
-    """Return the origin of the errors of a rig's arm."""
     if why_nothing(rig):
         return "typical"
     if rig.calibrated is not None:
@@ -144,7 +142,7 @@ def knowledge_of(rig: Rig) -> Knowledge:
 def expected_errors(
     rig: Rig, q: Array, taught: Array | None = None, *, solution: Integers | None = None
 ) -> PostureErrors:
-    """Return the errors of postures q (m, axes) rad, followed by a rail position in m.
+    """Compute the errors of postures q (m, axes) rad, followed by a rail position in m.
 
     taught (k, axes): postures at which frame and tool are taught, by default the work area of the rig. solution (m,):
     postures with the same number differ by full turns, and have the same uncertainty of the model.
@@ -162,13 +160,13 @@ def expected_errors(
     error = rest_moves_mm(places, at_postures, (tool_places(rig, used, taught), at_taught))
     few = few_taught(len(taught))
     taught, frame = taught[few], TaughtFrame(at_taught[few])
+    numbers = np.arange(len(q)) if solution is None else solution
+    _, first, of_all = np.unique(numbers, return_index=True, return_inverse=True)
     square = np.zeros(len(q))
     if knowledge != "typical":
-        first, of_all = _first_turns(solution, len(q))
         square += _model_square(uncertainty, frame, taught, q[first], at_postures[first])[of_all]
         square *= _growth(uncertainty, q) ** 2
     if knowledge != "calibrated":
-        first, of_all = _first_turns(solution, len(q))
         moves = typical_displacements(rig, np.concatenate([taught, q[first]]))
         remaining = frame.remove_motions(
             moves[:, len(taught) :], at_postures[first], frame.motions(moves[:, : len(taught)])
@@ -180,36 +178,23 @@ def expected_errors(
     return PostureErrors(error, np.sqrt(square), rising, falling, inside)
 
 
-def _first_turns(solution: Integers | None, count: int) -> tuple[Integers, Integers]:
-    """Return the first posture (k,) of each solution, and the index (m,) among them for each of `count` postures."""
-    numbers = np.arange(count) if solution is None else solution
-    _, first, of_all = np.unique(numbers, return_index=True, return_inverse=True)
-    return first, of_all
-
-
 def _model_square(uncertainty: PoseUncertainty, frame: TaughtFrame, taught: Array, q: Array, poses: Array) -> Array:
-    """Return the variance (m,) mm² of positions in a taught frame by the model, including its unexplained error."""
-    square = np.full(len(q), uncertainty.unexplained_mm**2)
+    """Variance (m,) mm² of positions in a taught frame by the model, including its unexplained error."""
+    terms: list[tuple[Callable[[Array], Array], Array | None]] = [(uncertainty.pose_displacements, None)]
     if isinstance(uncertainty, CalibratedUncertainty):
-        square += _rest_square(uncertainty.displacements_by_others, None, frame, taught, (q, poses))
-        moves_at = partial(_bare_derivatives, uncertainty)
-        return np.asarray(square + _rest_square(moves_at, uncertainty.factor.T, frame, taught, (q, poses)))
-    return np.asarray(square + _rest_square(uncertainty.pose_displacements, None, frame, taught, (q, poses)))
-
-
-def _bare_derivatives(uncertainty: CalibratedUncertainty, q: Array) -> Array:
-    """Return derivatives (p, n, 6) at the nominal arm. Effects are small, and evaluating them takes most time."""
-    return uncertainty.pose_derivatives(model_of(uncertainty.rig, ()), q)
+        # Effects are small, and evaluating them takes most time: the derivatives are those of the nominal arm.
+        derivatives = partial(uncertainty.pose_derivatives, model_of(uncertainty.rig, ()))
+        terms = [(uncertainty.displacements_by_others, None), (derivatives, uncertainty.factor.T)]
+    squares = (_rest_square(moves_at, factor, frame, taught, (q, poses)) for moves_at, factor in terms)
+    return sum(squares, np.full(len(q), uncertainty.unexplained_mm**2))
 
 
 def _rest_square(
     moves_at: Callable[[Array], Array], factor: Array | None, frame: TaughtFrame, taught: Array, at: tuple[Array, Array]
 ) -> Array:
-    """Return the sum (m,) mm² of squared displacements at postures, after removing the part absorbed by the taught
-    frame.
+    """Sum (m,) mm² of squared displacements at postures, without the part absorbed by the taught frame.
 
-    moves_at: function that returns displacements (k, n, 6) at joint angles. factor (r, k): matrix that combines them;
-    independent if None.
+    moves_at: displacements (k, n, 6) at joint angles. factor (r, k): matrix that combines them; independent if None.
     """
     q, poses = at
     single = None if factor is None else factor.astype(np.float32)  # half the time; u needs only three digits
@@ -224,7 +209,7 @@ def _rest_square(
 
 
 def _growth(uncertainty: PoseUncertainty, q: Array) -> Array:
-    """Return the factor (m,) by which u grows outside the measured joint range, 1 inside or if it is unknown."""
+    """Factor (m,) by which u grows outside the measured joint range, 1 inside or if it is unknown."""
     joints = uncertainty.joints_rad
     if joints is None:
         return np.ones(len(q))
@@ -235,9 +220,29 @@ def _growth(uncertainty: PoseUncertainty, q: Array) -> Array:
     return np.asarray(1 + (_MOST_GROWTH - 1) * share)
 
 
+def typical_displacements(rig: Rig, q: Array) -> Array:
+    """Independent tool displacements (k, n, 3) mm at joint angles q (n, axes) rad, one standard deviation of each
+    typical effect. Backlash is omitted, because it depends on the approach."""
+    columns, sd_mm = pose_columns(rig.model_copy(update={"effects": ()}).with_calibration(None, None), q)
+    variance = columns.variance(Level(_LEVEL))
+    variance[columns.fixed > 0] = 0.0  # set-ups and scatter
+    moves = columns.X * np.sqrt(variance) * sd_mm.reshape(-1, 1)
+    return np.ascontiguousarray(moves.reshape(len(q), 3, -1).transpose(2, 0, 1))
+
+
+def _typical_plays(rig: Rig) -> list[Effect]:
+    """Backlash of every joint at the size typical for the build of the arm."""
+    plays = [cls for cls in VOCABULARY.values() if cls.STAGE == "joint" and cls.STRAIGHT == 0]
+    of_axes = [
+        healthy(cls.model_validate({"axis": axis, size_fields(cls)[0]: 1.0}))
+        for cls in plays
+        for axis in range(1, len(rig.robot.axes) + 1)
+    ]
+    return [scaled(play, play.usual_times(rig.reference)) for play in of_axes]
+
+
 def play_moves(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
-    """Return the displacements (m, axes, 3) mm by the backlash of each drive approaching with a rising and a falling
-    angle.
+    """Displacements (m, axes, 3) mm by the backlash of each drive approaching with a rising and a falling angle.
 
     Other joint effects that targets cannot correct are included. typical: use typical backlash for joints without a
     known one.
@@ -247,14 +252,14 @@ def play_moves(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
     motions = forward_and_jacobian(arm.by_drives, drive_angles(arm, q))[1][:, :3].transpose(0, 2, 1)
     rising, falling = (_lag_rad(rig, effects, q, side) for side in (-1.0, 1.0))
     if typical:
-        unknown = (rising == 0).all(axis=0) & (falling == 0).all(axis=0)
-        rising = np.where(unknown, _lag_rad(rig, typical_plays(rig), q, -1.0), rising)
-        falling = np.where(unknown, _lag_rad(rig, typical_plays(rig), q, 1.0), falling)
+        unknown, plays = (rising == 0).all(axis=0) & (falling == 0).all(axis=0), _typical_plays(rig)
+        rising = np.where(unknown, _lag_rad(rig, plays, q, -1.0), rising)
+        falling = np.where(unknown, _lag_rad(rig, plays, q, 1.0), falling)
     return rising[..., None] * motions, falling[..., None] * motions
 
 
 def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Array:
-    """Return the lag (m, axes) rad of the links after each drive arrived from a side, -1 below and 1 above."""
+    """Lag (m, axes) rad of the links after each drive arrived from a side, -1 below and 1 above."""
     model = model_of(rig, effects)
     axes = model.arm.axes
     if not effects or not len(q):
@@ -267,7 +272,7 @@ def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Arra
 
 
 def time_variance(rig: Rig, q: Array) -> Array:
-    """Return the variance (m,) mm² of uncorrectable effects outside the joints, such as thermal growth."""
+    """Variance (m,) mm² of uncorrectable effects outside the joints, such as thermal growth."""
     effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE != "joint"]
     if not effects or not len(q):
         return np.zeros(len(q))

@@ -15,7 +15,7 @@ from analysis.apps.postures.work_map import WorkMap, work_map
 from analysis.correction.pose_uncertainty import pose_uncertainty
 from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import FEWEST_TAUGHT, work_or_spread
-from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask, arm_of
+from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of
 from analysis.robot.kinematics.newton import conditioning
 from rigs.rig import Rig
 
@@ -25,22 +25,19 @@ _SAME_RAD = np.radians(0.5)
 
 @dataclass(frozen=True)
 class Postures:
-    """Postures of targets with their errors, the sequence with the smallest errors, and the one with the shortest
-    motion.
-
-    `usual` is the sequence of the table if it contains joint angles, otherwise the one with the shortest motion;
-    `is_given` states which. `verdict` is the reason for not using the calibration of the rig; empty if it is used or
-    absent.
-    """
+    """Postures of targets with their errors, and two sequences of them."""
 
     rig: Rig
     poses: Array
     knowledge: Knowledge
     verdict: str
+    """Reason for not using the calibration of the rig; empty if it is used or absent."""
     candidates: Candidates
     errors: PostureErrors
     best: Sequence
+    """Sequence with the smallest errors."""
     usual: Sequence
+    """Sequence of the table if it contains joint angles, otherwise the one with the shortest motion."""
     is_given: bool
     work_map: WorkMap | None
 
@@ -59,19 +56,17 @@ class Postures:
 
     @cached_property
     def played(self) -> Mask:
-        """Mask (m, axes) of the joints with known backlash, whose side of approach matters; empty if only its
-        typical size is known.
-        """
+        """Mask (m, axes) of the joints with known backlash, whose side of approach matters."""
         moves = np.abs(self.errors.rising_mm - self.errors.falling_mm).max(axis=2, initial=0.0)
         return np.asarray((moves > 0) & (self.knowledge == "calibrated"))
 
     def ranked(self, rows: slice) -> list[int]:
-        """Return the postures of a target in order of increasing expected error."""
+        """Postures of a target in order of increasing expected error."""
         order = np.argsort(self.errors.expected_mm[rows], kind="stable")
         return [rows.start + k for k in order.tolist()]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types, angles in degrees, lengths in mm."""
+        """Plain types, angles in degrees, lengths in mm."""
         rising, approached = self.errors.best_approach()
         targets: list[dict[str, Any]] = [
             {"target": k, "postures": [], "reason": self.candidates.reasons.get(k)} for k in range(len(self.poses))
@@ -131,7 +126,7 @@ class Postures:
 def choose_postures(
     rig: Rig, poses: Array, current: Array | None = None, *, change: float = CHANGE, part_mm: Array | None = None
 ) -> Postures:
-    """Return the postures of a rig's arm at tool poses (n, 4, 4) in the world, in the order of a program.
+    """Find and rank the postures of a rig's arm at tool poses (n, 4, 4) in the world, in the order of a program.
 
     current: joint angles (n, axes) rad of the program so far, if it has them. change: price of a change of branch.
     part_mm (3,): size of a part to place in the work area. An arm of four or five axes reaches a pose only with an
@@ -139,16 +134,21 @@ def choose_postures(
     """
     arm = arm_of(rig.robot)
     rail = rig.robot.rail
-    near = _reference(rig, current)
+    measured = pose_uncertainty(rig, supports(rig)).joints_rad
+    # Whole turns stay near the middle of the existing program, of the measured range, or of the limits.
+    near = np.asarray((arm.limits if measured is None else measured[: arm.axes]).mean(axis=1))
+    if current is not None and len(current):
+        near = np.asarray((current.min(axis=0) + current.max(axis=0))[: arm.axes] / 2)
     travel_m = None if rail is None else (rail.limits_mm[0] / RAIL_MM, rail.limits_mm[1] / RAIL_MM)
     candidates = _with_given(arm, poses, find_candidates(arm, poses, near, travel_m), current)
-    taught = _taught(rig, candidates)
+    taught = _taught(rig, candidates, measured)
     errors = expected_errors(rig, candidates.q, taught, solution=candidates.solution)
     best = best_sequence(candidates, errors, change=change)
     if current is None:
         usual = best_sequence(candidates, errors, change=1.0, travel=1.0, error=0.0)
     else:
-        usual = sequence_of(candidates, errors, _rows_of(candidates, current))
+        rows = [_row_of(candidates, current[target], target) for target, _ in candidates.groups()]
+        usual = sequence_of(candidates, errors, np.array(rows, dtype=np.int64))
     placed = None
     reached = np.unique(candidates.target)
     if part_mm is not None and len(reached) and rail is None:
@@ -160,23 +160,10 @@ def choose_postures(
     )  # fmt: skip
 
 
-def _reference(rig: Rig, current: Array | None) -> Array:
-    """Return the reference posture (axes,) rad for full turns: the middle of the existing program, of the measured
-    range, or of the limits.
-    """
-    arm = arm_of(rig.robot)
-    if current is not None and len(current):
-        return np.asarray((current.min(axis=0) + current.max(axis=0))[: arm.axes] / 2)
-    measured = pose_uncertainty(rig, supports(rig)).joints_rad
-    ranges = arm.limits if measured is None else measured[: arm.axes]
-    return np.asarray(ranges.mean(axis=1))
-
-
-def _taught(rig: Rig, candidates: Candidates) -> Array:
-    """Return the postures at which frame and tool are taught: over the measured region, or, if nothing was measured, in
-    all postures of the targets, which prefers none of them. Too few postures would absorb their own errors: then over
-    the joint ranges."""
-    measured = pose_uncertainty(rig, supports(rig)).joints_rad
+def _taught(rig: Rig, candidates: Candidates, measured: Array | None) -> Array:
+    """Postures at which frame and tool are taught: over the measured region or, if nothing was measured, in all
+    postures of the targets, which prefers none of them. Too few postures would absorb their own errors: then over the
+    joint ranges."""
     _, first = np.unique(candidates.solution, return_index=True)
     if measured is not None or len(first) < FEWEST_TAUGHT:
         return work_or_spread(rig, measured)
@@ -184,7 +171,7 @@ def _taught(rig: Rig, candidates: Candidates) -> Array:
 
 
 def _with_given(arm: Arm, poses: Array, candidates: Candidates, current: Array | None) -> Candidates:
-    """Return candidates including the postures of the program, which may be singular or absent from the samples."""
+    """Add the postures of the program, which may be singular or absent from the samples."""
     if current is None:
         return candidates
     missing = np.array(
@@ -204,14 +191,8 @@ def _with_given(arm: Arm, poses: Array, candidates: Candidates, current: Array |
     return whole.of(np.argsort(target, kind="stable"))
 
 
-def _rows_of(candidates: Candidates, current: Array) -> Integers:
-    """Return the rows of the candidates used by the existing program."""
-    rows = [_row_of(candidates, current[target], target) for target, _ in candidates.groups()]
-    return np.array(rows, dtype=np.int64)
-
-
 def _row_of(candidates: Candidates, q: Array, target: int) -> int | None:
-    """Return the row of the candidate at joint angles (axes,) rad, None if there is none."""
+    """Row of the candidate at joint angles (axes,) rad; None if there is none."""
     rows = np.flatnonzero(candidates.target == target)
     if not len(rows):
         return None

@@ -29,18 +29,16 @@ _STAYS_RAD = 1e-9
 
 @dataclass(frozen=True)
 class Sequence:
-    """A posture for each target in program order.
-
-    rows (t,): rows of the candidates.
-    expected_mm (t,): expected error, with the side of approach given by the program.
-    changes: number of changes of branch.
-    travel_rad: sum over all moves of the largest joint motion.
-    """
+    """A posture for each target in program order."""
 
     rows: Integers
+    """Rows (t,) of the candidates."""
     expected_mm: Array
+    """Expected error (t,), with the side of approach given by the program."""
     changes: int
+    """Number of changes of branch."""
     travel_rad: float
+    """Sum over all moves of the largest joint motion."""
 
     @property
     def rms_mm(self) -> float:
@@ -51,7 +49,7 @@ class Sequence:
 def best_sequence(
     candidates: Candidates, errors: PostureErrors, *, change: float = CHANGE, travel: float = TRAVEL, error: float = 1.0
 ) -> Sequence:
-    """Return the sequence with the smallest sum of errors and costs, all in errors of a mean target.
+    """Find the sequence with the smallest sum of errors and costs, all in errors of a mean target.
 
     error: weight of the errors; 0 gives the sequence that a user would choose without knowing them.
     """
@@ -79,12 +77,10 @@ def best_sequence(
 
 
 def sequence_of(candidates: Candidates, errors: PostureErrors, rows: Integers) -> Sequence:
-    """Return the sequence of the candidates with the indices `rows` (t,)."""
     q, branch = candidates.q[rows], candidates.branch[rows]
     expected = errors.expected_mm[rows].copy()
     away = np.diff(q, axis=0)
-    of_rows = errors.of(rows[1:])
-    expected[1:] = _after(of_rows, away)
+    expected[1:] = _after(errors.of(rows[1:]), away)
     return Sequence(rows, expected, int(_changed(branch[:-1], branch[1:]).sum()), float(np.abs(away).max(axis=1).sum()))
 
 
@@ -93,15 +89,14 @@ def _changed(before: Integers, after: Integers) -> Mask:
 
 
 def _approached(errors: PostureErrors, before: slice, rows: slice, away: Array) -> Array:
-    """Return the expected errors (k, l) mm of postures `rows` (l) after `before` (k), with joint motions `away` (k,
-    l, axes) rad.
-    """
+    """Expected errors (k, l) mm of postures `rows` (l) after `before` (k), with joint motions `away` (k, l,
+    axes) rad."""
     count = away.shape[0]
     repeated = np.tile(np.arange(rows.start, rows.stop), count)
     return _after(errors.of(repeated), away.reshape(-1, away.shape[2])).reshape(count, -1)
 
 
 def _after(errors: PostureErrors, away: Array) -> Array:
-    """Return the expected errors (m,) mm after motions (m, axes) rad; the side of a joint at rest is unknown."""
+    """Expected errors (m,) mm after motions (m, axes) rad; the side of a joint at rest is unknown."""
     moved = away[:, : errors.rising_mm.shape[1]]
     return errors.from_sides(np.where(np.abs(moved) > _STAYS_RAD, np.sign(moved), 0.0))

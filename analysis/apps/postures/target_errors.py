@@ -13,8 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.postures.expected_error import knowledge_of, play_moves, time_variance
-from analysis.apps.postures.typical import typical_displacements
+from analysis.apps.postures.expected_error import knowledge_of, play_moves, time_variance, typical_displacements
 from analysis.correction.pose_uncertainty import few_taught, pose_uncertainty
 from analysis.correction.support import supports
 from analysis.correction.work import (
@@ -38,17 +37,19 @@ Nature = Literal["correctable", "load", "approach", "model", "scatter"]
 
 @dataclass(frozen=True)
 class Cause:
-    """A part of the error of n targets in mm: a mean (n, 3), independent displacements common to all targets
-    (k, n, 3), and independent displacements of each target (n, m, 3), all of one standard deviation."""
+    """A part of the error of n targets in mm; displacements are of one standard deviation."""
 
     name: str
     nature: Nature
     mean: Array
+    """(n, 3)"""
     common: Array
+    """Independent displacements common to all targets (k, n, 3)."""
     own: Array
+    """Independent displacements of each target (n, m, 3)."""
 
     def draw(self, rows: Integers, count: int, rng: np.random.Generator) -> Array:
-        """Return `count` draws (count, m, 3) mm of the error at the targets `rows` (m,)."""
+        """Draw the error (count, m, 3) mm at the targets `rows` (m,)."""
         drawn = np.tile(self.mean[rows], (count, 1, 1))
         if len(self.common):
             values, vectors = np.linalg.eigh(covariance_of(self.common[:, rows]))
@@ -68,18 +69,21 @@ def covariance_of(moves: Array) -> Array:
 
 @dataclass(frozen=True)
 class Work:
-    """Postures q (n, axes) rad of targets, their programmed poses (n, 4, 4), the postures from which the program
-    reaches them (NaN if unknown), and the payload (n,) kg, NaN for that of the rig file."""
+    """Targets of a program."""
 
     q: Array
+    """Joint angles (n, axes) rad."""
     wanted: Array
+    """Programmed poses (n, 4, 4)."""
     came_from: Array
+    """Postures from which the program reaches them, NaN if unknown."""
     load_kg: Array
+    """Payload (n,), NaN for that of the rig file."""
 
 
 def taught_at(rig: Rig, work: Work, inside: Array) -> tuple[Array, Array]:
-    """Return the postures and poses at which frame and tool are taught: the measured targets, or the work area if these
-    are few, as for a correction."""
+    """Postures and poses at which frame and tool are taught: the measured targets, or the work area if these are few,
+    as for a correction."""
     if inside.sum() >= FEWEST_TAUGHT:
         return work.q[inside], work.wanted[inside]
     q = work_or_spread(rig, pose_uncertainty(rig, supports(rig)).joints_rad)
@@ -87,7 +91,7 @@ def taught_at(rig: Rig, work: Work, inside: Array) -> tuple[Array, Array]:
 
 
 def causes_of(rig: Rig, work: Work, taught: tuple[Array, Array], rp_mm: float | None) -> list[Cause]:
-    """Return the causes of the errors of targets.
+    """Find the causes of the errors of targets.
 
     taught: postures and poses of frame and tool. rp_mm: pose repeatability, None for the usual one.
     """

@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.apps.postures.candidates import Candidates, find_candidates
 from analysis.apps.postures.expected_error import expected_errors
-from analysis.robot.kinematics.arm import Arm, Array, arm_of
+from analysis.robot.kinematics.arm import Array, arm_of
 from rigs.rig import Rig
 
 _NODES = 21
@@ -21,28 +21,27 @@ _NODES = 21
 
 @dataclass(frozen=True)
 class WorkMap:
-    """Expected rms error (y, x) mm of a part centred at x_mm (x,) and y_mm (y,) in the world, NaN if it cannot be
-    processed there.
-
-    z_mm: height of its centre. part_mm (3,): its size.
-    """
+    """Expected rms error (y, x) mm of a part centred at x_mm (x,) and y_mm (y,) in the world, NaN where it cannot be
+    processed."""
 
     x_mm: Array
     y_mm: Array
     z_mm: float
+    """Height of its centre."""
     part_mm: Array
+    """Its size (3,)."""
     expected_mm: Array
 
     @property
     def best_mm(self) -> tuple[float, float] | None:
-        """Return the centre x, y of the best place; None if the part fits nowhere."""
+        """Centre x, y of the best place; None if the part fits nowhere."""
         if not np.isfinite(self.expected_mm).any():
             return None
         row, column = np.unravel_index(int(np.nanargmin(self.expected_mm)), self.expected_mm.shape)
         return float(self.x_mm[column]), float(self.y_mm[row])
 
     def at(self, x_mm: float, y_mm: float) -> float:
-        """Return the expected error in mm at the node nearest to a place, NaN if there is none."""
+        """Expected error in mm at the node nearest to a place, NaN if there is none."""
         column, row = int(np.abs(self.x_mm - x_mm).argmin()), int(np.abs(self.y_mm - y_mm).argmin())
         step = self.x_mm[1] - self.x_mm[0]
         near = abs(self.x_mm[column] - x_mm) <= step and abs(self.y_mm[row] - y_mm) <= step
@@ -50,12 +49,13 @@ class WorkMap:
 
 
 def work_map(rig: Rig, part_mm: Array, pose: Array, near: Array, taught: Array | None = None) -> WorkMap:
-    """Return the map of a part (3,) mm processed with the orientation and at the height of a tool pose (4, 4).
+    """Map a part (3,) mm processed with the orientation and at the height of a tool pose (4, 4).
 
     near: reference posture (axes,) rad for full turns. taught: postures at which frame and tool are taught.
     """
     arm = arm_of(rig.robot)
-    reach = reach_mm(arm)
+    # An upper bound of the distance of the tool from axis 1
+    reach = float(np.hypot(arm.a, arm.d)[1:].sum() + np.linalg.norm(arm.T_flange_tool[:3, 3]))
     step = 2 * reach / (_NODES - 1)
     side = np.linspace(-reach, reach, _NODES)
     x_mm, y_mm = arm.T_world_base[0, 3] + side, arm.T_world_base[1, 3] + side
@@ -66,27 +66,20 @@ def work_map(rig: Rig, part_mm: Array, pose: Array, near: Array, taught: Array |
     return WorkMap(x_mm, y_mm, float(pose[2, 3]), part_mm, np.sqrt(_of_parts(square, half[0], half[1])))
 
 
-def reach_mm(arm: Arm) -> float:
-    """Return an upper bound in mm of the distance of the tool from axis 1."""
-    return float(np.hypot(arm.a, arm.d)[1:].sum() + np.linalg.norm(arm.T_flange_tool[:3, 3]))
-
-
 def _node_errors(rig: Rig, xy: Array, z: float, pose: Array, near: Array, taught: Array | None) -> Array:
-    """Return the square of the expected error (y, x, branch) mm² at nodes xy (y, x, 2) mm, infinite out of reach."""
+    """Square of the expected error (y, x, branch) mm² at nodes xy (y, x, 2) mm, infinite out of reach."""
     nodes = xy.reshape(-1, 2)
     poses = np.tile(pose, (len(nodes), 1, 1))
     poses[:, :2, 3], poses[:, 2, 3] = nodes, z
     candidates = _nearest_turns(find_candidates(arm_of(rig.robot), poses, near), near)
     expected = expected_errors(rig, candidates.q, taught).expected_mm if len(candidates.q) else np.zeros(0)
-    square = np.full((len(nodes), int(candidates.branch.max(initial=0)) + 1), np.inf)
+    square = np.full((len(nodes), 8), np.inf)
     np.minimum.at(square, (candidates.target, np.maximum(candidates.branch, 0)), expected**2)
-    full = np.full((len(nodes), 8), np.inf)
-    full[:, : square.shape[1]] = square
-    return full.reshape(*xy.shape[:2], 8)
+    return square.reshape(*xy.shape[:2], 8)
 
 
 def _nearest_turns(candidates: Candidates, near: Array) -> Candidates:
-    """Return a single posture of each solution, with the turns nearest to a reference posture."""
+    """A single posture of each solution, with the turns nearest to a reference posture."""
     away = np.abs(candidates.q[:, : len(near)] - near).max(axis=1)
     order = np.lexsort((away, candidates.solution))
     _, first = np.unique(candidates.solution[order], return_index=True)
@@ -94,8 +87,9 @@ def _nearest_turns(candidates: Candidates, near: Array) -> Candidates:
 
 
 def _of_parts(square: Array, half_x: int, half_y: int) -> Array:
-    """Return the mean square error (y, x) of parts that extend over half_x and half_y nodes to each side, in the
-    best branch. square: (layer, y, x, branch), NaN if a node is out of reach.
+    """Mean square error (y, x) of parts that extend over half_x and half_y nodes to each side, in the best branch.
+
+    square: (layer, y, x, branch).
     """
     mean = square.mean(axis=0)
     window = np.zeros(mean.shape)

@@ -28,7 +28,6 @@ from analysis.apps.makers.motion_plan import (
 from analysis.apps.makers.ways import ToolPath, circular_path, rotation_vector, straight_path, turned
 from analysis.correction.support import known_plays
 from analysis.robot.kinematics.arm import Array, Integers, reported_angles
-from analysis.robot.kinematics.follow import follow
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Path, driven, model_of
 from rigs.errors import FileError
@@ -48,12 +47,12 @@ _REMEDY = "give the table of rig program --targets for this rig file and test, c
 
 
 def targets_of(plan: MotionPlan) -> list[PlannedTarget]:
-    """Return the targets of a plan without repetitions, in the order in which the program first reaches them."""
+    """Targets of a plan without repetitions, in the order in which the program first reaches them."""
     return list({id(target): target for target in reached(plan)}.values())
 
 
 def reached(plan: MotionPlan) -> list[PlannedTarget]:
-    """Return the targets of a plan in program order, including repetitions."""
+    """Targets of a plan in program order, including repetitions."""
     return [
         target
         for step in plan.steps
@@ -63,7 +62,7 @@ def reached(plan: MotionPlan) -> list[PlannedTarget]:
 
 
 def table_of(plans: Sequence[MotionPlan]) -> str:
-    """Return the targets of the programs of a test as a CSV table for `rig correct --path`."""
+    """Targets of the programs of a test as a CSV table for `rig correct --path`."""
     head = "program," + ",".join(f"q{axis}_deg" for axis in range(1, 7))
     rows = [
         f"{plan.name}," + ",".join(f"{angle:.7f}" for angle in np.degrees(target.q) + 0.0)
@@ -76,7 +75,7 @@ def table_of(plans: Sequence[MotionPlan]) -> str:
 def compensated(
     plans: Sequence[MotionPlan], q: Array, poses: Array, lines: Sequence[int], where: str
 ) -> list[MotionPlan]:
-    """Return the plans with targets at the joint angles q (n, 6) rad.
+    """Replace the targets of plans by those at the joint angles q (n, 6) rad.
 
     poses (n, 4, 4): tool poses of the controller's model at these angles, with positions in mm in the world frame.
     lines: line number of each target in the table `where`. Raises FileError if the table does not match the plans, and
@@ -156,29 +155,13 @@ def _line(plan: MotionPlan, begin: PlannedTarget, end: PlannedTarget, speed_mm_s
 
 
 def _followed(plan: MotionPlan, way: ToolPath, begin: PlannedTarget) -> Array:
-    """Return the joint angles (n, 6) rad along a path.
-
-    Raises FileError if the arm cannot follow, or a joint is too slow.
-    """
-    arm, where = plan.arm, f"the corrected program {plan.name}"
-    q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
-    for axis in np.flatnonzero(way.joint_speeds(q) > arm.speed):
-        raise FileError(
-            where,
-            f"axis {axis + 1} is too slow for the path",
-            "move the test away from the singularity",
-            code="path.speed",
-        )
-    return q
+    return way.followed(plan.arm, begin.q, f"the corrected program {plan.name}")
 
 
 def _require_small_correction(
     old: Sequence[PlannedTarget], targets: Sequence[PlannedTarget], lines: Sequence[int], where: str
 ) -> float:
-    """Return the largest distance in mm of the targets from the nominal targets.
-
-    Raises FileError if a distance is too large for a correction.
-    """
+    """Largest distance in mm from the nominal targets. Raises FileError if it is too large for a correction."""
     farthest = 0.0
     for line, nominal, target in zip(lines, old, targets, strict=True):
         mm = float(np.linalg.norm(target.T[:3, 3] - nominal.T[:3, 3]))
@@ -199,9 +182,9 @@ _BETWEEN = 16
 
 
 def ahead_of_plays(rig: Rig, plan: MotionPlan) -> Array:
-    """Return the lead (n, 6) rad of the joints at the targets of a plan, in the order of `targets_of`.
+    """Lead (n, 6) rad of the joints with which the links reach the targets despite the backlash in the rig file.
 
-    With this lead the links reach the targets despite the backlash in the rig file.
+    The order is that of `targets_of`.
     """
     targets = targets_of(plan)
     model = model_of(rig, known_plays(rig))
@@ -218,7 +201,7 @@ def ahead_of_plays(rig: Rig, plan: MotionPlan) -> Array:
 
 
 def interpolate_moves(q: Sequence[Array]) -> tuple[Array, Integers]:
-    """Return joint angles (m, 6) rad on linear moves between positions q (6,) rad, and the indices of the positions."""
+    """Joint angles (m, 6) rad on linear moves between positions q (6,) rad, and the indices of the positions."""
     share = np.arange(_BETWEEN) / _BETWEEN
     ways = [begin + share[:, None] * (end - begin) for begin, end in pairwise(q)]
     return np.concatenate([*ways, q[-1][None]]), _BETWEEN * np.arange(len(q))

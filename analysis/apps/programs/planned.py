@@ -61,7 +61,6 @@ from analysis.robot.geometry.iso_cube import (
     joints_along,
 )
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
-from analysis.robot.kinematics.follow import follow
 from rigs.errors import FileError, PathError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.feedback import signal_of_outputs
@@ -82,7 +81,7 @@ def poses_plan(
     speed_rad_s: float = _SPEED_RAD_S,
     name: str = "pose",
 ) -> MotionPlan:
-    """Return a plan that stops at each posture q (n, 6) rad for dwell_s seconds, in order.
+    """Plan that stops at each posture q (n, 6) rad for dwell_s seconds, in order.
 
     start (6,): joint angles at the start, by default the first posture. names (n,): comment for each posture. name: of
     the program, followed by the name of the rig.
@@ -97,12 +96,12 @@ def poses_plan(
 
 
 def targets_at(arm: Arm, q: Array) -> list[PlannedTarget]:
-    """Return the targets at joint angles q (n, 6) rad."""
+    """Targets at joint angles q (n, 6) rad."""
     return [PlannedTarget(T, angles) for T, angles in zip(in_base(arm, forward(arm, q)), q, strict=True)]
 
 
 def tracker_plan(rig: Rig, name: str, steps: Sequence[Step]) -> MotionPlan:
-    """Return a plan for a tracker: no ball link, and no signal for automatic runs."""
+    """Plan for a tracker: no ball link, and no signal for automatic runs."""
     return MotionPlan(
         name=name,
         arm=arm_of(rig.robot),
@@ -141,10 +140,10 @@ def plans_of(
     outputs: tuple[int, ...] = (),
     arc_deg: float = LONGEST_ARC_DEG,
 ) -> list[MotionPlan]:
-    """Return the plans of a test, one per program.
+    """Plan the programs of a test.
 
     dwell_s: standstill at each target. outputs: digital outputs for the signal of automatic runs, unless the rig file
-    names the outputs. arc_deg: longest arc of a circle, shorter if the targets are to be corrected individually. Raises
+    names them. arc_deg: longest arc of a circle, shorter if the targets are to be corrected individually. Raises
     FileError if the robot cannot execute a plan, and UseError for outputs that no program would switch.
     """
     directions: tuple[Direction, ...] = ("acw", "cw") if test in CIRCLES else ()
@@ -219,32 +218,19 @@ def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Motion
 
 
 def _line(rig: Rig, begin: PlannedTarget, end: PlannedTarget) -> tuple[StraightMove, PlannedTarget]:
-    """Return a line, and the target reached by it.
-
-    Raises FileError if the arm cannot follow, or a joint is too slow.
-    """
-    arm, where = arm_of(rig.robot), RigPlace.of(rig.name, "tests.repeatability")
     way = straight_path(begin.T, end.T, _APPROACH_MM_S)
-    q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
-    if (way.joint_speeds(q) > arm.speed).any():
-        raise FileError(
-            where,
-            "a target is too close to a singularity: a joint is too slow",
-            "choose other targets",
-            code="path.speed",
-        )
+    q = way.followed(arm_of(rig.robot), begin.q, RigPlace.of(rig.name, "tests.repeatability"))
     arrived = replace(end, q=q[-1])
     return StraightMove(arrived, _APPROACH_MM_S, q=q), arrived
 
 
 def _sphere(rig: Rig) -> tuple[Arm, Array, float]:
-    """Return the arm, and the centre (3,) mm of the hemisphere in the base frame and the radius in mm."""
+    """The arm, and centre (3,) mm in the base frame and radius in mm of the hemisphere."""
     arm, hemisphere = arm_of(rig.robot), hemisphere_of(rig)
     return arm, _ball(arm, hemisphere.centre_mm), hemisphere.radius_mm
 
 
 def _ball(arm: Arm, centre_mm: Vector) -> Array:
-    """Return a position (3,) mm of the world in the base frame."""
     place: Array = (np.linalg.inv(arm.T_world_base) @ [*centre_mm, 1.0])[:3]
     return place
 
@@ -257,7 +243,7 @@ def _plan(
     start: PlannedTarget,
     motion: list[Step],
 ) -> MotionPlan:
-    """Return the plan with the common start and end of every program."""
+    """Add the common start and end of every program."""
     arm = arm_of(rig.robot)
     ball = circle_of(rig).centre_mm if test in CIRCLES else hemisphere_of(rig).centre_mm
     number, automatic = _signal_of(rig, test, direction)
@@ -282,7 +268,7 @@ def _plan(
 
 
 def _signal_of(rig: Rig, test: DrivenTest, direction: Direction | None) -> tuple[int, bool]:
-    """Return the number announcing a program, 0 for none, and whether the runs start automatically."""
+    """Number announcing a program, 0 for none, and whether the runs start automatically."""
     for rule in rig.automatic.rules if rig.automatic else ():
         if (rule.test, rule.direction) == (test, direction):
             return rule.when.signal or 0, True
@@ -290,7 +276,7 @@ def _signal_of(rig: Rig, test: DrivenTest, direction: Direction | None) -> tuple
 
 
 def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlace:
-    """Return the outputs or register for the number of a program. Raises FileError if none is configured."""
+    """Outputs or register for the number of a program. Raises FileError if none is configured."""
     if not number:
         return SignalPlace()
     if place := signal_of_outputs(rig.feedback):
@@ -314,8 +300,7 @@ _TO_START_RAD_S = float(np.radians(10.0))
 
 
 def cube_plan(rig: Rig, dwell_s: float) -> MotionPlan:
-    """Return the plan of the poses: from P1 through all cycles, with a stop at each. Raises FileError if there is no
-    cube."""
+    """Plan of the poses: from P1 through all cycles, with a stop at each. Raises FileError if there is no cube."""
     test = iso9283_of(rig)
     names = [f"cycle {cycle}, P{number}" for cycle in range(1, test.cycles + 1) for number in ORDER]
     speed = float(np.radians(test.joint_speed_deg_s))
@@ -324,7 +309,7 @@ def cube_plan(rig: Rig, dwell_s: float) -> MotionPlan:
 
 
 def path_plan(rig: Rig, percent: int) -> MotionPlan:
-    """Return the plan of the paths at a percentage of the path speed.
+    """Plan of the paths at a percentage of the path speed.
 
     Each path is repeated as set in the rig file, with a standstill before and after. Raises FileError if there is no
     cube, or a joint is too slow.
@@ -348,7 +333,7 @@ def path_plan(rig: Rig, percent: int) -> MotionPlan:
 
 
 def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) -> list[Move]:
-    """Return the lines or the two arcs of a path, without a stop between them."""
+    """Lines or the two arcs of a path, without a stop between them."""
     ends = path.arc_length_mm if isinstance(path, Polygon) else np.array([0.0, 0.5, 1.0]) * path.length_mm
     moves: list[Move] = []
     for number, (begin, end) in enumerate(pairwise(ends.tolist()), start=1):

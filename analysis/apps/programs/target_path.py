@@ -43,29 +43,29 @@ AGAINST = "against_verdict"
 
 @dataclass(frozen=True)
 class TargetPath:
-    """The targets of a table.
-
-    columns: columns of the file by name. lines (n,): line numbers of the rows. values (n, axes or 6): values of the
-    columns `names`, in mm and degrees.
-    """
+    """The targets of a table."""
 
     columns: dict[str, list[str]]
+    """Columns of the file by name."""
     names: tuple[str, ...]
+    """Columns with the targets."""
     lines: tuple[int, ...]
+    """Line numbers (n,) of the rows."""
     values: Array
+    """Values (n, axes or 6) of the columns `names`, in mm and degrees."""
 
     @property
     def joints(self) -> bool:
-        """True for joint angles; otherwise the targets are poses."""
+        """True for joint angles, False for poses."""
         return self.names != POSES
 
     def angles(self) -> Array:
-        """Return the joint angles (n, axes) rad of joint targets, followed by the rail position in m, if any."""
+        """Joint angles (n, axes) rad, followed by the rail position in m, if any."""
         units = [1 / RAIL_MM if name == RAIL else np.radians(1.0) for name in self.names]
         return np.asarray(self.values * units)
 
     def poses(self) -> Array:
-        """Return the poses (n, 4, 4) of pose targets, in the world of the rig file."""
+        """Poses (n, 4, 4) in the world of the rig file."""
         return transforms(self.values)
 
 
@@ -88,8 +88,7 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
 
 
 def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
-    """Read a path written by `rig correct`: joint angles of the targets, and the poses computed there by the
-    controller.
+    """Read a path written by `rig correct`: joint angles, and the poses computed there by the controller.
 
     Raises the same errors as `read_path`.
     """
@@ -101,7 +100,7 @@ def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
 def compensated_plans(
     plans: Sequence[MotionPlan], path: Path, rig: Rig, rig_file: str, *, anyway: bool
 ) -> list[MotionPlan]:
-    """Return the plans with the targets of a corrected path.
+    """Replace the targets of plans by those of a corrected path.
 
     Raises FileError if the model of the rig or the path must not be used for correction, unless `anyway`, and the
     errors of `read_path` and `compensated`.
@@ -169,10 +168,10 @@ def refuse_corrected_path(path: TargetPath, where: str) -> None:
 
 
 def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: str = "") -> pa.Table:
-    """Return the table with corrected targets, as joint angles and as poses, and their errors.
+    """Table with corrected targets, as joint angles and as poses, and their errors.
 
     Uncorrected targets are unchanged, and unknown numbers are empty. against: text of the verdict against which the
-    path was corrected; empty if there is none.
+    path was corrected, if any.
     """
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program uses both: the joint angles select the posture of a pose.
@@ -215,7 +214,7 @@ def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: st
 
 
 def _cells(values: Array) -> list[str] | list[float]:
-    """Return values (n,) as cells of a column, empty for NaN."""
+    """Cells of a column, empty for NaN."""
     cells: list[float] = values.tolist()
     return cells if np.isfinite(values).all() else ["" if np.isnan(number) else repr(number) for number in cells]
 

@@ -27,19 +27,18 @@ _FIRST_WORD = re.compile(r"\s*([A-Za-z]\w*)")
 
 @dataclass(frozen=True)
 class Reached:
-    """The point that a target refers to, with its range in the text, and the possible offsets from it.
-
-    offsets: kind, "frame" or "tool", and frame (4, 4) in mm; none if the point itself is reached, None if unknown.
-    """
+    """The point that a target refers to, with its range in the text."""
 
     point: str
     begin: int
     end: int
     offsets: tuple[tuple[str, Array], ...] | None = ()
+    """Possible offsets: kind, "frame" or "tool", and frame (4, 4) in mm. Empty if the point itself is reached, None if
+    unknown."""
 
 
 def read_target(text: str, begin: int, end: int, numbers: Numbers, copies: dict[str, Reached]) -> Reached:
-    """Resolve the functions in one another and the copies of a target."""
+    """Resolve nested offsets and the copies of a target."""
     wrapped = OFFSET.match(text, begin, end)
     if wrapped is None:
         name = text[begin:end].partition("\\")[0].strip().lower()
@@ -60,7 +59,7 @@ def read_target(text: str, begin: int, end: int, numbers: Numbers, copies: dict[
 def copies_in(
     texts: Sequence[str], numbers: Numbers, points: frozenset[str]
 ) -> tuple[dict[str, Reached], set[tuple[int, int]]]:
-    """The copies by name in lower case, and the places (file, position) at which they read their points."""
+    """Copies by name in lower case, and the places (file, position) at which they read their points."""
     found: dict[str, list[tuple[int, Reached]]] = {}
     for file, text in enumerate(texts):
         for assigned in _ASSIGNED.finditer(text):
@@ -78,7 +77,7 @@ def copies_in(
 
 
 def _is_only_reached(name: str, texts: Sequence[str]) -> bool:
-    """Whether a variable is mentioned only in its declaration, in its assignment and in moves."""
+    """True if a variable is mentioned only in its declaration, in its assignment and in moves."""
     for text in texts:
         for word in re.finditer(rf"(?<![A-Za-z\d_]){name}(?!\w)", text, re.IGNORECASE):
             begin = max(text.rfind(mark, 0, word.start()) for mark in ";\n") + 1

@@ -51,7 +51,6 @@ _STREAMS = (
 
 
 def run(text: str, _: str, machine: Machine) -> None:
-    """Execute a module on the machine. Raises ProgramError if the controller would reject it."""
     if "\r\n" not in text or any(len(line) > 250 for line in text.split("\r\n")):
         raise ProgramError("lines end with CR LF and have 250 characters at most")
     tokens = Tokens.of(text, _TOKEN, "RAPID")

@@ -30,13 +30,11 @@ _OPERATORS: Operators = {
 
 @dataclass
 class Numbers:
-    """Numbers known from the texts by name, and the values of the loop variables around a statement.
-
-    Names are in lower case. The values are None if the bounds of the loop are unknown.
-    """
+    """Numbers known from the texts, and the values of the loop variables around a statement, by name in lower case."""
 
     known: dict[str, float] = field(default_factory=dict)
     loops: list[tuple[str, tuple[float, ...] | None]] = field(default_factory=list)
+    """None if the bounds of the loop are unknown."""
 
     def enter(self, header: str) -> None:
         """Enter a loop, given the text "i FROM 1 TO n STEP 1 DO"."""
@@ -52,21 +50,21 @@ class Numbers:
         self.loops.append((name, values))
 
     def leave(self) -> None:
-        """Leave the innermost loop."""
         if self.loops:
             self.loops.pop()
 
     def value(self, text: str) -> float | None:
-        """Return the single value of an expression, None if it is unknown or varies."""
+        """Value of an expression; None if it is unknown or varies."""
         values = self.every_value([text])
         return values[0][0] if len(values) == 1 else None
 
     def every_value(self, texts: Sequence[str], *, corners: bool = True) -> list[tuple[float, ...]]:
-        """Return the possible values of expressions, together for each pass of the loops; none if any is unknown.
+        """Possible values of expressions, together for each pass of the loops; none if any is unknown.
 
         corners: take the first and last values of loops with too many passes; otherwise there are none.
         """
-        trees = [tree_of(_DIV_MOD.sub(_as_python, " ".join(text.lower().split()))) for text in texts]
+        python = [_DIV_MOD.sub(lambda word: "//" if word[1] == "div" else "%", text.lower()) for text in texts]
+        trees = [tree_of(" ".join(text.split())) for text in python]
         used = {node.id for tree in trees if tree for node in ast.walk(tree) if isinstance(node, ast.Name)}
         loops = {name: values for name, values in self.loops if name in used}
         if None in trees or None in loops.values() or not used <= self.known.keys() | loops.keys():
@@ -86,12 +84,8 @@ class Numbers:
         return list(found)
 
 
-def _as_python(word: re.Match[str]) -> str:
-    return "//" if word[1].upper() == "DIV" else "%"
-
-
 def offset_frames(function: str, texts: Sequence[str], numbers: Numbers) -> list[Array]:
-    """Return the possible frames (4, 4) in mm of the arguments of "offs" or "reltool"; none if an argument is unknown.
+    """Possible frames (4, 4) in mm of the arguments of "offs" or "reltool"; none if an argument is unknown.
 
     RelTool rotates about x, then the new y, then the new z.
     """
@@ -108,7 +102,6 @@ def offset_frames(function: str, texts: Sequence[str], numbers: Numbers) -> list
 
 
 def _frame(values: Sequence[float]) -> Array:
-    """Return the frame (4, 4) of an offset in mm and rotations about x, the new y and the new z in degrees."""
     T = frame_of("roll_pitch_yaw", [0, 0, 0, *(-turn for turn in values[3:])]).T  # Inverse of the rotation
     T[:3, 3] = values[:3]
     return T
@@ -122,10 +115,10 @@ _READ_BEFORE, _READ_AFTER = tuple("+-*/<>="), tuple("+-*/<>")
 
 
 def known_numbers(texts: Sequence[str]) -> dict[str, float]:
-    """Return the numbers that are declared once with a value, and that no statement of the texts writes.
+    """Numbers that are declared once with a value, and that no statement of the texts writes.
 
-    A variable counts as written if it is mentioned anywhere but in a calculation, a comparison, an offset or the
-    bounds of a loop.
+    A variable counts as written if it is mentioned anywhere but in a calculation, a comparison, an offset or the bounds
+    of a loop.
     """
     declared: dict[str, list[re.Match[str]]] = {}
     for text in texts:
@@ -143,7 +136,7 @@ def known_numbers(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _is_hidden(name: str, text: str) -> bool:
-    """Return whether a parameter of a routine or other data may have the name as well."""
+    """True if a parameter of a routine or other data may also have the name."""
     declarations = re.findall(rf"\b(?:num|dnum|bool|string|robtarget|switch|intnum)\s+{name}\b", text)
     return len(declarations) > 1
 

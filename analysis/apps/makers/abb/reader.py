@@ -19,7 +19,7 @@ from analysis.apps.makers.abb.copies import copies_in
 from analysis.apps.makers.abb.statements import EXTERNAL_AXES, NO_AXIS, WORD, RapidStatements, literal_frames
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import as_value
-from analysis.apps.makers.program_machine import OFF, Call, Set, Unknown, Value
+from analysis.apps.makers.program_machine import OFF, Call, Set, Unknown, Value, reachable
 from analysis.apps.makers.program_parser import NUMBER, brackets
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import NamedFrame, Notice, Parsed, ProgramTexts
@@ -52,7 +52,7 @@ _ANY_AXIS = "any"
 
 
 class _RapidReader(RapidStatements):
-    """Adds the declarations: points, tools and work objects, and where they are hidden, shared or written to."""
+    """The declarations of points, tools and work objects, and where they are hidden, shared or written to."""
 
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
@@ -69,7 +69,7 @@ class _RapidReader(RapidStatements):
             self.frames |= {f"frame {name.lower()}" for name in _WOBJ.findall(text)}
 
     def declare(self, file: int) -> None:
-        """Add the points, tools and work objects declared by a module. Modules of the program are read first."""
+        """Add what a module declares. Modules of the program are read first."""
         self.file, declares = file, set()
         for declared in _DATA.finditer(self.text):
             self.at = declared.start("name")
@@ -119,11 +119,11 @@ class _RapidReader(RapidStatements):
         return False
 
     def _declare_frame(self, kind: str, declared: re.Match[str], is_shared: bool) -> None:
-        """Add a declared tool or work object.
+        """Add a tool or work object.
 
-        If the value is not numeric, the user can state the frame by name. If a name is declared twice, the frame is
-        unknown, except for persistent data shared by tasks with the same numbers. Two modules that declare a global
-        name with different numbers are variants or belong to different tasks: the user states the frame.
+        The user can state a frame without numbers by name. A name declared twice is unknown, except for persistent data
+        shared by tasks with the same numbers. Two modules that declare a global name with different numbers are
+        variants or belong to different tasks: the user states the frame.
         """
         family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
         name, part = declared["name"], f"{family} {declared['name'].lower()}"
@@ -153,8 +153,8 @@ class _RapidReader(RapidStatements):
     def find_external_axes(self) -> None:
         """Add the external axes that the program moves. An axis that every target names with one value does not move.
 
-        A module beside the program with a main routine of its own belongs to another program, which may be a variant of
-        this one.
+        A module beside the program with a main routine of its own belongs to another program, perhaps a variant of this
+        one.
         """
         has_main = [_MAIN.search(text) is not None for text in self.texts]
         any_main = any(has_main[: self.own])
@@ -182,37 +182,31 @@ class _RapidReader(RapidStatements):
                     self.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
 
     def add_other_tasks(self) -> None:
-        """Add the tools and work objects set by other tasks and programs.
+        """Add the tools and work objects set by modules with a main routine of their own: other tasks or programs.
 
-        A module with a main routine belongs to another task or program. Tasks may share persistent data of the same
-        name.
+        Tasks may share persistent data of the same name.
         """
         if not any(f"{file}:main" in self.routines for file in range(self.own)):
             return
         for file in range(self.own, len(self.texts)):
-            todo, seen = [f"{file}:main"], set[str]()
-            while todo:
-                name = todo.pop()
-                body = () if name in seen else self.routines.get(name, ())
-                seen.add(name)
-                todo += [statement.name for statement in body if isinstance(statement, Call)]
-                sets = [of for of in body if isinstance(of, Set) and of.part.startswith(("tool ", "frame "))]
-                why = Unknown(file, 1, f"the main routine of {self.names[file]} may run in parallel")
+            why = Unknown(file, 1, f"the main routine of {self.names[file]} may run in parallel")
+            for name in reachable(self.routines, [f"{file}:main"]):
+                parts = [of for of in self.routines[name] if isinstance(of, Set)]
+                sets = [of for of in parts if of.part.startswith(("tool ", "frame "))]
                 self.concurrently(why, partial(self.add, *sets))
 
     def watch_points(self) -> None:
-        """Mark the points that are mentioned otherwise than as targets."""
         for word in self.mentions(WORD):
             name = word[0].lower()
             if self.is_own or (name in self.shared and name not in self.declares[self.file]):
                 for key in self.arrays.get(name, [name]):
                     self.change(key)
         if self.by_name:
-            for key in list(self.points.all_keys()):
+            for key in list(self.points.declared):
                 self.points.change(key, self.by_name.file, self.by_name.line)
 
     def first_routine(self) -> str | None:
-        """The routine with which the operator starts the program: main, or the only one that no other calls."""
+        """The routine with which the operator starts: main, or the only one that no other calls."""
         called = {
             statement.name for body in self.routines.values() for statement in body if isinstance(statement, Call)
         }
@@ -229,14 +223,13 @@ class _RapidReader(RapidStatements):
 
 
 def parse(program: ProgramTexts) -> Parsed:
-    """Parse the targets of a module."""
     reader = _RapidReader(program)
     files = range(len(program.texts))
     for file in files:
         reader.declare(file)
     for named in reader.numeric.values():
-        reader.points.state(named)
-    reader.copies, places = copies_in(reader.texts, reader.numbers, frozenset(reader.points.all_keys()))
+        reader.points.sets.append(named)
+    reader.copies, places = copies_in(reader.texts, reader.numbers, frozenset(reader.points.declared))
     reader.spent |= places
     reader.find_external_axes()
     reader.hide_by_parameters()

@@ -12,10 +12,12 @@ from dataclasses import replace
 from functools import partial
 from typing import Literal
 
+import numpy as np
+
 from analysis.apps.makers.abb.copies import OFFSET, Reached, read_target
 from analysis.apps.makers.abb.instructions import EFFECT, FUNCTIONS, MOVE, SETTINGS, SWITCHES, TOOL_THIRD, WRITES
 from analysis.apps.makers.abb.offsets import Numbers, known_numbers
-from analysis.apps.makers.abb.posture import agreeing, quadrants
+from analysis.apps.makers.configuration import beyond_stretch, wrist_in_front
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import (
@@ -27,13 +29,14 @@ from analysis.apps.makers.program_machine import (
     Jump,
     JumpTarget,
     Move,
+    Needs,
     Ref,
     Unknown,
     Value,
 )
 from analysis.apps.makers.program_parser import NUMBER, ProgramParser, arguments, brackets, number_at
 from analysis.apps.makers.target import Flags, ProgramTexts, Target
-from analysis.robot.kinematics.arm import Array
+from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
 WORD = re.compile(r"[A-Za-z]\w*")
@@ -95,7 +98,7 @@ _TARGETS = {
 
 
 def literal_frames(kind: str, text: str) -> Array | None:
-    """Return the frame (4, 4) in mm of a literal of tooldata or wobjdata; None for any other text."""
+    """Frame (4, 4) in mm of a literal of tooldata or wobjdata; None for any other text."""
     literal = _FRAMES[kind].fullmatch(text)
     values = [float(number) for number in literal.groups()] if literal else []
     poses = [values[:7]] if kind == "tooldata" else [values[:7], values[7:]]
@@ -138,7 +141,6 @@ class RapidStatements(ProgramParser):
         return f"{self.file}:{name.lower()}", name.lower()
 
     def read_module(self, file: int) -> None:
-        """Parse the routines of a module."""
         self.file = file
         for begin, end, head in _statements(self.texts[file]):
             self.at = begin
@@ -164,7 +166,7 @@ class RapidStatements(ProgramParser):
         if word == "IF" and self.text[end - 1 : end] == ";":  # IF condition statement;
             start = _after_condition(self.text, begin, end)
             self._functions(begin, start)
-            self.blocks.branch()
+            self.blocks.keyword("if")
             self._statement(start, end - 1)
             self.blocks.close()
         elif word in ("ENDPROC", "ENDFUNC", "ENDTRAP", "ENDMODULE"):
@@ -187,7 +189,6 @@ class RapidStatements(ProgramParser):
         self.broken.append(Call(routine, why))
 
     def _functions(self, begin: int, end: int) -> None:
-        """Parse the function calls in an expression."""
         closes = brackets(self.text, begin, end)
         for call in _CALL.finditer(self.text, begin, end):
             is_own = bool(self.named(call[1])) or call[1].lower() not in FUNCTIONS
@@ -207,7 +208,6 @@ class RapidStatements(ProgramParser):
                     self.set(part, self.why(f"{word[0]} is passed to {name}", begin))
 
     def _statement(self, begin: int, end: int) -> None:
-        """Parse an instruction, an assignment or a call."""
         inside = self.text[begin:end]
         self.at = begin = begin + len(inside) - len(inside.lstrip())
         if _DATA.match(self.text, begin, end) or not inside.strip():
@@ -287,9 +287,11 @@ class RapidStatements(ProgramParser):
         frame = self._active("frame", wobj["name"].strip() if wobj else "wobj0")
         if wobj and wobj["given"] == "?":
             frame = self.why(f"{wobj['name'].strip()} may be passed to a routine")
-        self.set("tracking here", "on" if move["egm"] or _TRACKED.search(text, *rest) else Ref("tracking"))
-        way, trusts = ("closest", "conf j") if kind in ("J", "ABSJ") else ("line", "conf l")
-        needs = ("shift", "tracking here", "switch", *(["switch arcs"] if kind == "C" else []))
+        tracked = "on" if move["egm"] or _TRACKED.search(text, *rest) else Ref("tracking")
+        way, trusts = ("closest", Ref("conf j")) if kind in ("J", "ABSJ") else ("line", Ref("conf l"))
+        needs: Needs = (("displaced", Ref("shift")), ("tracked", tracked), ("switched", Ref("switch")))
+        if kind == "C":
+            needs += (("switched", Ref("switch arcs")),)
         arc = f"arc at {self.file}:{self.at}" if kind == "C" else ""
         for place, (begin, end) in enumerate(places[:count]):
             line = self.line(begin)
@@ -301,14 +303,13 @@ class RapidStatements(ProgramParser):
             self.add(ForgetAll(self.why(f"{instruction['name']} runs a procedure named in a string")))
 
     def _active(self, family: str, name: str) -> Unknown | Ref:
-        """Return the tool or work object of a move."""
+        """Tool or work object of a move."""
         if not WORD.fullmatch(name):  # Parts of records and elements of arrays are not tracked.
             return self.why(f"{name} is a part of other data")
         part = f"{family} {name.lower()}"
         return self.shadowed.get(part) or Ref(part)
 
     def _target(self, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
-        """Parse the target of a move: a point, a literal, or a point with an offset."""
         name = self.text[begin:end]
         name = name if OFFSET.match(name) else name.partition("\\")[0].strip()
         reached = read_target(self.text, begin, end, self.numbers, self.copies)
@@ -324,12 +325,12 @@ class RapidStatements(ProgramParser):
                 self.points.declare(key, target)
         of_array, keys = self._elements(key)
         visible = self.is_own or (of_array in self.shared and of_array not in self.declares[self.file])
-        if not visible or not all(map(self.points.knows, keys)):
+        if not visible or not self.points.declared.keys() >= {*keys}:
             self._leave(begin, "not_literal" if WORD.fullmatch(name) else "computed", name)
             return
         if not key.startswith("["):
             self.spent.add((self.file, begin))
-        if self.points.target(keys[0]).joints:
+        if self.points.declared[keys[0]].target.joints:
             move = replace(move, needs=())
         place = f"{self.file}:{begin}"
         self.blocks.add_one_of(
@@ -341,10 +342,7 @@ class RapidStatements(ProgramParser):
         )
 
     def _elements(self, key: str) -> tuple[str, list[str]]:
-        """Return the name of the point or array of a target, and the keys of the points it may be.
-
-        An element with an unknown index may be any element.
-        """
+        """Name of the point or array of a target, and the keys of the points it may be: all if the index is unknown."""
         indexed = _INDEXED.fullmatch(key)
         elements = self.arrays.get(indexed[1]) if indexed else None
         if indexed is None or elements is None:
@@ -358,7 +356,7 @@ class RapidStatements(ProgramParser):
         self.leave(reason, name, at, relative=re.search(r"\bCRobT\b", name, re.IGNORECASE) is not None)
 
     def literal(self, kind: str, begin: int, end: int, name: str) -> Target | None:
-        """Return the target written as [[…],[…]…]; None for other text."""
+        """Target written as [[…],[…]…]; None for other text."""
         if not (literal := _TARGETS[kind].fullmatch(self.text, begin, end)):
             return None
         numbers = tuple(number_at(literal, group) for group in range(1, len(literal.groups()) + 1))
@@ -368,12 +366,12 @@ class RapidStatements(ProgramParser):
         if kind == "jointtarget":
             return Target(name, self.file, line, "joints_deg", numbers[:6], external=external)
         values = tuple(int(max(-99, min(99, number.value))) for number in numbers[7:11])
-        flags = Flags(values, agreeing, quadrants, numbers[7:11])
+        flags = Flags(values, agrees_with_confdata, quadrants, numbers[7:11])
         return Target(name, self.file, line, "quaternion", numbers[:7], flags=flags, external=external)
 
 
 def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
-    """Yield the ranges of statements and headers; headers also with their match."""
+    """Ranges of statements and headers; headers also with their match."""
     at = 0
     while at < len(text):
         head = _HEAD.match(text, at)
@@ -395,8 +393,28 @@ def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
         at = end
 
 
+def agrees_with_confdata(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
+    """Mask (n,) of the solutions q (n, 6) rad in the quadrants of axes 1, 4 and 6 of confdata.
+
+    cfx only decides between the remaining solutions, because some arms do not use it and show 0. It is the sum of 4 for
+    a wrist behind axis 1, 2 for a wrist behind the lower arm, and 1 for a negative axis 5.
+    """
+    low = np.array(values[:3]) * np.pi / 2
+    turned = q[:, [0, 3, 5]]
+    good: Mask = np.all((turned > low - slack_rad) & (turned < low + np.pi / 2 + slack_rad), axis=1)
+    if good.sum() > 1 or values[3]:
+        sides = [(not wrist_in_front(arm, angles), not beyond_stretch(arm, angles), angles[4] < 0) for angles in q]
+        good &= np.array(sides) @ [4, 2, 1] == values[3]
+    return good
+
+
+def quadrants(_arm: Arm, q: Array) -> tuple[int, ...]:
+    """cf1, cf4 and cf6 of joint angles q (6,) rad."""
+    return tuple(np.floor(q[[0, 3, 5]] / (np.pi / 2)).astype(int).tolist())
+
+
 def _after_condition(text: str, begin: int, end: int) -> int:
-    """Return the start of the statement in `IF condition statement;`: the first word directly after a value."""
+    """Start of the statement in `IF condition statement;`: the first word directly after a value."""
     value, depth = False, 0
     for token in re.compile(r"[A-Za-z]\w*|[\d.]+|\"|[()\[\]{}]|[^\s]").finditer(text, begin, end):
         part = token[0]

@@ -116,7 +116,7 @@ def _speed(speed_mm_s: float, turn_deg_s: float, data: dict[str, str]) -> str:
 
 
 def _declare_data(text: str, letter: str, data: dict[str, str]) -> str:
-    """Return the name of a data item, declared on first use."""
+    """Name of a data item, declared on first use."""
     return data.setdefault(text, f"{letter}_{len(data) + 1}")
 
 
@@ -125,7 +125,7 @@ def _pose(T: Array) -> str:
 
 
 def _quaternion(T: Array) -> Array:
-    """Return the quaternion q1 … q4 (4,) of a frame (4, 4): scalar first and not negative."""
+    """Quaternion q1 … q4 (4,) of a frame: scalar first and not negative."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     values: Array = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True, scalar_first=True)

@@ -55,7 +55,6 @@ class _Position:
 
 
 def run(text: str, _: str, machine: Machine) -> None:
-    """Execute a program on the machine. Raises ProgramError if the controller would reject it."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     match = _HEADER.fullmatch(text.replace("\r\n", "\n"))

@@ -18,13 +18,11 @@ from functools import partial
 
 import numpy as np
 
-from analysis.apps.makers.external_axes import is_moved
+from analysis.apps.makers.configuration import agreeing, turns
 from analysis.apps.makers.fanuc.instructions import INSIDE, NOTHING, OPTIONS, SEARCH, switch_by
 from analysis.apps.makers.numbers import Decimals, frame_of
-from analysis.apps.makers.points import as_value
-from analysis.apps.makers.posture import agreeing, turns
+from analysis.apps.makers.points import as_value, is_moved
 from analysis.apps.makers.program_machine import (
-    HERE,
     OFF,
     ComputedValue,
     Elsewhere,
@@ -32,6 +30,7 @@ from analysis.apps.makers.program_machine import (
     Jump,
     JumpTarget,
     Move,
+    Needs,
     Ref,
     Unknown,
     Value,
@@ -82,6 +81,8 @@ _CALL = re.compile(r"CALL\s+([\w-]+)\s*(?:\(.*\))?", re.IGNORECASE)
 _RUN = re.compile(r"(?:RUN\s+|MONITOR\s+(?!END)|ERROR_PROG\s*=\s*|RESUME_PROG[^=]*=\s*)([\w-]+)", re.IGNORECASE)
 _SYSTEM_FRAMES = re.compile(r"\$(?:MNUFRAME|MNUTOOL)", re.IGNORECASE)
 _CONDITION = re.compile(r"(TOOL_)?OFFSET\s+CONDITION\b\s*(.*)", re.IGNORECASE)
+_EXTERNAL_TCP = re.compile(r"\bRTCP\b", re.IGNORECASE)
+_COORDINATED = re.compile(r"\bCOORD\b(?:\[[^\]]*\])?", re.IGNORECASE)
 _TRACKING = re.compile(r"\bLINE_TRACK|\bTRACK\b|TRACK_SCHEDULE")
 _SCHEDULE = re.compile(r"TRACK_SCHEDULE_NUM\w*\s*:\s*(\w+)")
 """The conveyor of a listing. Controllers with the option write this header for each listing: 0 is no conveyor."""
@@ -109,7 +110,7 @@ class _Line:
 
 @dataclass(frozen=True)
 class _Way:
-    """The motion to a target: its kind, options without offsets, offsets, and the arc, if any."""
+    """The motion to a target; options without offsets."""
 
     kind: str
     options: str
@@ -140,7 +141,6 @@ class _TpReader(ProgramParser):
                 self._position(position, is_own=file == 0)
 
     def _position(self, position: re.Match[str], *, is_own: bool) -> None:
-        """Add a position of the program, and the extended axes that it moves."""
         name, begin, body = f"P[{position[1]}]", position.start(2), position[2]
         reason: Reason | None = None
         if groups := [*_GROUP.finditer(body)]:
@@ -167,7 +167,6 @@ class _TpReader(ProgramParser):
         self.points.declare(position[1], target, reason or (None if len(numbers) == count == 6 else "incomplete"))
 
     def read(self, file: int) -> None:
-        """Parse the instructions of a listing."""
         self.file, text = file, self.texts[file]
         middle = _section(text, "POS", len(text))
         begin = _section(text, "MN", 0, middle)
@@ -231,12 +230,12 @@ class _TpReader(ProgramParser):
             self.blocks.keyword("case" if word == "ELSEIF" else "if")
         else:  # IF …, action; and the lines of SELECT
             action = arguments(text, 0, len(text))[1:2]
-            self.blocks.branch()
+            self.blocks.keyword("if")
             self._statement(text[action[0][0] :] if action else "", last)
             self.blocks.close()
 
     def _labels(self, text: str) -> tuple[str, ...]:
-        """Return the labels of a jump: all labels if the number is in a register."""
+        """Labels of a jump: all if the number is in a register."""
         named = tuple(re.findall(r"\bLBL\[\s*(\d+)\s*[\]:]", text))
         labels = self.labels if re.search(r"\bLBL\[\s*[A-Za-z]", text) else named
         return tuple(dict.fromkeys((*labels, *(self.scope + label for label in labels))))
@@ -266,7 +265,6 @@ class _TpReader(ProgramParser):
         return True
 
     def _set_register(self, assignment: re.Match[str]) -> None:
-        """Parse an assignment to a position register, or to an element of it."""
         index, _, axis = assignment[1].partition(",")
         # The remark follows the last number: PR[5:base], PR[5,1:base]
         number, axis = (text.partition(":")[0].strip() for text in (index, axis))
@@ -301,9 +299,9 @@ class _TpReader(ProgramParser):
             self.set(part, self.why(fact))
 
     def _mentioned(self, text: str) -> None:
-        """Mark the points in an instruction as changed: all points if the number is in a register."""
+        """Mark the points in an instruction as changed: all if the number is in a register."""
         for mention in _ANY_POINT.finditer(text) if self.is_own else ():
-            for key in [mention[1]] if mention[1] else list(self.points.all_keys()):
+            for key in [mention[1]] if mention[1] else list(self.points.declared):
                 self.change(key)
 
     def _move(self, move: re.Match[str], last: int, logic: tuple[_Line, ...]) -> None:
@@ -332,7 +330,7 @@ class _TpReader(ProgramParser):
         """Parse the action along a move, which may already have happened or follow later."""
         if along is None:
             return
-        self.blocks.branch()
+        self.blocks.keyword("if")
         if _LOGIC.fullmatch(along["action"]):
             self.logics += 1
             self.scope = f"{self.logics}:"
@@ -347,7 +345,7 @@ class _TpReader(ProgramParser):
     def _target(self, text: str, at: int, way: _Way) -> None:
         point, line = _POINT.fullmatch(text), self.line(at)
         is_relative = re.search(r"\bINC\b", way.options, re.IGNORECASE) is not None
-        if point is None or not self.is_own or not self.points.knows(point[1]):
+        if point is None or not self.is_own or point[1] not in self.points.declared:
             if point is None and text.startswith("P[") and self.is_own:
                 self._any_target(at, way)
             self.leave("not_literal" if point and self.is_own else "computed", text, at, relative=is_relative)
@@ -356,33 +354,31 @@ class _TpReader(ProgramParser):
             self._mentioned(text)
             self.leave("relative", text, at)
             return
-        options = way.options
-        parts = {"external_tcp here": r"\bRTCP\b", "coordinated here": r"\bCOORD\b(?:\[[^\]]*\])?"}
-        for part, pattern in parts.items():
-            self.set(part, "on" if re.search(pattern, options, re.IGNORECASE) else OFF)
-            options = re.sub(pattern, "", options, flags=re.IGNORECASE)
-        unknown = OPTIONS.sub("", options).strip(", ")
-        self.set("option here", self.why(f"{unknown} is unknown here") if unknown else OFF)
-        target = self.points.target(point[1])
+        unknown = OPTIONS.sub("", _COORDINATED.sub("", _EXTERNAL_TCP.sub("", way.options))).strip(", ")
+        target = self.points.declared[point[1]].target
         tool, frame = (
             str(name) if name == "0" or not str(name).isdigit() else Ref(f"{family}[{name}]")
             for family, name in (("UTOOL", target.tool), ("UFRAME", target.frame))
         )
-        needs: tuple[str, ...] = ("tracking", "shift", "option here", *parts)
-        if target.joints and way.kind == "J":
-            needs = (f"tracking{HERE}", f"shift{HERE}", "option here", *parts)
-            for part in needs[:2]:
-                self.set(part, ComputedValue((part.removesuffix(HERE),), _unless_lost))
+        is_free = target.joints and way.kind == "J"
+        needs: Needs = (
+            ("tracked", ComputedValue(("tracking",), _unless_lost) if is_free else Ref("tracking")),
+            ("displaced", ComputedValue(("shift",), _unless_lost) if is_free else Ref("shift")),
+            ("not_understood", self.why(f"{unknown} is unknown here") if unknown else OFF),
+            ("external_tcp", "on" if _EXTERNAL_TCP.search(way.options) else OFF),
+            ("coordinated", "on" if _COORDINATED.search(way.options) else OFF),
+        )
         for part, number in () if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool)):
-            self.set(f"selected {part}{HERE}", ComputedValue((part,), partial(_selected, str(number))))
-            needs += (f"selected {part}{HERE}",)
+            needs += (("selected", ComputedValue((part,), partial(_selected, str(number)))),)
         offset = self._offset(way.offsets)
         kind = "joint" if way.kind == "J" else "line"
         key, base = (f"{point[1]}@{line}", point[1]) if offset else (point[1], "")
-        self.add(Move(key, kind, 0, line, tool, frame, needs, None, None, offset, base, way.arc, through=way.through))
+        self.add(
+            Move(key, kind, 0, line, tool, frame, needs, offset=offset, base=base, arc=way.arc, through=way.through)
+        )
 
     def _offset(self, texts: Sequence[str]) -> tuple[str, Value | ComputedValue] | None:
-        """Return the offset of a move: a register, in the user frame or in the tool; None if there is no offset."""
+        """Register with the offset of a move, in the user frame or in the tool; None if there is no offset."""
         if not texts:
             return None
         if len(texts) > 1:
@@ -399,8 +395,8 @@ class _TpReader(ProgramParser):
 
     def _any_target(self, at: int, way: _Way) -> None:
         """Parse a move to a point selected by a register: any point is possible."""
-        self.blocks.cases()
-        for key in tuple(self.points.all_keys()):
+        self.blocks.keyword("switch")
+        for key in tuple(self.points.declared):
             self.blocks.keyword("case")
             self._target(f"P[{key}]", at, way)
         self.blocks.close()
@@ -413,7 +409,6 @@ class _TpReader(ProgramParser):
 
 
 def parse(program: ProgramTexts) -> Parsed:
-    """Parse the targets of a listing."""
     reader = _TpReader(program)
     for file in range(len(program.texts)):
         reader.read(file)
@@ -426,8 +421,10 @@ def _section(text: str, name: str, otherwise: int, end: int | None = None) -> in
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Return a mask (n,) of the solutions q (n, 6) rad that agree with flip, up, front and the turns of axes 4 to 6,
-    in the sense of `rig program`. CONFIG does not contain the turn of J3, whose range can exceed a full turn."""
+    """Mask (n,) of the solutions q (n, 6) rad that agree with flip, up, front and the turns of axes 4 to 6.
+
+    CONFIG does not contain the turn of J3, whose range can exceed a full turn.
+    """
     mask = agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
     if arm.coupling[2, 1]:  # J3 is measured from the horizontal.
         mask &= np.abs(q[:, 1] + q[:, 2] - _ELBOW_RAD) <= np.pi
@@ -435,7 +432,6 @@ def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> 
 
 
 def _lines(text: str, begin: int, end: int) -> list[_Line]:
-    """Return the statements of a listing, the logic along a move with the move."""
     rows: list[_Line] = []
     for match in _LINE.finditer(text, begin, end):
         body = (match["body"] or match["dashes"] or "").strip()
@@ -457,7 +453,7 @@ def _lines(text: str, begin: int, end: int) -> list[_Line]:
 
 
 def _register(text: str, why: Unknown) -> Value | ComputedValue:
-    """Return the frame in a position register; unknown unless the program has set all six numbers."""
+    """Frame in a position register; unknown unless the program has set all six numbers."""
     whole = _WHOLE.fullmatch(text.strip())
     if whole is None:
         return why
@@ -470,7 +466,7 @@ def _register(text: str, why: Unknown) -> Value | ComputedValue:
 
 
 def _unless_lost(values: tuple[Value, ...]) -> Value:
-    """Return a part of the state, or OFF if a program that is not understood made everything unknown.
+    """Take a part of the state as off if a program that is not understood made everything unknown.
 
     A joint move to joint angles depends neither on tools, frames and registers nor on the position of the arm.
     """
@@ -478,7 +474,7 @@ def _unless_lost(values: tuple[Value, ...]) -> Value:
 
 
 def _selected(number: str, values: tuple[Value, ...]) -> Value:
-    """Return OFF if the number of a position is the selected number or F, else the selected number."""
+    """Off if the number of a position is the selected number or F, else the selected number."""
     selected = values[0]
     return OFF if number in ("F", selected) else selected
 

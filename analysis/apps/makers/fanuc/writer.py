@@ -18,6 +18,7 @@ from functools import partial
 
 import numpy as np
 
+from analysis.apps.makers.configuration import configuration_of, turns
 from analysis.apps.makers.motion_plan import (
     Arc,
     Demand,
@@ -30,7 +31,6 @@ from analysis.apps.makers.motion_plan import (
     percent_of_axes,
     start_of,
 )
-from analysis.apps.makers.posture import posture_of, turns
 from analysis.apps.makers.program_text import (
     DEG_DECIMALS,
     MM_DECIMALS,
@@ -39,6 +39,8 @@ from analysis.apps.makers.program_text import (
     fixed_xyz_deg,
     heading,
     identifier,
+    labelled,
+    shown_pose,
 )
 from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
 from analysis.robot.kinematics.arm import Arm
@@ -90,9 +92,8 @@ END rigfeed
 
 def feed(plan: MotionPlan) -> dict[str, str]:
     """Write the KAREL program for a rig that reads lines over TCP as the client; an empty dictionary otherwise."""
-    if not isinstance(plan.feedback, LineFeed) or plan.feedback.listens:
-        return {}
-    if (address := tcp_address(plan.feedback.port)) is None:
+    is_client = isinstance(plan.feedback, LineFeed) and not plan.feedback.listens
+    if not is_client or (address := tcp_address(plan.feedback.port)) is None:
         return {}
     separator = plan.feedback.separator
     if not separator.isascii():
@@ -147,11 +148,7 @@ def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the program and, if the rig file reads lines, the program sending the joint angles."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: dict[str, int] = {}
-    T = start_of(plan).T
-    x, y, z = T[:3, 3]
-    w, p, r = fixed_xyz_deg(T)
-    begin = f"(world) X {x:z.1f} Y {y:z.1f} Z {z:z.1f} mm W {w:z.2f} P {p:z.2f} R {r:z.2f} deg"
-    remarks = _WORDS.remarks(*heading(plan, demand, begin))
+    remarks = _WORDS.remarks(*heading(plan, demand, f"(world) {shown_pose(start_of(plan).T, 'WPR')}"))
     moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, positions))]
     # The world frame, and the frame of the tool from the rig file, set through a position register
     values = [*plan.arm.T_flange_tool[:3, 3], *fixed_xyz_deg(plan.arm.T_flange_tool)]
@@ -171,9 +168,7 @@ def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
 def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:
     match step:
         case JointMove(target, speed_rad_s):
-            angles = [
-                f"J{axis}= {fixed(angle, DEG_DECIMALS)} deg" for axis, angle in enumerate(np.degrees(target.q), start=1)
-            ]
+            angles = labelled("J{}= {} deg", "123456", np.degrees(target.q), DEG_DECIMALS)
             number = _number(f"\tUF : 0, UT : {TOOL_NUMBER},\n{_two_rows(angles)}", positions)
             return [f"J P[{number}] {percent_of_axes(arm, speed_rad_s)}% FINE"]
         case StraightMove(target, speed_mm_s, stops):
@@ -188,7 +183,7 @@ def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:
 
 
 def _number(text: str, positions: dict[str, int]) -> int:
-    """Return the number of a position, listed on first use."""
+    """Number of a position, listed on first use."""
     return positions.setdefault(text, len(positions) + 1)
 
 
@@ -197,13 +192,12 @@ def _plain(value: float) -> str:
 
 
 def _cartesian(arm: Arm, target: PlannedTarget) -> str:
-    stands = posture_of(arm, target.q)
-    letters = f"{'F' if stands.flip else 'N'} {'U' if stands.up else 'D'} {'T' if stands.front else 'B'}"
+    flip, up, front = configuration_of(arm, target.q)
     counts = ", ".join(str(turns(float(angle))) for angle in target.q[3:])
-    places = [f"{axis} = {fixed(value, MM_DECIMALS)} mm" for axis, value in zip("XYZ", target.T[:3, 3], strict=True)]
-    angles = fixed_xyz_deg(target.T)
-    turned = [f"{axis} = {fixed(value, DEG_DECIMALS)} deg" for axis, value in zip("WPR", angles, strict=True)]
-    return f"\tUF : 0, UT : {TOOL_NUMBER},\t\tCONFIG : '{letters}, {counts}',\n{_two_rows(places + turned)}"
+    letters = f"{'NF'[flip]} {'DU'[up]} {'BT'[front]}"
+    places = labelled("{} = {} mm", "XYZ", target.T[:3, 3], MM_DECIMALS)
+    angles = labelled("{} = {} deg", "WPR", fixed_xyz_deg(target.T), DEG_DECIMALS)
+    return f"\tUF : 0, UT : {TOOL_NUMBER},\t\tCONFIG : '{letters}, {counts}',\n{_two_rows(places + angles)}"
 
 
 def _two_rows(six: list[str]) -> str:

@@ -70,7 +70,7 @@ _OPENED = re.compile(r"\bCOPEN\s*\([^,()]*,\s*(\w+)\s*\)", re.IGNORECASE)
 
 
 def effect_of(name: str, arguments: str, texts: tuple[str, ...] = ()) -> Effect | None:
-    """Return what a routine of the maker can change, None if it can change everything or is unknown.
+    """What a routine of the maker can change; None if it can change everything or is unknown.
 
     CWRITE writes to the channel of a handle. The channel $CMD executes commands, so only a handle that the texts open
     and never assign is certain to be a different one.
@@ -84,12 +84,12 @@ def effect_of(name: str, arguments: str, texts: tuple[str, ...] = ()) -> Effect 
 
 
 def is_file_of_maker(name: str) -> bool:
-    """Return whether the maker delivers a file, given by its path in a backup: those of the folders System and TP,
-    $config.dat, and copies of the modules in a directory of the user."""
+    """True for a file of the maker by its path in a backup: in the folders System and TP, $config.dat, and copies of
+    the modules in a directory of the user."""
     *folders, file = name.upper().split("/")
     return any(folder in _FOLDERS for folder in folders) or file[:1] == "$" or file.partition(".")[0] in _MODULES
 
 
 def is_of_maker(name: str) -> bool:
-    """Return whether the table describes a routine, so that its text is not needed."""
+    """True if the table describes a routine, so that its text is not needed."""
     return name.upper() in _EFFECTS and name.upper() not in _USER_EDITED

@@ -30,12 +30,11 @@ _HANDED = re.compile(r"\(([^()]*)\)")
 
 
 def part_of(module: str, name: str) -> str:
-    """Name of the part of the state with the offset of a copy from its point."""
     return f"copy {module}:{name}"
 
 
 def copies_in(lines: Sequence[str], points: frozenset[str]) -> dict[str, str]:
-    """The copies in the lines of a module with their points, both in upper case."""
+    """Copies in the lines of a module with their points, both in upper case."""
     lines = [line.upper() for line in lines]
     found: dict[str, set[str]] = {}
     for whole in filter(None, map(_WHOLE.fullmatch, lines)):
@@ -51,7 +50,6 @@ def copies_in(lines: Sequence[str], points: frozenset[str]) -> dict[str, str]:
 
 
 def _is_understood(line: str, name: str, point: str) -> bool:
-    """Whether a line that mentions a copy is one of the forms above."""
     if (whole := _WHOLE.fullmatch(line)) and whole["left"] == name:
         return whole["from"] == point
     if shift := _SHIFT.fullmatch(line):
@@ -62,7 +60,7 @@ def _is_understood(line: str, name: str, point: str) -> bool:
 
 
 def constants_in(lines: Sequence[str]) -> dict[str, float]:
-    """The variables of a module, in upper case, to which it assigns a single number and nothing else."""
+    """Variables of a module to which it assigns a single number and nothing else."""
     lines = [line.upper() for line in lines]
     written = Counter(name for line in lines for name in _WRITTEN.findall(line))
     handed = {word for line in lines for inside in _HANDED.findall(line) for word in _WORD.findall(inside)}

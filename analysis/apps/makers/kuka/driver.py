@@ -38,7 +38,6 @@ _CALLS = {"BAS": ["#INITMOV", ",", "0"], "RSI_ON": ["#RELATIVE"], "RSI_OFF": []}
 
 
 def run(source: str, data: str, machine: Machine) -> None:
-    """Execute a module, given as source and data list. Raises ProgramError if the controller would reject it."""
     if not data:
         raise ProgramError("the data list (the .dat file of the same name) is missing")
     name, statements = _inside(source, "DEF", "END", r"(\w+)\(\)")
@@ -49,7 +48,7 @@ def run(source: str, data: str, machine: Machine) -> None:
 
 
 def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list[list[str]]]:
-    """Return the name of a module and the tokens of each line inside."""
+    """Name of a module, and the tokens of each line inside."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     lines = [line.split(";")[0].strip() for line in text.replace("\r\n", "\n").split("\n")]
@@ -81,7 +80,6 @@ def _points(declarations: list[list[str]]) -> dict[str, Any]:
 
 
 def _aggregate(tokens: list[str], names: list[str]) -> list[float]:
-    """Return the numbers of {X 1.0, Y 2.0, …} in the order of the names."""
     expected = "{" + ",".join(f"{name} @" for name in names) + "}"
     form = re.sub(r" , ", ",", " ".join("@" if re.fullmatch(r"-?\d+\.\d+", token) else token for token in tokens))
     if form.replace("{ ", "{").replace(" }", "}") != expected:

@@ -6,23 +6,20 @@ Source: KUKA System Software 8.x, Operating and Programming Instructions for Sys
 from __future__ import annotations
 
 import re
+from functools import partial
 
 import numpy as np
 
-from analysis.apps.makers.external_axes import is_moved
-from analysis.apps.makers.kuka.posture import agreeing, agreeing_status, agreeing_turn
+from analysis.apps.makers.configuration import beyond_stretch, wrist_in_front
 from analysis.apps.makers.numbers import frame_of, is_frame
-from analysis.apps.makers.points import as_value
+from analysis.apps.makers.points import as_value, is_moved
 from analysis.apps.makers.program_machine import Ref, Value
 from analysis.apps.makers.program_parser import NUMBER, ProgramParser
-from analysis.apps.makers.target import Agreeing, Flags, Form, Number, ProgramTexts, Target
+from analysis.apps.makers.target import Flags, Form, Number, ProgramTexts, Target
 from analysis.correction.reasons import Reason
-from analysis.robot.kinematics.arm import Array
+from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _BLANK = re.compile(r"\"[^\"\n]*\"|;[^\n]*|^[ \t]*&[^\n]*", re.MULTILINE)
-_AGREEING: dict[str, Agreeing] = {"ST": agreeing, "S": agreeing_status, "T": agreeing_turn}
-"""Flags by the stated parts. The controller takes the stated part; the other part depends on the moves before, so a
-target with one part is corrected only if this part identifies the solution."""
 _AXES = tuple(f"A{axis}" for axis in range(1, 7))
 _POSE = ("X", "Y", "Z", "A", "B", "C")
 EXTERNAL_AXES = tuple(f"E{axis}" for axis in range(1, 7))
@@ -48,11 +45,11 @@ class KrlLiterals(ProgramParser):
         return f"{self.module}:{name.upper()}", name.upper()
 
     def key(self, name: str) -> str | None:
-        """The key of the point that a name refers to."""
-        return next(filter(self.points.knows, self.scopes(name)), None)
+        """Key of the point that a name refers to."""
+        return next(filter(self.points.declared.__contains__, self.scopes(name)), None)
 
     def _components(self, text: str, start: int) -> dict[str, Number] | None:
-        """Return the numbers of "X 1, Y 2, …" in the current line from the column `start`; None for any other text."""
+        """Numbers of "X 1, Y 2, …" in the current line from the column `start`; None for any other text."""
         text, at = _TYPE.sub(lambda of: " " * len(of[0]), text), self.at + start
         parts: dict[str, Number] = {}
         for part in text.split(",", 32):
@@ -64,15 +61,16 @@ class KrlLiterals(ProgramParser):
         return parts
 
     def literal(self, text: str, start: int, name: str) -> tuple[Target | None, Reason | None]:
-        """Return the target of "X 1, Y 2, …", and the reason if it cannot be corrected; None for any other text."""
+        """Target of "X 1, Y 2, …", and the reason if it cannot be corrected; None for any other text."""
         parts = self._components(text, start) or {}
         names = _AXES if parts.keys() & _AXES else _POSE
         numbers = tuple(parts[axis] for axis in names if axis in parts)
         begin = self.at + start
         if not numbers or any(text[number.begin - begin] == "'" for number in numbers):
             return None, None  # Bit patterns are not coordinates, and could not be written back.
-        stated = "".join(letter for letter in "ST" if letter in parts and 0 <= parts[letter].value < 1 << 16)
-        flags = Flags(tuple(int(parts[letter].value) for letter in stated), _AGREEING[stated]) if stated else None
+        stated = {letter: parts[letter].value for letter in "ST" if letter in parts}
+        bits = {letter: int(value) for letter, value in stated.items() if 0 <= value < 1 << 16}
+        flags = Flags(tuple(bits.values()), partial(_agreeing, "".join(bits))) if bits else None
         external = tuple((axis, parts[axis].value) for axis in EXTERNAL_AXES if axis in parts)
         form: Form = "joints_deg" if names == _AXES else "yaw_pitch_roll"
         target = Target(name, self.file, self.line(begin), form, numbers, flags=flags, external=external)
@@ -81,7 +79,7 @@ class KrlLiterals(ProgramParser):
         return target, "external_axes" if any(is_moved(coordinate) for _, coordinate in external) else None
 
     def frame(self, text: str) -> Array | None:
-        """Return the frame (4, 4) in mm of {X …} or {FRAME: X …}, or None unless all six numbers are present."""
+        """Frame (4, 4) in mm of {X …} or {FRAME: X …}; None unless all six numbers are present."""
         inside = text.strip()
         if (
             not (inside.startswith("{") and inside.endswith("}"))
@@ -92,7 +90,7 @@ class KrlLiterals(ProgramParser):
         return frame_of("yaw_pitch_roll", values) if is_frame("yaw_pitch_roll", values) else None
 
     def place(self, text: str) -> Value | Ref:
-        """Return the value assigned to $TOOL or $BASE; "0" is the null frame."""
+        """Value assigned to $TOOL or $BASE; "0" is the null frame."""
         right = text.strip()
         if by_number := BY_NUMBER.fullmatch(right):
             return Ref(f"{by_number[1].upper()}[{int(by_number[2])}]") if int(by_number[2]) else "0"
@@ -106,6 +104,24 @@ class KrlLiterals(ProgramParser):
         return self.why(f"{right} is computed" if right else "nothing is assigned")
 
 
+def _agreeing(letters: str, arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
+    """Mask (n,) of the solutions q (n, 6) rad that agree with the stated parts of Status (S) and Turn (T).
+
+    The controller takes the stated part; the other one depends on the moves before, so a target with one part is
+    corrected only if this part identifies the solution. Source: KUKA, Expert Programming. Status: bit 0 is the side of
+    axis 1 on which the wrist is, bit 1 the side of the outstretched arm on which axis 3 is. Bit 2 is not used, because
+    its sense differs between arms: Turn has the signs of all axes.
+    """
+    stated, good = dict(zip(letters, values, strict=True)), np.full(len(q), fill_value=True)
+    if "S" in stated:
+        sides = not stated["S"] & 1, bool(stated["S"] >> 1 & 1)
+        good &= [(wrist_in_front(arm, angles), beyond_stretch(arm, angles)) == sides for angles in q]
+    if "T" in stated:
+        negative = (stated["T"] >> np.arange(6)) & 1 == 1
+        good &= np.all(np.where(negative, q < slack_rad, q > -slack_rad), axis=1)
+    return good
+
+
 def _value(text: str) -> float:
-    """Return a number from decimal, binary ('B010') or hexadecimal ('H1A') text."""
+    """Number in decimal, binary ('B010') or hexadecimal ('H1A') text."""
     return float(int(text[2:-1], 2 if text[1] in "Bb" else 16)) if text[0] == "'" else float(text)

@@ -19,13 +19,12 @@ from analysis.apps.makers.kuka.literals import EXTERNAL_AXES
 from analysis.apps.makers.kuka.statements import (
     CORRECTION,
     ELEMENT,
-    LINES,
     ROUTINE,
     KrlStatements,
 )
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import as_value
-from analysis.apps.makers.program_machine import OFF, Call, Unknown, Value
+from analysis.apps.makers.program_machine import OFF, Call, Unknown, Value, reachable
 from analysis.apps.makers.program_parser import NUMBER
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Parsed, ProgramTexts
@@ -64,7 +63,7 @@ _COMPONENT = re.compile(r"[ \t]+[-+.\w'#$]")
 
 
 class _KrlReader(KrlStatements):
-    """Adds the declarations: which name means which point, routine, tool and base, and what writes to it."""
+    """The declarations: which name means which point, routine, tool and base, and what writes to it."""
 
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
@@ -82,7 +81,7 @@ class _KrlReader(KrlStatements):
 
     @property
     def is_config(self) -> bool:
-        """Whether the file is $config.dat, whose data are visible everywhere."""
+        """True for $config.dat, whose data are visible everywhere."""
         return self.module.rpartition("/")[2] == "$CONFIG"
 
     @property
@@ -90,7 +89,6 @@ class _KrlReader(KrlStatements):
         return not self.is_own and is_file_of_maker(self.names[self.file])
 
     def declare_points(self, line: str) -> None:
-        """Add the points and the sets of tool and base declared in a line."""
         is_shared = self.is_config or bool(_GLOBAL.search(line))
         if not (self.is_own or is_shared):
             return
@@ -141,7 +139,6 @@ class _KrlReader(KrlStatements):
                     self.fdat_written.add(name)
 
     def read_module(self, file: int) -> None:
-        """Parse a .src file."""
         module = [other for other, name in enumerate(self.modules) if name == self.modules[file]]
         lines = [line for other in module for line in self.texts[other].split("\n")]
         self.file = file
@@ -164,14 +161,14 @@ class _KrlReader(KrlStatements):
             ):
                 continue
             for key in self._mentioned(word[0], text[word.end() : word.end() + 20]):
-                if self.points.target(key).file < self.own or _may_write(text, word):
+                if self.points.declared[key].target.file < self.own or _may_write(text, word):
                     self.change(key)
         for alias in self.mentions(_IMPORT):
-            for key in [key for key in self.points.all_keys() if key.rpartition(":")[2] == alias[1].upper()]:
+            for key in [key for key in self.points.declared if key.rpartition(":")[2] == alias[1].upper()]:
                 self.change(key)
 
     def _mentioned(self, name: str, after: str) -> list[str]:
-        """The points that a name and the text after it may refer to: all of an array if the index is not a number."""
+        """Points that a name and the text after it may refer to: all of an array if the index is not a number."""
         if key := self.key(name):
             return [key]
         elements = next((self.arrays[scope] for scope in self.scopes(name) if scope in self.arrays), [])
@@ -184,12 +181,8 @@ class _KrlReader(KrlStatements):
         for file, module in enumerate(self.modules):
             self.file = file
             of_maker |= {module} if self.is_of_maker else set()
-        used = {name for name in self.routines if name.partition(":")[0] not in of_maker}
-        todo = [*used, *(call.name for call in self.beside)]
-        while todo:
-            calls = {call.name for call in self.routines.get(todo.pop(), ()) if isinstance(call, Call)}
-            todo += calls - used
-            used |= calls
+        of_user = [name for name in self.routines if name.partition(":")[0] not in of_maker]
+        used = reachable(self.routines, [*of_user, *(call.name for call in self.beside)])
         self.routines = {name: body for name, body in self.routines.items() if name in used}
 
     def initial(self, part: str) -> Value:
@@ -200,11 +193,10 @@ class _KrlReader(KrlStatements):
             return number.rstrip("]")
         if part in ("tool", "base", "fdat tool", "fdat base"):
             return Unknown(0, 0, "these files do not set the value earlier")
-        return "checked" if part == LINES else OFF
+        return OFF
 
 
 def parse(program: ProgramTexts) -> Parsed:
-    """Parse the targets of .src files and of the .dat files with the same names."""
     reader = _KrlReader(program)
     files, own = range(len(program.texts)), program.own
     for file in (*reversed(range(own)), *files[own:]):
@@ -230,7 +222,7 @@ def parse(program: ProgramTexts) -> Parsed:
 
 
 def _may_write(text: str, word: re.Match[str]) -> bool:
-    """Whether a statement may write to a point: it is assigned, or an argument of a call."""
+    """True if a statement may write to a point: it is assigned, or an argument of a call."""
     before = text[text.rfind("\n", 0, word.start()) + 1 : word.start()]
     return bool(_WRITTEN.match(text, word.end())) or before.count("(") > before.count(")")
 

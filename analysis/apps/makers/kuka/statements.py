@@ -26,7 +26,9 @@ from analysis.apps.makers.program_machine import (
     Jump,
     JumpTarget,
     Move,
+    Needs,
     Ref,
+    Setting,
     Value,
 )
 from analysis.apps.makers.program_parser import arguments, brackets, words
@@ -35,9 +37,6 @@ from analysis.robot.kinematics.arm import Array
 
 CORRECTION = "correction of bas.src"
 """Name of the part that is off unless tools and bases of inline forms are displaced by TOOL_CORR or BASE_CORR."""
-LINES = "flags of lines"
-"""Name of the part with the validity of posture flags at the end of a line. A line or an arc keeps the posture at the
-start and ignores the flags, so the path has to lead to the same posture. A single flag is not compared."""
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _CALL = re.compile(r"(?<![\w$.#])([A-Za-z_]\w*)\s*\(")
 _MOVE = re.compile(
@@ -82,12 +81,8 @@ _FLOW = {
     **dict.fromkeys(("ENDIF", "ENDSWITCH", "ENDLOOP", "ENDFOR", "ENDWHILE"), "end"),
 }  # fmt: skip
 
-Setting = Value | Ref | ComputedValue
-
 
 class KrlStatements(KrlLiterals):
-    """The statements of KRL."""
-
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
         self.fdat: dict[str, str] = {}
@@ -124,7 +119,7 @@ class KrlStatements(KrlLiterals):
             self._other(line)
 
     def submit(self, line: str) -> None:
-        """Parse a line of a program of the submit interpreter, which runs in parallel: it may set tools and bases."""
+        """Parse a line of a submit program, which runs in parallel: it may set tools and bases."""
         why = self.why(f"{self.names[self.file]} runs in parallel and may set the value at any moment")
         if (assigned := _ASSIGNED.fullmatch(line)) and _HANDED.search(assigned["left"]):
             self.concurrently(why, partial(self._assigned, assigned["left"], assigned["right"]))
@@ -155,7 +150,7 @@ class KrlStatements(KrlLiterals):
             self._written_by(call[1], line[call.end() :])
 
     def _written_by(self, name: str, after: str) -> None:
-        """Forget the motion settings that a call may write to, given the arguments in the text `after` the name."""
+        """Forget the motion settings that a call may write to, given the text with the arguments."""
         for argument in dict.fromkeys(match[0].upper() for match in _HANDED.finditer(after)):
             why = self.why(f"{name} receives {argument} and may change the value")
             for part in _PARTS_OF.get(argument, ()):
@@ -253,7 +248,6 @@ class KrlStatements(KrlLiterals):
                 self.not_known(left)
 
     def _data(self, left: str, right: str) -> None:
-        """Parse an assignment to a tool or base of the lists, or to a part of it."""
         family, number = left[:9], re.match(r"\w+\[(\d+)\](\.?)", left)
         if number is None or (not number[2] and number.end() < len(left)):
             self.forget(family, self.why(f"{left} is set"))
@@ -269,12 +263,11 @@ class KrlStatements(KrlLiterals):
             self.set(part, self.place(right) if BY_NUMBER.fullmatch(right.strip()) else value)
 
     def state(self, family: str, number: str, frame: Array) -> None:
-        """Add the numbers that the files assign to a tool or base."""
         kind: Literal["tool", "frame"] = "tool" if family == "TOOL_DATA" else "frame"
-        self.points.state(NamedFrame(number, kind, self.file, self.line(), as_value(frame)))
+        self.points.sets.append(NamedFrame(number, kind, self.file, self.line(), as_value(frame)))
 
     def _fdat(self, right: str) -> dict[str, Setting]:
-        """Return tool, base and mode of an FDAT, given by name or as an aggregate."""
+        """Tool, base and mode of an FDAT, given by name or as an aggregate."""
         name = next((scope for scope in self.scopes(right) if scope in self.fdat), "")
         text = right[1:-1] if right.startswith("{") and right.endswith("}") else self.fdat.get(name)
         if text is None or name in self.fdat_written:
@@ -288,7 +281,7 @@ class KrlStatements(KrlLiterals):
         return settings
 
     def _with(self, text: str) -> dict[str, Setting]:
-        """Return the settings given after WITH for a motion or a spline: tool, base and mode."""
+        """Tool, base and mode given after WITH for a motion or a spline."""
         state: dict[str, Setting] = {}
         for name, stated in _WITH_PART.findall(text):
             part, value = name.upper(), stated.strip()
@@ -305,7 +298,7 @@ class KrlStatements(KrlLiterals):
         return state
 
     def _move(self, line: str, move: re.Match[str]) -> None:
-        """Parse a motion with its targets, in the active tool and base or those given after WITH."""
+        """Parse a motion in the active tool and base or those given after WITH."""
         kind, end = move["kind"].upper().lstrip("S"), move.end("rest")
         active = {"TOOL": "tool", "BASE": "base", "IPO_MODE": "external_tcp", "ORI_TYPE": "switch"}
         state: dict[str, Setting] = {name: Ref(part) for name, part in active.items()} | self._spline
@@ -340,11 +333,12 @@ class KrlStatements(KrlLiterals):
         if key is None:
             self.leave("not_literal" if _WORD.fullmatch(text) else "computed", text)
             return
-        is_line, point = kind != "PTP", self.points.target(key)
-        needs = () if point.joints else ("external_tcp here", "switch here")[: 1 + is_line]
-        self.set("external_tcp here", state["IPO_MODE"])
-        self.set("switch here", state["ORI_TYPE"])
-        of_lines = LINES if point.flags and len(point.flags.values) == 2 else "a single flag"
+        is_line, point = kind != "PTP", self.points.declared[key].target
+        needs: Needs = (("external_tcp", state["IPO_MODE"]), ("switched", state["ORI_TYPE"]))
+        needs = () if point.joints else needs[: 1 + is_line]
+        # A line or an arc keeps the configuration at the start and ignores the flags, so the path has to lead to the
+        # same configuration. A single flag is not compared.
+        of_lines = "checked" if point.flags and len(point.flags.values) == 2 else OFF
         moved_to, base, offset = key, "", None
         if copied:
             part = ComputedValue((part_of(self.module, text.upper()),), lambda values: values[0])
@@ -352,12 +346,12 @@ class KrlStatements(KrlLiterals):
         self.add(
             Move(
                 moved_to, "line" if is_line else "joint", self.file, self.line(), state["TOOL"], state["BASE"], needs,
-                of_lines if is_line else None, base=base, offset=offset, arc=arc, through=through,
+                of_lines if is_line else "on", base=base, offset=offset, arc=arc, through=through,
             )
         )  # fmt: skip
 
     def _point(self, text: str, start: int, kind: str) -> str | None:
-        """Return the key of the point of a move, None if there is no such point."""
+        """Key of the point of a move; None if there is no such point."""
         if text.startswith("{") and text.endswith("}"):
             target, reason = self.literal(text[1:-1], start + 1, kind)
             if target is None:
@@ -370,7 +364,7 @@ class KrlStatements(KrlLiterals):
         if (found := self.key(text)) is None:
             return None
         self.spent.add((self.file, self.at + start))
-        of_file = self.points.target(found).file
+        of_file = self.points.declared[found].target.file
         if of_file >= self.own > self.file:
             fact = f"{text} is a point of {self.names[of_file]}, which this program shares: its numbers stay"
             if not any(notice.text == fact for notice in self.points.notices):
@@ -379,7 +373,7 @@ class KrlStatements(KrlLiterals):
 
 
 def _by_number(family: str, number: int) -> ComputedValue:
-    """Return a tool or base of the lists as BAS and the inline forms select it, with the corrections of bas.src."""
+    """Tool or base of the lists as BAS and the inline forms select it, with the corrections of bas.src."""
 
     def make(values: tuple[Value, ...]) -> Value:
         correction, value = values[0], values[1] if number else "0"

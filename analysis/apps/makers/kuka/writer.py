@@ -35,6 +35,8 @@ from analysis.apps.makers.program_text import (
     fixed_xyz_deg,
     heading,
     identifier,
+    labelled,
+    shown_pose,
 )
 from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.robot.kinematics.arm import Arm, Array
@@ -53,11 +55,8 @@ def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the program and the data list."""
     name = identifier(plan.name, _NAME_LENGTH)
     points: dict[str, str] = {}
-    T = start_of(plan).T
-    x, y, z = T[:3, 3]
-    c, b, a = fixed_xyz_deg(T)
-    begin = f"(base $ROBROOT) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
-    comments = _WORDS.remarks(*heading(plan, demand, begin))
+    begin = shown_pose(start_of(plan).T, "ABC", yaw_first=True)
+    comments = _WORDS.remarks(*heading(plan, demand, f"(base $ROBROOT) {begin}"))
     moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, points))]
     sensor = isinstance(plan.feedback, KUKARSI)
     declared = ["DECL INT rsi_state", "DECL INT rsi_context"] if sensor else []
@@ -93,11 +92,9 @@ def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:
     match step:
         case JointMove(target, speed_rad_s):
             percent = percent_of_axes(arm, speed_rad_s)
-            angles = [
-                f"A{axis} {fixed(angle, DEG_DECIMALS)}" for axis, angle in enumerate(np.degrees(target.q), start=1)
-            ]
+            angles = labelled("A{} {}", "123456", np.degrees(target.q), DEG_DECIMALS)
             none = [f"E{axis} 0.0" for axis in range(1, 7)]
-            point = _declare_point(f"E6AXIS @ = {{{', '.join(angles + none)}}}", "A", points)
+            point = points.setdefault(f"E6AXIS @ = {{{', '.join(angles + none)}}}", f"A{len(points) + 1:04d}")
             return [*(f"$VEL_AXIS[{axis}] = {percent}" for axis in range(1, 7)), f"PTP {point}"]
         case StraightMove(target, speed_mm_s, stops):
             return [_speed(speed_mm_s), f"LIN {_point(target.T, points)}{'' if stops else ' C_DIS'}"]
@@ -114,19 +111,13 @@ def _speed(speed_mm_s: float) -> str:
 
 
 def _point(T: Array, points: dict[str, str]) -> str:
-    return _declare_point(f"FRAME @ = {_frame(T)}", "P", points)
-
-
-def _declare_point(text: str, letter: str, points: dict[str, str]) -> str:
-    """Return the name of a point, declared on first use."""
-    return points.setdefault(text, f"{letter}{len(points) + 1:04d}")
+    """Name of a point, declared on first use."""
+    return points.setdefault(f"FRAME @ = {_frame(T)}", f"P{len(points) + 1:04d}")
 
 
 def _frame(T: Array) -> str:
-    c, b, a = fixed_xyz_deg(T)
-    places = [f"{axis} {fixed(value, MM_DECIMALS)}" for axis, value in zip("XYZ", T[:3, 3], strict=True)]
-    turned = [f"{axis} {fixed(value, DEG_DECIMALS)}" for axis, value in zip("ABC", (a, b, c), strict=True)]
-    return f"{{{', '.join(places + turned)}}}"
+    places = labelled("{} {}", "XYZ", T[:3, 3], MM_DECIMALS)
+    return f"{{{', '.join(places + labelled('{} {}', 'ABC', fixed_xyz_deg(T)[::-1], DEG_DECIMALS))}}}"
 
 
 WRITER = ProgramWriter(

@@ -42,7 +42,6 @@ _LEAST_MM_S = 0.1
 
 
 def run(text: str, _: str, machine: Machine) -> None:
-    """Execute a program on the machine. Raises ProgramError if the controller would reject it."""
     controller = _LinuxCNC(machine)
     lines = [_COMMENT.sub("", line).strip() for line in text.split("\n")]
     skipping = ""
@@ -122,7 +121,7 @@ class _LinuxCNC:
         return np.array([values[letter] for letter in _LETTERS])
 
     def _pose(self, numbers: Array) -> ToolPose:
-        """Return the pose of the tool for numbers X … C (6,) of the flange."""
+        """Pose of the tool for numbers X … C (6,) of the flange."""
         tool, turn = self._machine.tool, Rotation.from_euler("xyz", numbers[3:], degrees=True)
         return ToolPose(numbers[:3] + turn.apply(tool.place), turn * tool.turn)
 

@@ -25,6 +25,8 @@ from analysis.apps.makers.program_machine import (
     End,
     ForgetAll,
     Move,
+    Needs,
+    Ref,
     Unknown,
     Value,
     usages_of,
@@ -62,8 +64,6 @@ _LATER = {
 }  # fmt: skip
 """Patterns of codes that make the initial value of a part unknown: the controller keeps values between programs."""
 _POSES, _JOINTS = "switch poses", "switch joints"
-_KEEPS = "posture of the way"
-"""Name of a part of the state that is always off: the arm keeps its posture along a line."""
 _MOVES = {0, 1, 2, 3}
 _FLOW_WORDS = {
     "if": "if", "elseif": "case", "else": "else", "break": "break", "continue": "continue", "return": "return",
@@ -72,7 +72,7 @@ _FLOW_WORDS = {
 
 
 def _selected(values: tuple[Value, ...]) -> Value:
-    """The numbers or the name of the selected work offset."""
+    """Numbers or name of the selected work offset."""
     system, *offsets = values
     return offsets[_SYSTEM_NAMES.index(system)] if isinstance(system, str) else system
 
@@ -103,12 +103,11 @@ class _GCodeReader(ProgramParser):
         self.uncertain = {part for part, codes in _LATER.items() if re.search(codes, self.texts[0], re.IGNORECASE)}
 
     def read(self, line: str) -> None:
-        """Parse a line."""
         text = line.strip()
         if flow := _FLOW.fullmatch(text):
             self._flow(flow["name"].lower(), flow["word"].lower(), flow["rest"])
         elif text.startswith("/"):
-            self.blocks.branch()
+            self.blocks.keyword("if")
             self.read(" " * (line.index("/") + 1) + text[1:])
             self.blocks.close()
         elif text.startswith("#"):
@@ -121,7 +120,7 @@ class _GCodeReader(ProgramParser):
         """Parse an o-word. The modal motion is unknown after any of them, because paths join."""
         self.motion = None
         is_bare_loop = word in ("while", "repeat") and not rest.strip()
-        is_stray_end = word.startswith("end") and not self.blocks.depth
+        is_stray_end = word.startswith("end") and not self.blocks.open
         if word == "sub":
             self.open_routine(name)
         elif word == "endsub" and self.around:
@@ -135,7 +134,7 @@ class _GCodeReader(ProgramParser):
 
     def end(self) -> None:
         """Close what the program leaves open."""
-        if self.around or self.blocks.depth:
+        if self.around or self.blocks.open:
             self.broken.append(Call("\0", self.why("a block does not end")))
         while self.around:
             self.close_routine()
@@ -204,11 +203,10 @@ class _GCodeReader(ProgramParser):
             T = np.eye(4)
             T[:3, 3] = [number.value for number in given[:3] if number]
             value = as_value(T)
-            self.points.state(NamedFrame(name, "frame", 0, self.line(), value))
+            self.points.sets.append(NamedFrame(name, "frame", 0, self.line(), value))
         self.set(f"offset[{name}]", value)
 
     def _motion(self, words: _Words) -> None:
-        """Parse a motion to the numbers of a line."""
         numbers = [words.values.get(letter) for letter in _AXES]
         line, joints, reason = self.line(), self.joints, self._reason(words)
         key, name = f"line {line}", "G?" if self.motion is None else f"G{self.motion:g}"
@@ -218,16 +216,15 @@ class _GCodeReader(ProgramParser):
             self.partial.add(key)
         elif reason == "arc_centre":
             self.centred.add(key)
-        shifts = [part for part in _LATER if part.startswith("shift")]
-        needs = ("switch distance", _JOINTS, *shifts)  # Joints are in the unit of the machine.
-        if not joints:
-            needs = ("switch units", "switch distance", _POSES, *shifts)
+        # Joints are in the unit of the machine.
+        switches = ("switch distance", _JOINTS) if joints else ("switch units", "switch distance", _POSES)
+        needs: Needs = tuple(("switched", Ref(part)) for part in switches)
+        needs += tuple(("displaced", Ref(part)) for part in _LATER if part.startswith("shift"))
         way: Way = "joint" if joints else "line"
         frame = "G53" if 53 in words.g else _SYSTEM_FRAME
-        self.add(Move(key, way, 0, line, "flange", frame, needs, None if joints else _KEEPS))
+        self.add(Move(key, way, 0, line, "flange", frame, needs, "on" if joints else OFF))
 
     def _reason(self, words: _Words) -> Reason | None:
-        """The reason for which the target of a line cannot be corrected."""
         values = words.values
         reasons: dict[Reason, bool] = {
             "not_understood": self.motion is None,
@@ -248,9 +245,9 @@ class _GCodeReader(ProgramParser):
             todo, seen = [first], set[str]()
             while todo:
                 for source in sources.get(todo.pop(), ()):
-                    if self.points.knows(source) and source not in seen:
+                    if source in self.points.declared and source not in seen:
                         seen.add(source)
-                        self.points.change(source, 0, self.points.target(first).line)
+                        self.points.change(source, 0, self.points.declared[first].target.line)
                         todo += [source] if source in self.partial else []
 
     def initial(self, part: str) -> Value:
@@ -268,7 +265,6 @@ _KEPT = ("offset[",)
 
 
 def parse(program: ProgramTexts) -> Parsed:
-    """Parse the targets of a program."""
     reader = _GCodeReader(program)
     reader.begin_routine("")
     for line in reader.lines(0):
@@ -282,7 +278,7 @@ def parse(program: ProgramTexts) -> Parsed:
 
 
 def _words(line: str, begin: int) -> _Words | None:
-    """The words of a line that starts at `begin`; None if it has other text."""
+    """Words of a line that starts at `begin`; None if it has other text."""
     plain = _TURNS.sub(lambda turns: f"{turns[1]}0" + " " * (len(turns[0]) - 2), line)
     codes: dict[str, list[float]] = {"G": [], "M": []}
     values: dict[str, Number | None] = {}
@@ -306,7 +302,7 @@ def _words(line: str, begin: int) -> _Words | None:
 
 
 def _expression_end(text: str, at: int) -> int:
-    """The end of an expression in brackets, or of a parameter, that starts at a place; 0 if it has no end."""
+    """End of an expression in brackets, or of a parameter, that starts at a place; 0 if it has no end."""
     at += text[at] in "+-"
     if text[at] == "#":
         named = re.compile(r"#+(?:<[^>]*>|\d+)").match(text, at)

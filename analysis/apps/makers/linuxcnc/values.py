@@ -22,7 +22,7 @@ _PINS = {"a_mm": "A", "alpha_deg": "ALPHA", "d_mm": "D"}
 
 
 def value_files(rig: Rig, added: Mapping[tuple[int, str], float]) -> dict[str, str]:
-    """Return rig-arm.hal and home-offsets.ini, or a text with the reason why genserkins cannot describe the arm."""
+    """Files rig-arm.hal and home-offsets.ini, or a text with the reason why genserkins cannot describe the arm."""
     if reason := next(_beyond_genserkins(rig), ""):
         remedy = "describe the arm by its pins (rig init --arm FILE.ini), or correct programs with --program"
         return {"no-rig-arm.txt": f"There is no rig-arm.hal: {reason}; {remedy}.\n"}
@@ -43,7 +43,7 @@ def value_files(rig: Rig, added: Mapping[tuple[int, str], float]) -> dict[str, s
 
 
 def _beyond_genserkins(rig: Rig) -> Iterator[str]:
-    """Yield the properties of an arm that the pins cannot express."""
+    """Properties of an arm that the pins cannot express."""
     for number, axis in enumerate(rig.robot.axes, start=1):
         for key in ("offset_deg", "beta_deg"):
             if value := getattr(axis, key):

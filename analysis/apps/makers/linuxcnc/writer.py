@@ -43,6 +43,8 @@ from analysis.apps.makers.program_text import (
     fixed_xyz_deg,
     heading,
     identifier,
+    labelled,
+    shown_pose,
 )
 from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
 from analysis.apps.makers.ways import ToolPath, circular_path, straight_path, turned
@@ -66,7 +68,6 @@ differ, and the program ends. Chosen: larger than any correction of constants.""
 _JOINTS, _POSES = ("M68 E3 Q1", "M66 E0 L0"), ("M68 E3 Q0", "M66 E0 L0")
 """Change of the kinematics and synchronisation, by the usual output of motion.switchkins-type."""
 _ZERO = "G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0"
-_LETTERS = "XYZABC"
 
 
 @dataclass
@@ -80,15 +81,10 @@ class _Program:
     stops: bool | None = None
 
     def move(self, step: Move) -> None:
-        """Add the lines of a move."""
-        if isinstance(step, JointMove):
-            self._joints(step)
-        else:
-            self._along(step)
+        (self._joints if isinstance(step, JointMove) else self._along)(step)
         self.at = end_of(step)
 
     def _joints(self, step: JointMove) -> None:
-        """Add a joint move, with the kinematics of joints."""
         joints = np.degrees(step.target.q)
         inch = isinstance(self.plan.feedback, LinuxCNC) and self.plan.feedback.linear_units == "inch"
         degrees_min = 60 * np.degrees(step.speed_rad_s)
@@ -133,11 +129,9 @@ class _Program:
                 return straight_path(begin, target.T, speed_mm_s, shares)
 
     def flanges(self, tools: Array) -> Array:
-        """Return the flange (n, 4, 4) for tool poses (n, 4, 4)."""
         return np.asarray(tools @ np.linalg.inv(self.plan.arm.T_flange_tool))
 
     def _along(self, step: StraightMove | ToolRotation | Arc) -> None:
-        """Add the lines along a path."""
         path, stops = self._path(step), isinstance(step, ToolRotation) or step.stops
         coarse = self.plan.has_link and not (isinstance(step, Arc) and step.with_path)
         numbers = self._unwound(path.poses)
@@ -153,7 +147,7 @@ class _Program:
         self.numbers = numbers[-1]
 
     def _unwound(self, tools: Array) -> Array:
-        """Return the numbers X … C (n - 1, 6) of tool poses (n, 4, 4) after the first, without jumps by turns."""
+        """Numbers X … C (n - 1, 6) of tool poses (n, 4, 4) after the first, without jumps by turns."""
         flanges = self.flanges(tools[1:])
         angles, before = fixed_xyz_deg(flanges), self.numbers[3:]
         for row in angles:
@@ -161,8 +155,7 @@ class _Program:
         return np.concatenate([flanges[:, :3, 3], angles], axis=1)
 
     def _refined(self, path: Callable[[Array], ToolPath], chord_mm: float) -> tuple[Array, Array]:
-        """Return the shares (n + 1,) of a path between which lines keep flange and tool on it, and their numbers
-        (n, 6)."""
+        """Shares (n + 1,) of a path between which lines keep flange and tool on it, and their numbers (n, 6)."""
         begins, ends, fine = np.zeros(1), np.ones(1), list[Array]()
         while len(begins):
             if ends[0] - begins[0] < _SHORTEST:
@@ -175,7 +168,10 @@ class _Program:
                 )
             middles = (begins + ends) / 2
             first, middle, last = np.split(self.flanges(path(np.concatenate([begins, middles, ends])).poses), 3)
-            off = transforms(_middle_numbers(first, last)) - middle
+            # The middle of a line is at the mean of the numbers of its ends.
+            begin_deg = fixed_xyz_deg(first)
+            mean_deg = (begin_deg + _nearest(fixed_xyz_deg(last), begin_deg)) / 2
+            off = transforms(np.concatenate([(first + last)[:, :3, 3] / 2, mean_deg], axis=1)) - middle
             at_tool = off @ self.plan.arm.T_flange_tool
             off_mm = np.linalg.norm([off[:, :3, 3], at_tool[:, :3, 3]], axis=2).max(axis=0)
             fine.append(ends[off_mm <= chord_mm])
@@ -194,15 +190,8 @@ class _Program:
             self.stops = stops
 
 
-def _middle_numbers(first: Array, last: Array) -> Array:
-    """Return the numbers X … C (n, 6) halfway between frames (n, 4, 4), at which a line of the controller is."""
-    begin = fixed_xyz_deg(first)
-    angles = (begin + _nearest(fixed_xyz_deg(last), begin)) / 2
-    return np.concatenate([(first[:, :3, 3] + last[:, :3, 3]) / 2, angles], axis=1)
-
-
 def _nearest(angles: Array, to: Array) -> Array:
-    """Return the angles A, B, C (n, 3) of the same orientations nearest to others (n, 3), in degrees."""
+    """Angles A, B, C (n, 3) of the same orientations nearest to others (n, 3), in degrees."""
     sets = np.stack([angles, angles * [1, -1, 1] + 180])  # each orientation has two sets of angles
     sets += 360 * np.rint((to - sets) / 360)
     return np.asarray(sets[np.abs(sets - to).max(axis=2).argmin(axis=0), np.arange(len(angles))])
@@ -215,7 +204,7 @@ _PLANE_MM, _EVEN_DEG = 1e-7, 1e-7
 
 
 def _arc_words(begin: Array, numbers: Array) -> str:
-    """Return the words of a G2 or G3 from numbers X … C (6,) along numbers (n, 6), or an empty text.
+    """Words of a G2 or G3 from numbers X … C (6,) along numbers (n, 6), or an empty text.
 
     The rows are at equal shares of a path. They have to lie on a circle in a coordinate plane, and A, B, C must change
     evenly.
@@ -241,10 +230,8 @@ def _arc_words(begin: Array, numbers: Array) -> str:
 
 
 def _words(numbers: Array) -> str:
-    decimals = (MM_DECIMALS,) * 3 + (DEG_DECIMALS,) * 3
-    return " ".join(
-        f"{letter}{fixed(value, places)}" for letter, value, places in zip(_LETTERS, numbers, decimals, strict=True)
-    )
+    places = labelled("{}{}", "XYZ", numbers[:3], MM_DECIMALS)
+    return " ".join(places + labelled("{}{}", "ABC", numbers[3:], DEG_DECIMALS))
 
 
 def _per_minute(seconds: float) -> str:
@@ -254,12 +241,8 @@ def _per_minute(seconds: float) -> str:
 def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the program."""
     program = _Program(plan)
-    start = start_of(plan)
-    flange = program.flanges(start.T[None])[0]
-    x, y, z = flange[:3, 3]
-    a, b, c = fixed_xyz_deg(flange)
-    shown = f"X {x:z.1f} Y {y:z.1f} Z {z:z.1f} mm A {a:z.2f} B {b:z.2f} C {c:z.2f} deg"
-    program.lines += _WORDS.remarks(*heading(plan, demand, shown))
+    flange = program.flanges(start_of(plan).T[None])[0]
+    program.lines += _WORDS.remarks(*heading(plan, demand, shown_pose(flange, "ABC")))
     program.lines += ["G21 G90 G17 G40 G49 G80 G93", "G92.1", _ZERO, "G59.3"]
     for step in plan.steps:
         match step:

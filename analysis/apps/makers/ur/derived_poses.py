@@ -32,40 +32,39 @@ _LONGEST = 500
 
 @dataclass(frozen=True)
 class DerivedPose:
-    """A pose derived from the point at `begin` to `end`: offset, or the frame in mm as a value, and the cause of an
-    unknown offset.
-
-    sources: positions of names that the expression only reads. literals: positions of the numbers of offset and frame.
-    """
+    """A pose derived from the point at `begin` to `end` by an offset, or taken in a frame."""
 
     begin: int
     end: int
     offset: tuple[str, Value] | None = None
+    """Unknown, with the cause, if it is computed."""
     frame: Value = ""
+    """In mm, as a value of the state."""
     sources: tuple[int, ...] = ()
+    """Positions of names that the expression only reads."""
     literals: tuple[int, ...] = ()
+    """Positions of the numbers of offset and frame."""
 
 
 @dataclass(frozen=True)
 class PoseReader:
-    """Parses derived poses.
-
-    constants: variables with a single number. poses: variables with a single pose. is_point: returns whether a name is
-    a pose with numbers, or a parameter. reached: names that moves reach without an offset.
-    """
+    """Parses derived poses."""
 
     text: str
     closes: dict[int, int]
     constants: dict[str, float]
+    """Variables with a single number."""
     poses: dict[str, tuple[float, ...]]
+    """Variables with a single pose."""
     is_point: Callable[[str, int], bool]
+    """True if a name is a pose with numbers, or a parameter."""
     reached: frozenset[str]
+    """Names that moves reach without an offset."""
     pairs: frozenset[tuple[str, str]]
     """Pairs of names in pose_trans(NAME, NAME)."""
 
     def derived(self, begin: int, end: int, why: Unknown) -> DerivedPose | None:
-        """Return the derived pose written from `begin` to `end`, None for other expressions. why: of a computed
-        offset."""
+        """Derived pose from `begin` to `end`; None for other expressions. why: of a computed offset."""
         if end - begin > _LONGEST:
             return None
         if call := _FUNCTION.match(self.text, begin, end):
@@ -97,8 +96,8 @@ class PoseReader:
         return DerivedPose(*first, ("tool", of_tool), sources=sources, literals=literals)
 
     def _is_frame(self, name: str, other: str, at: int) -> bool:
-        """Return whether pose_trans(name, other) describes a point in a frame, rather than a point with an offset:
-        the frame is the one that occurs with several others."""
+        """True if pose_trans(name, other) is a point in a frame, rather than a point with an offset: the frame is the
+        one that occurs with several others."""
         if not (_WORD.fullmatch(other) and self.is_point(other, at)):
             return False
         return sum(a == name for a, _ in self.pairs) >= sum(b == other for _, b in self.pairs)
@@ -133,13 +132,12 @@ class PoseReader:
         return DerivedPose(first, first + len(name), ("frame", value), sources=sources)
 
     def _parts(self, begin: int, end: int, known: bool) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return the positions of the name and of the numbers of a known offset."""
         if not known:
             return (), ()
         return ((begin,), ()) if _WORD.fullmatch(self.text, begin, end) else ((), (begin,))
 
     def values(self, begin: int, end: int) -> tuple[float, ...] | None:
-        """Return the six numbers of a pose, in its variable or in place, with constants; None if they are not known."""
+        """Six numbers of a pose, in its variable or in place, with constants; None if they are not known."""
         if _WORD.fullmatch(self.text, begin, end):
             return self.poses.get(self.text[begin:end])
         if not self.text.startswith("p[", begin) or self.closes.get(begin + 1) != end - 1:
@@ -149,7 +147,7 @@ class PoseReader:
         return known if len(numbers) == len(known) == 6 and np.isfinite(known).all() else None
 
     def number(self, text: str) -> float | None:
-        """The value of sums and products of numbers and constants; None for any other text."""
+        """Value of sums and products of numbers and constants; None for any other text."""
         tree = tree_of(text)
         try:
             return value_of(tree, self.constants, _OPERATORS) if tree else None
@@ -158,7 +156,6 @@ class PoseReader:
 
 
 def pairs_in(text: str) -> frozenset[tuple[str, str]]:
-    """Return the pairs of names in pose_trans(NAME, NAME)."""
     return frozenset((pair[1], pair[2]) for pair in _FRAME.finditer(text))
 
 

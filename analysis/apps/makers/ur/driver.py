@@ -54,7 +54,6 @@ class _Call:
 
 
 def run(text: str, _: str, machine: Machine) -> None:
-    """Execute a script on the machine. Raises ProgramError if the controller would reject it."""
     tokens = Tokens.of(text, _TOKEN, "URScript")
     _blank(tokens)
     tokens.take("def")
@@ -165,7 +164,6 @@ def _do(call: _Call, machine: Machine) -> None:
 
 
 def _pose_in(arguments: dict[str, Any], name: str) -> ToolPose:
-    """Return the pose of an argument. Raises ProgramError for joint angles, which programs of rig do not use there."""
     if not isinstance(arguments[name], ToolPose):
         raise ProgramError(f"{name} has joint angles; the emulated controller takes only poses there")
     pose: ToolPose = arguments[name]
@@ -173,10 +171,7 @@ def _pose_in(arguments: dict[str, Any], name: str) -> ToolPose:
 
 
 def _on_path(arguments: dict[str, Any]) -> MoveLimits:
-    """Return the limits of a move on a path.
-
-    The default acceleration of the manual is 1.2 m/s². The argument t overrides speed and acceleration.
-    """
+    """The default acceleration of the manual is 1.2 m/s². The argument t overrides speed and acceleration."""
     return MoveLimits(mm_s2=1000 * _above_0(arguments.get("a", 1.2)), seconds=arguments.get("t") or None)
 
 

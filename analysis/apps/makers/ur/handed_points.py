@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
-from analysis.apps.makers.program_machine import Call, Elsewhere, Move, Statement
+from analysis.apps.makers.program_machine import OFF, Call, Elsewhere, Move, Statement
 
 NAME_OR_POSE = re.compile(r"(?<!\w)p\[(?=[^\]]*,)|[A-Za-z_]\w*")
 """A name, or the beginning of a pose, which is not the variable p."""
@@ -28,24 +28,14 @@ class Routine:
     end: int
 
 
-@dataclass(frozen=True)
-class Argument:
-    """An argument of a call: the key of a point, or of a parameter of the calling routine, at a position."""
-
-    key: str
-    place: int
-
-
-@dataclass
-class CallSite:
-    """A call of a routine with points."""
-
-    routine: Routine
-    arguments: dict[str, Argument] = field(default_factory=dict)
+Arguments = dict[str, tuple[str, int]]
+"""For each parameter of a call the key of a point, or of a parameter of the calling routine, and its position."""
+CallSites = dict[str, tuple[Routine, Arguments]]
+"""Calls of routines with points, by the name of the call."""
 
 
 def routines_in(events: Iterable[re.Match[str]], end: int) -> list[Routine]:
-    """Return the routines of a text, inner routines after the outer."""
+    """Routines of a text, inner routines after the outer."""
     open_at: list[tuple[re.Match[str], bool]] = []
     found: list[Routine] = []
     for event in events:
@@ -66,16 +56,16 @@ def _routine(event: re.Match[str], end: int) -> Routine:
 
 
 def parameter_key(routine: Routine, name: str) -> str:
-    """Return the key of a parameter, which no point has."""
+    """Key of a parameter, which no point has."""
     return f"\1{routine.name}.{name}"
 
 
-def traced(routines: Iterable[Routine], sites: dict[str, CallSite], text: str, spent: set[int]) -> set[str]:
-    """Return the keys of the parameters that their routines use only as targets. spent: positions of targets."""
+def traced(routines: Iterable[Routine], sites: CallSites, text: str, spent: set[int]) -> set[str]:
+    """Keys of the parameters that their routines use only as targets. spent: positions of targets."""
     handed: dict[int, str] = {}
-    for site in sites.values():
-        for name, argument in site.arguments.items():
-            handed[argument.place] = parameter_key(site.routine, name)
+    for routine, arguments in sites.values():
+        for name, (_, place) in arguments.items():
+            handed[place] = parameter_key(routine, name)
     uses: dict[str, list[int]] = {}
     for routine in routines:
         for word in NAME_OR_POSE.finditer(text, routine.begin, routine.end):
@@ -91,61 +81,52 @@ def traced(routines: Iterable[Routine], sites: dict[str, CallSite], text: str, s
 
 @dataclass
 class HandedPoints:
-    """Replaces parameters in moves by the points of each call.
-
-    joints: returns whether a point has joint angles. leave: is called with the moves to unknown arguments. on_way: part
-    of the state for a posture kept on the way.
-    """
+    """Replaces parameters in moves by the points of each call."""
 
     routines: dict[str, tuple[Statement, ...]]
-    sites: dict[str, CallSite]
+    sites: CallSites
     joints: Callable[[str], bool]
+    """True if a point has joint angles."""
     leave: Callable[[Move], None]
-    on_way: str
+    """Called with the moves to unknown arguments."""
     made: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
 
     def replaced(self, only_with_points: set[str]) -> dict[str, tuple[Statement, ...]]:
-        """Return the routines, those with points once for each combination. only_with_points: routines without any
-        other call."""
-        for name, body in self.routines.items():
+        """Repeat the routines with points for each combination. only_with_points: routines without any other call."""
+        for name in self.routines:
             if name not in only_with_points:
-                self.made[name] = self._body(body, {}, "")
+                self._make(name, {})
         return {name: self.made[name] for name in [*self.routines, *self.made] if name in self.made}
 
-    def _called(self, site: CallSite, points: dict[str, str]) -> str:
-        mapping = {
-            parameter_key(site.routine, name): points.get(argument.key, argument.key)
-            for name, argument in site.arguments.items()
-            if not argument.key.startswith("\1") or argument.key in points
-        }
-        if not mapping:
-            return site.routine.name
-        label = f"{site.routine.name}({', '.join(f'{key}: {point}' for key, point in sorted(mapping.items()))})"
+    def _make(self, name: str, points: dict[str, str]) -> str:
+        """Add a routine with points for its parameters, and return its name."""
+        label = f"{name}({', '.join(f'{key}: {point}' for key, point in sorted(points.items()))})" if points else name
         if label not in self.made:
             self.made[label] = ()
-            self.made[label] = self._body(self.routines[site.routine.name], mapping, label)
+            self.made[label] = tuple(
+                self._statement(statement, points, label if points else "") for statement in self.routines[name]
+            )
         return label
 
-    def _body(self, body: tuple[Statement, ...], points: dict[str, str], label: str) -> tuple[Statement, ...]:
-        return tuple(self._statement(statement, points, label) for statement in body)
-
     def _statement(self, statement: Statement, points: dict[str, str], label: str) -> Statement:
-        if isinstance(statement, Call) and (site := self.sites.get(statement.name)):
-            called = self._called(site, points)
-            if called == site.routine.name and called not in self.made:
-                self.made[called] = ()
-                self.made[called] = self._body(self.routines[called], {}, "")
-            return replace(statement, name=called)
+        if isinstance(statement, Call) and statement.name in self.sites:
+            routine, arguments = self.sites[statement.name]
+            handed = {
+                parameter_key(routine, name): points.get(key, key)
+                for name, (key, _) in arguments.items()
+                if not key.startswith("\1") or key in points
+            }
+            return replace(statement, name=self._make(routine.name, handed))
         if not isinstance(statement, Move):
             return statement
         arc = f"{statement.arc} of {label}" if statement.arc and label else statement.arc
         of = statement.base or statement.key
         if not of.startswith("\1"):
-            return replace(statement, arc=arc) if arc != statement.arc else statement
+            return replace(statement, arc=arc)
         if of not in points or (statement.base and self.joints(points[of])):
             self.leave(statement)
             return Elsewhere()
         point = points[of]
         by_angles = statement.way == "joint" and (statement.near is not None or self.joints(point))
         key, base = (f"{point} by {statement.key}", point) if statement.base else (point, "")
-        return replace(statement, key=key, base=base, arc=arc, trusts=None if by_angles else self.on_way)
+        return replace(statement, key=key, base=base, arc=arc, trusts="on" if by_angles else OFF)

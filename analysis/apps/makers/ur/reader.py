@@ -18,7 +18,7 @@ from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Notice, Parsed, ProgramTexts, UncorrectedTarget
 from analysis.apps.makers.ur.functions import NO_TARGETS, NOTHING, OF_LISTS
 from analysis.apps.makers.ur.handed_points import NAME_OR_POSE, HandedPoints, parameter_key, traced
-from analysis.apps.makers.ur.statements import KEEPS, WORD, UrStatements
+from analysis.apps.makers.ur.statements import WORD, UrStatements
 
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
 """Decimals of corrected numbers: 1e-8 m is 0.01 µm. PolyScope writes at least twelve decimals."""
@@ -41,7 +41,7 @@ _METHOD = re.compile(r"(?<![\w.])([A-Za-z_]\w*)[ \t]*\.[ \t]*([A-Za-z_]\w*)[ \t]
 
 
 class _UrReader(UrStatements):
-    """Adds the points: variables with numbers, what calls hand to routines, and what is used otherwise."""
+    """The points: variables with numbers, what calls hand to routines, and what is used otherwise."""
 
     def declare(self) -> None:
         """Add the variables assigned with lists of six numbers. Only variables without other assignments are literals.
@@ -74,7 +74,7 @@ class _UrReader(UrStatements):
                 self.list_left("not_literal", part["name"], part.start())
 
     def notice_other_programs(self) -> None:
-        """Add a notice for each function of another program called through a handle, such as rpc_factory."""
+        """Note each function of another program called through a handle, such as rpc_factory."""
         names = {f"{call[1]}.{call[2]}": call for call in reversed([*_METHOD.finditer(self.text)])}
         for name, call in sorted(names.items(), key=lambda item: item[1].start()):
             if call[2] not in OF_LISTS:
@@ -85,25 +85,25 @@ class _UrReader(UrStatements):
         """Let the moves of each routine go to the points that its calls hand to it."""
         keys = traced(self.all_routines, self.sites, self.text, {at for _, at in self.spent})
         mentions = Counter(word[0] for word in WORD.finditer(self.text))
-        calls = Counter(site.routine.name for site in self.sites.values())
-        for site in self.sites.values():
-            for name, argument in list(site.arguments.items()):
-                at, is_literal = argument.place, argument.key.startswith("\2")
+        calls = Counter(routine.name for routine, _ in self.sites.values())
+        for routine, arguments in self.sites.values():
+            for name, (key, at) in list(arguments.items()):
+                is_literal = key.startswith("\2")
                 end = self.closes[self.text.index("[", at)] + 1 if is_literal else at
                 literal = self.literal(at, end) if is_literal else None
-                if parameter_key(site.routine, name) not in keys:
-                    del site.arguments[name]
+                if parameter_key(routine, name) not in keys:
+                    del arguments[name]
                     if is_literal:
                         self.list_left("handed", self.text[at:end], at)
                     continue
                 self.spent.add((0, at))
                 if literal:
                     self.literals.add(at)
-                    self.point(argument.key, site.routine.name, at, literal)
-                elif self.points.knows(argument.key):
-                    self.reached.add(argument.key)
+                    self.point(key, routine.name, at, literal)
+                elif key in self.points.declared:
+                    self.reached.add(key)
         only = {name for name, count in calls.items() if mentions[name] == count + 1}
-        plain = {site.routine.name for site in self.sites.values() if not site.arguments}
+        plain = {routine.name for routine, arguments in self.sites.values() if not arguments}
         seen: set[tuple[int, str]] = set()
 
         def leave(move: Move) -> None:
@@ -111,19 +111,19 @@ class _UrReader(UrStatements):
             if (move.line, name) not in seen:
                 seen.add((move.line, name))
                 self.listed.add(move.line)
-                self.points.leave(UncorrectedTarget(0, move.line, name, "not_literal"))
+                self.points.left.append(UncorrectedTarget(0, move.line, name, "not_literal"))
 
         def joints(key: str) -> bool:
-            return self.points.target(key).joints
+            return self.points.declared[key].target.joints
 
-        self.routines = HandedPoints(self.routines, self.sites, joints, leave, KEEPS).replaced(only - plain)
+        self.routines = HandedPoints(self.routines, self.sites, joints, leave).replaced(only - plain)
 
     def watch_points(self) -> None:
         """Mark the points that are tools as well, or that the script computes with."""
         for name in self.tools.keys() & self.reached:
             self.change(name, self.tools[name])
         for word in self.mentions(NAME_OR_POSE):
-            pose = None if self.points.knows(word[0]) else self.derived.get(word[0])
+            pose = None if word[0] in self.points.declared else self.derived.get(word[0])
             self.change(self.text[pose.begin : pose.end] if pose else word[0])
 
     def list_other_poses(self) -> None:
@@ -148,7 +148,6 @@ class _UrReader(UrStatements):
 
 
 def parse(program: ProgramTexts) -> Parsed:
-    """Parse the targets of a script."""
     reader = _UrReader(program)
     reader.declare()
     reader.notice_other_programs()

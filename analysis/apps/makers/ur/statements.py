@@ -14,12 +14,12 @@ import numpy as np
 
 from analysis.apps.makers.numbers import frame_of
 from analysis.apps.makers.points import as_value
-from analysis.apps.makers.program_machine import Blocks, Call, Elsewhere, End, Move, Ref, Value
+from analysis.apps.makers.program_machine import OFF, Call, Elsewhere, End, Move, Needs, Ref, Value
 from analysis.apps.makers.program_parser import NUMBER, ProgramParser, arguments, brackets, numbers_in
 from analysis.apps.makers.target import Form, NamedFrame, Number, ProgramTexts, Target, Way
 from analysis.apps.makers.ur.derived_poses import DerivedPose, PoseReader, pairs_in
 from analysis.apps.makers.ur.functions import ELSEWHERE, NOTHING, SWITCHES
-from analysis.apps.makers.ur.handed_points import Argument, CallSite, Routine, parameter_key, routines_in
+from analysis.apps.makers.ur.handed_points import Arguments, CallSites, Routine, parameter_key, routines_in
 from analysis.correction.reasons import Reason
 
 _QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
@@ -44,12 +44,7 @@ _WAYS: dict[str, Way] = {
     "movej": "joint", "movel": "line", "movep": "line", "movec": "line", "servoj": "joint", "servoc": "line",
     "optimovej": "joint", "optimovel": "line",
 }  # fmt: skip
-KEEPS = "posture of the way"
-"""Name of a part of the state that is always off.
-
-The text does not specify the posture at the end of a line, or of a joint move to a bare pose. The arm keeps the current
-posture, even on the way to a waypoint with taught joint angles.
-"""
+_NEEDS: Needs = (("displaced", Ref("shift")), ("tracked", Ref("tracking")))
 _MODE, _MODE_PLACE = re.compile(r"mode\s*=\s*(.*)", re.DOTALL), 5
 """The mode of movec(pose_via, pose_to, a, v, r, mode)."""
 _STREAMED = ("servoj", "servoc")
@@ -59,15 +54,10 @@ _INVERSE = re.compile(r"get_inverse_kin\s*\(")
 WORD = re.compile(r"[A-Za-z_]\w*")
 _LONGEST = 1000
 """Maximum length of a literal tool in characters; six numbers need less."""
-_AT_WORD = {
-    **dict.fromkeys(("elif", "case", "else", "default"), Blocks.other), **dict.fromkeys(("while", "for"), Blocks.loop),
-    "break": Blocks.leave, "continue": Blocks.again,
+_FLOW = {
+    "if": "if", "switch": "switch", "while": "while", "for": "while", "break": "break", "continue": "continue",
+    **dict.fromkeys(("elif", "case"), "case"), **dict.fromkeys(("else", "default"), "else"),
 }  # fmt: skip
-_AT_COLON = {
-    "if": Blocks.branch, "switch": Blocks.cases, **dict.fromkeys(("elif", "case"), Blocks.guard),
-    **dict.fromkeys(("while", "for"), Blocks.may_leave),
-}  # fmt: skip
-"""What a keyword does itself, and after the calls in its condition."""
 _Arc = tuple[str, bool, bool]
 """Name of an arc, whether it rotates the tool with the tangent, and whether the target is the via point."""
 
@@ -89,7 +79,7 @@ class UrStatements(ProgramParser):
         self.all_routines = routines_in(self.events, len(text))
         self.outer: list[str] = []
         """The routines that are in no other."""
-        self.sites: dict[str, CallSite] = {}
+        self.sites: CallSites = {}
         self.joints: dict[str, tuple[float, ...]] = {}
         self.poses: dict[str, tuple[float, ...]] = {}
         self.tools: dict[str, int] = {}
@@ -118,11 +108,11 @@ class UrStatements(ProgramParser):
         super().list_left(reason, name, at)
 
     def routine_at(self, at: int) -> Routine | None:
-        """The innermost routine at a position."""
+        """Innermost routine at a position."""
         return next((one for one in reversed(self.all_routines) if one.begin <= at < one.end), None)
 
     def parameter(self, name: str, at: int) -> str:
-        """The key of the parameter with this name at a position, or an empty string."""
+        """Key of the parameter with this name at a position, or an empty string."""
         routine = self.routine_at(at)
         is_parameter = routine and name in routine.parameters and len(self.named(routine.name)) == 1
         return parameter_key(routine, name) if routine and is_parameter else ""
@@ -135,13 +125,12 @@ class UrStatements(ProgramParser):
         self.beside.append(Call("\0", self.why(fault, at)))
 
     def literal(self, begin: int, end: int) -> tuple[str, tuple[Number, ...]] | None:
-        """Return "p" or "" and the six numbers of a literal; None for any other text."""
+        """ "p" or "", and the six numbers of a literal; None for any other text."""
         literal = re.compile(r"(p?)\[([^\[\]]*)\]").fullmatch(self.text, begin, end)
         numbers = numbers_in(self.text, *literal.span(2)) if literal else None
         return (literal[1], numbers) if literal and numbers and len(numbers) == 6 else None
 
     def point(self, key: str, name: str, at: int, literal: tuple[str, tuple[Number, ...]]) -> None:
-        """Add a point with numbers."""
         form: Form = "rotation_vector" if literal[0] else "joints_rad"
         self.points.declare(key, Target(name, 0, self.line(at), form, literal[1], "tcp", "base"))
 
@@ -171,9 +160,9 @@ class UrStatements(ProgramParser):
                 waiting = ""
             elif event["mark"] == ":" and waiting != "return":
                 if waiting:
-                    _AT_COLON[waiting](self.blocks)
+                    self.blocks.after_condition(_FLOW[waiting])
                 waiting = ""
-        if self.around or self.blocks.depth:
+        if self.around or self.blocks.open:
             self._misread("the blocks end in the wrong place", len(self.text) - 1)
         while self.around:
             self.close_routine()
@@ -183,21 +172,20 @@ class UrStatements(ProgramParser):
         """Parse a keyword; return it if a colon or the end of the line has to complete it."""
         if waiting == "return":
             self.add(End())
-        if word in _AT_WORD:
-            _AT_WORD[word](self.blocks)
+        if word in _FLOW:
+            self.blocks.before_condition(_FLOW[word])
         elif word == "halt":
             self.add(End(halts=True))
         elif word == "end":
-            if self.blocks.depth:
+            if self.blocks.open:
                 self.blocks.close()
             elif self.around:
                 self.close_routine()
             else:
                 self._misread("the blocks end in the wrong place", self.at)
-        return word if word in _AT_COLON or word == "return" else ""
+        return word if word in _FLOW or word == "return" else ""
 
     def _call(self, event: re.Match[str]) -> None:
-        """Parse a call of a routine of the script, of a move, or of any other function."""
         name, end = event["call"], self.closes.get(event.end() - 1)
 
         def places() -> list[tuple[int, int]]:
@@ -227,27 +215,26 @@ class UrStatements(ProgramParser):
                     self.list_left("handed", self.text[slice(*place)], place[0])
 
     def _site(self, name: str, places: list[tuple[int, int]]) -> str:
-        """Return the name of a call of an own routine. A call with points has its own name."""
+        """Name of a call of an own routine. A call with points has its own name."""
         routine = next(one for one in self.all_routines if one.name == name)
-        found: dict[str, Argument] = {}
+        found: Arguments = {}
         for k, (begin, end) in enumerate(places):
             named = re.compile(r"([A-Za-z_]\w*)\s*=\s*(?!=)").match(self.text, begin, end)
             parameter = named[1] if named else routine.parameters[k] if k < len(routine.parameters) else ""
             start = named.end() if named else begin
             text = self.text[start:end]
             key = f"\2{name} at {start}" if self.literal(start, end) else self.parameter(text, start)
-            key = key or (text if self.points.knows(text) else "")
+            key = key or (text if text in self.points.declared else "")
             if key and parameter in routine.parameters and routine.kind == "def" and len(self.named(name)) == 1:
-                found[parameter] = Argument(key, start)
+                found[parameter] = key, start
             elif key.startswith("\2"):
                 self.list_left("handed", text, start)
         if not found:
             return name
-        self.sites[f"\1{name} at {self.at}"] = CallSite(routine, found)
+        self.sites[f"\1{name} at {self.at}"] = routine, found
         return f"\1{name} at {self.at}"
 
     def _move(self, name: str, places: list[tuple[int, int]]) -> None:
-        """Parse a move with its arguments."""
         named = [place for place in places if _TARGET.match(self.text, *place)]
         named.sort(key=lambda place: not self.text.startswith("pose_via", place[0]))  # The via point is passed first.
         is_arc = name == "movec" and len(places) > 1
@@ -258,17 +245,14 @@ class UrStatements(ProgramParser):
             self.add(Elsewhere())
 
     def _is_tangent(self, places: list[tuple[int, int]]) -> bool:
-        """Return whether a movec with these arguments keeps the orientation fixed to the tangent: mode 1.
-
-        A computed mode counts as mode 1.
-        """
+        """True if a movec keeps the orientation fixed to the tangent: mode 1, also if computed."""
         texts = [self.text[slice(*place)] for place in places]
         named = [mode[1] for text in texts if (mode := _MODE.fullmatch(text))]
         number = named[0] if named else texts[_MODE_PLACE] if len(texts) > _MODE_PLACE else "0"
         return not re.fullmatch(NUMBER, number) or float(number) != 0
 
     def _tool(self, opening: int) -> Value:
-        """Return the tool of a set_tcp with the bracket at `opening`, or unknown."""
+        """Tool of a set_tcp with the bracket at `opening`, or unknown."""
         unknown, end = self.why("set_tcp sets a computed tool"), self.closes.get(opening, 0)
         if not opening < end < opening + _LONGEST:
             return unknown
@@ -284,7 +268,7 @@ class UrStatements(ProgramParser):
         else:
             self._use_as_numbers(name, begin)
         value = as_value(frame_of("rotation_vector", values))
-        self.points.state(NamedFrame("tcp", "tool", 0, self.line(), value))
+        self.points.sets.append(NamedFrame("tcp", "tool", 0, self.line(), value))
         return value
 
     def _use_as_numbers(self, name: str, at: int) -> None:
@@ -303,10 +287,7 @@ class UrStatements(ProgramParser):
         solved: bool = False,
         arc: _Arc = ("", False, False),
     ) -> None:
-        """Parse a target of a move.
-
-        solved: the target is inside get_inverse_kin, with the joint angles `near` (6,) rad.
-        """
+        """Parse a target of a move, perhaps inside get_inverse_kin with the joint angles `near` (6,) rad."""
         line = self.line(begin)
         if named := _TARGET.match(self.text, begin, end):
             begin = named.end()
@@ -318,14 +299,16 @@ class UrStatements(ProgramParser):
         else:
             name, way, pose = self.text[begin:end], _WAYS[call], self._derived(begin, end)
             key = self._point(call, *((pose.begin, pose.end) if pose else (begin, end)))
-            is_joints = key[:1] not in ("", "\1") and self.points.target(key).joints
+            is_joints = key[:1] not in ("", "\1") and self.points.declared[key].target.joints
             if not key or (pose and pose.offset and is_joints):
                 self.leave("not_literal" if WORD.fullmatch(name) else "computed", name, begin)
                 return
             near = near if way == "joint" else None
             by_angles = way == "joint" and (near is not None or is_joints)
+            # The text does not specify the configuration at the end of a line, or of a joint move to a bare pose: the
+            # arm keeps it, even on the way to a waypoint with taught joint angles.
             move = Move(
-                key, way, 0, line, Ref("tool"), needs=("shift", "tracking"), trusts=None if by_angles else KEEPS,
+                key, way, 0, line, Ref("tool"), needs=_NEEDS, trusts="on" if by_angles else OFF,
                 near=near, arc=arc[0], tangent=arc[1], through=arc[2],
             )  # fmt: skip
             if pose and pose.offset:
@@ -335,7 +318,7 @@ class UrStatements(ProgramParser):
             self.add(move)
 
     def _derived(self, begin: int, end: int) -> DerivedPose | None:
-        """Return the derived pose of an argument: written there, or in a variable."""
+        """Derived pose of an argument: written there, or in a variable."""
         name = self.text[begin:end]
         if pose := self.derived.get(name):
             # A parameter has its value only while its routine runs.
@@ -355,7 +338,7 @@ class UrStatements(ProgramParser):
         return pose
 
     def _point(self, call: str, begin: int, end: int) -> str:
-        """Return the key of the point of a move: numbers in place, a variable or a parameter; empty for other text."""
+        """Key of the point of a move: numbers in place, a variable or a parameter; empty for other text."""
         name = self.text[begin:end]
         if literal := self.literal(begin, end):
             if begin not in self.literals:
@@ -363,7 +346,7 @@ class UrStatements(ProgramParser):
                 self.point(f"at {begin}", call, begin, literal)
             return f"at {begin}"
         key = self.parameter(name, begin)
-        if not key and self.points.knows(name):
+        if not key and name in self.points.declared:
             key = name
             self.reached.add(name)
         if key:
@@ -388,7 +371,7 @@ class UrStatements(ProgramParser):
 
 
 def _in_one_line(text: str, closes: dict[int, int]) -> str:
-    """Return a text of the same length with no line breaks inside brackets."""
+    """Replace line breaks inside brackets by spaces."""
     parts, at = [], 0
     for opening in sorted(closes):
         if opening >= at:

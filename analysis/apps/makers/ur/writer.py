@@ -95,7 +95,7 @@ def _pose(T: Array) -> str:
 
 
 def _values(T: Array) -> Array:
-    """Return the position in m and the rotation vector in rad (6,) of a frame (4, 4) in mm."""
+    """Position in m and rotation vector in rad (6,) of a frame (4, 4) in mm."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     return np.concatenate([T[:3, 3] / 1e3, Rotation.from_matrix(T[:3, :3]).as_rotvec()])

@@ -55,7 +55,6 @@ _MOVE = re.compile(r"(MOVJ|MOVL|MOVC) C(\d{5}) (?:VJ=(\d+\.\d\d)|V=(\d+\.\d)|VR=
 
 
 def run(text: str, _: str, machine: Machine) -> None:
-    """Execute a job on the machine. Raises ProgramError if the controller would reject it."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     *lines, last = text.split("\r\n")
@@ -134,7 +133,7 @@ class _YaskawaController:
             self._machine.line(pose, self._speed(match[4]), stops=match[6] == " PL=0", speed=MoveLimits())
 
     def _drive(self, chain: list[tuple[ToolPose, float, bool]]) -> None:
-        """Drive a chain of MOVC: on a line to the first point, then arc by arc."""
+        """Drive to the first point of a chain of MOVC on a line, then arc by arc."""
         if not chain:
             return
         if len(chain) < 3:

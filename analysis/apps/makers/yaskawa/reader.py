@@ -19,8 +19,8 @@ from functools import partial
 
 import numpy as np
 
+from analysis.apps.makers.configuration import agreeing
 from analysis.apps.makers.numbers import Decimals
-from analysis.apps.makers.posture import agreeing
 from analysis.apps.makers.program_machine import (
     EXTERNAL,
     OFF,
@@ -30,6 +30,7 @@ from analysis.apps.makers.program_machine import (
     Jump,
     JumpTarget,
     Move,
+    Needs,
     Ref,
     Set,
     Statement,
@@ -129,7 +130,7 @@ class _InformReader(ProgramParser):
         return own if len(own) == 1 else jobs
 
     def key(self, kind: str, number: str) -> str:
-        """The key of a position, which belongs to a job, or of a variable, which all jobs share."""
+        """Key of a position, which belongs to a job, or of a variable, which all jobs share."""
         return f"{'' if kind == 'P' else self.routine}/{kind}{int(number)}"
 
     def read(self, file: int) -> None:
@@ -182,7 +183,6 @@ class _InformReader(ProgramParser):
             self.change(key)
 
     def _instruction(self, text: str) -> None:
-        """Parse an instruction of a job."""
         if text.startswith("///") or not text:
             self._heading(text)
             return
@@ -222,13 +222,10 @@ class _InformReader(ProgramParser):
             self.forget(family, why)
 
     def _mentioned(self, text: str) -> None:
-        """Mark the positions that an instruction uses otherwise than as a target.
-
-        A number in a variable can be any variable.
-        """
+        """Mark the positions in an instruction as changed. A number in a variable can be any variable."""
         keys = [self.key(mention[1][0], mention[2]) for mention in _NAME.finditer(text)]
         if _ANY_VARIABLE.search(text):
-            keys += [key for key in self.points.all_keys() if key.startswith("/P")]
+            keys += [key for key in self.points.declared if key.startswith("/P")]
         for key in keys:
             self.change(key)
 
@@ -274,17 +271,13 @@ class _InformReader(ProgramParser):
         key = self.key(point[1], point[2]) if point else ""
         is_relative = move["kind"].endswith("IMOV")
         reason: Reason | None = "relative" if is_relative else "other_robot" if self.is_foreign else None
-        if reason or not self.points.knows(key) or not (self.is_own or key.startswith("/")):
+        if reason or key not in self.points.declared or not (self.is_own or key.startswith("/")):
             if reason != "other_robot":
                 self._mentioned(name)
             self.leave(reason or "not_literal", name, relative=is_relative)
             return
-        is_tracked = _TRACKED.search(options)
         unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", options))).strip()
-        self.set("tracking here", "on" if is_tracked else Ref("tracking"))
-        self.set("coordinated here", "on" if move["kind"].startswith("S") or "SMOV" in other_group else OFF)
-        self.set("option here", self.why(f"{unknown} is unknown here") if unknown else OFF)
-        target = self.points.target(key)
+        target = self.points.declared[key].target
         tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
         user = str(target.frame)
         frame: Value | ComputedValue = self.why("the job and the positions use different frames")
@@ -293,7 +286,12 @@ class _InformReader(ProgramParser):
         elif self.frame in (None, user):
             parts = (f"USER[{int(user)}]",) if user.isdigit() else ()
             frame = ComputedValue(("relative", *parts), partial(_unless_relative, user))
-        needs = ("shift", "tracking here", "coordinated here", "option here")
+        needs: Needs = (
+            ("displaced", Ref("shift")),
+            ("tracked", "on" if _TRACKED.search(options) else Ref("tracking")),
+            ("coordinated", "on" if move["kind"].startswith("S") or "SMOV" in other_group else OFF),
+            ("not_understood", self.why(f"{unknown} is unknown here") if unknown else OFF),
+        )
         way = "joint" if move["kind"].endswith("MOVJ") else "line"
         self.add(Move(key, way, self.file, self.line(), tool, frame, needs))
         if _UNTIL.search(options):
@@ -305,7 +303,6 @@ class _InformReader(ProgramParser):
 
 
 def parse(program: ProgramTexts) -> Parsed:
-    """Parse the targets of the jobs in a file."""
     reader = _InformReader(program)
     for file in range(len(program.texts)):
         reader.read(file)
@@ -313,22 +310,19 @@ def parse(program: ProgramTexts) -> Parsed:
 
 
 def _frame(kind: str, user: str) -> str:
-    """Return the name of the frame of positions, or of a relative job."""
+    """Name of the frame of positions, or of a relative job."""
     return {"BASE": "base", "ROBOT": "base", "USER": user}.get(kind, kind.lower())
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Return a mask (n,) of the solutions q (n, 6) rad that agree with the first six values of RCONF.
-
-    These are: no flip, not up, not front, in the sense of `rig program`, and whether R, T and S are beyond half a turn.
-    """
+    """Mask (n,) of the solutions q (n, 6) rad that agree with RCONF: no flip, not up, not front, and whether R, T and S
+    are beyond half a turn."""
     sides, numbers = tuple(1 - value for value in values[:3]), dict(zip((3, 5, 0), values[3:], strict=True))
     return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
 
 
 def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
-    """Return the frame of a position: a known value or else the name; unknown if the job runs in the frame of its
-    call."""
+    """Frame of a position: a known value or else the name; unknown if the job runs in the frame of its call."""
     relative, *frame = values
     return relative if isinstance(relative, Unknown) else frame[0] if frame else name
 

@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 
+from analysis.apps.makers.configuration import configuration_of
 from analysis.apps.makers.motion_plan import (
     Arc,
     Demand,
@@ -29,8 +30,7 @@ from analysis.apps.makers.motion_plan import (
     percent_of_axes,
     start_of,
 )
-from analysis.apps.makers.posture import posture_of
-from analysis.apps.makers.program_text import Words, fixed, fixed_xyz_deg, heading, identifier, listed
+from analysis.apps.makers.program_text import Words, fixed, fixed_xyz_deg, heading, identifier, listed, shown_pose
 from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.robot.kinematics.arm import Arm
 
@@ -47,15 +47,9 @@ def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
     """Write the job."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: list[str] = []
-    T = start_of(plan).T
-    x, y, z = T[:3, 3]
-    rx, ry, rz = fixed_xyz_deg(T)
     tool = plan.arm.T_flange_tool
     entered = f"{listed(tool[:3, 3], 3)} mm {listed(fixed_xyz_deg(tool), 3)} deg".replace(",", " ")
-    begin = (
-        f"(base) X {x:.1f} Y {y:.1f} Z {z:.1f} mm Rx {rx:.2f} Ry {ry:.2f} Rz {rz:.2f} deg with tool {TOOL_NUMBER} "
-        f"entered as {entered}"
-    )
+    begin = f"(base) {shown_pose(start_of(plan).T, ('Rx', 'Ry', 'Rz'))} with tool {TOOL_NUMBER} entered as {entered}"
     comments = _WORDS.remarks(*heading(plan, demand, begin))
     moves = _instructions(plan, positions)
     head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(positions)},0,0,0,0,0", f"///TOOL {TOOL_NUMBER}"]
@@ -107,10 +101,9 @@ def _speed(speed_mm_s: float) -> str:
 
 
 def _position(arm: Arm, target: PlannedTarget, positions: list[str]) -> str:
-    """Add a position to the job and return the name. Each position belongs to a single instruction."""
-    stands = posture_of(arm, target.q)
+    """Add a position to the job. Each position belongs to a single instruction."""
     beyond = [int(not -np.pi < target.q[axis] <= np.pi) for axis in (3, 5, 0)]
-    form = [int(not stands.flip), int(not stands.up), int(not stands.front), *beyond]
+    form = [*(int(not flag) for flag in configuration_of(arm, target.q)), *beyond]
     places = listed(target.T[:3, 3], _MM_DECIMALS)
     angles = listed(fixed_xyz_deg(target.T), _DEG_DECIMALS)
     positions.append(f"///RCONF {','.join(map(str, form))}{_UNUSED}\n{places},{angles}")

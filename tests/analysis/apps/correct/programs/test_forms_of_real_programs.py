@@ -13,7 +13,7 @@ import pytest
 
 from analysis.apps.correct import program_report
 from analysis.apps.correct.corrected_program import CorrectedProgram, frames_of
-from analysis.apps.makers.posture import posture_of
+from analysis.apps.makers.configuration import configuration_of
 from analysis.robot.kinematics.arm import arm_of
 from rigs.errors import UseError
 from tests.analysis.apps.correct.programs.test_safe_modules_and_jobs import (
@@ -438,8 +438,8 @@ def test_config_leaves_one_turn_of_the_elbow(elbow_deg: float, tmp_path: Path) -
     """J2 + J3 turns less than a full turn, although the range of J3 alone exceeds it."""
     rig = rig_of("fanuc-m-20ia")
     arm, q = arm_of(rig.robot), np.radians([10, 60, elbow_deg, 20, -60, 30])
-    stands = posture_of(arm, q)
-    letters = f"{'F' if stands.flip else 'N'} {'U' if stands.up else 'D'} {'T' if stands.front else 'B'}"
+    flip, up, front = configuration_of(arm, q)
+    letters = f"{'F' if flip else 'N'} {'U' if up else 'D'} {'T' if front else 'B'}"
     pose = fanuc_pose(rig, np.degrees(q).tolist(), np.eye(4))
     point = fanuc_point(2, re.sub("'. . .,", f"'{letters},", pose), "UF : 3, UT : 1,").replace("\r", "")
     text = f"{listing('UFRAME_NUM=3', 'UTOOL_NUM=1', 'J P[2] 20% FINE')}/POS\n{point}\n/END\n"

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.apps.makers.posture import posture_of
+from analysis.apps.makers.configuration import configuration_of
 from analysis.robot.kinematics.arm import arm_of
 from rigs.rig import Rig
 from tests.analysis.apps.correct.programs.test_safe_programs import Left, corrected_files, uncorrected, with_targets
@@ -463,8 +463,8 @@ def test_the_reason_of_a_recursive_program_is_the_line_of_the_call(
 def yaskawa_files(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
     """Jobs; {pos} are the positions C1 and C2 in user frame 4, and C3 in the base, all in tool 3."""
     rig = rig_of("yaskawa-gp7")
-    stands = posture_of(arm_of(rig.robot), np.radians(YASKAWA[0]))
-    form = f"{int(not stands.flip)},{int(not stands.up)},{int(not stands.front)},0,0,0"
+    flags = configuration_of(arm_of(rig.robot), np.radians(YASKAWA[0]))
+    form = f"{','.join(str(int(not flag)) for flag in flags)},0,0,0"
     poses = [yaskawa_pose(rig, YASKAWA[k]) for k in (1, 2)]
     pos = (
         f"//POS\n///NPOS 3,0,0,0,0,0\n///TOOL 3\n///POSTYPE USER\n///USER 4\n///RECTAN\n///RCONF {form}\n"

@@ -16,8 +16,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program, frames_of
+from analysis.apps.makers.configuration import configuration_of, turns
 from analysis.apps.makers.numbers import replaced, written
-from analysis.apps.makers.posture import posture_of, turns
 from analysis.apps.makers.target import Number
 from analysis.correction.support import supports
 from analysis.robot.kinematics.arm import arm_of
@@ -197,8 +197,8 @@ def fanuc_point(number: int, inside: str, frames: str) -> str:
 def fanuc_pose(rig: Rig, q_deg: Sequence[float], base: Array) -> str:
     q = np.radians(q_deg)
     T = np.linalg.inv(base) @ flange_at(rig, q) @ FANUC_TOOL
-    stands, counts = posture_of(arm_of(rig.robot), q), [turns(float(angle)) for angle in q[3:]]
-    letters = f"{'F' if stands.flip else 'N'} {'U' if stands.up else 'D'} {'T' if stands.front else 'B'}"
+    (flip, up, front), counts = configuration_of(arm_of(rig.robot), q), [turns(float(angle)) for angle in q[3:]]
+    letters = f"{'F' if flip else 'N'} {'U' if up else 'D'} {'T' if front else 'B'}"
     x, y, z = T[:3, 3]
     w, p, r = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
     return (
@@ -632,9 +632,8 @@ def yaskawa_pose(rig: Rig, q_deg: Sequence[float]) -> str:
 
 def test_yaskawa(tmp_path: Path) -> None:
     rig, path = rig_of("yaskawa-gp7"), tmp_path / "PICK.JBI"
-    stands = [posture_of(arm_of(rig.robot), np.radians(q)) for q in YASKAWA]
-    assert len({(one.flip, one.up, one.front) for one in stands}) == 1
-    form = f"{int(not stands[0].flip)},{int(not stands[0].up)},{int(not stands[0].front)},0,0,0"
+    (flags,) = {configuration_of(arm_of(rig.robot), np.radians(q)) for q in YASKAWA}
+    form = f"{','.join(str(int(not flag)) for flag in flags)},0,0,0"
     pulses = ",".join(str(round(angle * scale)) for angle, scale in zip(YASKAWA[0], SCALE, strict=True))
     poses = {f"pose{k}": yaskawa_pose(rig, YASKAWA[k]) for k in (1, 2)}
     path.write_bytes(YASKAWA_PROGRAM.format(pulses=pulses, form=form, **poses).encode())

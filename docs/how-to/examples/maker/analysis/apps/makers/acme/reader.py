@@ -32,7 +32,7 @@ class _Reader(ProgramParser):
                 form: Form = "joints_deg" if word == "JOINTS" else "roll_pitch_yaw"
                 way = "joint" if word == "JOINTS" else "line"
                 self.points.declare(str(number), Target(word, 0, number, form, numbers, frame="base"))
-                self.add(Move(str(number), way, 0, number, Ref("tool"), needs=("shift",)))
+                self.add(Move(str(number), way, 0, number, Ref("tool"), needs=(("displaced", Ref("shift")),)))
                 return
             if word == "TOOL":
                 self.set("tool", as_value(frame_of("roll_pitch_yaw", [part.value for part in numbers])))

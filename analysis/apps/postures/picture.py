@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Rectangle
 
-from analysis.apps.postures.posture_report import gain_words, limits, map_words
+from analysis.apps.postures.report import gain_words, limits, map_words
 from analysis.apps.postures.result import Postures
 from analysis.apps.postures.work_map import WorkMap
 from analysis.apps.report.still_chart import Part, Sheet
@@ -25,7 +25,7 @@ _CHOSEN, _USUAL, _GREY = "#1f5fa8", "#d95f02", "#b0b0b0"
 
 
 def picture(postures: Postures) -> Figure:
-    """Return a sheet with title, errors by target, joint angles along the program and, for a part, the map."""
+    """Sheet with title, errors by target, joint angles along the program and, for a part, the map."""
     texts = texts_of("en")
     title = [gain_words(postures, texts), *limits(postures, texts)]
     parts: list[Part] = [(2.8, partial(_draw_errors, postures)), (2.6, partial(_draw_joints, postures))]
@@ -56,7 +56,7 @@ def _draw_errors(postures: Postures, sheet: SubFigure) -> None:
 
 
 def _top(postures: Postures) -> float:
-    """Return the upper limit in mm of the error axis: single postures may be far outside the measured region."""
+    """Upper limit in mm of the error axis: single postures may be far outside the measured region."""
     shown = [postures.best.expected_mm, postures.usual.expected_mm, np.zeros(1)]
     high = np.percentile(postures.errors.expected_mm, 95) if len(postures.errors.expected_mm) else 1.0
     return 1.25 * max(float(np.concatenate(shown).max()), float(high), 1e-3)

@@ -13,7 +13,7 @@ from rich.text import Text
 from analysis.apps.postures.result import Postures
 from analysis.apps.report.texts import Language, Texts, texts_of
 from analysis.cli.plain_console import bare_table, right
-from analysis.robot.kinematics.arm import RAIL_MM, Array
+from analysis.robot.kinematics.arm import RAIL_MM
 from analysis.runs.table_layout import RAIL, joint_columns
 from rigs.schema.robot import Robot
 
@@ -30,7 +30,7 @@ _SHOWN_PLAY = 0.2
 
 
 def as_screen(postures: Postures, labels: Sequence[str], language: Language = "en") -> RenderableType:
-    """Return the unknowns, the gain, and a row for each target, named by `labels` (n,)."""
+    """Unknowns, gain, and a row for each target, named by `labels` (n,)."""
     texts = texts_of(language)
     parts: list[RenderableType] = [Text(line, style="yellow") for line in limits(postures, texts)]
     parts += [Text(gain_words(postures, texts), style="bold"), Text(way_words(postures, texts))]
@@ -45,7 +45,7 @@ def as_screen(postures: Postures, labels: Sequence[str], language: Language = "e
 
 
 def limits(postures: Postures, texts: Texts) -> list[str]:
-    """Return sentences on what is not known about the errors; they are printed first."""
+    """What is not known about the errors; printed first."""
     lines: list[str] = [texts("postures_verdict", why=postures.verdict)] if postures.verdict else []
     if postures.knowledge != "calibrated":
         lines.append(texts(f"postures_{postures.knowledge}"))
@@ -55,7 +55,6 @@ def limits(postures: Postures, texts: Texts) -> list[str]:
 
 
 def gain_words(postures: Postures, texts: Texts) -> str:
-    """Return a sentence comparing the expected error of the chosen postures with that of the usual ones."""
     if not len(postures.best.rows):
         return texts("postures_none")
     key = "postures_gain_given" if postures.is_given else "postures_gain_short"
@@ -64,14 +63,13 @@ def gain_words(postures: Postures, texts: Texts) -> str:
 
 
 def way_words(postures: Postures, texts: Texts) -> str:
-    """Return a sentence comparing the chosen and the usual postures by branch changes and joint travel."""
     best, usual = postures.best, postures.usual
     travel, before = (f"{np.degrees(sequence.travel_rad):.0f}" for sequence in (best, usual))
     return texts("postures_way", changes=best.changes, before=usual.changes, travel=travel, travel_before=before)
 
 
 def map_words(postures: Postures, texts: Texts) -> str:
-    """Return a sentence on the best place for a part; empty if no map was computed."""
+    """The best place for a part; empty if no map was computed."""
     work_map = postures.work_map
     if work_map is None:
         return ""
@@ -85,7 +83,7 @@ def map_words(postures: Postures, texts: Texts) -> str:
 
 
 def play_words(postures: Postures, texts: Texts) -> str:
-    """Return the influence of the side of approach; empty if play is small or was not measured."""
+    """Influence of the side of approach; empty if play is small or was not measured."""
     rows = postures.best.rows
     if postures.knowledge == "typical" or not len(rows):
         return ""
@@ -111,21 +109,13 @@ def _table(postures: Postures, labels: Sequence[str], texts: Texts) -> Renderabl
         rows, row = of_target[target], chosen[target]
         expected, solutions = postures.errors.expected_mm[rows], np.unique(postures.candidates.solution[rows])
         spread = f"{expected.min():.3f} … {expected.max():.3f}"
-        table.add_row(labels[target], str(len(solutions)), spread, chosen_words(postures, row), _angles(postures, row))
+        error = "" if postures.knowledge == "typical" else f"{postures.errors.size_mm[row]:.3f} "
+        q, axes = postures.candidates.q[row], len(postures.rig.robot.axes)
+        angles = [f"{angle:z.0f}" for angle in np.degrees(q[:axes])]
+        angles += [f"E1 {RAIL_MM * stand:z.0f} mm" for stand in q[axes:]]
+        with_u = f"{error}± {postures.errors.u_mm[row]:.3f}"
+        table.add_row(labels[target], str(len(solutions)), spread, with_u, ", ".join(angles))
     return table
-
-
-def chosen_words(postures: Postures, row: int) -> str:
-    """Return the error of a posture with its standard uncertainty, in mm."""
-    u_mm = f"± {postures.errors.u_mm[row]:.3f}"
-    return u_mm if postures.knowledge == "typical" else f"{postures.errors.size_mm[row]:.3f} {u_mm}"
-
-
-def _angles(postures: Postures, row: int) -> str:
-    axes = len(postures.rig.robot.axes)
-    q = postures.candidates.q[row]
-    words = ", ".join(f"{angle:z.0f}" for angle in np.degrees(q[:axes]))
-    return words + "".join(f", E1 {RAIL_MM * stand:z.0f} mm" for stand in q[axes:])
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -133,7 +123,7 @@ def _angles(postures: Postures, row: int) -> str:
 
 
 def chosen_csv(postures: Postures, kept: dict[str, list[str]]) -> str:
-    """Return the chosen sequence as CSV: the columns `kept` of the given table, by name, then the joint targets."""
+    """Chosen sequence as CSV: the columns `kept` of the given table, by name, then the joint targets."""
     rows = postures.best.rows
     targets = postures.candidates.target[rows].tolist()
     head = [*kept, *_joint_names(postures.rig.robot), *POSTURE_COLUMNS]
@@ -146,19 +136,20 @@ def chosen_csv(postures: Postures, kept: dict[str, list[str]]) -> str:
 
 
 def all_csv(postures: Postures, labels: Sequence[str]) -> str:
-    """Return all postures of all targets as CSV, the best of each target first."""
+    """All postures of all targets as CSV, the best of each target first."""
     robot = postures.rig.robot
     names = (*_joint_names(robot), "branch", *POSTURE_COLUMNS, "play_mm", "approached_mm", "approach", "conditioning")
     rising, approached = postures.errors.best_approach()
-    plays = postures.played
     lines: list[list[str]] = []
     for target, rows in postures.candidates.groups():
         for rank, row in enumerate(postures.ranked(rows), start=1):
             branch = int(postures.candidates.branch[row])
+            playing = np.flatnonzero(postures.played[row]).tolist()
+            sides = " ".join(f"J{axis + 1}{'+' if rising[row, axis] else '-'}" for axis in playing)
             lines.append([
                 labels[target], str(rank), *_joint_cells(postures, row), str(branch) if branch >= 0 else "",
                 f"{postures.errors.expected_mm[row]:.4f}", *_error_cells(postures, row),
-                f"{postures.errors.play_mm[row]:.4f}", f"{approached[row]:.4f}", _sides(rising[row], plays[row]),
+                f"{postures.errors.play_mm[row]:.4f}", f"{approached[row]:.4f}", sides,
                 f"{postures.candidates.conditioning[row]:.4f}",
             ])  # fmt: skip
     return _csv([("target", "rank", *names), *lines])
@@ -178,11 +169,6 @@ def _error_cells(postures: Postures, row: int) -> list[str]:
     size = "" if postures.knowledge == "typical" else f"{errors.size_mm[row]:.4f}"
     region = "unknown" if errors.covered is None else "yes" if errors.covered[row] else "no"
     return [size, f"{errors.u_mm[row]:.4f}", region]
-
-
-def _sides(rising: Array, plays: Array) -> str:
-    """Return the best approach direction of each joint with play, as `J1+ J3-`: + for an increasing angle."""
-    return " ".join(f"J{axis + 1}{'+' if rising[axis] else '-'}" for axis in np.flatnonzero(plays).tolist())
 
 
 def _csv(lines: Sequence[Sequence[str]]) -> str:

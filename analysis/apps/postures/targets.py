@@ -26,10 +26,9 @@ _SLACK = 1e-6
 
 
 def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]:
-    """Return the targets of a table, their poses and, if the table contains them, their joint angles.
+    """Read the targets of a table, their poses (n, 4, 4) in the world and, if given, their joint angles (n, axes) rad.
 
-    The poses are (n, 4, 4) in the world, with positions in mm. The joint angles are (n, axes) in rad. Raises FileError
-    for targets in other units or beyond a joint limit, and the errors of `read_path`.
+    Raises FileError for targets in other units or beyond a joint limit, and the errors of `read_path`.
     """
     read = read_path(path, len(rig.robot.axes), rail=rig.robot.rail is not None)
     if len(read.lines) > MOST_TARGETS:
@@ -44,7 +43,6 @@ def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]
 
 
 def _check_units(read: TargetPath, where: str) -> None:
-    """Raise FileError if the positions appear to be in metres, or the joint angles in radians."""
     if not read.joints:
         places = np.abs(read.values[:, : len(PLACE)]).max()
         if 0 < places < _LARGEST_IN_M:
@@ -58,7 +56,6 @@ def _check_units(read: TargetPath, where: str) -> None:
 
 
 def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
-    """Raise FileError for joint angles beyond a limit."""
     limits = posture_limits(rig)
     beyond = np.argwhere((q < limits[:, 0] - _SLACK) | (q > limits[:, 1] + _SLACK))
     if len(beyond):
@@ -75,7 +72,7 @@ def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
 
 
 def target_errors(path: Path, read: TargetPath, postures: Postures) -> list[FileError]:
-    """Return an error for each target without a posture."""
+    """An error for each target without a posture."""
     return [
         FileError(
             f"{path}, line {read.lines[k]}",
@@ -88,5 +85,4 @@ def target_errors(path: Path, read: TargetPath, postures: Postures) -> list[File
 
 
 def labels_of(read: TargetPath) -> list[str]:
-    """Return the name of each target: the number of its line in the table."""
     return [f"line {line}" for line in read.lines]

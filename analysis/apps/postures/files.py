@@ -9,10 +9,10 @@ import numpy as np
 
 from analysis.apps.makers.motion_plan import Comment, JointMove, MotionPlan, Step, demand_of
 from analysis.apps.makers.writing import encoded_programs, programs_of
-from analysis.apps.postures.posture_picture import picture
-from analysis.apps.postures.posture_report import POSTURE_COLUMNS, all_csv, chosen_csv
-from analysis.apps.postures.posture_targets import labels_of
+from analysis.apps.postures.picture import picture
+from analysis.apps.postures.report import POSTURE_COLUMNS, all_csv, chosen_csv
 from analysis.apps.postures.result import Postures
+from analysis.apps.postures.targets import labels_of
 from analysis.apps.programs.planned import targets_at, tracker_plan
 from analysis.apps.programs.target_path import POSES, TargetPath
 from analysis.apps.report.still_chart import as_png
@@ -44,7 +44,7 @@ def write_postures(postures: Postures, read: TargetPath, directory: Path, maker:
 
 
 def posture_plan(postures: Postures, labels: Sequence[str]) -> MotionPlan:
-    """Return the plan that moves the joints to the chosen posture of each target in turn and stops there."""
+    """Plan that moves the joints to the chosen posture of each target in turn and stops there."""
     rows = postures.best.rows
     targets = targets_at(arm_of(postures.rig.robot), postures.candidates.q[rows])
     steps: list[Step] = []
