@@ -6,7 +6,7 @@ maker, and the driver of each maker defines the meaning of a reading.
 
 Consecutive moves are driven as a chain up to the next stop, each part at the programmed speed and acceleration. Corner
 rounding within the zone of the language is not emulated. Joint moves are interpolated in joint space, paths in pose
-space from the current posture.
+space in the current configuration.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from scipy.spatial.transform import Rotation
 
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import (
+    ConfigurationFlags,
     Event,
     LinearMove,
     MoveLimits,
     OperatorPause,
     PointToPointMove,
-    PostureFlags,
     ProgramError,
     RegisterOutput,
     Round,
@@ -318,17 +318,19 @@ def _standing(arm: Arm, pose: ToolPose, near: Array) -> Array:
     allowed, _ = within_limits(arm, solutions.q[solutions.found])
     if not len(allowed):
         raise ProgramError(f"the position {pose.place.round(1).tolist()} mm is out of the arm's reach")
-    fitting = [q for q in allowed if pose.posture is None or _posture(q, pose.posture) == pose.posture]
+    fitting = [
+        q for q in allowed if pose.configuration is None or _configuration(q, pose.configuration) == pose.configuration
+    ]
     if not fitting:
-        raise ProgramError(f"the arm cannot reach {pose.place.round(1).tolist()} mm in the given posture")
+        raise ProgramError(f"the arm cannot reach {pose.place.round(1).tolist()} mm in the stated configuration")
     nearest: Array = min(fitting, key=lambda q: float(np.abs(q - near).max()))
     return nearest
 
 
-def _posture(q: Array, stated: PostureFlags) -> PostureFlags:
+def _configuration(q: Array, stated: ConfigurationFlags) -> ConfigurationFlags:
     """Configuration at joint angles q (6,) in rad in the notation of `stated`: whether axes 4, 6 and 1 exceed 180°."""
     beyond = tuple(int(not -np.pi < q[axis] <= np.pi) for axis in (3, 5, 0))
-    return PostureFlags(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
+    return ConfigurationFlags(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
 
 
 def _frame(pose: ToolPose) -> Array:

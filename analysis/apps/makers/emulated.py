@@ -81,7 +81,7 @@ class Tokens:
 
 
 @dataclass(frozen=True)
-class PostureFlags:
+class ConfigurationFlags:
     """The configuration flags of a position that follow from the joint angles."""
 
     flip: bool
@@ -96,7 +96,7 @@ class ToolPose:
 
     place: Array
     turn: Rotation
-    posture: PostureFlags | None = None
+    configuration: ConfigurationFlags | None = None
 
 
 @dataclass(frozen=True)

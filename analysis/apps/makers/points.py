@@ -237,7 +237,7 @@ def _registers(usage: Usage) -> Iterator[NamedFrame]:
     kinds: dict[str, Literal["tool", "frame"]] = {"UTOOL": "tool", "UFRAME": "frame"}
     for of, value in ((usage.move.tool, usage.tool), (usage.move.frame, usage.frame)):
         if isinstance(of, Ref) and isinstance(value, tuple):
-            family, _, number = of.part.partition("[")
+            family, _, number = of.variable.partition("[")
             if family in kinds:
                 yield NamedFrame(number.rstrip("]"), kinds[family], usage.move.file, usage.move.line, value)
 

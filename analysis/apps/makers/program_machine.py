@@ -1,12 +1,12 @@
 """A program as an abstract machine, which determines the tool, frame and displacement that are certain at each move.
 
 A dialect translates its text into routines of a few statements. The machine follows every path through them: branches
-are joined, loops run to a fixed point, calls are followed. A part of the state is a value or unknown, and an unknown
-part names the line that caused it. `ForgetAll` is used for a statement outside the closed list of the dialect: the
-complete state is unknown after it.
+are joined, loops run to a fixed point, calls are followed. A variable of the state is a value or unknown, and an
+unknown variable names the line that caused it. `ForgetAll` is used for a statement outside the closed list of the
+dialect: the complete state is unknown after it.
 
 A routine is analysed once for each state in which it is called, independent of the position of the arm; the positions
-are joined at the end. Concurrent code (interrupts, threads) may run at any moment, so all parts it may change are
+are joined at the end. Concurrent code (interrupts, threads) may run at any moment, so all variables it may change are
 unknown everywhere.
 """
 
@@ -20,11 +20,11 @@ from dataclasses import dataclass, field, replace
 from analysis.correction.reasons import Reason
 
 OFF = "off"
-"""The value of an inactive part, such as no displacement."""
+"""The value of an inactive variable, such as no displacement."""
 BEGIN = "\0begin"
 """The position of the arm at the start of the program."""
 EXTERNAL = "external"
-"""The family of the parts for external axes: off at zero."""
+"""The family of the variables for external axes: off at zero."""
 _MOST_STATES = 64
 """Maximum number of states in which a routine is analysed; further states count as unknown. Chosen: real programs
 call a routine with a few tools and frames."""
@@ -40,14 +40,14 @@ class Unknown:
     line: int
     why: str
     everything: bool = False
-    """True if the complete state is unknown there, rather than only this part."""
+    """True if the complete state is unknown there, rather than only this variable."""
 
 
 @dataclass(frozen=True)
 class Ref:
-    """Reference to the current value of another part of the controller's state."""
+    """Reference to the current value of another variable of the controller's state."""
 
-    part: str
+    variable: str
 
 
 _KEPT = Unknown(0, 0, "a routine of these files sets the value for the next cycle")
@@ -57,9 +57,9 @@ Value = str | tuple[float, ...] | Unknown
 
 @dataclass(frozen=True)
 class ComputedValue:
-    """A value computed from the current values of other parts."""
+    """A value computed from the current values of other variables."""
 
-    parts: tuple[str, ...]
+    variables: tuple[str, ...]
     make: Callable[[tuple[Value, ...]], Value]
 
 
@@ -70,15 +70,15 @@ Needs = tuple[tuple[Reason, Setting], ...]
 
 @dataclass(frozen=True)
 class Set:
-    """The assignment of a value to a part."""
+    """The assignment of a value to a variable."""
 
-    part: str
+    variable: str
     value: Setting
 
 
 @dataclass(frozen=True)
 class ForgetFamily:
-    """All parts of a family, "UFRAME" of "UFRAME[3]", become unknown."""
+    """All variables of a family, "UFRAME" of "UFRAME[3]", become unknown."""
 
     family: str
     why: Unknown
@@ -167,23 +167,23 @@ class Program:
 
     routines: Mapping[str, tuple[Statement, ...]]
     initial: Callable[[str], Value]
-    """The value of a part at the start."""
+    """The value of a variable at the start."""
     beside: tuple[Call, ...] = ()
     """Routines that may run at any moment."""
     broken: tuple[Call, ...] = ()
     """Routines that may end at any statement, after which the program continues anywhere."""
     kept: tuple[str, ...] = ()
-    """Prefixes of parts that keep the value set by any routine, even by one that is not called: a program may have been
-    stopped anywhere, and a routine started by hand or by an event."""
+    """Prefixes of variables that keep the value set by any routine, even by one that is not called: a program may have
+    been stopped anywhere, and a routine started by hand or by an event."""
     cycles: bool = False
-    """True if the program restarts at the end with all parts unchanged."""
+    """True if the program restarts at the end with all variables unchanged."""
     starts: str | None = None
     """The routine with which the operator starts the program, if certain."""
 
 
 @dataclass(frozen=True)
 class Usage:
-    """The parts of the state that a move uses."""
+    """The variables of the state that a move uses."""
 
     move: Move
     tool: Value
@@ -201,7 +201,7 @@ class MachineState:
 
     values: Mapping[str, Value] = field(default_factory=dict)
     lost: Mapping[str, Unknown] = field(default_factory=dict)
-    """Families whose parts are unknown unless set later; "" stands for all families."""
+    """Families whose variables are unknown unless set later; "" stands for all families."""
     stands: frozenset[object] = frozenset()
 
     def key(self) -> tuple[frozenset[object], frozenset[object]]:
@@ -218,7 +218,6 @@ class _Context:
     entry: MachineState
     before: dict[int, MachineState] = field(default_factory=dict)
     after: MachineState | None = None
-    running: bool = True
     called_from: set[object] = field(default_factory=set)
 
 
@@ -250,44 +249,43 @@ class _Machine:
             elif call.name not in seen:
                 seen.add(call.name)
                 for statement in body:
-                    if isinstance(statement, Set):
-                        pinned.setdefault(statement.part, call.why)
-                    elif isinstance(statement, ForgetFamily):
-                        pinned.setdefault(statement.family, call.why)
-                    elif isinstance(statement, ForgetAll):
-                        everything, moved = min(everything or statement.why, statement.why), True
-                    elif isinstance(statement, Call):
-                        todo.append(statement)
-                    elif isinstance(statement, Move | Elsewhere):
-                        moved = True
+                    match statement:
+                        case Set(name) | ForgetFamily(name):
+                            pinned.setdefault(name, call.why)
+                        case ForgetAll(why):
+                            everything, moved = min(everything or why, why), True
+                        case Call():
+                            todo.append(statement)
+                        case Move() | Elsewhere():
+                            moved = True
         return pinned, everything, moved
 
-    def value(self, state: MachineState, part: str) -> Value:
+    def value(self, state: MachineState, variable: str) -> Value:
         if self.pinned_all:
             return replace(self.pinned_all, everything=True)
-        if pinned := self.pinned.get(part) or self.pinned.get(family_of(part)):
+        if pinned := self.pinned.get(variable) or self.pinned.get(family_of(variable)):
             return pinned
-        if part in state.values:
-            return state.values[part]
-        if lost := state.lost.get(family_of(part)):
+        if variable in state.values:
+            return state.values[variable]
+        if lost := state.lost.get(family_of(variable)):
             return lost
         if lost := state.lost.get(""):
             return replace(lost, everything=True)
-        return self.program.initial(part)
+        return self.program.initial(variable)
 
     def resolved(self, state: MachineState, value: Setting) -> Value:
         if isinstance(value, ComputedValue):
-            return value.make(tuple(self.value(state, part) for part in value.parts))
-        return self.value(state, value.part) if isinstance(value, Ref) else value
+            return value.make(tuple(self.value(state, variable) for variable in value.variables))
+        return self.value(state, value.variable) if isinstance(value, Ref) else value
 
     def join(self, first: MachineState, second: MachineState, place: Unknown) -> MachineState:
         if first is second:
             return first
         values: dict[str, Value] = {}
-        for part in first.values.keys() | second.values.keys():
-            both = self.value(first, part), self.value(second, part)
+        for variable in first.values.keys() | second.values.keys():
+            both = self.value(first, variable), self.value(second, variable)
             unknown = [value for value in both if isinstance(value, Unknown)]
-            values[part] = both[0] if both[0] == both[1] else min(unknown, default=place)
+            values[variable] = both[0] if both[0] == both[1] else min(unknown, default=place)
         lost = dict(first.lost)
         for name, why in second.lost.items():
             lost[name] = min(lost.get(name, why), why)
@@ -306,7 +304,6 @@ class _Machine:
         self.active.append(routine)
         self._through(context)
         self.active.pop()
-        context.running = False
         return context
 
     def _through(self, context: _Context) -> None:
@@ -337,10 +334,10 @@ class _Machine:
     def _step(self, statement: Statement, state: MachineState) -> MachineState | None:
         """Return the state after a statement; None if the path ends."""
         match statement:
-            case Set(part, value):
-                return replace(state, values={**state.values, part: self.resolved(state, value)})
+            case Set(variable, value):
+                return replace(state, values={**state.values, variable: self.resolved(state, value)})
             case ForgetFamily(family, why):
-                kept = {part: value for part, value in state.values.items() if family_of(part) != family}
+                kept = {variable: value for variable, value in state.values.items() if family_of(variable) != family}
                 return MachineState(kept, {**state.lost, family: why}, state.stands)
             case ForgetAll(why):
                 return MachineState({}, {"": why}, frozenset({None}))
@@ -380,15 +377,17 @@ class _Machine:
         beside = {call.name: call.why for call in self.program.beside}
         begins = [name for name in self.program.routines if name not in called and name not in beside]
         # The controller keeps values set by a routine, so the initial state is uncertain.
-        parts: dict[str, Value] = {}
+        variables: dict[str, Value] = {}
         families: dict[str, Unknown] = {}
         for statement in (statement for body in self.program.routines.values() for statement in body):
             match statement:
-                case Set(part, value) if part.startswith(self.program.kept) and value != self.program.initial(part):
-                    parts[part] = value if isinstance(value, Unknown) else _KEPT
+                case Set(variable, value) if variable.startswith(self.program.kept) and value != self.program.initial(
+                    variable
+                ):
+                    variables[variable] = value if isinstance(value, Unknown) else _KEPT
                 case ForgetFamily(family, why) if f"{family}[".startswith(self.program.kept):
                     families[family] = why
-        begin = MachineState(parts, families, frozenset({None}))
+        begin = MachineState(variables, families, frozenset({None}))
         # If all routines call each other, the first is the start.
         for name in begins or list(self.program.routines)[:1]:
             self._cycle(name, replace(begin, stands=frozenset({BEGIN})) if name == self.program.starts else begin)
@@ -467,9 +466,9 @@ def usages_of(program: Program) -> list[Usage]:
     return _Machine(program).run()
 
 
-def family_of(part: str) -> str:
+def family_of(variable: str) -> str:
     """ "UFRAME" for "UFRAME[3]"."""
-    return part.partition("[")[0]
+    return variable.partition("[")[0]
 
 
 def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:

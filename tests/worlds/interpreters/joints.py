@@ -7,7 +7,15 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.apps.makers.emulated import Array, Event, LinearMove, PointToPointMove, PostureFlags, Round, ToolPose
+from analysis.apps.makers.emulated import (
+    Array,
+    ConfigurationFlags,
+    Event,
+    LinearMove,
+    PointToPointMove,
+    Round,
+    ToolPose,
+)
 from rigs.rig import Rig
 from tests.worlds.interpreters.arms import flange_of, pose_of
 
@@ -18,7 +26,7 @@ _ARM_MM = 500.0
 """Lever arm that makes rotations comparable with translations."""
 
 
-def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, PostureFlags]]:
+def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, ConfigurationFlags]]:
     """Joint angles (6,) rad at the end of each move, with the posture flags of its position; q (6,):
     start angles.
     """
@@ -42,8 +50,8 @@ def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, Postu
             end = event.pose
         else:
             continue
-        if end.posture:
-            found.append((q, end.posture))
+        if end.configuration:
+            found.append((q, end.configuration))
     return found
 
 

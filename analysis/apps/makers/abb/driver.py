@@ -130,13 +130,13 @@ def _form(value: Any) -> str:
 class _AbbController:
     def __init__(self, data: dict[str, Any], machine: Machine) -> None:
         self._data, self._machine = data, machine
-        self._free_posture = self._by_path = False
+        self._free_configuration = self._by_path = False
         self._mm_s2 = 0.0
 
     def do(self, words: list[str]) -> None:
         match words:
             case ["ConfL", "\\", "Off"]:
-                self._free_posture = True
+                self._free_configuration = True
             case ["CirPathMode", "\\", "PathFrame" | "ObjectFrame" as frame]:
                 self._by_path = frame == "PathFrame"
             case ["PathAccLim", "TRUE", "\\", "AccMax", ":=", up, ",", "TRUE", "\\", "DecelMax", ":=", down]:
@@ -177,7 +177,7 @@ class _AbbController:
         return MoveLimits(mm_s=mm_s, rad_s=np.radians(deg_s), mm_s2=self._mm_s2)
 
     def _frames(self, words: list[str]) -> None:
-        if len(words) != 5 or words[1:4] != ["\\", "WObj", ":="] or not (self._free_posture and self._mm_s2):
+        if len(words) != 5 or words[1:4] != ["\\", "WObj", ":="] or not (self._free_configuration and self._mm_s2):
             raise ProgramError(f"{' '.join(words)}: tool, work object, ConfL and PathAccLim must be set before a move")
         is_held, frame, load = self._of(words[0], "tooldata")
         if not is_held or load[0] <= 0 or not np.any(load[1]):

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.makers.abb.copies import copies_in
+from analysis.apps.makers.abb.offsets import copies_in
 from analysis.apps.makers.abb.statements import EXTERNAL_AXES, NO_AXIS, WORD, RapidStatements, literal_frames
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import as_value
@@ -192,7 +192,7 @@ class _RapidReader(RapidStatements):
             why = Unknown(file, 1, f"the main routine of {self.names[file]} may run in parallel")
             for name in reachable(self.routines, [f"{file}:main"]):
                 parts = [of for of in self.routines[name] if isinstance(of, Set)]
-                sets = [of for of in parts if of.part.startswith(("tool ", "frame "))]
+                sets = [of for of in parts if of.variable.startswith(("tool ", "frame "))]
                 self.concurrently(why, partial(self.add, *sets))
 
     def watch_points(self) -> None:

@@ -14,9 +14,8 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.makers.abb.copies import OFFSET, Reached, read_target
 from analysis.apps.makers.abb.instructions import EFFECT, FUNCTIONS, MOVE, SETTINGS, SWITCHES, TOOL_THIRD, WRITES
-from analysis.apps.makers.abb.offsets import Numbers, known_numbers
+from analysis.apps.makers.abb.offsets import OFFSET, Numbers, Reached, known_numbers, read_target
 from analysis.apps.makers.configuration import beyond_stretch, wrist_in_front
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import as_value

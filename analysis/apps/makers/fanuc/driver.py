@@ -20,11 +20,11 @@ from analysis.apps.makers.emulated import (
     COUNTS_PER_DEG,
     READING,
     Array,
+    ConfigurationFlags,
     ControllerParameter,
     Machine,
     MoveLimits,
     OperatorPause,
-    PostureFlags,
     ProgramDriver,
     ProgramError,
     Switched,
@@ -81,8 +81,11 @@ def _positions(text: str) -> dict[int, _Position]:
             pose, q = None, np.radians([float(value) for value in joints.groups()])
         elif cartesian:
             flip, *counts = cartesian.groups()[:4]
-            posture = PostureFlags(flip == "F", tuple(map(int, counts)))
-            pose, q = replace(_pose([float(value) for value in cartesian.groups()[4:]]), posture=posture), None
+            configuration = ConfigurationFlags(flip == "F", tuple(map(int, counts)))
+            pose, q = (
+                replace(_pose([float(value) for value in cartesian.groups()[4:]]), configuration=configuration),
+                None,
+            )
         else:
             raise ProgramError(f"the coordinates {match[4]!r} are not in FANUC format")
         positions[int(match[1])] = _Position(int(match[2]), int(match[3]), pose, q)

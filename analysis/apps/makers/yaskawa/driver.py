@@ -21,11 +21,11 @@ from scipy.spatial.transform import Rotation
 from analysis.apps.makers.emulated import (
     COUNTS_PER_DEG,
     READING,
+    ConfigurationFlags,
     ControllerParameter,
     Machine,
     MoveLimits,
     OperatorPause,
-    PostureFlags,
     ProgramDriver,
     ProgramError,
     Switched,
@@ -74,16 +74,16 @@ def run(text: str, _: str, machine: Machine) -> None:
 
 def _positions(lines: list[str]) -> tuple[list[ToolPose], list[str]]:
     positions: list[ToolPose] = []
-    posture = None
+    configuration = None
     for number, line in enumerate(lines):
         if match := _POSITION.fullmatch(line):
-            if int(match[1]) != len(positions) or posture is None:
+            if int(match[1]) != len(positions) or configuration is None:
                 raise ProgramError(f"{line!r} is out of order, or has no RCONF")
             values = [float(value) for value in match.groups()[1:]]
             turn = Rotation.from_euler("xyz", values[3:], degrees=True)
-            positions.append(ToolPose(np.array(values[:3]), turn, posture))
+            positions.append(ToolPose(np.array(values[:3]), turn, configuration))
         elif match := _FORM.fullmatch(line):
-            posture = PostureFlags(match[1] == "0", tuple(map(int, match.groups()[1:4])))
+            configuration = ConfigurationFlags(match[1] == "0", tuple(map(int, match.groups()[1:4])))
         else:
             return positions, lines[number:]
     return positions, []

@@ -98,7 +98,7 @@ class _State:
     kind: str = "PULSE"
     tool: str = "0"
     user: str = "unset"
-    posture: tuple[int, ...] = ()
+    rconf: tuple[int, ...] = ()
 
 
 class _InformReader(ProgramParser):
@@ -163,7 +163,7 @@ class _InformReader(ProgramParser):
             case ["///PULSE"]:
                 state.kind = "PULSE"
             case ["///RCONF", values, *_]:
-                state.posture = tuple(int(value) if value in ("0", "1") else -1 for value in values.split(",")[:6])
+                state.rconf = tuple(int(value) if value in ("0", "1") else -1 for value in values.split(",")[:6])
         position = _POSITION.fullmatch(line)
         if not position or position[1] in ("BP", "EC", "EX"):
             return
@@ -173,7 +173,7 @@ class _InformReader(ProgramParser):
             self.base_at[key] = "moved" if any(number.value for number in numbers) or not numbers else OFF
         elif self.is_own:
             pulses, frame = state.kind == "PULSE", _frame(state.kind, state.user)
-            flags = Flags(state.posture, _agreeing) if len(state.posture) == 6 and not pulses else None
+            flags = Flags(state.rconf, _agreeing) if len(state.rconf) == 6 and not pulses else None
             form: Form = "pulses" if pulses else "roll_pitch_yaw"
             name = f"{position[1]}{position[2]}"
             reason: Reason | None = "external_axes" if len(numbers) > 6 else None if len(numbers) == 6 else "incomplete"

@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import (
     Array,
+    ConfigurationFlags,
     Event,
     LinearMove,
     OperatorPause,
     PointToPointMove,
-    PostureFlags,
     Round,
     Waited,
 )
@@ -117,7 +117,7 @@ def test_positions_contain_the_posture_of_arrival(arm: str, dialect: MakerName, 
     for q, posture in said:
         turns = np.sign(q[[*axes]]) * np.floor(np.abs(np.degrees(q[[*axes]])) / 360 + 0.5)
         expected = np.abs(turns) > 0 if dialect == "yaskawa" else turns
-        assert posture == PostureFlags(bool(q[4] > 0), tuple(map(int, expected))), np.degrees(q)
+        assert posture == ConfigurationFlags(bool(q[4] > 0), tuple(map(int, expected))), np.degrees(q)
 
 
 @pytest.mark.parametrize("dialect", MAKERS)
