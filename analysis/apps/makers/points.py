@@ -183,8 +183,8 @@ def _with_external_axes(program: Program, axes: Sequence[str], points: Mapping[s
     elsewhere = Unknown(0, 0, "a move to a place that is unknown may move the external axes")
     changed = "the point is used or assigned elsewhere, possibly with different coordinates of the external axes"
 
-    def initial(part: str) -> Value:
-        return at_begin if family_of(part) == EXTERNAL else program.initial(part)
+    def initial(variable: str) -> Value:
+        return at_begin if family_of(variable) == EXTERNAL else program.initial(variable)
 
     def followed(statement: Statement) -> Iterator[Statement]:
         if isinstance(statement, Elsewhere):

@@ -81,8 +81,8 @@ class ProgramParser:
     def add(self, *statements: Statement) -> None:
         self.blocks.add(*statements)
 
-    def set(self, part: str, value: Value | Ref | ComputedValue) -> None:
-        self.blocks.add(Set(part, value))
+    def set(self, variable: str, value: Value | Ref | ComputedValue) -> None:
+        self.blocks.add(Set(variable, value))
 
     def forget(self, family: str, why: Unknown) -> None:
         self.blocks.add(ForgetFamily(family, why))
@@ -172,8 +172,8 @@ class ProgramParser:
             self.routines[name] = body
             self.beside.append(Call(name, why))
 
-    def initial(self, part: str) -> Value:
-        """Value of a part of the state when the program starts."""
+    def initial(self, variable: str) -> Value:
+        """Value of a state variable when the program starts."""
         raise NotImplementedError
 
     def program(self, *, kept: tuple[str, ...] = (), cycles: bool = False, starts: str | None = None) -> Program:

@@ -206,4 +206,3 @@ DRIVER = ProgramDriver(
     run,
     (READING, ControllerParameter("MOTOR_CALIB rob1_{axis} cal_offset", "rad", "reading", -1 / GEAR_RATIO)),
 )
-"""The reading of an axis is (motor angle - offset) / gear ratio."""

@@ -82,14 +82,14 @@ SWITCHES: dict[str, tuple[str, str]] = {
     "pdispon": ("shift", "on"), "pdispset": ("shift", "on"), "pdispoff": ("shift", "off"),
     "softact": ("tracking", "on"), "softdeact": ("tracking", "off"),
 }  # fmt: skip
-"""Instructions that set a part of the state, with the value."""
+"""Instructions that set a state variable, with the value."""
 SETTINGS = {
     "confl": ("conf l", "Off", "on", "off"),
     "confj": ("conf j", "Off", "on", "off"),
     "singarea": ("switch", "LockAxis4", OFF, "on"),
     "cirpathmode": ("switch arcs", r"Wrist\d\d", OFF, "on"),
 }
-"""Instructions that set a part of the state by a switch among their arguments: the value without and with it."""
+"""Instructions that set a state variable by a switch among their arguments: the value without and with it."""
 
 MOVE = re.compile(
     r"(?:Move(?P<move>AbsJ|J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?P<trigg>AbsJ|J|L|C)(?:IOs)?|"

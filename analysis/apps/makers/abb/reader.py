@@ -126,8 +126,8 @@ class _RapidReader(RapidStatements):
         variants or belong to different tasks: the user states the frame.
         """
         family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
-        name, part = declared["name"], f"{family} {declared['name'].lower()}"
-        self.frames.add(part)
+        name, variable = declared["name"], f"{family} {declared['name'].lower()}"
+        self.frames.add(variable)
         frame = literal_frames(kind, declared["value"] or "")
         value: Value = self.why(f"{name} is not declared with numbers, on the robot")
         if frame is not None:
@@ -135,20 +135,24 @@ class _RapidReader(RapidStatements):
         elif declared["value"] is None:
             value = name.lower()
         shared_by = self.file if is_shared and declared["storage"].upper() == "PERS" else -1
-        if part not in self.stated:
-            self.stated[part], self.shared_by[part] = value, shared_by
+        if variable not in self.stated:
+            self.stated[variable], self.shared_by[variable] = value, shared_by
             if is_shared:
-                self.first_in[part] = self.file
+                self.first_in[variable] = self.file
             if frame is not None:
-                self.numeric[part] = NamedFrame(name, family, self.file, self.line(), as_value(frame))
-        elif is_shared and self.first_in.get(part, self.file) != self.file:
-            if value != self.stated[part]:
-                self.stated[part] = name.lower()
-                self.numeric.pop(part, None)
-                fact = f"{name} has other numbers in {self.names[self.first_in[part]]}; state --{family} {name}"
+                self.numeric[variable] = NamedFrame(name, family, self.file, self.line(), as_value(frame))
+        elif is_shared and self.first_in.get(variable, self.file) != self.file:
+            if value != self.stated[variable]:
+                self.stated[variable] = name.lower()
+                self.numeric.pop(variable, None)
+                fact = f"{name} has other numbers in {self.names[self.first_in[variable]]}; state --{family} {name}"
                 self.points.notices.append(Notice(self.file, self.line(), fact))
-        elif value != self.stated[part] or -1 in (shared_by, self.shared_by[part]) or self.file == self.shared_by[part]:
-            self.shadowed[part] = self.why(f"{name} is declared twice")
+        elif (
+            value != self.stated[variable]
+            or -1 in (shared_by, self.shared_by[variable])
+            or self.file == self.shared_by[variable]
+        ):
+            self.shadowed[variable] = self.why(f"{name} is declared twice")
 
     def find_external_axes(self) -> None:
         """Add the external axes that the program moves. An axis that every target names with one value does not move.
@@ -215,10 +219,10 @@ class _RapidReader(RapidStatements):
         first = [name for name in own if name.endswith(":main")] or [name for name in own if name not in called]
         return first[0] if len(first) == 1 else None
 
-    def initial(self, part: str) -> Value:
-        kind, _, name = part.partition(" ")
+    def initial(self, variable: str) -> Value:
+        kind, _, name = variable.partition(" ")
         if kind in ("tool", "frame"):
-            return self.stated.get(part, name)
+            return self.stated.get(variable, name)
         return "on" if kind == "conf" else OFF
 
 

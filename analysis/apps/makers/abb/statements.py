@@ -120,7 +120,7 @@ class RapidStatements(ProgramParser):
         """Points that all modules see, unless they declare the name themselves."""
         self.declares: list[set[str]] = []
         self.frames: set[str] = set()
-        """The tools and work objects, as parts of the state."""
+        """The tools and work objects, as state variables."""
         self.shadowed: dict[str, Unknown] = {}
         """Tools and work objects whose name has a different meaning in a routine."""
         self.by_name: Unknown | None = None
@@ -202,9 +202,9 @@ class RapidStatements(ProgramParser):
             if any(self.literal(kind, *handed.span(), "") for kind in _TARGETS):
                 self.list_left("handed", handed[0], handed.start())
         for word in WORD.finditer(self.text, begin, end):
-            for part in (f"tool {word[0].lower()}", f"frame {word[0].lower()}"):
-                if part in self.frames:
-                    self.set(part, self.why(f"{word[0]} is passed to {name}", begin))
+            for variable in (f"tool {word[0].lower()}", f"frame {word[0].lower()}"):
+                if variable in self.frames:
+                    self.set(variable, self.why(f"{word[0]} is passed to {name}", begin))
 
     def _statement(self, begin: int, end: int) -> None:
         inside = self.text[begin:end]
@@ -230,8 +230,8 @@ class RapidStatements(ProgramParser):
         elif name in SWITCHES:
             self.set(*SWITCHES[name])
         elif name in SETTINGS:
-            part, option, otherwise, chosen = SETTINGS[name]
-            self.set(part, chosen if re.search(rf"\\\s*{option}\b", rest, re.IGNORECASE) else otherwise)
+            variable, option, otherwise, chosen = SETTINGS[name]
+            self.set(variable, chosen if re.search(rf"\\\s*{option}\b", rest, re.IGNORECASE) else otherwise)
         elif name == "goto":
             self.add(Jump((rest.strip().lower(),)))
         elif name in ("return", "exit", "exitcycle"):
@@ -259,8 +259,8 @@ class RapidStatements(ProgramParser):
         """Parse an assignment to a tool or a work object. Assigned points are detected elsewhere, by name."""
         right = assignment["right"].strip()
         for kind, data in (("tool", "tooldata"), ("frame", "wobjdata")):
-            part = f"{kind} {assignment['name'].lower()}"
-            if part not in self.frames:
+            variable = f"{kind} {assignment['name'].lower()}"
+            if variable not in self.frames:
                 continue
             value: Value | Ref = self.why(f"{assignment['name']} is assigned there")
             frame = literal_frames(data, right)
@@ -268,7 +268,7 @@ class RapidStatements(ProgramParser):
                 value = as_value(frame)
             elif not assignment["part"] and f"{kind} {right.lower()}" in {*self.frames, "tool tool0", "frame wobj0"}:
                 value = Ref(f"{kind} {right.lower()}")
-            self.set(part, value)
+            self.set(variable, value)
 
     def _move(self, instruction: re.Match[str], move: re.Match[str]) -> None:
         text, rest = self.text, instruction.span("rest")
@@ -305,8 +305,8 @@ class RapidStatements(ProgramParser):
         """Tool or work object of a move."""
         if not WORD.fullmatch(name):  # Parts of records and elements of arrays are not tracked.
             return self.why(f"{name} is a part of other data")
-        part = f"{family} {name.lower()}"
-        return self.shadowed.get(part) or Ref(part)
+        variable = f"{family} {name.lower()}"
+        return self.shadowed.get(variable) or Ref(variable)
 
     def _target(self, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
         name = self.text[begin:end]

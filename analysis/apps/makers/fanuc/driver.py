@@ -172,4 +172,3 @@ DRIVER = ProgramDriver(
         ControllerParameter("$PARAM_GROUP[1].$DH_D[{axis}]", "mm", "d", 1.0, grows=True),
     ),
 )
-"""Emulated FANUC controller. The reading of an axis is (count - count at zero) / counts per degree."""

@@ -51,7 +51,7 @@ _SWITCHES = (
 
 
 def switch_by(text: str) -> tuple[str, str] | None:
-    """Part of the state that an instruction switches, with its value."""
+    """State variable that an instruction switches, with its value."""
     found = ((pattern.fullmatch(text), part) for pattern, part in _SWITCHES)
     return next(((part, OFF if switch[1] else "on") for switch, part in found if switch), None)
 

@@ -295,8 +295,8 @@ class _TpReader(ProgramParser):
 
     def _forget_conditions(self, fact: str) -> None:
         """Make the offsets of OFFSET CONDITION unknown, if a listing sets them."""
-        for part in ("OFFSET CONDITION", "TOOL_OFFSET CONDITION") if self.conditions else ():
-            self.set(part, self.why(fact))
+        for variable in ("OFFSET CONDITION", "TOOL_OFFSET CONDITION") if self.conditions else ():
+            self.set(variable, self.why(fact))
 
     def _mentioned(self, text: str) -> None:
         """Mark the points in an instruction as changed: all if the number is in a register."""
@@ -368,8 +368,8 @@ class _TpReader(ProgramParser):
             ("external_tcp", "on" if _EXTERNAL_TCP.search(way.options) else OFF),
             ("coordinated", "on" if _COORDINATED.search(way.options) else OFF),
         )
-        for part, number in () if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool)):
-            needs += (("selected", ComputedValue((part,), partial(_selected, str(number)))),)
+        for variable, number in () if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool)):
+            needs += (("selected", ComputedValue((variable,), partial(_selected, str(number)))),)
         offset = self._offset(way.offsets)
         kind = "joint" if way.kind == "J" else "line"
         key, base = (f"{point[1]}@{line}", point[1]) if offset else (point[1], "")
@@ -401,10 +401,10 @@ class _TpReader(ProgramParser):
             self._target(f"P[{key}]", at, way)
         self.blocks.close()
 
-    def initial(self, part: str) -> Value:
-        family, _, number = part.partition("[")
-        if part in ("UFRAME_NUM", "UTOOL_NUM"):
-            return Unknown(0, 0, f"no line selects {part}")
+    def initial(self, variable: str) -> Value:
+        family, _, number = variable.partition("[")
+        if variable in ("UFRAME_NUM", "UTOOL_NUM"):
+            return Unknown(0, 0, f"no line selects {variable}")
         return number.rstrip("]") if family in ("UFRAME", "UTOOL") else OFF
 
 
@@ -466,7 +466,7 @@ def _register(text: str, why: Unknown) -> Value | ComputedValue:
 
 
 def _unless_lost(values: tuple[Value, ...]) -> Value:
-    """Take a part of the state as off if a program that is not understood made everything unknown.
+    """Take a state variable as off if a program that is not understood made everything unknown.
 
     A joint move to joint angles depends neither on tools, frames and registers nor on the position of the arm.
     """

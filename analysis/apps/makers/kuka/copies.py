@@ -29,7 +29,7 @@ _WRITTEN = re.compile(r"(?<![\w$.])([A-Z_]\w*)\s*=(?!=)")
 _HANDED = re.compile(r"\(([^()]*)\)")
 
 
-def part_of(module: str, name: str) -> str:
+def variable_of(module: str, name: str) -> str:
     return f"copy {module}:{name}"
 
 
@@ -71,13 +71,13 @@ def constants_in(lines: Sequence[str]) -> dict[str, float]:
 def read_copy(
     line: str, copies: dict[str, str], constants: dict[str, float], module: str, why: Unknown
 ) -> tuple[str, Value | ComputedValue, tuple[int, ...]] | None:
-    """Parse a line about a copy: the part of the state, its value, and the columns of the points that it only reads."""
+    """Parse a line about a copy: the state variable, its value, and the columns of the points that it only reads."""
     if (whole := _WHOLE.fullmatch(line)) and whole["left"].upper() in copies:
-        return part_of(module, whole["left"].upper()), as_value(np.eye(4)), (whole.start("from"),)
+        return variable_of(module, whole["left"].upper()), as_value(np.eye(4)), (whole.start("from"),)
     shift = _SHIFT.fullmatch(line)
     if shift is None or (name := shift["left"].upper()) not in copies:
         return None
-    part, by = part_of(module, name), shift["by"].upper()
+    part, by = variable_of(module, name), shift["by"].upper()
     number = float(by) if re.fullmatch(NUMBER, by) else constants.get(by)
     sources = () if shift["from"].upper() == name else (shift.start("from"),)
     if number is None:

@@ -185,4 +185,3 @@ DRIVER = ProgramDriver(
         ControllerParameter("length in $TFLWP", "mm", "d", 1.0, axis=6, grows=True),
     ),
 )
-"""Mastering makes an axis read $MAMES at the notch."""

@@ -1,7 +1,4 @@
-"""Points and frames of KRL written in place, and the names that a module sees.
-
-Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators.
-"""
+"""Points and frames of KRL written in place, and the names that a module sees."""
 
 from __future__ import annotations
 

@@ -185,13 +185,13 @@ class _KrlReader(KrlStatements):
         used = reachable(self.routines, [*of_user, *(call.name for call in self.beside)])
         self.routines = {name: body for name, body in self.routines.items() if name in used}
 
-    def initial(self, part: str) -> Value:
-        family, _, number = part.partition("[")
-        if part in self.stated:
-            return self.stated[part]
+    def initial(self, variable: str) -> Value:
+        family, _, number = variable.partition("[")
+        if variable in self.stated:
+            return self.stated[variable]
         if family in ("TOOL_DATA", "BASE_DATA"):
             return number.rstrip("]")
-        if part in ("tool", "base", "fdat tool", "fdat base"):
+        if variable in ("tool", "base", "fdat tool", "fdat base"):
             return Unknown(0, 0, "these files do not set the value earlier")
         return OFF
 

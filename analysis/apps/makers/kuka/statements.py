@@ -1,10 +1,9 @@
 """Statements of KRL, and what each can change: the closed list of the dialect, with the names in `closed_lists`.
 
-Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators. BAS(#PTP_PARAMS),
-BAS(#CP_PARAMS) and BAS(#FRAMES) use tool, base and interpolation frame of FDAT_ACT; BAS(#TOOL, n) and BAS(#BASE, n) use
-the lists. BAS(#INITMOV) sets the values in the controller's bas.src. IR_STOPM handles stops and appears in every
-program of the pendant. SET_CD_PARAMS and USE_CM_PRO_VALUES set the sensitivity of collision detection and appear in
-every inline form of KSS 8.5 and newer.
+BAS(#PTP_PARAMS), BAS(#CP_PARAMS) and BAS(#FRAMES) use tool, base and interpolation frame of FDAT_ACT; BAS(#TOOL, n) and
+BAS(#BASE, n) use the lists. BAS(#INITMOV) sets the values in the controller's bas.src. IR_STOPM handles stops and
+appears in every program of the pendant. SET_CD_PARAMS and USE_CM_PRO_VALUES set the sensitivity of collision detection
+and appear in every inline form of KSS 8.5 and newer.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from functools import partial
 from typing import Literal
 
 from analysis.apps.makers.kuka.closed_lists import CORRECTIONS, NOTHING, SYSTEM, effect_of
-from analysis.apps.makers.kuka.copies import part_of, read_copy
+from analysis.apps.makers.kuka.copies import read_copy, variable_of
 from analysis.apps.makers.kuka.literals import BY_NUMBER, KrlLiterals
 from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import (
@@ -36,7 +35,7 @@ from analysis.apps.makers.target import NamedFrame, Notice, ProgramTexts
 from analysis.robot.kinematics.arm import Array
 
 CORRECTION = "correction of bas.src"
-"""Name of the part that is off unless tools and bases of inline forms are displaced by TOOL_CORR or BASE_CORR."""
+"""The state variable that is off unless TOOL_CORR or BASE_CORR displaces tools and bases of inline forms."""
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _CALL = re.compile(r"(?<![\w$.#])([A-Za-z_]\w*)\s*\(")
 _MOVE = re.compile(
@@ -153,8 +152,8 @@ class KrlStatements(KrlLiterals):
         """Forget the motion settings that a call may write to, given the text with the arguments."""
         for argument in dict.fromkeys(match[0].upper() for match in _HANDED.finditer(after)):
             why = self.why(f"{name} receives {argument} and may change the value")
-            for part in _PARTS_OF.get(argument, ()):
-                self.set(part, why)
+            for variable in _PARTS_OF.get(argument, ()):
+                self.set(variable, why)
             if argument not in _PARTS_OF:
                 self.forget(argument, why)
 
@@ -216,8 +215,8 @@ class KrlStatements(KrlLiterals):
                 why = self.why("BAS(#INITMOV) sets the controller's defaults")
                 self.set("tool", why)
                 self.set("base", why)
-                for part in ("external_tcp", "switch", CORRECTION):
-                    self.set(part, OFF)
+                for variable in ("external_tcp", "switch", CORRECTION):
+                    self.set(variable, OFF)
             case _ if command not in _BAS_NOTHING:
                 self.not_known(f"BAS(#{command})")
 
@@ -253,14 +252,14 @@ class KrlStatements(KrlLiterals):
             self.forget(family, self.why(f"{left} is set"))
             return
         frame, value = self.frame(right), self.why(f"{left} is {'set' if number[2] else 'computed'}")
-        part = f"{family}[{int(number[1])}]"
+        variable = f"{family}[{int(number[1])}]"
         if number[2]:
-            self.set(part, value)
+            self.set(variable, value)
         elif frame is not None:
             self.state(family, number[1], frame)
-            self.set(part, as_value(frame))
+            self.set(variable, as_value(frame))
         else:
-            self.set(part, self.place(right) if BY_NUMBER.fullmatch(right.strip()) else value)
+            self.set(variable, self.place(right) if BY_NUMBER.fullmatch(right.strip()) else value)
 
     def state(self, family: str, number: str, frame: Array) -> None:
         kind: Literal["tool", "frame"] = "tool" if family == "TOOL_DATA" else "frame"
@@ -341,7 +340,7 @@ class KrlStatements(KrlLiterals):
         of_lines = "checked" if point.flags and len(point.flags.values) == 2 else OFF
         moved_to, base, offset = key, "", None
         if copied:
-            part = ComputedValue((part_of(self.module, text.upper()),), lambda values: values[0])
+            part = ComputedValue((variable_of(self.module, text.upper()),), lambda values: values[0])
             moved_to, base, offset = f"{key} copied at {self.file}:{self.at}", key, ("frame", part)
         self.add(
             Move(

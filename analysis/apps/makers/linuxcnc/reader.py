@@ -62,7 +62,7 @@ _LATER = {
     "shift radius": r"G\s*4[12]", "shift tool": r"G\s*43", "shift G92": r"G\s*92(?!\.[12])",
     "switch poses": r"E\s*3|M\s*(?:128|129|130|428|429|430)|G\s*1[23]\.1",
 }  # fmt: skip
-"""Patterns of codes that make the initial value of a part unknown: the controller keeps values between programs."""
+"""Patterns of codes that make the initial value of a variable unknown: the controller keeps values between programs."""
 _POSES, _JOINTS = "switch poses", "switch joints"
 _MOVES = {0, 1, 2, 3}
 _FLOW_WORDS = {
@@ -218,8 +218,8 @@ class _GCodeReader(ProgramParser):
             self.centred.add(key)
         # Joints are in the unit of the machine.
         switches = ("switch distance", _JOINTS) if joints else ("switch units", "switch distance", _POSES)
-        needs: Needs = tuple(("switched", Ref(part)) for part in switches)
-        needs += tuple(("displaced", Ref(part)) for part in _LATER if part.startswith("shift"))
+        needs: Needs = tuple(("switched", Ref(variable)) for variable in switches)
+        needs += tuple(("displaced", Ref(variable)) for variable in _LATER if variable.startswith("shift"))
         way: Way = "joint" if joints else "line"
         frame = "G53" if 53 in words.g else _SYSTEM_FRAME
         self.add(Move(key, way, 0, line, "flange", frame, needs, "on" if joints else OFF))
@@ -250,15 +250,15 @@ class _GCodeReader(ProgramParser):
                         self.points.change(source, 0, self.points.declared[first].target.line)
                         todo += [source] if source in self.partial else []
 
-    def initial(self, part: str) -> Value:
-        if part in ("switch units", "switch distance"):
-            return Unknown(0, 0, f"no line before selects the {part.removeprefix('switch ')}")
-        if part == "system":
+    def initial(self, variable: str) -> Value:
+        if variable in ("switch units", "switch distance"):
+            return Unknown(0, 0, f"no line before selects the {variable.removeprefix('switch ')}")
+        if variable == "system":
             return "G54"  # each program starts with it
-        if part in self.uncertain:
+        if variable in self.uncertain:
             return Unknown(0, 0, "a previous program may have left it on")
-        family, _, number = part.partition("[")
-        return number.rstrip("]") if family == "offset" else "on" if part == _JOINTS else OFF
+        family, _, number = variable.partition("[")
+        return number.rstrip("]") if family == "offset" else "on" if variable == _JOINTS else OFF
 
 
 _KEPT = ("offset[",)

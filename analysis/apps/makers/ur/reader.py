@@ -143,8 +143,8 @@ class _UrReader(UrStatements):
                 is_listed = any(self.text[k] == "[" and k < at < end for k, end in self.closes.items())
                 self.list_left("handed" if is_handed else "array" if is_listed else "computed", pose[0], at)
 
-    def initial(self, part: str) -> Value:
-        return "tcp" if part == "tool" else OFF
+    def initial(self, variable: str) -> Value:
+        return "tcp" if variable == "tool" else OFF
 
 
 def parse(program: ProgramTexts) -> Parsed:

@@ -1,8 +1,4 @@
-"""Statements of URScript as statements of the state machine. `functions` contains the effect of each function.
-
-Source: Universal Robots, Script Manual (e-Series, 5.x). movel and movec keep the current posture of the arm, and
-get_inverse_kin selects the solution closest to qnear.
-"""
+"""Statements of URScript as statements of the state machine. `functions` contains the effect of each function."""
 
 from __future__ import annotations
 

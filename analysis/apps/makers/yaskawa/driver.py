@@ -168,4 +168,3 @@ DRIVER = ProgramDriver(
     ),
     tool_entered=True,
 )
-"""Emulated Yaskawa controller. The reading of an axis is (count - count at zero) / counts per degree."""

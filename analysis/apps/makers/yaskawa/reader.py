@@ -297,8 +297,8 @@ class _InformReader(ProgramParser):
         if _UNTIL.search(options):
             self.add(Elsewhere())
 
-    def initial(self, part: str) -> Value:
-        family, _, number = part.partition("[")
+    def initial(self, variable: str) -> Value:
+        family, _, number = variable.partition("[")
         return number.rstrip("]") if family in ("USER", "TOOL") else OFF
 
 
