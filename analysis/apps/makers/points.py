@@ -120,8 +120,11 @@ class Points:
             for source in usage.comes_from:
                 if source not in (None, BEGIN) and (key in places) != (source in places):
                     next_to_left.append(places[key if key in places else source])
-        if targets:
-            skipped += [UncorrectedTarget(at.file, at.line, at.why, "relative") for at in _relative_moves(program)]
+        if targets:  # Relative moves in routines that run, directly or indirectly, with a routine that has targets
+            first = [name for name, body in program.routines.items() if any(isinstance(of, Move) for of in body)]
+            bodies = (of for name in reachable(program.routines, first) for of in program.routines[name])
+            relative = {of.relative for of in bodies if isinstance(of, Elsewhere) and of.relative}
+            skipped += [UncorrectedTarget(at.file, at.line, at.why, "relative") for at in sorted(relative)]
         ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
         frames = [(usage.tool, usage.frame) for usage in usages]
         frames += [(point.target.tool, point.target.frame) for point in self.declared.values()]
@@ -204,13 +207,6 @@ def _with_external_axes(program: Program, axes: Sequence[str], points: Mapping[s
         for name, body in program.routines.items()
     }
     return replace(program, routines=routines, initial=initial)
-
-
-def _relative_moves(program: Program) -> list[Unknown]:
-    """Relative moves in routines that run, directly or indirectly, with a routine that has targets."""
-    first = [name for name, body in program.routines.items() if any(isinstance(statement, Move) for statement in body)]
-    moves = (of for name in reachable(program.routines, first) for of in program.routines[name])
-    return sorted({move.relative for move in moves if isinstance(move, Elsewhere) and move.relative})
 
 
 def _sources(usage: Usage, places: dict[str, int]) -> frozenset[int | None]:

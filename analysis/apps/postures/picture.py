@@ -5,7 +5,6 @@ of a part's places.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -32,11 +31,7 @@ def picture(postures: Postures) -> Figure:
     if postures.work_map is not None:
         title.append(map_words(postures, texts))
         parts.append((5.4, partial(_draw_map, postures.work_map, postures.reached[:, :2, 3])))
-    return Sheet.of_parts(_wrapped(title), parts, _WIDTH)
-
-
-def _wrapped(lines: Sequence[str]) -> list[str]:
-    return [short for line in lines if line for short in textwrap.wrap(line, 92)]
+    return Sheet.of_parts([short for line in title for short in textwrap.wrap(line, 92)], parts, _WIDTH)
 
 
 def _draw_errors(postures: Postures, sheet: SubFigure) -> None:
@@ -49,17 +44,13 @@ def _draw_errors(postures: Postures, sheet: SubFigure) -> None:
     ):
         at = targets[sequence.rows] + 1
         axes.plot(at, sequence.expected_mm, "-", marker=marker, ms=3, lw=1, color=colour, label=label)
-    axes.set_ylim(0, _top(postures))
+    # Single postures may be far outside the measured region.
+    shown = np.concatenate([postures.best.expected_mm, postures.usual.expected_mm, np.zeros(1)])
+    high = np.percentile(postures.errors.expected_mm, 95) if len(postures.errors.expected_mm) else 1.0
+    axes.set_ylim(0, 1.25 * max(float(shown.max()), float(high), 1e-3))
     axes.set_xlabel("target")
     axes.set_ylabel("expected error / mm")
     axes.legend(fontsize=8, ncols=3, loc="upper right", frameon=False)
-
-
-def _top(postures: Postures) -> float:
-    """Upper limit in mm of the error axis: single postures may be far outside the measured region."""
-    shown = [postures.best.expected_mm, postures.usual.expected_mm, np.zeros(1)]
-    high = np.percentile(postures.errors.expected_mm, 95) if len(postures.errors.expected_mm) else 1.0
-    return 1.25 * max(float(np.concatenate(shown).max()), float(high), 1e-3)
 
 
 def _draw_joints(postures: Postures, sheet: SubFigure) -> None:

@@ -64,7 +64,9 @@ def best_sequence(
     for before, rows in pairwise(groups):
         away = candidates.q[None, rows] - candidates.q[before, None]
         moves = np.abs(away).max(axis=2)
-        price = error * _approached(errors, before, rows, away) / unit + travel * moves
+        repeated = errors.of(np.tile(np.arange(rows.start, rows.stop), len(away)))
+        approached = _after(repeated, away.reshape(-1, away.shape[2])).reshape(len(away), -1)
+        price = error * approached / unit + travel * moves
         price += singular[rows] + change * _changed(candidates.branch[before, None], candidates.branch[None, rows])
         whole = cost[:, None] + price
         came_from.append(whole.argmin(axis=0))
@@ -86,14 +88,6 @@ def sequence_of(candidates: Candidates, errors: PostureErrors, rows: Integers) -
 
 def _changed(before: Integers, after: Integers) -> Mask:
     return np.asarray((before != after) & (before != NO_BRANCH) & (after != NO_BRANCH))
-
-
-def _approached(errors: PostureErrors, before: slice, rows: slice, away: Array) -> Array:
-    """Expected errors (k, l) mm of postures `rows` (l) after `before` (k), with joint motions `away` (k, l,
-    axes) rad."""
-    count = away.shape[0]
-    repeated = np.tile(np.arange(rows.start, rows.stop), count)
-    return _after(errors.of(repeated), away.reshape(-1, away.shape[2])).reshape(count, -1)
 
 
 def _after(errors: PostureErrors, away: Array) -> Array:

@@ -11,6 +11,7 @@ import ast
 import itertools
 import operator
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -55,10 +56,6 @@ class Numbers:
             if 0 < count <= _LONGEST_LOOP:
                 values = tuple(first + step * k for k in range(count))
         self.loops.append((name, values))
-
-    def leave(self) -> None:
-        if self.loops:
-            self.loops.pop()
 
     def value(self, text: str) -> float | None:
         """Value of an expression; None if it is unknown or varies."""
@@ -105,13 +102,12 @@ def offset_frames(function: str, texts: Sequence[str], numbers: Numbers) -> list
         turns[turn[1].lower()] = turn[2]
     if len(places) != 3:
         return []
-    return [_frame(values) for values in numbers.every_value([*places, *turns.values()])]
-
-
-def _frame(values: Sequence[float]) -> Array:
-    T = frame_of("roll_pitch_yaw", [0, 0, 0, *(-turn for turn in values[3:])]).T  # Inverse of the rotation
-    T[:3, 3] = values[:3]
-    return T
+    frames = []
+    for x, y, z, *turned in numbers.every_value([*places, *turns.values()]):
+        T = frame_of("roll_pitch_yaw", [0, 0, 0, *(-turn for turn in turned)]).T  # Inverse of the rotation
+        T[:3, 3] = x, y, z
+        frames.append(T)
+    return frames
 
 
 _NUM = re.compile(
@@ -139,13 +135,9 @@ def known_numbers(texts: Sequence[str]) -> dict[str, float]:
             value = known.value(every[0]["value"][2:])
             if value is not None:
                 known.known[name] = value
-    return {name: value for name, value in known.known.items() if not _is_hidden(name, together)}
-
-
-def _is_hidden(name: str, text: str) -> bool:
-    """True if a parameter of a routine or other data may also have the name."""
-    declarations = re.findall(rf"\b(?:num|dnum|bool|string|robtarget|switch|intnum)\s+{name}\b", text)
-    return len(declarations) > 1
+    # A parameter of a routine or other data may also have the name.
+    declared_as = Counter(re.findall(r"\b(?:num|dnum|bool|string|robtarget|switch|intnum)\s+(\w+)\b", together))
+    return {name: value for name, value in known.known.items() if declared_as[name] <= 1}
 
 
 def _only_read(name: str, text: str) -> bool:

@@ -175,8 +175,8 @@ class RapidStatements(ProgramParser):
         else:
             if word == "FOR":
                 self.numbers.enter(self.text[begin:end])
-            elif word == "ENDFOR":
-                self.numbers.leave()
+            elif word == "ENDFOR" and self.numbers.loops:
+                self.numbers.loops.pop()
             self.blocks.keyword(_FLOW.get(word, ""), partial(self._functions, begin, end))
 
     def _handler(self, word: str) -> None:

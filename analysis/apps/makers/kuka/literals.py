@@ -53,7 +53,10 @@ class KrlLiterals(ProgramParser):
             if not (component := _COMPONENT.fullmatch(part)):
                 return None
             place = (at + component.start(2), at + component.end(2))
-            parts[component[1].upper()] = Number(*place, _value(component[2]))
+            digits = component[2]
+            is_pattern = digits[0] == "'"  # 'B010' or 'H1A'
+            value = float(int(digits[2:-1], 2 if digits[1] in "Bb" else 16)) if is_pattern else float(digits)
+            parts[component[1].upper()] = Number(*place, value)
             at += len(part) + 1
         return parts
 
@@ -117,8 +120,3 @@ def _agreeing(letters: str, arm: Arm, q: Array, values: tuple[int, ...], slack_r
         negative = (stated["T"] >> np.arange(6)) & 1 == 1
         good &= np.all(np.where(negative, q < slack_rad, q > -slack_rad), axis=1)
     return good
-
-
-def _value(text: str) -> float:
-    """Number in decimal, binary ('B010') or hexadecimal ('H1A') text."""
-    return float(int(text[2:-1], 2 if text[1] in "Bb" else 16)) if text[0] == "'" else float(text)

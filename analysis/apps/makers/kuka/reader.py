@@ -149,10 +149,7 @@ class _KrlReader(KrlStatements):
         self.end_routine()
 
     def watch_points(self) -> None:
-        """Mark points as changed if they appear outside a move or are imported under another name.
-
-        A point of another file keeps its numbers, so only an assignment or a call can change its meaning.
-        """
+        """Mark points as changed if they appear outside a move or are imported under another name."""
         for word in self.mentions(_WORD):
             text = self.texts[self.file]
             in_aggregate = text[max(0, word.start() - 3) : word.start()].rstrip()[-1:] in ("{", ",")
@@ -161,7 +158,10 @@ class _KrlReader(KrlStatements):
             ):
                 continue
             for key in self._mentioned(word[0], text[word.end() : word.end() + 20]):
-                if self.points.declared[key].target.file < self.own or _may_write(text, word):
+                # Another file's point changes if it is assigned, or is an argument of a call.
+                before = text[text.rfind("\n", 0, word.start()) + 1 : word.start()]
+                is_written = _WRITTEN.match(text, word.end()) or before.count("(") > before.count(")")
+                if self.points.declared[key].target.file < self.own or is_written:
                     self.change(key)
         for alias in self.mentions(_IMPORT):
             for key in [key for key in self.points.declared if key.rpartition(":")[2] == alias[1].upper()]:
@@ -219,12 +219,6 @@ def parse(program: ProgramTexts) -> Parsed:
     module = reader.modules[0]
     starts = f"{module}:{module.rpartition('/')[2]}" if own <= 2 else None
     return reader.points.parsed(reader.program(kept=kept, starts=starts))
-
-
-def _may_write(text: str, word: re.Match[str]) -> bool:
-    """True if a statement may write to a point: it is assigned, or an argument of a call."""
-    before = text[text.rfind("\n", 0, word.start()) + 1 : word.start()]
-    return bool(_WRITTEN.match(text, word.end())) or before.count("(") > before.count(")")
 
 
 READER = ProgramReader(

@@ -80,11 +80,7 @@ class _Program:
     at: PlannedTarget | None = None
     stops: bool | None = None
 
-    def move(self, step: Move) -> None:
-        (self._joints if isinstance(step, JointMove) else self._along)(step)
-        self.at = end_of(step)
-
-    def _joints(self, step: JointMove) -> None:
+    def joints(self, step: JointMove) -> None:
         joints = np.degrees(step.target.q)
         inch = isinstance(self.plan.feedback, LinuxCNC) and self.plan.feedback.linear_units == "inch"
         degrees_min = 60 * np.degrees(step.speed_rad_s)
@@ -131,7 +127,7 @@ class _Program:
     def flanges(self, tools: Array) -> Array:
         return np.asarray(tools @ np.linalg.inv(self.plan.arm.T_flange_tool))
 
-    def _along(self, step: StraightMove | ToolRotation | Arc) -> None:
+    def along(self, step: StraightMove | ToolRotation | Arc) -> None:
         path, stops = self._path(step), isinstance(step, ToolRotation) or step.stops
         coarse = self.plan.has_link and not (isinstance(step, Arc) and step.with_path)
         numbers = self._unwound(path.poses)
@@ -249,7 +245,8 @@ def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
             case Signal(value) if plan.signal_place.int_register is not None:
                 program.lines.append(f"M68 E{plan.signal_place.int_register} Q{value}")
             case _ if isinstance(step, Move):
-                program.move(step)
+                (program.joints if isinstance(step, JointMove) else program.along)(step)
+                program.at = end_of(step)
             case _:
                 program.lines += _WORDS.lines(plan, step, lambda _: [])
     return {f"{identifier(plan.name, _NAME_LENGTH)}.ngc": "\n".join([*program.lines, "G94", "M2", ""])}

@@ -24,7 +24,7 @@ _FUNCTION = re.compile(r"(pose_trans|pose_add)\s*\(")
 _NAMED = re.compile(r"[A-Za-z_]\w*\s*=\s*(?!=)")
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _COORDINATE = re.compile(r"([A-Za-z_]\w*)\s*\[\s*(\d)\s*\]\s*([-+][^\[\]]*)?", re.DOTALL)
-_FRAME = re.compile(r"pose_trans\s*\(\s*([A-Za-z_]\w*)\s*,\s*([A-Za-z_]\w*)\s*\)")
+PAIR = re.compile(r"pose_trans\s*\(\s*([A-Za-z_]\w*)\s*,\s*([A-Za-z_]\w*)\s*\)")
 _OPERATORS: Operators = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, "d2r": math.radians}
 _LONGEST = 500
 """Maximum length of an expression in characters."""
@@ -73,13 +73,11 @@ class PoseReader:
             places = arguments(self.text, call.end(), end - 1)
             if len(places) != 2:
                 return None
-            first, second = (self._unnamed(*place) for place in places)
+            named = [_NAMED.match(self.text, *place) for place in places]
+            starts = [name.end() if name else begin for name, (begin, _) in zip(named, places, strict=True)]
+            first, second = ((start, stop) for start, (_, stop) in zip(starts, places, strict=True))
             return self._transformed(first, second, why) if call[1] == "pose_trans" else self._sum(first, second, why)
         return self._shifted(begin, end, why)
-
-    def _unnamed(self, begin: int, end: int) -> tuple[int, int]:
-        named = _NAMED.match(self.text, begin, end)
-        return (named.end() if named else begin), end
 
     def _transformed(self, first: tuple[int, int], second: tuple[int, int], why: Unknown) -> DerivedPose | None:
         name, other = self.text[slice(*first)], self.text[slice(*second)]
@@ -153,10 +151,6 @@ class PoseReader:
             return value_of(tree, self.constants, _OPERATORS) if tree else None
         except KeyError:
             return None
-
-
-def pairs_in(text: str) -> frozenset[tuple[str, str]]:
-    return frozenset((pair[1], pair[2]) for pair in _FRAME.finditer(text))
 
 
 def _shift(metres: tuple[float, ...] | list[float]) -> Value:

@@ -13,7 +13,7 @@ from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import OFF, Call, Elsewhere, End, Move, Needs, Ref, Value
 from analysis.apps.makers.program_parser import NUMBER, ProgramParser, arguments, brackets, numbers_in
 from analysis.apps.makers.target import Form, NamedFrame, Number, ProgramTexts, Target, Way
-from analysis.apps.makers.ur.derived_poses import DerivedPose, PoseReader, pairs_in
+from analysis.apps.makers.ur.derived_poses import PAIR, DerivedPose, PoseReader
 from analysis.apps.makers.ur.functions import ELSEWHERE, NOTHING, SWITCHES
 from analysis.apps.makers.ur.handed_points import Arguments, CallSites, Routine, parameter_key, routines_in
 from analysis.correction.reasons import Reason
@@ -94,7 +94,8 @@ class UrStatements(ProgramParser):
         once = [found for found in _NUMBER_DECLARED.finditer(text) if self.written[found[1]] == 1]
         numbers = {found[1]: float(found[2]) for found in once}
         reached = frozenset(_REACHED.findall(text))
-        self.pose_reader = PoseReader(text, self.closes, numbers, self.poses, self._is_point, reached, pairs_in(text))
+        pairs = frozenset(PAIR.findall(text))
+        self.pose_reader = PoseReader(text, self.closes, numbers, self.poses, self._is_point, reached, pairs)
 
     def scopes(self, name: str) -> tuple[str, ...]:
         return (name,)
