@@ -16,7 +16,6 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from analysis.apps.interchange.bags import (
     PLACED,
     TF,
     BagMessage,
-    Cdr,
     bag_of,
     joint_state,
     messages_of,
@@ -127,16 +125,8 @@ def _read(messages: Sequence[BagMessage], where: str, rig: Rig) -> tuple[list[st
         (topic,) = joint_topics
     if topic not in joint_topics:
         has = ", ".join(sorted({f"{message.topic} ({message.kind})" for message in messages}))[:300] or "no messages"
-        if len(joint_topics) > 1 and not ros:
-            problem = f"contains the joints of {len(joint_topics)} arms, on {', '.join(sorted(joint_topics))[:300]}"
-            remedy = "give the topic of the measured arm in the rig file: feedback: {interface: "
-            raise FileError(where, problem, f"{remedy}ros2_joint_states, topic: …, joints: […]}}", code="bag.ambiguous")
-        raise FileError(
-            where,
-            f"{JOINT_STATE} on {topic} is missing; available: {has}",
-            "set the topic in the rig file",
-            code="bag.topic_missing",
-        )
+        problem, remedy = f"{JOINT_STATE} on {topic} is missing; available: {has}", "set the topic in the rig file"
+        raise FileError(where, problem, remedy, code="bag.topic_missing")
     states = [message for message in messages if message.topic == topic and message.kind == JOINT_STATE]
     names = list(ros.joints) if ros else _names(states, len(rig.robot.axes), where)
     if odd := [name for name in names if not _JOINT.fullmatch(name)]:
@@ -178,37 +168,18 @@ def _joints(data: bytes) -> tuple[int, dict[str, float]]:
 
 
 def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
-    """Joints of the first message with at least as many as the arm.
-
-    Raises FileError if there is no such message, if joints have no names, and if they belong to several arms.
-    """
-    name_lists = [names for message in messages if axes <= len(names := list(_joints(message.data)[1])) <= _MOST_JOINTS]
-    if name_lists:
-        others = next((names for names in name_lists if not set(names) & set(name_lists[0])), None)
-        if others:
-            arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (name_lists[0], others))
-            problem = f"contains the joints of two arms on a single topic ({arms[:300]})"
-            raise FileError(
-                where,
-                problem,
-                "give the joints of the measured arm in the rig file: feedback.joints",
-                code="bag.ambiguous",
-            )
-        return name_lists[0]
-    for message in messages:
-        with suppress(struct.error, IndexError):
-            state = Cdr(message.data)
-            state.header()
-            if state.count() == 0 and state.count() > 0:  # Positions with no names
-                problem = "contains joint messages without names, so the angles cannot be assigned"
-                raise FileError(
-                    where,
-                    problem,
-                    "publish JointState with names, or import joints and positions as a table",
-                    code="bag.joint_name",
-                )
-    problem = f"a message with {axes} to {_MOST_JOINTS} joints is missing"
-    raise FileError(where, problem, "give the rig file of the measured arm", code="bag.no_joints")
+    """Joints of the first message with at least as many as the arm. Raises FileError if there is none, or two arms."""
+    named = [names for message in messages if axes <= len(names := list(_joints(message.data)[1])) <= _MOST_JOINTS]
+    if not named:
+        problem = f"a message with {axes} to {_MOST_JOINTS} named joints is missing"
+        remedy = "give the rig file of the measured arm, and publish JointState with names"
+        raise FileError(where, problem, remedy, code="bag.no_joints")
+    if others := next((names for names in named if not set(names) & set(named[0])), None):
+        arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (named[0], others))
+        problem = f"contains the joints of two arms on a single topic ({arms[:300]})"
+        remedy = "give the joints of the measured arm in the rig file: feedback.joints"
+        raise FileError(where, problem, remedy, code="bag.ambiguous")
+    return named[0]
 
 
 def _chosen(placed: dict[str, Track], topic: str, where: str) -> tuple[str, Track]:

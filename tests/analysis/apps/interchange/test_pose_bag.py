@@ -250,16 +250,13 @@ LEFT = [f"left_{name}" for name in JOINTS]
 
 
 @pytest.mark.parametrize(
-    ("names", "beside", "told"),
-    [
-        (JOINTS, ("/joint_states", LEFT), "two arms .*left_"),
-        ([], None, "without names"),
-    ],
+    ("names", "beside", "code"),
+    [(JOINTS, ("/joint_states", LEFT), "bag.ambiguous"), ([], None, "bag.no_joints")],
 )
-def test_arm_of_the_joints_must_be_chosen(
-    tmp_path: Path, rng: np.random.Generator, names: list[str], beside: tuple[str, list[str]] | None, told: str
+def test_joints_of_two_arms_or_without_names_are_refused(
+    tmp_path: Path, rng: np.random.Generator, names: list[str], beside: tuple[str, list[str]] | None, code: str
 ) -> None:
     q = np.radians(rng.uniform(-60, 60, (3, 6)))
     drive_points(tmp_path / "bag", rng, names, q, q[:, :3] * 1000, beside=beside)
-    with pytest.raises(FileError, match=told):
+    with refused(code):
         stands(tmp_path / "bag")
