@@ -125,8 +125,8 @@ def _read(messages: Sequence[BagMessage], where: str, rig: Rig) -> tuple[list[st
         (topic,) = joint_topics
     if topic not in joint_topics:
         has = ", ".join(sorted({f"{message.topic} ({message.kind})" for message in messages}))[:300] or "no messages"
-        problem, remedy = f"{JOINT_STATE} on {topic} is missing; available: {has}", "set the topic in the rig file"
-        raise FileError(where, problem, remedy, code="bag.topic_missing")
+        problem = f"{JOINT_STATE} on {topic} is missing; available: {has}"
+        raise FileError(where, problem, "set the topic in the rig file", code="bag.topic_missing")
     states = [message for message in messages if message.topic == topic and message.kind == JOINT_STATE]
     names = list(ros.joints) if ros else _names(states, len(rig.robot.axes), where)
     if odd := [name for name in names if not _JOINT.fullmatch(name)]:
