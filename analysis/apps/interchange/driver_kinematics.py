@@ -181,5 +181,5 @@ def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, re
             "omit --for ur-driver: a URDF can describe any arm",
             code="export.kinematics",
         )
-    links = {link: _entry(T) for link, T in zip(LINKS, joint_origins(arm), strict=True)}
+    links: dict[str, object] = {link: _entry(T) for link, T in zip(LINKS, joint_origins(arm), strict=True)}
     return _yaml({"kinematics": {**links, "hash": calibration_hash or NOT_THE_CONTROLLERS}}, remarks)

@@ -126,9 +126,9 @@ class Points:
             relative = {of.relative for of in bodies if isinstance(of, Elsewhere) and of.relative}
             skipped += [UncorrectedTarget(at.file, at.line, at.why, "relative") for at in sorted(relative)]
         ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
-        frames = [(usage.tool, usage.frame) for usage in usages]
+        frames: list[tuple[object, object]] = [(usage.tool, usage.frame) for usage in usages]
         frames += [(point.target.tool, point.target.frame) for point in self.declared.values()]
-        named = {(of.kind, of.name.lower()) for of in self.sets}
+        named: set[tuple[str, str]] = {(of.kind, of.name.lower()) for of in self.sets}
         for pair in frames:
             kinds = zip(("tool", "frame"), pair, strict=True)
             named |= {(kind, name.lower()) for kind, name in kinds if isinstance(name, str) and name}

@@ -30,8 +30,6 @@ RADIUS_MM, MEASURED_BAND_MM, SIMULATED_BAND_MM = 400.192, 1.0, 0.922
 """Fig. 13 ("just greater than 1 mm"), and Fig. 14 with gear transmission errors only."""
 UNI_MM, BI_MM = 0.261, 1.567
 """Fig. 15: uni-directional and bi-directional repeatability."""
-REVERSAL_MM = 1.40
-"""Largest noise-free reversal value consistent with BI_MM, the average range over both sides including scatter."""
 
 
 def gears(effects: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -30,6 +30,7 @@ from analysis.apps.makers.program_machine import (
     Move,
     Needs,
     Ref,
+    Setting,
     Unknown,
     Value,
 )
@@ -286,7 +287,7 @@ class RapidStatements(ProgramParser):
         frame = self._active("frame", wobj["name"].strip() if wobj else "wobj0")
         if wobj and wobj["given"] == "?":
             frame = self.why(f"{wobj['name'].strip()} may be passed to a routine")
-        tracked = "on" if move["egm"] or _TRACKED.search(text, *rest) else Ref("tracking")
+        tracked: Setting = "on" if move["egm"] or _TRACKED.search(text, *rest) else Ref("tracking")
         way, trusts = ("closest", Ref("conf j")) if kind in ("J", "ABSJ") else ("line", Ref("conf l"))
         needs: Needs = (("displaced", Ref("shift")), ("tracked", tracked), ("switched", Ref("switch")))
         if kind == "C":
