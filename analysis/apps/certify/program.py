@@ -12,7 +12,7 @@ from analysis.apps.certify.features import Feature
 from analysis.apps.correct.corrected_program import Frames, solve_program
 from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.reading import is_marked
-from analysis.apps.makers.ways import straight_path
+from analysis.apps.makers.tool_paths import straight_path
 from analysis.apps.postures.target_errors import Work
 from analysis.apps.postures.targets import read_targets
 from analysis.correction.corrected_targets import angles_for

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analysis.apps.makers.target import AT_BEGIN, Arc, Flags, Target, TargetMove, Way
-from analysis.apps.makers.ways import circular_path, straight_path
+from analysis.apps.makers.tool_paths import circular_path, straight_path
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.robot.kinematics.follow import follow

@@ -25,7 +25,7 @@ from analysis.apps.makers.motion_plan import (
     end_of,
     in_base,
 )
-from analysis.apps.makers.ways import ToolPath, circular_path, rotation_vector, straight_path, turned
+from analysis.apps.makers.tool_paths import ToolPath, circular_path, rotation_path, rotation_vector, straight_path
 from analysis.correction.support import known_plays
 from analysis.robot.kinematics.arm import Array, Integers, reported_angles
 from analysis.robot.model.motion import Motion
@@ -136,7 +136,7 @@ def _moved(plan: MotionPlan, step: Move, begin: PlannedTarget, new: dict[int, Pl
             end = new[id(target)]
             T = end.T.copy()
             T[:3, 3] = begin.T[:3, 3]
-            q = _followed(plan, turned(begin.T, T, step.speed_rad_s), begin)
+            q = _followed(plan, rotation_path(begin.T, T, step.speed_rad_s), begin)
             turned_target = PlannedTarget(T, q[-1])
             yield replace(step, target=turned_target, angle=float(np.linalg.norm(rotation_vector(begin.T, T))), q=q)
             if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:

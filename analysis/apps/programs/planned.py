@@ -33,7 +33,7 @@ from analysis.apps.makers.motion_plan import (
     StraightMove,
     in_base,
 )
-from analysis.apps.makers.ways import over_sphere, straight_path
+from analysis.apps.makers.tool_paths import moves_over_sphere, straight_path
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import (
     PAUSE_S,
@@ -195,7 +195,7 @@ def _radial(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> MotionPlan:
     for target in targets[1:]:
         # Every visit uses the same moves.
         key = np.concatenate([at.q, target.q]).round(_SAME_DECIMALS).tobytes()
-        way, at = ways[key] = ways.get(key) or over_sphere(arm, at, target, centre, radius)
+        way, at = ways[key] = ways.get(key) or moves_over_sphere(arm, at, target, centre, radius)
         steps += [*way, Dwell(dwell_s)]
     return _plan(rig, "radial", None, outputs, targets[0], steps)
 
@@ -208,7 +208,7 @@ def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Motion
     at, steps = first, list[Step]()
     for number, angles in zip(plan.targets, stops, strict=True):
         target, *around = targets_at(arm, angles)
-        way, at = over_sphere(arm, at, target, centre, radius)
+        way, at = moves_over_sphere(arm, at, target, centre, radius)
         steps += [Comment(f"target {number}"), *way, Dwell(dwell_s)]
         for aside, again in zip(around[::2], around[1::2], strict=True):
             away, at = _line(rig, at, aside)

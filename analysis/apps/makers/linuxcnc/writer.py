@@ -47,7 +47,7 @@ from analysis.apps.makers.program_text import (
     shown_pose,
 )
 from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
-from analysis.apps.makers.ways import ToolPath, circular_path, straight_path, turned
+from analysis.apps.makers.tool_paths import ToolPath, circular_path, rotation_path, straight_path
 from analysis.robot.geometry.circle import circles_through
 from analysis.robot.kinematics.arm import Array, transforms
 from rigs.errors import FileError
@@ -120,7 +120,7 @@ class _Program:
             case Arc(via, end, speed_mm_s):
                 return circular_path(begin, via.T[:3, 3], end.T, speed_mm_s, shares)
             case ToolRotation(target, _, speed_rad_s):
-                return turned(begin, target.T, speed_rad_s, shares)
+                return rotation_path(begin, target.T, speed_rad_s, shares)
             case StraightMove(target, speed_mm_s):
                 return straight_path(begin, target.T, speed_mm_s, shares)
 

@@ -10,7 +10,7 @@ import yaml
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.emulated import OperatorPause, RegisterOutput, Switched
 from analysis.apps.makers.motion_plan import Hold, MotionPlan, Signal, demand_lines, demand_of
-from analysis.apps.makers.ways import circular_path
+from analysis.apps.makers.tool_paths import circular_path
 from analysis.apps.makers.writing import feedback_note, programs_of
 from analysis.apps.programs.planned import plans_of
 from analysis.robot.kinematics.arm import Array

@@ -56,17 +56,17 @@ class ToolPath:
 
 def straight_path(begin: Array, end: Array, speed_mm_s: float, shares: Array | None = None) -> ToolPath:
     """Straight path from one pose (4, 4) to another, at shares (n,) or every 4 mm."""
-    way_mm = end[:3, 3] - begin[:3, 3]
-    length = float(np.linalg.norm(way_mm))
+    step_mm = end[:3, 3] - begin[:3, 3]
+    length = float(np.linalg.norm(step_mm))
     share = _shares(length, 0.0) if shares is None else shares
-    return _way(begin, end, share, begin[:3, 3] + share[:, None] * way_mm, length / speed_mm_s)
+    return _tool_path(begin, end, share, begin[:3, 3] + share[:, None] * step_mm, length / speed_mm_s)
 
 
-def turned(begin: Array, end: Array, speed_rad_s: float, shares: Array | None = None) -> ToolPath:
+def rotation_path(begin: Array, end: Array, speed_rad_s: float, shares: Array | None = None) -> ToolPath:
     """Rotation about the tool's origin from one pose (4, 4) to another, at shares (n,) or every 4°."""
     angle = float(np.linalg.norm(rotation_vector(begin, end)))
     share = _shares(0.0, angle) if shares is None else shares
-    return _way(begin, end, share, np.tile(begin[:3, 3], (len(share), 1)), angle / speed_rad_s)
+    return _tool_path(begin, end, share, np.tile(begin[:3, 3], (len(share), 1)), angle / speed_rad_s)
 
 
 def circular_path(begin: Array, via_mm: Array, end: Array, speed_mm_s: float, shares: Array | None = None) -> ToolPath:
@@ -78,17 +78,17 @@ def circular_path(begin: Array, via_mm: Array, end: Array, speed_mm_s: float, sh
     angle = float(np.arctan2(axis @ np.cross(arm, to_end), arm @ to_end) % (2 * np.pi))
     length = angle * float(np.linalg.norm(arm))
     share = _shares(length, angle) if shares is None else shares
-    return _way(begin, end, share, centre + _rotations(angle * axis, share) @ arm, length / speed_mm_s)
+    return _tool_path(begin, end, share, centre + _rotations(angle * axis, share) @ arm, length / speed_mm_s)
 
 
-def _way(begin: Array, end: Array, share: Array, places: Array, seconds: float) -> ToolPath:
+def _tool_path(begin: Array, end: Array, share: Array, places: Array, seconds: float) -> ToolPath:
     poses = np.tile(begin, (len(share), 1, 1))
     poses[:, :3, 3] = places
     poses[:, :3, :3] = _rotations(rotation_vector(begin, end), share) @ begin[:3, :3]
     return ToolPath(poses, seconds)
 
 
-def middle_of(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> Array:
+def _middle(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> Array:
     """Return the pose (4, 4) midway between two poses on a sphere about centre_mm (3,), with positions in mm.
 
     For opposite positions it is the pose at which the tool, rotated halfway, points to the centre.
@@ -134,7 +134,7 @@ _SAME_PLACE_MM = 1e-6
 """Rounding error of equal positions."""
 
 
-def over_sphere(
+def moves_over_sphere(
     arm: Arm, begin: PlannedTarget, end: PlannedTarget, centre_mm: Array, radius_mm: float
 ) -> tuple[list[Step], PlannedTarget]:
     """Steps between two targets on a sphere about centre_mm (3,) in the base frame, and the target reached.
@@ -145,17 +145,17 @@ def over_sphere(
     turn = float(np.linalg.norm(rotation_vector(begin.T, end.T)))
     via = None
     if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
-        via = middle_of(begin.T, end.T, centre_mm, radius_mm)
-        way = circular_path(begin.T, via[:3, 3], end.T, _MOVE_MM_S)
+        via = _middle(begin.T, end.T, centre_mm, radius_mm)
+        path = circular_path(begin.T, via[:3, 3], end.T, _MOVE_MM_S)
     elif turn > SAME_RAD:
-        way = turned(begin.T, end.T, _TURN_RAD_S)
+        path = rotation_path(begin.T, end.T, _TURN_RAD_S)
     else:
         return [], begin
     try:
-        q = follow(arm, arm.T_world_base @ way.poses, begin.q, "a way over the sphere")
+        q = follow(arm, arm.T_world_base @ path.poses, begin.q, "a path over the sphere")
     except FileError:
         return _without_link(end), end
-    share = min(1.0, _SHARE_OF_SPEED / float((way.joint_speeds(q) / arm.speed).max()))
+    share = min(1.0, _SHARE_OF_SPEED / float((path.joint_speeds(q) / arm.speed).max()))
     if share < _LEAST_SHARE:
         return _without_link(end), end
     arrived = replace(end, q=q[-1])
