@@ -150,7 +150,7 @@ class _Pace:
 def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
     """Simulate the circle of a rig. Raises FileError if the robot cannot drive it."""
     program = circle_program(rig, direction)
-    return Trace(program.t_s, program.phi, program.q, _readings_along(rig, test, program.t_s, program.q))
+    return Trace(program.t_s, program.phi, program.q, trace_along(rig, test, program.t_s, program.q))
 
 
 def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
@@ -161,18 +161,14 @@ def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
 
 def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
     """Noise-free gauge readings (n, k) in mm along reported angles q (n, 6) in rad, with the gauges of a test."""
-    g_mm = _readings_along(rig, test, t_s, q)
-    return g_mm if test in CIRCLES else np.repeat(g_mm, len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
-
-
-def _readings_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
     model = model_of(rig)
     if test in CIRCLES:
         circle = CircleTable(test, "acw", t_s, q, np.empty((0, 2)))
         return predict(model, circle, path_of(model, circle), planted_setup(rig))
     nothing, none = np.zeros(len(q)), np.zeros(len(q), dtype=np.int64)
     targets = RadialTable(none, nothing, nothing, none, t_s, q, nothing)
-    return predict(model, targets, path_of(model, targets), nominal_setup(rig, targets))
+    g_mm = predict(model, targets, path_of(model, targets), nominal_setup(rig, targets))
+    return np.repeat(g_mm, len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
 
 
 PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")

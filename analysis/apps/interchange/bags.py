@@ -121,13 +121,6 @@ class McapBag:
                 raise McapError(f"the bag contains {count} messages, but its statistics state {record.message_count}")
 
 
-def words_of(error: Exception) -> str:
-    """Describe the damage of a bag, from the error of the decoder."""
-    if isinstance(error, CRCValidationError):
-        return "the content has changed since it was recorded (CRC-32)"
-    return str(error)[:80] or type(error).__name__
-
-
 def _records_in(chunk: Chunk) -> Iterator[McapRecord]:
     """Yield the records of a chunk. Raises CRCValidationError if it has changed."""
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
@@ -259,7 +252,10 @@ def messages_of(bag: Bag) -> Iterator[BagMessage]:
     except MemoryError:
         raise out_of_memory(Path(bag.where)) from None
     except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
-        raise FileError(bag.where, f"is damaged: {words_of(error)}", "copy the bag again", code="bag.damaged") from None
+        damage = str(error)[:80] or type(error).__name__
+        if isinstance(error, CRCValidationError):
+            damage = "the content has changed since it was recorded (CRC-32)"
+        raise FileError(bag.where, f"is damaged: {damage}", "copy the bag again", code="bag.damaged") from None
 
 
 JOINT_STATE, NUMBER, TF = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "tf2_msgs/msg/TFMessage"

@@ -64,12 +64,9 @@ def rail_way(arm: Arm) -> Array:
 
 def metres_and_rpy(T: Array) -> tuple[list[float], list[float]]:
     """x, y, z in metres and roll, pitch, yaw in rad of a frame (4, 4) in mm."""
-    xyz, rpy = T[:3, 3] / 1000.0, roll_pitch_yaw(T)
-    return [_written(value) for value in xyz], [_written(value) for value in rpy]
-
-
-def _written(value: float) -> float:
-    return 0.0 if abs(value) < _ZERO else float(value)
+    values = np.concatenate([T[:3, 3] / 1000.0, roll_pitch_yaw(T)])
+    values[np.abs(values) < _ZERO] = 0.0
+    return values[:3].tolist(), values[3:].tolist()
 
 
 _RAIL_M_S = 1.0

@@ -33,7 +33,10 @@ def as_screen(postures: Postures, labels: Sequence[str], language: Language = "e
     """Unknowns, gain, and a row for each target, named by `labels` (n,)."""
     texts = texts_of(language)
     parts: list[RenderableType] = [Text(line, style="yellow") for line in limits(postures, texts)]
-    parts += [Text(gain_words(postures, texts), style="bold"), Text(way_words(postures, texts))]
+    best, usual = postures.best, postures.usual
+    travel, before = (f"{np.degrees(sequence.travel_rad):.0f}" for sequence in (best, usual))
+    motion = texts("postures_way", changes=best.changes, before=usual.changes, travel=travel, travel_before=before)
+    parts += [Text(gain_words(postures, texts), style="bold"), Text(motion)]
     if placed := map_words(postures, texts):
         parts.append(Text(placed, style="bold"))
     parts += [Text(), _table(postures, labels, texts)]
@@ -60,12 +63,6 @@ def gain_words(postures: Postures, texts: Texts) -> str:
     key = "postures_gain_given" if postures.is_given else "postures_gain_short"
     best, usual = (f"{sequence.rms_mm:.3f}" for sequence in (postures.best, postures.usual))
     return texts.counted(key, len(postures.best.rows), best=best, usual=usual)
-
-
-def way_words(postures: Postures, texts: Texts) -> str:
-    best, usual = postures.best, postures.usual
-    travel, before = (f"{np.degrees(sequence.travel_rad):.0f}" for sequence in (best, usual))
-    return texts("postures_way", changes=best.changes, before=usual.changes, travel=travel, travel_before=before)
 
 
 def map_words(postures: Postures, texts: Texts) -> str:
