@@ -92,10 +92,10 @@ END rigfeed
 
 def feed(plan: MotionPlan) -> dict[str, str]:
     """Write the KAREL program for a rig that reads lines over TCP as the client; an empty dictionary otherwise."""
-    is_client = isinstance(plan.feedback, LineFeed) and not plan.feedback.listens
-    if not is_client or (address := tcp_address(plan.feedback.port)) is None:
+    feedback = plan.feedback
+    if not isinstance(feedback, LineFeed) or feedback.listens or (address := tcp_address(feedback.port)) is None:
         return {}
-    separator = plan.feedback.separator
+    separator = feedback.separator
     if not separator.isascii():
         raise FileError(
             "feedback",
@@ -106,10 +106,10 @@ def feed(plan: MotionPlan) -> dict[str, str]:
     # Characters that cannot be quoted are written as numbers.
     parts = [char if char.isprintable() and char != "'" else f"', CHR({ord(char)}), '" for char in separator]
     literal = f"'{''.join(parts)}'".removeprefix("'', ").removesuffix(", ''")
-    line = f", {literal}, ".join(map(_field, plan.feedback.fields))
+    line = f", {literal}, ".join(map(_field, feedback.fields))
     numbered = []
     # The number shown by the outputs; the first output is the least significant bit.
-    if SIGNAL in plan.feedback.fields:
+    if SIGNAL in feedback.fields:
         numbered = ["signal = 0"]
         for bit, number in enumerate(plan.signal_place.outputs):
             numbered += [f"IF DOUT[{number}] THEN", f"  signal = signal + {1 << bit}", "ENDIF"]

@@ -27,7 +27,6 @@ from analysis.apps.makers.motion_plan import (
     Demand,
     JointMove,
     MotionPlan,
-    Move,
     PlannedTarget,
     Signal,
     StraightMove,
@@ -94,7 +93,7 @@ class _Program:
         # In the unit of an inch machine X, Y and Z are joint angles.
         self.lines += [_ZERO, *_JOINTS, *["G20"] * inch, f"G1 {_words(joints)} F{rate}", *_POSES, *["G21"] * inch]
         T = self.flanges(step.target.T[None])[0]
-        self.numbers = np.array([*T[:3, 3], *fixed_xyz_deg(T)])
+        self.numbers, self.at = np.array([*T[:3, 3], *fixed_xyz_deg(T)]), step.target
         self._check_start()
 
     def _check_start(self) -> None:
@@ -134,13 +133,12 @@ class _Program:
         if isinstance(step, Arc) and (words := _arc_words(self.numbers, numbers)):
             self._ends(stops=stops)
             self.lines.append(f"{words} F{_per_minute(path.seconds)}")
-            self.numbers = numbers[-1]
-            return
-        shares, numbers = self._refined(partial(self._path, step), _COARSE_MM if coarse else _CHORD_MM)
-        for k, (share, row) in enumerate(zip(np.diff(shares), numbers, strict=True), start=1):
-            self._ends(stops=stops and k == len(numbers))
-            self.lines.append(f"G1 {_words(row)} F{_per_minute(share * path.seconds)}")
-        self.numbers = numbers[-1]
+        else:
+            shares, numbers = self._refined(partial(self._path, step), _COARSE_MM if coarse else _CHORD_MM)
+            for k, (share, row) in enumerate(zip(np.diff(shares), numbers, strict=True), start=1):
+                self._ends(stops=stops and k == len(numbers))
+                self.lines.append(f"G1 {_words(row)} F{_per_minute(share * path.seconds)}")
+        self.numbers, self.at = numbers[-1], end_of(step)
 
     def _unwound(self, tools: Array) -> Array:
         """Numbers X … C (n - 1, 6) of tool poses (n, 4, 4) after the first, without jumps by turns."""
@@ -244,9 +242,10 @@ def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
         match step:
             case Signal(value) if plan.signal_place.int_register is not None:
                 program.lines.append(f"M68 E{plan.signal_place.int_register} Q{value}")
-            case _ if isinstance(step, Move):
-                (program.joints if isinstance(step, JointMove) else program.along)(step)
-                program.at = end_of(step)
+            case JointMove():
+                program.joints(step)
+            case StraightMove() | ToolRotation() | Arc():
+                program.along(step)
             case _:
                 program.lines += _WORDS.lines(plan, step, lambda _: [])
     return {f"{identifier(plan.name, _NAME_LENGTH)}.ngc": "\n".join([*program.lines, "G94", "M2", ""])}
