@@ -237,7 +237,7 @@ by 1.7 to 4.4 mm.
 
 
 def ground_of(calibrated: CalibratedModel) -> Ground:
-    """Return the reason for using a model for correction, or for not using it, according to `judged`."""
+    """Reason for using a model for correction, or for not using it, according to `judged`."""
     judged = calibrated.judged
     if judged is None:
         return "not_judged"
@@ -256,7 +256,7 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
 
 
 def verdict_of(calibrated: CalibratedModel) -> Verdict:
-    """Return whether a model may be used to correct targets, programs and controller entries.
+    """Whether a model may be used to correct targets, programs and controller entries.
 
     Only this function makes that decision.
     """
@@ -270,7 +270,7 @@ correlation of 1 within rounding.
 
 
 def covariance_root(covariance: Array) -> Array:
-    """Return a lower triangular root (P, P) of a covariance, each row in the unit of its parameter.
+    """A lower triangular root (P, P) of a covariance, each row in the unit of its parameter.
 
     Parameters may be redundant, or known exactly.
     """
@@ -282,7 +282,7 @@ def covariance_root(covariance: Array) -> Array:
 
 
 def largest_sd(effect: Effect, field: str) -> float:
-    """Return the largest plausible uncertainty of a parameter of a calibration: the bound of the effect in a rig file.
+    """Largest plausible uncertainty of a parameter of a calibration: the bound of the effect in a rig file.
 
     Infinite for an unbounded parameter.
     """
@@ -308,7 +308,7 @@ def packed_factor(root: Array) -> str:
 
 
 def is_nothing(effect: Effect, times: float) -> bool:
-    """Return whether a multiple of an effect is small enough to be dropped."""
+    """True if a multiple of an effect is small enough to be dropped."""
     return abs(times * size_of(effect)) < _NOTHING
 
 
@@ -349,14 +349,14 @@ def _without_provenance(effect: Effect) -> Effect:
 
 
 def is_sine(effect: Effect) -> bool:
-    """Return whether an effect turns a joint by a sine of the joint angle: a wave with an order and no other shape."""
+    """True if an effect turns a joint by a sine of the joint angle: a wave with an order and no other shape."""
     if effect.STAGE != "joint" or not is_wave(effect) or not hasattr(effect, "order"):
         return False
     return not any(getattr(effect, shape.field) for shape in effect.FREE)
 
 
 def sine_of(effect: Effect) -> tuple[int, float, float, float]:
-    """Return the axis, the order in cycles per turn, and the phase and amplitude in rad of a sine."""
+    """Axis, the order in cycles per turn, and the phase and amplitude in rad of a sine."""
     wave: Any = effect
     return wave.axis, wave.order, math.radians(getattr(wave, PHASE)), math.radians(getattr(wave, size_field(wave)))
 
@@ -368,7 +368,7 @@ class _Calibrated(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """Return no forms, because a search never proposes this effect."""
+        """No forms, because a search never proposes this effect."""
         return []
 
     def remedy(self) -> str:
@@ -391,7 +391,7 @@ class JointCurve(_Calibrated):
         return scene.turned(self.axis, np.radians(self.share * self.at(scene.q[:, self.axis - 1])))
 
     def at(self, q: Array) -> Array:
-        """Return the curve (n,) in degrees at reported angles q (n,) in rad."""
+        """Curve (n,) in degrees at reported angles q (n,) in rad."""
         order, sine, cosine = np.array(self.waves).T
         begins = np.flatnonzero(np.diff(q, prepend=np.nan) != 0)  # a robot at rest repeats the angle
         angles, curve_deg = q[begins], np.empty(len(begins))
@@ -404,7 +404,7 @@ class JointCurve(_Calibrated):
         return f"angle error of {joint} over its angle"
 
     def compensation(self) -> Compensation:
-        """Return a compensation by targets: the curve depends only on the posture."""
+        """A compensation by targets: the curve depends only on the posture."""
         return BY_TARGETS
 
 
@@ -432,7 +432,7 @@ class _Portions(_Calibrated):
         return changed
 
     def compensation(self) -> Compensation:
-        """Return the compensation common to all effects of the stage."""
+        """Compensation common to all effects of the stage."""
         return self.portions[0].of.compensation()
 
 

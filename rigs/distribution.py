@@ -25,7 +25,4 @@ def version() -> str:
 
 def to_install(*packages: str) -> str:
     """Say how to add PyPI packages to the environment of rig."""
-    names = " ".join(map(shlex.quote, packages))
-    given = " ".join(f"--with {shlex.quote(package)}" for package in packages)
-    here = f"{shlex.quote(sys.executable)} -m pip install {names}"
-    return f"add it: {here}, or pipx inject {NAME} {names}, or uv tool install {given} {NAME}"
+    return f"add it to the environment of rig: {shlex.quote(sys.executable)} -m pip install {' '.join(packages)}"

@@ -34,7 +34,7 @@ _Edit = tuple[int, int, str]
 def with_values(
     text: str, values: Mapping[Keys, Value], expected: Rig, where: str, remedy: str = "write the values out in the file"
 ) -> str:
-    """Return the text of a rig file with changed values, verified to give the expected rig.
+    """Text of a rig file with changed values, verified to give the expected rig.
 
     Raises FileError with this remedy if the text cannot be changed: it shares text between places (YAML anchors), or
     has an unusual layout.
@@ -59,7 +59,7 @@ def with_values(
 
 
 def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, where: str) -> str:
-    """Return the text of a rig file with changed values of a test, with ten digits. A missing test is added.
+    """Text of a rig file with changed values of a test, with ten digits. A missing test is added.
 
     Raises RigFileError if a value is out of bounds, and FileError if the text cannot be changed in place.
     """
@@ -83,7 +83,7 @@ def block_of(test: str, values: Values, indent: int = 0) -> str:
 
 
 def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
-    """Return the edits for changed values of a mapping."""
+    """Edits for changed values of a mapping."""
     root = nodes_of(text)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
     node = root
@@ -150,7 +150,7 @@ def _rounded(value: float | Sequence[float]) -> float | list[float]:
 
 
 def extended(text: str, effects: Sequence[Effect], where: str, calibration: CalibrationFile | None = None) -> str:
-    """Return the text of a rig file with added effects, and optionally a new calibration.
+    """Text of a rig file with added effects, and optionally a new calibration.
 
     Raises RigFileError if the result is invalid.
     """

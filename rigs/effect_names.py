@@ -41,24 +41,24 @@ _PARAMETERS = {
 
 
 def parameter_in_words(field: str) -> str:
-    """Return the everyday name of a parameter that describes the shape of an effect."""
+    """Everyday name of a parameter that describes the shape of an effect."""
     return _PARAMETERS.get(field, field)
 
 
 def kind_in_words(kind: str) -> str:
-    """Return the everyday name of a kind of effect (`link_geometry a`, `backlash`), without the seat."""
+    """Everyday name of a kind of effect (`link_geometry a`, `backlash`), without the seat."""
     effect, _, field = kind.partition(" ")
     return (VOCABULARY[effect].kind_name(field) or kind) if effect in VOCABULARY else kind
 
 
 def name_in_words(label: str) -> str:
-    """Return one name or label in words: `zero of axis 5` for `joint_offset 5`, with the order of a gear error."""
+    """One name or label in words: `zero of axis 5` for `joint_offset 5`, with the order of a gear error."""
     label, _, order = label.partition(" order ")
     return names_in_words([label]) + (f", {waves_in_words(float(order))}" if order else "")
 
 
 def names_in_words(names: Iterable[str]) -> str:
-    """Return names in words, each kind once and without orders: `play of axes 1 and 6; bending of links 1, 4 and 5`."""
+    """Names in words, each kind once and without orders: `play of axes 1 and 6; bending of links 1, 4 and 5`."""
     seats: dict[str, set[str]] = {}
     for name in names:
         kind, seat = _split(name.partition(" order ")[0])

@@ -64,11 +64,11 @@ class RigError(Exception):
         return _again, (type(self), self.args), self.__dict__
 
     def lines(self) -> list[str]:
-        """Return the message with a line per problem."""
+        """A line per problem."""
         return [str(self)]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the error as plain types for JSON."""
+        """The error as plain types for JSON."""
         names = ("code", "where", "what", "remedy", "exit_code")
         return {name: getattr(self, name) for name in names}
 
@@ -119,7 +119,7 @@ _IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as a
 
 
 def wrong_use(error: Any, program: str) -> UseError | None:
-    """Return the error for input refused by typer (a TyperException); None for a group that has printed its help."""
+    """Error for input refused by typer (a TyperException); None for a group that has printed its help."""
     message = _IN_WORDS_OF_PYDANTIC.sub("", " ".join(error.format_message().split()).rstrip("."))
     message = message.replace("Input should be", "it must be")
     if not message:

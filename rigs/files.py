@@ -20,7 +20,7 @@ _FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in _POSIX) | getattr(os
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Return the bytes of a regular file.
+    """Bytes of a regular file.
 
     most: size limit in bytes. Raises OSError, or FileError for a special or oversized file or insufficient memory.
     """
@@ -34,7 +34,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
-    """Return at most `most` bytes of a regular file, starting at the byte `begin`, and the size of the file in bytes.
+    """At most `most` bytes of a regular file, starting at the byte `begin`, and the size of the file in bytes.
 
     Raises OSError, or FileError for a special file or insufficient memory.
     """
@@ -55,7 +55,7 @@ def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
 
 
 def read_text(path: Path, most: int) -> str:
-    """Return the text of a regular file. Raises the errors of `read_bytes`, and FileError if it is not UTF-8."""
+    """Text of a regular file. Raises the errors of `read_bytes`, and FileError if it is not UTF-8."""
     try:
         return read_bytes(path, most).decode()
     except UnicodeDecodeError as error:
@@ -65,7 +65,6 @@ def read_text(path: Path, most: int) -> str:
 
 
 def out_of_memory(path: Path) -> FileError:
-    """Return the error for a possibly valid file that exceeds the memory of this computer."""
     return FileError(
         str(path),
         "cannot be read: not enough memory",
@@ -75,7 +74,7 @@ def out_of_memory(path: Path) -> FileError:
 
 
 def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> FileError | None:
-    """Return the error for a file of a newer version; None if the version is supported.
+    """Error for a file of a newer version; None if the version is supported.
 
     Any other unknown content is ignored. field: name of the version number. Used for all files of versions before 1.0
     and of 1.x: docs/decisions/0031-compatibility.md.

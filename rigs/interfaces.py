@@ -38,20 +38,18 @@ class Interface:
 
 
 def list_interfaces() -> list[Interface]:
-    """Return all interfaces in the order of the schemas, starting with the gauges."""
+    """All interfaces in the order of the schemas, starting with the gauges."""
     return [_interface(model, "gauge") for model in models(Gauge)] + [
         _interface(model, "robot") for model in models(Feedback)
     ]
 
 
 def models(union: Any) -> tuple[type[BaseModel], ...]:
-    """Return the classes of a discriminated union."""
     members: tuple[type[BaseModel], ...] = get_args(get_args(union)[0])
     return members
 
 
 def name_of(model: type[BaseModel]) -> str:
-    """Return the name of this class in a rig file."""
     (name,) = get_args(model.model_fields["interface"].annotation)
     return str(name)
 

@@ -43,7 +43,6 @@ _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 
 
 def require_plausible(calibrated: CalibratedModel, rig: Rig, where: str) -> None:
-    """Check that a calibration can belong to the rig. Raises FileError."""
     for why in contradictions(calibrated, rig):
         raise FileError(where, why, _REMEDY, code="calibration.contradicts_rig")
 
@@ -89,7 +88,6 @@ class Hidden(Part):
     """Constants of this single arm, with which its controller computes as well. None: those of the rig file."""
 
     def apply_to(self, rig: Rig) -> Rig:
-        """Return a rig with these effects and this eccentricity of the circle."""
         tests = rig.tests
         if tests.circle and self.eccentricity_mm:
             circle = tests.circle.model_copy(update={"eccentricity_mm": self.eccentricity_mm})
@@ -103,17 +101,15 @@ class Hidden(Part):
 
 
 def shipped() -> dict[str, Path]:
-    """Return the shipped rig files by name."""
     return {file.stem: file for file in sorted(SHIPPED.glob("*.yaml")) if not file.name.endswith(_EFFECTS)}
 
 
 def shipped_effects() -> dict[str, Path]:
-    """Return the shipped effect files by the name of the rig."""
     return {file.name.removesuffix(_EFFECTS): file for file in sorted(SHIPPED.glob(f"*{_EFFECTS}"))}
 
 
 def find(name: str | Path) -> Path:
-    """Return a rig file by path, a shipped rig by name (`paper-fanuc`), or an arm of the library (`ur5`).
+    """A rig file by path, a shipped rig by name (`paper-fanuc`), or an arm of the library (`ur5`).
 
     An arm of the library is a rig that has neither gauges nor tests. Raises FileError that lists the shipped rigs.
     """
@@ -142,7 +138,7 @@ def _find_file(
 
 
 def is_shipped(file: Path) -> bool:
-    """Return whether a rig file is part of the package. The addresses in it belong to no real cell."""
+    """True if a rig file is part of the package. The addresses in it belong to no real cell."""
     return file.resolve().is_relative_to(SHIPPED.resolve())
 
 
@@ -163,14 +159,13 @@ def load(name: str | Path) -> tuple[Rig, str]:
 
 
 def calibrated_beside(rig: Rig, directory: Path) -> Rig:
-    """Return the rig with its calibration if the calibration file is in a directory, such as the directory of a run."""
+    """Rig with its calibration if the calibration file is in a directory, such as the directory of a run."""
     if rig.calibration is None or not (path := directory / rig.calibration.file).is_file():
         return rig
     return rig.with_calibration(rig.calibration, _calibration(path, rig.calibration))
 
 
 def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
-    """Load a calibration file referenced by a rig file. Raises FileError."""
     if named.sha256 not in _calibrations or not path.is_file():
         content = _read_calibration(path, named.sha256)
         while len(_calibrations) >= _MOST_KEPT:

@@ -93,7 +93,6 @@ class RigFileError(FileError):
 def problems_of(
     error: ValidationError, data: Any, root: yaml.Node | None, model: type[BaseModel] = Rig
 ) -> list[Problem]:
-    """Return the mistakes of a rig file in order of the lines: up to a hundred, and the number of further mistakes."""
     details = _with_hidden(data, error.errors(include_url=False), model)
     places = [detail["loc"] for detail in details]
     # A list is also `too_short` if an entry is wrong. Only the entry is the mistake.
@@ -143,14 +142,12 @@ def _with_hidden(data: Any, details: list[ErrorDetails], model: type[BaseModel])
 
 
 def _tag_error(detail: ErrorDetails) -> tuple[str, list[str], str]:
-    """Return the given tag, the known tags, and the key."""
     context = detail["ctx"]
     tags = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
     return str(context["tag"]), tags, context["discriminator"].strip("'")
 
 
 def _with(data: Any, loc: Place, key: str, value: str) -> Any:
-    """Return data with a changed value in the mapping at `loc`."""
     copy = data.copy()
     if loc:
         copy[loc[0]] = _with(data[loc[0]], loc[1:], key, value)
@@ -184,7 +181,6 @@ def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel
 
 
 def _name(key: str) -> str:
-    """Return a key in printable form."""
     return key if key.isprintable() and len(key) <= _BRIEF else f"{key[:_BRIEF]!r}…"
 
 
@@ -217,7 +213,6 @@ def plain_message(detail: ErrorDetails, model: type[BaseModel], place: Place = (
 
 
 def _short(value: object) -> str:
-    """Return a value shortened for a message."""
     if isinstance(value, int) and value.bit_length() > 1000:
         return "a number with hundreds of digits"
     text = repr(value)
@@ -230,7 +225,7 @@ def _nearest(name: str, names: list[str]) -> str:
 
 
 def _keys_at(loc: Place, model: type[BaseModel]) -> list[str]:
-    """Return the keys known by the model at a location. Union tags in the location select the member."""
+    """Keys known by the model at a location. Union tags in the location select the member."""
     annotation: Any = model
     for step in loc:
         models = _models(annotation)

@@ -35,26 +35,23 @@ class MissingEntry:
     remedy: str
 
     def error(self, rig: Rig) -> FileError:
-        """Return the error for the missing part."""
         return FileError(RigPlace.of(rig.name), self.problem, self.remedy, code="rig_file.not_ready")
 
 
 def gauges_needed(test: TestName) -> tuple[str, ...]:
-    """Return the gauges required by a built-in test."""
     if test in CIRCLES:
         return ("g1", "g2")
     return ("g1",) if test in get_args(DrivenTest) else ()
 
 
 def missing_for(rig: Rig, test: TestName) -> tuple[MissingEntry, ...]:
-    """Return the parts missing in a rig file for driving and measuring a test; none for a test of other packages."""
+    """Parts missing in a rig file for driving and measuring a test; none for a test of other packages."""
     arm = missing_arm(rig) if gauges_needed(test) else ()
     part = _missing_part(rig, TEST_PARTS[test]) if test in TEST_PARTS else ()
     return (*arm, *missing_gauges(rig, test), *part)
 
 
 def missing_gauges(rig: Rig, test: TestName) -> tuple[MissingEntry, ...]:
-    """Return the gauges that a test needs and a rig file lacks."""
     needed, present = gauges_needed(test), dict(rig.gauges)
     lacking = [name for name in needed if name not in present]
     if not lacking:
@@ -67,20 +64,18 @@ def missing_gauges(rig: Rig, test: TestName) -> tuple[MissingEntry, ...]:
 
 
 def _missing_part(rig: Rig, part: PartName) -> Iterator[MissingEntry]:
-    """Yield the missing part of `tests`, if the rig file lacks it."""
     if getattr(rig.tests, part) is None:
         yield MissingEntry(f"tests.{part}", f"the rig file has no tests.{part}", _ADD_PART[part])
 
 
 def require_part(rig: Rig, declared: P | None, part: PartName) -> P:
-    """Return a part of `tests` declared in a rig file. Raises FileError if it is missing."""
     if declared is None:
         raise next(_missing_part(rig, part)).error(rig)
     return declared
 
 
 def unmeasurable(rig: Rig) -> tuple[MissingEntry, ...]:
-    """Return the gauges missing for the declared tests; empty if the rig file has no gauges at all.
+    """Gauges missing for the declared tests; empty if the rig file has no gauges at all.
 
     Some gauges, but too few for a declared test, are a mistake in the file.
     """
@@ -91,7 +86,7 @@ def unmeasurable(rig: Rig) -> tuple[MissingEntry, ...]:
 
 
 def readiness_lines(rig: Rig, unreachable: Collection[str] = ()) -> list[str]:
-    """Return a line with what the file is ready for, and the missing parts with the tests that need them.
+    """A line with what the file is ready for, and the missing parts with the tests that need them.
 
     unreachable: parts of `tests` with a path that the arm cannot drive. A file without gauges is meant for tables, so
     the parts are listed in one line.
@@ -115,7 +110,6 @@ def readiness_lines(rig: Rig, unreachable: Collection[str] = ()) -> list[str]:
 
 
 def require_test(rig: Rig, test: TestName) -> None:
-    """Raise FileError with the first part that a rig file lacks for a test."""
     for missing in missing_for(rig, test):
         raise missing.error(rig)
 

@@ -115,13 +115,13 @@ class Rig(Part):
         return self.robot.rail is None and len(self.robot.axes) == DRIVEN_AXES
 
     def with_calibration(self, file: CalibrationFile | None, content: CalibratedModel | None) -> Rig:
-        """Return the rig with a calibration, or uncalibrated for None."""
+        """Rig with a calibration, or uncalibrated for None."""
         rig = self.model_copy(update={"calibration": file})
         rig._calibrated = content
         return rig
 
     def calibrated_as(self, rig: Rig) -> Rig:
-        """Return the rig with its calibration content, if another rig has loaded the same calibration."""
+        """Rig with its calibration content, if another rig has loaded the same calibration."""
         return self.with_calibration(rig.calibration, rig._calibrated) if self.calibration == rig.calibration else self
 
     @property
@@ -130,11 +130,11 @@ class Rig(Part):
         return {self.calibration.file: self._calibrated.content} if self.calibration and self._calibrated else {}
 
     def modelled_as(self, rig: Rig) -> Rig:
-        """Return the rig with the errors of another rig: effects and calibration."""
+        """Rig with the errors of another rig: effects and calibration."""
         return self.model_copy(update={"effects": rig.effects}).with_calibration(rig.calibration, rig._calibrated)
 
     def with_distances(self, distances: Iterable[KnownSocketDistance]) -> Rig:
-        """Return the rig with these known distances, restricted to its sockets."""
+        """Rig with these known distances, restricted to its sockets."""
         return self.model_copy(update={"tests": self.tests.with_distances(distances)})
 
     @field_validator("tests")

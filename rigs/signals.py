@@ -19,7 +19,7 @@ _End = TypeVar("_End")
 
 
 def end_from(ends: SimpleQueue[_End]) -> _End:
-    """Return the first end put into a queue by a signal handler or thread.
+    """First end put into a queue by a signal handler or thread.
 
     The system may deliver a signal to any thread, and a main thread sleeping in a lock runs no handler: two of a
     hundred daemons on a busy computer did not end by Ctrl-C. This function therefore wakes up twice a second.

@@ -54,7 +54,7 @@ class UnsignedReadings:
 
 
 def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ()) -> UnsignedReadings | None:
-    """Return evidence that readings (n,) contain signed values decoded as unsigned; None if there is none.
+    """Evidence that readings (n,) contain signed values decoded as unsigned; None if there is none.
 
     scales: sizes of a count in the unit of the readings, in addition to decimal sizes.
     """
@@ -76,7 +76,7 @@ def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ())
 
 
 def _is_wrapped(lower: NDArray[np.float64], upper: NDArray[np.float64], jump: float, near: float) -> bool:
-    """Return whether the upper readings minus the jump continue the lower ones below zero, at most `near` away."""
+    """True if the upper readings minus the jump continue the lower ones below zero, at most `near` away."""
     first, last = float(upper[0] - jump), float(upper[-1] - jump)
     span = max(float(lower[-1]), last) - min(float(lower[0]), first)
     meets = float(lower[0]) - last

@@ -19,14 +19,14 @@ from typing import Any
 
 
 def plain(text: str) -> str:
-    """Return text in a single line with unprintable characters escaped."""
+    """Text in a single line with unprintable characters escaped."""
     if text.isprintable():
         return text
     return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
 
 
 def counted(count: int, singular: str, plural: str = "") -> str:
-    """Return `1 run`, `2 runs`."""
+    """`1 run`, `2 runs`."""
     return f"{count} {singular if count == 1 else plural or singular + 's'}"
 
 
@@ -42,12 +42,12 @@ def forget_width_of_0() -> None:
 
 
 def plain_lines(text: str) -> str:
-    """Return text of several lines, each sanitised."""
+    """Text of several lines, each sanitised."""
     return "\n".join(map(plain, text.split("\n")))
 
 
 def plain_values(value: Any) -> Any:
-    """Return a JSON value with all texts and keys sanitised."""
+    """A JSON value with all texts and keys sanitised."""
     match value:
         case str():
             return plain(value)
@@ -87,7 +87,7 @@ _MOST_NEAR = 3
 
 
 def the_same(name: str, names: Collection[str]) -> str | None:
-    """Return the known name equal to `name`, ignoring case and punctuation if only one name matches; otherwise None."""
+    """Known name equal to `name`, ignoring case and punctuation if only one name matches; otherwise None."""
     if name in names:
         return name
     alike = [candidate for candidate in names if _letters(candidate) == _letters(name)]
@@ -95,7 +95,7 @@ def the_same(name: str, names: Collection[str]) -> str | None:
 
 
 def nearest(name: str, names: Collection[str]) -> list[str]:
-    """Return up to three names that contain the given name, or otherwise similar names."""
+    """Up to three names that contain the given name, or otherwise similar names."""
     written = _letters(name)
     within = [candidate for candidate in names if written and written in _letters(candidate)]
     return (within or difflib.get_close_matches(name.lower(), names, cutoff=0.5))[:_MOST_NEAR]

@@ -46,7 +46,7 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
-    """Return the nodes and the data of a text. Raises RigFileError."""
+    """Nodes and the data of a text. Raises RigFileError."""
     try:
         loader = _Loader(text)
         root = loader.get_single_node()
@@ -68,12 +68,12 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
 
 
 def nodes_of(text: str) -> yaml.Node | None:
-    """Return the nodes of a text that was parsed before."""
+    """Nodes of a text that was parsed before."""
     return _Loader(text).get_single_node()
 
 
 def data_of(text: str) -> Any:
-    """Return the data of a text that was parsed before."""
+    """Data of a text that was parsed before."""
     return _Loader(text).get_single_data()
 
 

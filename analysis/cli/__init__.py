@@ -16,7 +16,6 @@ from typer.exceptions import TyperException
 
 from analysis.cli.commands import app
 from analysis.cli.console import INTERRUPTED, say_error, say_interrupted
-from analysis.runs.batch.outcomes import is_numerical
 from rigs.errors import CellError, FileError, RigError, wrong_use
 from rigs.signals import COMPLETED, REPLACED, ignore_interrupts
 from rigs.text import forget_width_of_0
@@ -72,6 +71,8 @@ def main() -> None:
     except BrokenPipeError:
         sys.exit(0)
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
+        from analysis.runs.processes import is_numerical
+
         if not is_numerical(error):
             raise
         problem = f"the computation failed: {error}"
@@ -83,7 +84,6 @@ def main() -> None:
 
 
 def _out_of_room(error: MemoryError | OSError) -> NoReturn:
-    """Report full memory or a full disk in a line; re-raise any other system error."""
     if isinstance(error, MemoryError) or error.errno == errno.ENOMEM:
         _fail(
             CellError(

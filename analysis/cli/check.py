@@ -63,7 +63,6 @@ def check(
 
 
 def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
-    """Check runs of a robot against all conventions. Ends with exit code 3 if any is contradicted."""
     from analysis.cli.several import end_with, over_runs, runs_below, worst
     from analysis.procedures.checks.check_runs import check_runs
     from analysis.runs.loading import load_measured

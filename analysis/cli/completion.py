@@ -36,7 +36,6 @@ def _quietly(offer: Callable[..., Iterator[str]]) -> Callable[..., list[str]]:
 
 @_quietly
 def runs(incomplete: str) -> Iterator[str]:
-    """Complete run directories."""
     folder, slash, begun = incomplete.rpartition("/")
     yield from _runs_below(folder + slash, begun, _LEVELS)
 
@@ -71,7 +70,6 @@ def rig_files(incomplete: str) -> Iterator[str]:
 
 @_quietly
 def arms() -> Iterator[str]:
-    """Complete arms of the library."""
     from rigs.arms import arm_names
 
     yield from arm_names()

@@ -16,7 +16,6 @@ _OLD_S = 2.0
 
 
 def screen(state: dict[str, Any]) -> RenderableType:
-    """Return gauges, angle, joints, rates, faults and recording state of a `status` answer."""
     text = Text(f"{state['rig']}  ", style="bold")
     if state["recording"]:
         direction = f" {state['direction']}" if state["direction"] else ""
@@ -67,7 +66,7 @@ def _gauges(state: dict[str, Any]) -> Table:
 
 
 def _number(value: float, age_s: float, form: str, unit: str) -> Text:
-    """Return a number, dimmed and followed by the age if old: a frozen value must not look alive."""
+    """A number, dimmed and followed by the age if old: a frozen value must not look alive."""
     if age_s > _OLD_S:
         return Text(f"{value:{form}} {unit} ({age_s:.0f} s old)", style="yellow dim")
     return Text(f"{value:{form}} {unit}".rstrip(), style="bold")

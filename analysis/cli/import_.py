@@ -108,7 +108,7 @@ def import_(
 
 
 def _by_its_columns(table: Path, rig_file: str) -> TestName:
-    from analysis.intake.any_table import test_of
+    from analysis.intake.imports import test_of
     from rigs.load import load
 
     test = test_of(table, load(rig_file)[0])

@@ -67,7 +67,6 @@ def run_row(run: RunInfo, now_s: float) -> dict[str, Any]:
 
 
 def runs_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """Row for each run, and the total size."""
     runs = Column("run", counted(len(rows), "run"))
     size = right("size", footer=_size(sum(listed_row["bytes"] for listed_row in rows)))
     table = Table(

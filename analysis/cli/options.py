@@ -15,13 +15,12 @@ from rigs.text import enumerated
 
 def location(text: str | Path) -> Path:
     """Local path or a URL from user input or a default. Raises FileError for an unsupported URL."""
-    from analysis.runs.batch import remote_path
+    from analysis.runs import remote
 
-    return remote_path.location(str(text))
+    return remote.location(str(text))
 
 
 def operator_or_user(operator: str) -> str:
-    """Given operator, or the user name; empty if the system has none, as in many containers."""
     import getpass
 
     with suppress(KeyError, OSError, ImportError):
@@ -78,7 +77,6 @@ Scheduler = Annotated[
 
 
 def _direction(text: str) -> Direction:
-    """Direction from common spellings. Raises typer.BadParameter."""
     direction = direction_of(text)
     if direction is None:
         raise typer.BadParameter(f"{text!r} is not a direction; give acw (ccw) or cw")
@@ -97,7 +95,6 @@ def direction_option(meaning: str) -> Any:
 
 
 def _maker(text: str) -> MakerName:
-    """Maker from common spellings. Raises typer.BadParameter."""
     maker = maker_named(text)
     if maker is None:
         raise typer.BadParameter(f"{text!r} is not a known maker of controllers; give {enumerated(list(MAKERS), 'or')}")

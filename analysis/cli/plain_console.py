@@ -36,7 +36,6 @@ def right(heading: str | Text = "", **options: Any) -> Column:
 
 
 def bare_table(*headings: str | Column) -> Table:
-    """Table without rules, with unbroken numbers and folded long entries."""
     table = Table(*headings, box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
     for column in table.columns:
         column.no_wrap |= column.justify == "right"

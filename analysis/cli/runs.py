@@ -143,7 +143,7 @@ def judged(path: Path) -> VerificationResult:
     """Integrity verdict of a local or remote run. Raises RigError if a remote run cannot be fetched."""
     from dataclasses import replace
 
-    from analysis.runs.batch.fetched import fetched, restore_run_path
+    from analysis.runs.remote import fetched, restore_run_path
     from daq.store import judge
 
     with fetched(path) as directory:

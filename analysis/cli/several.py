@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, overload
 import typer
 
 from analysis.cli.console import say, say_error
-from analysis.runs.batch.outcomes import FailedItem, Item, Value
+from analysis.runs.processes import FailedItem, Item, Value
 from rigs.errors import FileError, RigError, UseError
 
 if TYPE_CHECKING:
@@ -43,13 +43,11 @@ def for_each(paths: Iterable[Path], work: Callable[[Path], None]) -> None:
 
 
 def end_with(code: int) -> None:
-    """End the command with an exit code other than 0. Raises typer.Exit."""
     if code:
         raise typer.Exit(code)
 
 
 def worst(errors: Iterable[RigError]) -> int:
-    """Highest exit code of errors; 0 for an empty list."""
     return max((error.exit_code for error in errors), default=0)
 
 
@@ -79,8 +77,8 @@ def over_runs(
     Raises StoreLost if a store stops responding, since all further runs would fail.
     """
     from analysis.cli.console import progress_of
-    from analysis.runs.batch.each import each
-    from analysis.runs.batch.remote_store import StoreLost
+    from analysis.runs.batch import each
+    from analysis.runs.remote import StoreLost
 
     errors: list[RigError] = []
     done = 0
@@ -138,7 +136,7 @@ def distinct(paths: Iterable[Path]) -> dict[Path, None]:
 def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
     """Runs at or below paths; absolute for a cluster, since the workers run in other directories."""
     from analysis.cli.console import progress_of
-    from analysis.runs.batch.run_directories import run_directories
+    from analysis.runs.remote import run_directories
 
     with progress_of("listing the runs", is_still=True):
         return [run if scheduler is None else run.absolute() for run in run_directories(paths)]
@@ -151,7 +149,6 @@ _imported: list[TemporaryDirectory[str]] = []
 
 
 def is_table(path: Path) -> bool:
-    """True if a path is a table file in place of a run."""
     return path.suffix.lower() in _TABLES and path.is_file()
 
 
@@ -202,7 +199,7 @@ def with_controller(rig_file: str | None, calibration: str | None) -> str | None
 
 
 def with_recorded_controller(rig: Rig, text: str, runs: Sequence[Measured]) -> tuple[Rig, str]:
-    """Return a rig and its text with the constants of the controller that the runs show, and say so."""
+    """Take the constants of the controller that the runs show into a rig and its text, and say so."""
     from analysis.intake.controller_arm import text_with_robot
     from analysis.runs.loading import as_recorded
 
@@ -226,7 +223,7 @@ def refuse_arm_name(path: Path) -> None:
 def _run_of(table: Path, rig_file: str | None) -> Path:
     """Import a table into a temporary run, and return that run together with the path of the table."""
     from analysis.api import read_table, save_run
-    from analysis.runs.batch.remote_path import ImportedRun
+    from analysis.runs.remote import ImportedRun
 
     if rig_file is None:
         problem = "is a table without an arm"
@@ -244,7 +241,7 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
 def load_runs(
     paths: Iterable[Path], *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[list[Measured], list[RigError]]:
-    """Return the readable runs and the errors of the others, and print remarks on the runs to standard error.
+    """Load the readable runs, print remarks on them to standard error, and return them with the errors of the others.
 
     The caller reports the runs that it refuses or ignores, so that no remark appears twice.
     """

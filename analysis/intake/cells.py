@@ -51,7 +51,7 @@ class TableProblem:
 
 
 def _without_repeats(problems: Iterable[TableProblem]) -> list[TableProblem]:
-    """Return problems in order, each column and message once, at its first line."""
+    """Problems in order, each column and message once, at its first line."""
     together: dict[tuple[str, str], TableProblem] = {}
     for problem in sorted(problems):
         first = together.setdefault((problem.column, problem.message), problem)
@@ -69,7 +69,6 @@ class Problems:
     _kept: list[TableProblem] = field(default_factory=list)
 
     def add(self, problems: Iterable[TableProblem]) -> None:
-        """Count problems, and keep candidates for the first ones."""
         for problem in problems:
             self.count += 1
             self._kept.append(problem)
@@ -78,7 +77,6 @@ class Problems:
 
     @property
     def first(self) -> list[TableProblem]:
-        """The reported problems in order."""
         return _without_repeats(self._kept)[:_SHOWN]
 
 
@@ -107,7 +105,7 @@ class TableFileError(FileError):
 
 
 def quoted(text: str) -> str:
-    """Return text of a file, shortened and escaped for a message."""
+    """Text of a file, shortened and escaped for a message."""
     return repr(text if len(text) <= 40 else text[:37] + "…")
 
 
@@ -120,7 +118,6 @@ MOST_LETTERS = 40
 
 
 def value(column: str, text: str) -> Value:
-    """Parse a cell of a known column. Raises ValueError with the reason."""
     text = text.strip(" \t")
     if not text:
         raise ValueError("is empty; fill in the value or remove the row")
@@ -190,7 +187,6 @@ def columns_of(rows: Iterator[Row], names: list[str], layout: Layout, problems: 
 
 
 def column_type(name: str, layout: Layout) -> ColumnType:
-    """Return the type of a column in a table with a given layout."""
     if name not in layout.known_columns or name in WORDS or name == SOCKET:
         return "string"
     return "int64" if name in COUNTS else "double"

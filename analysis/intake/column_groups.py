@@ -126,28 +126,25 @@ class _Name:
 
     @property
     def role(self) -> Role:
-        """Role indicated by the name."""
         return next((role for role, role_words in _ROLES.items() if role_words & set(self.words)), "unsaid")
 
 
 def is_of_controller(name: str) -> bool:
-    """Return whether the name of a topic, column or child frame suggests a pose reported by the robot."""
+    """True if the name of a topic, column or child frame suggests a pose reported by the robot."""
     words = set(_name(name, "").words)
     return bool(words & _CONTROLLER) and not words & _INSTRUMENT
 
 
 def is_of_spot(column: str) -> bool:
-    """Return whether a column name refers to a spot touched by the tool."""
+    """True if a column name refers to a spot touched by the tool."""
     return bool(set(_name(column, "").words) & _SPOTS)
 
 
 def is_nameless(column: str) -> bool:
-    """Return whether a column has no name in the header."""
     return bool(_NAMELESS.fullmatch(column))
 
 
 def count_places(columns: Iterable[str]) -> int:
-    """Return the number of places, each with columns x, y and z, in a header."""
     names = [name for name in (_name(column, "") for column in columns) if name.role not in ("other", "residual")]
     return len(_lettered(names)[0])
 
@@ -166,7 +163,6 @@ def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
 
 
 def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
-    """Return the candidate columns of a table for an arm with given axis names."""
     numeric = set(raw.numeric)
     names = [_name(name, unit) for name, unit in zip(raw.names, raw.units, strict=True) if name in numeric]
     names = [name for name in names if name.role != "other"]
@@ -206,7 +202,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
 
 
 def _as_named(raw: RawTable, group: ColumnGroup, axis_names: Sequence[str]) -> ColumnGroup:
-    """Return numbered joint columns in the order of the axes, if adjacent columns contain the joint names.
+    """Numbered joint columns in the order of the axes, if adjacent columns contain the joint names.
 
     `rostopic echo -p` writes a JointState as field.name0 … and field.position0 …, in the order of the sender.
     """
@@ -264,7 +260,7 @@ def _in_order(numbered: dict[int, _Name], count: int) -> list[_Name] | None:
 
 
 def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str] = _JOINT_WORDS) -> list[ColumnGroup]:
-    """Return columns numbered consecutively from 0 or 1. words_of_joints: terms of which the name must contain at
+    """Columns numbered consecutively from 0 or 1. words_of_joints: terms of which the name must contain at
     least one; any name if empty.
     """
     groups = []
@@ -277,7 +273,7 @@ def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str
 
 
 def _groups_by_axis_name(names: Sequence[_Name], axis_names: Sequence[str]) -> list[ColumnGroup]:
-    """Return columns named after the axes of the arm or of a Universal Robots arm, with any prefix and suffix.
+    """Columns named after the axes of the arm or of a Universal Robots arm, with any prefix and suffix.
 
     The names determine the order, since the columns of a message are often sorted alphabetically.
     """
@@ -305,7 +301,7 @@ _Turns = list[tuple[ColumnGroup, tuple[TurnReading, ...]]]
 
 
 def _lettered(names: Sequence[_Name]) -> tuple[list[ColumnGroup], _Turns]:
-    """Return places and orientations with columns that differ by a letter or word: x, y, z; qx … qw; roll, pitch,
+    """Places and orientations with columns that differ by a letter or word: x, y, z; qx … qw; roll, pitch,
     yaw; A, B, C.
     """
     turns = _in_sets(names)
@@ -338,7 +334,7 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[ColumnGroup], _Turns]:
 
 
 def _in_sets(names: Sequence[_Name]) -> _Turns:
-    """Return orientations named by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T. The axes are x, y, z
+    """Orientations named by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T. The axes are x, y, z
     except for KUKA and Kawasaki.
     """
     sets: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
@@ -361,7 +357,7 @@ def _in_sets(names: Sequence[_Name]) -> _Turns:
 
 
 def _angle_readings(columns: Sequence[str]) -> tuple[TurnReading, ...]:
-    """Return three angles about x, y and z in every order of moving axes, and as a rotation vector."""
+    """Three angles about x, y and z in every order of moving axes, and as a rotation vector."""
     by_axis = dict(zip("xyz", columns, strict=True))
     readings = []
     for order in _ORDERS:
@@ -373,7 +369,6 @@ def _angle_readings(columns: Sequence[str]) -> tuple[TurnReading, ...]:
 
 
 def _matrices(names: Sequence[_Name]) -> _Turns:
-    """Return the nine columns of a rotation matrix by row, named r11 … r33 or r_0_0 … r_2_2."""
     by_place = {}
     for name in names:
         digits = "".join(word for word in name.words if word.isdigit())
@@ -440,7 +435,7 @@ def _poses(columns: Sequence[str]) -> Iterator[PlaceColumns]:
 def _by_position(
     raw: RawTable, columns: list[str], axes: int, joints: bool, seen: bool
 ) -> tuple[list[ColumnGroup], list[PlaceColumns]]:
-    """Return groups of unnamed columns by count, with the joints before or after the pose."""
+    """Groups of unnamed columns by count, with the joints before or after the pose."""
     is_first = columns[:1] == [raw.names[0]] and len(columns) - int(joints) * axes in (4, 7, 8, 13, 17)
     if is_first or (columns and (np.diff(raw.numbers(columns[:1], Problems())[:, 0]) == 1).all()):
         columns = columns[1:]  # a counter or a time

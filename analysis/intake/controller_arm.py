@@ -81,7 +81,6 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
 
 
 def _from_pins(robot: Robot, path: Path) -> ControllerConstants:
-    """Return the axes of a robot with the constants of a LinuxCNC configuration."""
     read = configured_robot(path)
     pairs = zip(robot.axes, read.axes, strict=True)
     keys = LinkConstants.model_fields
@@ -105,7 +104,7 @@ def _from_poses(robot: Robot, path: Path) -> ControllerConstants:
 
 
 def text_with_robot(text: str, robot: Robot) -> str:
-    """Return the text of a rig file with another section `robot`. The other sections and their comments are kept."""
+    """Text of a rig file with another section `robot`. The other sections and their comments are kept."""
     root = nodes_of(text)
     section = next((key, value) for key, value in root.value if key.value == "robot")  # type: ignore[union-attr]
     before, old = text[: section[0].start_mark.index], text[section[0].start_mark.index : section[1].end_mark.index]

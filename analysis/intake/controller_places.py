@@ -45,7 +45,7 @@ class FittingPlace:
         return bool(self.source.proof) or (left_mm < COMPUTED_MM and CLEARLY * left_mm < most_mm)
 
     def is_computed(self, measured: Sequence[FittingPlace]) -> bool:
-        """Return whether the controller computed this place, next to measured ones."""
+        """True if the controller computed this place, next to measured ones."""
         most_mm = max(place.source.left_mm for place in measured)
         fitted_mm = max(place.source.fitted.rms_mm for place in measured)
         by_name = self.is_robots and self.source.fitted.rms_mm < fitted_mm
@@ -91,7 +91,6 @@ def place_roles(
 
 
 def _fitting_places(judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns]) -> list[FittingPlace]:
-    """Places that fit the arm in one of their units."""
     fitting = []
     for pose in {pose.place.columns: pose for pose in reversed(seen)}.values():
         readings = [

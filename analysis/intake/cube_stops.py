@@ -32,7 +32,7 @@ _MOST_HEAPS = 50
 
 
 def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
-    """Return the table with the joint angles and the pose name of each row added.
+    """Table with the joint angles and the pose name of each row added.
 
     Raises FileError if the rows are not stops of the cube, and TableFileError for rows at none of the poses.
     """
@@ -58,7 +58,7 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
 
 
 def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
-    """Return the pose 1 … 5 of each place (n, 3) mm in time order, 0 for a different place; None if the order is not
+    """Pose 1 … 5 of each place (n, 3) mm in time order, 0 for a different place; None if the order is not
     that of the cube.
     """
     first: list[Array] = []

@@ -6,9 +6,10 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from analysis.intake.cells import Problems, TableFileError
-from analysis.intake.column_groups import count_places
+from analysis.intake.column_groups import count_places, groups_of
 from analysis.intake.cube_stops import with_joints
 from analysis.intake.map_proposal import MapProposal, propose
 from analysis.intake.mapped import MappedPoses, poses_of, table_by
@@ -16,13 +17,14 @@ from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, 
 from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
 from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED, TO_UNIT, TableMap, map_text
+from analysis.intake.touch_map import needs_touch_map, propose_touch_map
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
 from analysis.procedures.checks.meanings import FEWEST
 from analysis.procedures.shared.test_kind import kind_of, require_live_gauges
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.runs.loading import Measured, measured_of
-from analysis.runs.table_format import format_of
-from analysis.runs.table_layout import CONTROLLER_PLACE, MEASURED, PLACE, JointSource
+from analysis.runs.table_format import TESTS, format_of
+from analysis.runs.table_layout import CONTROLLER_PLACE, MEASURED, PLACE, SOCKET, JointSource
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
 from rigs.load import load, named_by
@@ -41,7 +43,7 @@ def read_table(
     placement: str = "",
     joints: JointSource = "measured",
 ) -> Measured:
-    """Return the run of a table file, not written to disk. The doubts include reasons for which an evaluation would
+    """Run of a table file, not written to disk. The doubts include reasons for which an evaluation would
     reject it.
 
     Raises FileError for mistakes in the table or the rig file.
@@ -67,7 +69,7 @@ def read_table(
 
 
 def is_plain(path: Path, test: TestName) -> bool:
-    """Return whether a file starts with the columns of docs/tables.md, or is a bag of a circle, which can be read
+    """True if a file starts with the columns of docs/tables.md, or is a bag of a circle, which can be read
     directly.
     """
     head = read_head(path)
@@ -95,7 +97,7 @@ def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", top
 
 
 def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
-    """Return controller-computed poses, read with the map proposed for the arm of a rig, also if the table has
+    """Controller-computed poses, read with the map proposed for the arm of a rig, also if the table has
     measured poses next to them. Raises FileError.
     """
     proposal, raw = _proposed(files, rig, "", "")
@@ -117,7 +119,6 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
 
 
 def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[MapProposal, RawTable]:
-    """Return the proposed map of files, and the joined table."""
     _refuse_rail(rig, str(files[0]))
     tables, layouts = [], []
     for path in files:
@@ -143,7 +144,7 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[M
 
 
 def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
-    """Return the table of the stationary poses in a bag, the topic and the doubts; other files unchanged."""
+    """Table of the stationary poses in a bag, the topic and the doubts; other files unchanged."""
     if reader := reader_of(data):
         stands = reader.stands_of(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts
@@ -155,7 +156,6 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
 
 
 def _refuse_rail(rig: Rig, where: str) -> None:
-    """Raise FileError for an arm on a rail, since a map does not contain the position of the rail."""
     if rig.robot.rail:
         problem = "has columns other than those of docs/tables.md, but a map cannot give the position of the rail"
         raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm", code="map.no_positions")
@@ -172,7 +172,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     placement: str = "",
     joints: JointSource = "measured",
 ) -> Measured:
-    """Return the run of the files of a measurement read with their map, not written to disk; see `read_table`.
+    """Run of the files of a measurement read with their map, not written to disk; see `read_table`.
 
     Raises FileError for mistakes in a file, in the map or in the rig file.
     """
@@ -247,3 +247,68 @@ def _check_against_rig(run: Run, rig: Rig, where: str, doubts: Iterable[str]) ->
         refused = [str(error)]
     reasons = (*doubts, *refused, *measured.doubts)
     return replace(measured, doubts=doubts_of(replace(measured, doubts=reasons)))
+
+
+_GIVE_TEST = "choose the test: rig import --test, or test= in Python"
+_FEW_MISSING = 2
+"""Largest number of missing columns that are named. Chosen: with more, the table is of a different kind."""
+
+
+def read_any_table(source: Path, *, rig_file: str | Path, test: TestName | None, **label: Any) -> Measured:
+    """Run of any table, not written to disk.
+
+    test: inferred from the columns if None. label: direction, operator, placement and joints, see `read_table`.
+
+    Raises FileError, also if only an operator could interpret the columns.
+    """
+    rig = load(rig_file)[0]
+    kind = test_of(source, rig) if test is None else test
+    if needs_touch_map(source, kind, ""):
+        table_map = propose_touch_map(source, rig, kind, "")
+        return read_mapped([source], table_map, rig_file=rig_file, test=kind, **label)
+    if kind != MAPPED or is_plain(source, kind):
+        return read_table(source, rig_file=rig_file, test=kind, **label)
+    proposal = propose_map([source], rig_file)
+    if proposal.questions:
+        asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
+        raise FileError(
+            str(source), f"has open questions ({asks})", "answer the questions of rig import", code="table.questions"
+        )
+    return read_mapped([source], proposal.assumed().table_map, rig_file=rig_file, test=kind, **label)
+
+
+def test_of(source: Path, rig: Rig) -> TestName:
+    """Test of a table, inferred from the columns. Raises FileError if several tests match, or none."""
+    where, axes, head = str(source), len(rig.robot.axes), read_head(source)
+    if reader_of(head):
+        raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST, code="bag.ambiguous")
+    names = header_names(head)
+    layouts = {test: set(format_of(test).layout(axes).required) - {"direction"} for test in TESTS}
+    ours = [test for test, required in layouts.items() if required <= names]
+    ours = [test for test in ours if not any(layouts[test] < layouts[other] for other in ours)]
+    if len(ours) == 1:
+        return ours[0]
+    if ours:
+        raise FileError(
+            where, f"may belong to {' or '.join(ours)}, which have the same columns", _GIVE_TEST, code="table.ambiguous"
+        )
+    if any(name.lower() == SOCKET for name in names):
+        return next(test for test in TESTS if SOCKET in format_of(test).layout().required)
+    lines, text_layout = text_of(read_whole(source), where)
+    raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
+    groups = groups_of(raw, [axis.name for axis in rig.robot.axes])
+    if groups.joints and groups.seen:
+        return MAPPED
+    nearest = min(layouts, key=lambda test: len(layouts[test] - names))
+    missing = sorted(layouts[nearest] - names)
+    if len(missing) <= _FEW_MISSING:
+        problem = f"lacks {' and '.join(missing)} of a {nearest} table"
+        raise FileError(
+            where, problem, "add the column, or run rig import --help for other tables", code="table.column_missing"
+        )
+    raise FileError(
+        where,
+        f"has columns that match none of the tests: {', '.join(raw.names[:20])}",
+        _GIVE_TEST,
+        code="table.no_test_fits",
+    )

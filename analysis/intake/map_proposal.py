@@ -99,7 +99,6 @@ class MapProposal:
     rows: int
 
     def answered(self, question: Question, reading: TableReading) -> MapProposal:
-        """Answer a question, and with it those that only one of the remaining candidates answers."""
         table_map = self.table_map.model_copy(update={question.key: reading.value})
         maps = tuple(one for one in question.maps if getattr(one, question.key) == reading.value)
         questions = []
@@ -115,7 +114,7 @@ class MapProposal:
         return replace(self, table_map=table_map, questions=tuple(questions))
 
     def assumed(self) -> MapProposal:
-        """Return the proposal with the likeliest answer to every question. The map records the assumptions for every
+        """Proposal with the likeliest answer to every question. The map records the assumptions for every
         analysis.
         """
         words = [
@@ -181,7 +180,7 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
 
 
 def _map_by_hand(raw: RawTable, groups: Groups, layouts: Sequence[FileLayout]) -> str:
-    """Return the remedy for a table without a proposed map, with the map itself if the header states all units."""
+    """Remedy for a table without a proposed map, with the map itself if the header states all units."""
     command = f"rig import {as_argument(raw.where)} --rig RIG --test pose --map MAP.yaml -o RUN"
     joints, places = groups.joints[:1], [pose.place for pose in groups.seen[:1]]
     if not all(group.unit for group in (*joints, *places)) or not (joints and places):
@@ -193,7 +192,7 @@ def _map_by_hand(raw: RawTable, groups: Groups, layouts: Sequence[FileLayout]) -
 
 
 def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
-    """Return a table of places with the joint angles of the declared cube; None if it has joints or no cube is
+    """A table of places with the joint angles of the declared cube; None if it has joints or no cube is
     declared.
 
     Raises FileError if the places are not those of the cube.
@@ -215,7 +214,7 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
 
 
 def _without_spots(raw: RawTable, groups: Groups) -> Groups:
-    """Return groups except places of touched spots. Raises FileError if a table has only such places."""
+    """Groups except places of touched spots. Raises FileError if a table has only such places."""
     spots = [pose.place.columns for pose in groups.seen if all(map(is_of_spot, pose.place.columns))]
     seen = tuple(pose for pose in groups.seen if pose.place.columns not in spots)
     if spots and not seen:
@@ -252,7 +251,7 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
 
 
 def _places(groups: Groups) -> tuple[list[PlaceColumns], ColumnGroup | None]:
-    """Return the places to read, and the residual columns to add if no column contains measured places."""
+    """Places to read, and the residual columns to add if no column contains measured places."""
     apart = [pose for pose in groups.seen if not pose.place.of_controller and pose.place.role != "commanded"]
     seen = apart or groups.seen  # poses reported by the robot only if nothing else was measured
     measured = [pose for pose in seen if pose.place.role == "measured"]
@@ -268,7 +267,7 @@ def _places(groups: Groups) -> tuple[list[PlaceColumns], ColumnGroup | None]:
 def _placed(
     judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns], residual: ColumnGroup | None
 ) -> tuple[TableMap, PlaceColumns]:
-    """Return the map of joints and place, and the selected place. Open points become questions of the judge."""
+    """Map of joints and place, and the selected place. Open points become questions of the judge."""
     candidates = _readings(judge, joints, seen, residual, stated=True)
     overruled = None
     if not candidates[0][0].fits:
@@ -332,7 +331,7 @@ def _accept_faulty_arm(judge: Judge, best: TableReading, readings: Sequence[Tabl
 
 
 def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
-    """Return whether the arm appears nominal: enough postures, and fitted constants that hardly improve the fit."""
+    """True if the arm appears nominal: enough postures, and fitted constants that hardly improve the fit."""
     q, xyz_mm = poses.q, poses.xyz_mm
     if len(np.unique(np.round(q, 2), axis=0)) <= _FEW_POSTURES:
         return False
@@ -343,7 +342,7 @@ def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
 
 
 def _hardly_moved(judge: Judge, taken: tuple[TableReading, PlaceColumns]) -> TableReading:
-    """Return the likeliest interpretation of poses with small joint motion.
+    """Likeliest interpretation of poses with small joint motion.
 
     If a different interpretation fits clearly better, it becomes a question. If both fit equally, the column names are
     trusted and the assumption is recorded.
@@ -370,7 +369,6 @@ def _hardly_moved(judge: Judge, taken: tuple[TableReading, PlaceColumns]) -> Tab
 
 
 def _ask(judge: Judge, candidates: Sequence[tuple[TableReading, PlaceColumns]], asks: str) -> None:
-    """Add a question for each key with different values in the candidates, likeliest first."""
     maps = tuple(reading.value for reading, _ in candidates)
     for key in ("joints", "place", "turn", "sees"):
         values: dict[str, TableReading] = {}
@@ -390,7 +388,6 @@ def _readings(
     *,
     stated: bool,
 ) -> list[tuple[TableReading, PlaceColumns]]:
-    """Return all interpretations of joints and place, best first. stated: trust the units stated in the file."""
     candidates = []
     for pose, angles, lengths, words in in_each_unit(joints, seen, stated=stated):
         of_residual = None
@@ -404,7 +401,6 @@ def _readings(
 def _judged(
     judge: Judge, candidates: list[tuple[TableReading, PlaceColumns]]
 ) -> list[tuple[TableReading, PlaceColumns]]:
-    """Return the interpretations in order of fit, the best few after a complete fit."""
     candidates.sort(key=lambda candidate: candidate[0].share)
     best = [(judge.reading(reading.value, reading.words, _STEPS), pose) for reading, pose in candidates[:_SHOWN]]
     return sorted(best, key=lambda candidate: candidate[0].share) + candidates[_SHOWN:]
@@ -413,7 +409,7 @@ def _judged(
 def _from_tool(
     judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns]
 ) -> list[tuple[TableReading, PlaceColumns]]:
-    """Return interpretations for an instrument on the tool that observes the cell: camera and hand-eye pairs."""
+    """Interpretations for an instrument on the tool that observes the cell: camera and hand-eye pairs."""
     candidates = []
     for pose, angles, lengths, words in in_each_unit(joints, seen, ("mm", "m")):
         for turn in _turns(pose):
@@ -429,7 +425,7 @@ def _otherwise(
     seen: Sequence[PlaceColumns],
     candidates: list[tuple[TableReading, PlaceColumns]],
 ) -> tuple[tuple[TableReading, PlaceColumns] | None, list[tuple[TableReading, PlaceColumns]]]:
-    """Return interpretations with changed columns or frame, and the interpretation that they replace.
+    """Interpretations with changed columns or frame, and the interpretation that they replace.
 
     The changes are reordered or reversed columns and a left-handed frame. If one of them fits, they come first. If none
     fits, they come last and the second result is None. Raises FileError if only a change of the rig file would fit.
@@ -519,7 +515,7 @@ def _rivals(readings: Sequence[TableReading]) -> list[TableReading]:
 
 
 def _turned(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
-    """Return the map with the orientation that fits. If none or several fit, add a question."""
+    """Map with the orientation that fits. If none or several fit, add a question."""
     readings = _turn_readings(judge, table_map, seen)
     if not readings:
         return table_map

@@ -123,14 +123,12 @@ def turn_of(raw: RawTable, turn: TurnColumns, problems: Problems) -> Rotation:
 
 
 def _none(turn: TurnColumns) -> Array:
-    """Return the identity in the form of a turn, which replaces invalid values until they are reported."""
     if turn.form == "quaternion":
         return np.array([0.0, 0.0, 0.0, 1.0])
     return np.eye(3).ravel() if turn.form == "matrix" else np.zeros(3)
 
 
 def radians(raw: RawTable, angles: Angles, problems: Problems | None = None) -> Array:
-    """Joint angles (n, axes) rad of a table; bad cells as in `RawTable.numbers`."""
     values = np.radians(raw.numbers(angles.columns, problems) * angles.factors)
     backwards = np.isin(np.arange(1, len(angles.columns) + 1), angles.reversed)
     return values * np.where(backwards, -1.0, 1.0)
@@ -143,7 +141,7 @@ def _millimetres(raw: RawTable, lengths: Lengths, problems: Problems) -> Array:
 def table_by(
     raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None = None
 ) -> pa.Table:
-    """Return the table of a test in the format of docs/tables.md, with all other columns of the file as text."""
+    """Table of a test in the format of docs/tables.md, with all other columns of the file as text."""
     if test == MAPPED:
         for part in filter(None, (table_map.joints, table_map.commanded)):
             if len(part.columns) != axes:
@@ -213,7 +211,7 @@ def _mapped_columns(
 
 
 def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
-    """Return a column by the standard name: a number in the standard unit, a count, or a word."""
+    """A column by the standard name: a number in the standard unit, a count, or a word."""
     if name not in (*WORDS, *COUNTS, SOCKET):
         our_unit = name.rpartition("_")[2]
         if unit and unit not in TO_UNIT[our_unit]:
@@ -274,7 +272,7 @@ def plausibility(way: Meant, closest: float) -> tuple[float, float]:
 
 
 def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
-    """Return alternative interpretations of the joints and places of a map, best first.
+    """Alternative interpretations of the joints and places of a map, best first.
 
     Empty if the units do not suit the arm or hardly any row has a place.
     """
@@ -304,7 +302,7 @@ def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
 
 
 def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
-    """Return a description of rows that fit the arm separately although the complete table does not; empty if none do.
+    """A description of rows that fit the arm separately although the complete table does not; empty if none do.
 
     In the other rows the target or the instrument was in a different place.
     """
@@ -347,5 +345,4 @@ def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None,
 
 
 def spread_of(places: Array) -> float:
-    """Return the spread of places (n, 3) mm: rms distance from their mean."""
     return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))

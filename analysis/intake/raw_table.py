@@ -66,7 +66,7 @@ class RawTable:
     decimal_comma: bool
 
     def numbers(self, names: Sequence[str], problems: Problems | None = None) -> Array:
-        """Return columns (n, k) as numbers. Bad cells are nan and added to `problems`, or raised as TableFileError."""
+        """Columns (n, k) as numbers. Bad cells are nan and added to `problems`, or raised as TableFileError."""
         bad_cells = Problems() if problems is None else problems
         columns = np.full((len(self.lines), len(names)), np.nan)
         for name, column in zip(names, columns.T, strict=True):
@@ -97,11 +97,10 @@ class RawTable:
 
     @cached_property
     def numeric(self) -> tuple[str, ...]:
-        """Columns of numbers with at most a few bad cells, which an import reports."""
         return tuple(name for name in self.names if array_of(self._is_number(name)).mean() >= _MOSTLY)
 
     def evenly(self, rows: int) -> RawTable:
-        """Return a given number of evenly spaced rows that have valid cells in all numeric columns."""
+        """A given number of evenly spaced rows that have valid cells in all numeric columns."""
         sound = np.ones(len(self.lines), dtype=bool)
         for name in self.numeric:
             sound &= array_of(self._is_number(name)).astype(bool)
@@ -120,12 +119,11 @@ class RawTable:
 
 
 def is_workbook(data: bytes) -> bool:
-    """Return whether bytes are an .xlsx workbook."""
     return data.startswith(_WORKBOOK)
 
 
 def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
-    """Return the sheets of a workbook with rows, each as comma-separated text. Raises FileError."""
+    """Sheets of a workbook with rows, each as comma-separated text. Raises FileError."""
     try:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
@@ -153,9 +151,6 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
 
 
 def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, bytes]]:
-    """Yield title and rows of each sheet as text. Raises FileError above the limit of cells; a distant cell counts
-    with all cells before it.
-    """
     count = 0
     for sheet in sheets:
         sheet.reset_dimensions()  # the stated size of a sheet may be too large or leave rows out
@@ -176,7 +171,7 @@ def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, byte
 
 
 def text_of(data: bytes, where: str, layout: FileLayout | None = None) -> tuple[list[str], FileLayout]:
-    """Return the lines of a file and their encoding. Raises FileError if the file is not text."""
+    """Lines of a file and their encoding. Raises FileError if the file is not text."""
     encoding = layout.encoding if layout else "utf-8"
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
@@ -257,7 +252,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
 def _header(
     lines: Sequence[str], first: int, rows: list[int], comment: str, mark: str, fields: int, numeric: Array
 ) -> tuple[int, int]:
-    """Return the line numbers of header and units before the first row of data, from 1; 0 for none. The header may
+    """Line numbers of header and units before the first row of data, from 1; 0 for none. The header may
     be a comment.
     """
     above = [k for k in rows if k < first][-2:]
@@ -340,7 +335,6 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
 
 
 def _names(lines: Sequence[str], layout: FileLayout, body: str, mark: str) -> tuple[list[str], list[str]]:
-    """Return the unique names of the columns, and their units."""
     count = len(_fields(body, mark))
 
     def cells(number: int) -> list[str]:
@@ -421,7 +415,7 @@ def _index(table: RawTable, join: str) -> dict[str, int]:
 
 
 def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[FileLayout], join: str) -> tuple[RawTable, int]:
-    """Return the joined table of the files of a measurement, read with the layouts of the map, and the number of
+    """Joined table of the files of a measurement, read with the layouts of the map, and the number of
     unmatched rows.
     """
     tables = []

@@ -100,7 +100,6 @@ def check_sequence(
 
 
 def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Direction | None) -> Iterator[TableProblem]:
-    """Yield mistakes in the direction of a circle, and impossible jumps of joints."""
     words = columns["direction"]
     named = pc.unique(words.drop_null()).to_pylist()
     if direction and named == ["acw" if direction == "cw" else "cw"]:
@@ -219,7 +218,6 @@ _BEGINNINGS = (
 
 
 def refuse_other_formats(where: str, data: bytes) -> None:
-    """Raise FileError for the signature of an unsupported format."""
     for magic, fact, remedy in _BEGINNINGS:
         if data.startswith(magic):
             raise FileError(where, fact, remedy.format(file=as_argument(where)), code="table.column_missing")
@@ -348,7 +346,7 @@ def parse_csv(
 
 
 def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
-    """Return the column names. Raises FileError if the header is missing or too long, or lacks the selected joints."""
+    """Column names. Raises FileError if the header is missing or too long, or lacks the selected joints."""
     if not any(header):
         raise FileError(where, "is empty", "give a table with a header line", code="table.empty")
     if len(header) > _MOST_COLUMNS:
@@ -375,7 +373,6 @@ def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
 
 
 def read_whole(path: Path) -> bytes:
-    """Return the bytes of a table file. Raises FileError if it cannot be read or is too large."""
     try:
         return read_bytes(path, MOST_BYTES)
     except IsADirectoryError:
@@ -401,7 +398,7 @@ _HEAD_BYTES = 100_000
 
 
 def read_head(path: Path) -> bytes:
-    """Return the first 100 kB of a table file. Raises FileError if it cannot be read."""
+    """First 100 kB of a table file. Raises FileError if it cannot be read."""
     try:
         return read_from(path, 0, _HEAD_BYTES)[0]
     except (OSError, FileError):
@@ -409,7 +406,6 @@ def read_head(path: Path) -> bytes:
 
 
 def header_names(head: bytes) -> set[str]:
-    """Return the column names in the first line of a CSV file, given its first bytes."""
     line = head.split(b"\n")[0].decode("utf-8-sig", "replace")
     return {name.strip().strip('"') for name in line.split(",")}
 

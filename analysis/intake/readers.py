@@ -30,26 +30,25 @@ class StreamReader(Protocol):
     """Reader of one file format, loaded from a module."""
 
     def is_own(self, data: bytes) -> bool:
-        """Return whether a file has the format of this reader, by its first bytes or all bytes."""
+        """True if a file has the format of this reader, by its first bytes or all bytes."""
 
     def file_of(self, path: Path) -> Path:
-        """Return the file to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
+        """File to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
 
     def size_remedy(self, data: bytes) -> str:
-        """Return the remedy for a large file, by the first bytes; empty if the format is unknown."""
+        """Remedy for a large file, by the first bytes; empty if the format is unknown."""
 
     def table_of(self, data: bytes, where: str, rig: Rig, test: TestName) -> tuple[bytes, tuple[str, ...]]:
-        """Return the CSV of a circle, and doubts in words. Raises FileError."""
+        """CSV of a circle, and doubts in words. Raises FileError."""
 
     def stands_of(self, data: bytes, where: str, rig: Rig, topic: str) -> StandTable:
-        """Return the stationary poses of the robot as a table. topic: topic of the poses; if empty, the only one.
+        """Stationary poses of the robot as a table. topic: topic of the poses; if empty, the only one.
         Raises FileError.
         """
 
 
 @cache
 def readers() -> tuple[StreamReader, ...]:
-    """Return all installed readers. Raises FileError for an unusable offer."""
     return tuple(map(_loaded, sorted(entry_points(group="rig.readers"))))
 
 
@@ -63,12 +62,12 @@ def _loaded(offer: EntryPoint) -> StreamReader:
 
 
 def reader_of(data: bytes) -> StreamReader | None:
-    """Return the reader of a file by its first bytes or all bytes; None for any other format."""
+    """Reader of a file by its first bytes or all bytes; None for any other format."""
     return next((reader for reader in readers() if reader.is_own(data)), None)
 
 
 def file_of(path: Path) -> Path:
-    """Return the file to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
+    """File to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
     for reader in readers():
         path = reader.file_of(path)
     return path

@@ -68,12 +68,10 @@ class ColumnsWithUnit(Part):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Unit of each column."""
         return (self.unit,) * len(self.columns) if isinstance(self.unit, str) else self.unit
 
     @property
     def factors(self) -> list[float]:
-        """Conversion factor of each column to degrees or mm."""
         return [self.known_units[unit] for unit in self.units]
 
     @model_validator(mode="after")
@@ -173,14 +171,12 @@ class TableMap(Part):
     assumed: tuple[Name, ...] = ()
 
     def used(self) -> list[str]:
-        """Return the columns read from the file, in order."""
         poses = (self.place, self.residual, self.turn, self.controller, self.controller_turn)
         parts = (self.joints, self.commanded, *poses)
         return [*(name for part in parts if part for name in part.columns), *(c.column for c in self.columns.values())]
 
 
 def load_map(path: Path) -> TableMap:
-    """Read a map. Raises FileError with every mistake and the line number; an open question counts as a mistake."""
     try:
         text = read_bytes(path, _MOST_BYTES).decode("utf-8")
     except OSError as error:
@@ -212,7 +208,7 @@ def parse_map(text: str, where: str) -> TableMap:
 
 
 def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None) -> str:
-    """Return a map as YAML. open_keys: keys for the operator to fill in, such as `residual.meaning`, with the
+    """A map as YAML. open_keys: keys for the operator to fill in, such as `residual.meaning`, with the
     options as text.
     """
     data = _without_defaults(table_map)
@@ -232,7 +228,6 @@ def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None)
 
 
 def line_of_map(table_map: TableMap) -> str:
-    """Return a map as a single line of YAML."""
     return flow(_without_defaults(table_map))
 
 
@@ -243,7 +238,6 @@ def _without_defaults(table_map: TableMap) -> dict[str, Any]:
 
 
 def value_text(value: Part | None) -> str:
-    """Return the value of a map key as a line of YAML."""
     return "null" if value is None else flow(value.model_dump(mode="json", exclude_none=True))
 
 

@@ -38,7 +38,7 @@ class TableReading:
     share: float = 0.0
 
     def line(self, next_best: TableReading | None = None) -> str:
-        """Return the interpretation and the residual as text, with the next best for comparison."""
+        """Interpretation and the residual as text, with the next best for comparison."""
         text = f"{self.words}{self._leaves()}"
         return f"{text}. The second-best interpretation: {next_best.words}{next_best._leaves()}" if next_best else text
 
@@ -50,7 +50,6 @@ class TableReading:
 
     @property
     def fits(self) -> bool:
-        """True if the positions fit the arm."""
         return self.left <= RIGHT_MM and self.share <= RIGHT_SHARE
 
 
@@ -83,7 +82,7 @@ class Judge:
         return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
 
     def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> TableReading:
-        """Return an interpretation of joints and place with the residual against the arm."""
+        """An interpretation of joints and place with the residual against the arm."""
         nothing = TableReading(table_map, np.inf, "mm", words, np.inf)
         try:
             poses = poses_of(self.raw, table_map)
@@ -99,7 +98,6 @@ class Judge:
 
 
 def _plain(number: float) -> str:
-    """Return a number with three digits in plain notation."""
     return f"{number:.0f}" if number >= 100 else f"{number:.3g}"
 
 
@@ -134,10 +132,8 @@ def possible_units(stated: Unit, known: Container[str], otherwise: Iterable[Unit
 
 
 def unit_words(unit: Unit) -> str:
-    """Unit of all columns or of each as text."""
     return ", ".join("inches" if name == "in" else name for name in ((unit,) if isinstance(unit, str) else unit))
 
 
 def short(columns: Sequence[str]) -> str:
-    """Columns of a group as text."""
     return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"

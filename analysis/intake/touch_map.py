@@ -22,14 +22,13 @@ from rigs.text import as_argument
 
 
 def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
-    """Return whether a table of touches has columns different from docs/tables.md, or the socket is given."""
+    """True if a table of touches has columns different from docs/tables.md, or the socket is given."""
     if SOCKET not in format_of(test).layout().required:
         return False
     return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= header_names(read_head(path))
 
 
 def has_two_arms(path: Path) -> bool:
-    """Return whether a table has the joints of a second arm, p1_deg …"""
     return second_joint_columns(1)[0] in header_names(read_head(path))
 
 
@@ -43,7 +42,7 @@ def refuse_two_arms(path: Path, test: TestName) -> None:
 
 
 def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> TableMap:
-    """Return the map of a table of touches.
+    """Map of a table of touches.
 
     socket: of all rows; empty if a column contains it or the rig file has only one. Raises FileError if the joints of
     the arm or the socket are missing.
@@ -62,7 +61,6 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
 
 
 def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
-    """Return the joint columns and their unit."""
     groups = [
         group
         for group in groups_of(raw, [axis.name for axis in rig.robot.axes]).joints
@@ -79,7 +77,6 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
 
 
 def _only(rig: Rig, where: str) -> str:
-    """Return the socket of a rig file if it is unique. Raises FileError otherwise."""
     sockets = rig.tests.touch.sockets if rig.tests.touch else ()
     if len(sockets) == 1:
         return sockets[0]

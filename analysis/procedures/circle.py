@@ -33,9 +33,9 @@ from analysis.procedures.shared.circularity import evaluate as evaluate_distance
 from analysis.procedures.shared.finding import Finding
 from analysis.procedures.shared.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.procedures.shared.quantity import Quantity
-from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of, reduced
+from analysis.procedures.shared.reduction import PHI, nodes_of, reduced
 from analysis.procedures.shared.result_curves import CircleCurve
-from analysis.procedures.shared.simulated_gauges import read_by_gauges
+from analysis.procedures.shared.simulated_readings import read_by_gauges
 from analysis.procedures.shared.test_kind import (
     Finders,
     Instruments,
@@ -56,8 +56,8 @@ from analysis.robot.model.scene import ModelScene, apply
 from analysis.runs.align import Aligned
 from analysis.runs.laps import Laps, laps_of
 from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
+from analysis.runs.table_format import Rows, joint_cells
 from analysis.runs.table_layout import JOINTS, TIME_U, Layout
-from analysis.runs.table_rows import Rows, joint_cells
 from analysis.runs.tables import CircleTable
 from rigs.errors import FileError
 from rigs.readiness import require_test
@@ -89,7 +89,6 @@ class Sine:
 
     @property
     def amplitude(self) -> float:
-        """r of eq. (11)."""
         return float(np.hypot(self.a, self.b))
 
     @property
@@ -109,7 +108,6 @@ def sine_of(y: Array) -> tuple[Array, Array, Array]:
 
 
 def fit_sine(phi: Array, y: Array) -> Sine:
-    """Fit a sine to a noise-free curve y (n,) rad at phi (n,) rad of one lap."""
     A, a, b = sine_of(nodes_of(phi, y))
     return Sine(float(A), float(a), float(b))
 
@@ -181,7 +179,6 @@ class CircleResult:
 
     @property
     def as_curve(self) -> CircleCurve:
-        """Angle, error and deviation over the circle angle."""
         error, _ = error_of(self.curve.errors)
         return CircleCurve(
             phi_deg=np.degrees(PHI),
@@ -218,7 +215,6 @@ class Circle(TestKind[CircleTable]):
     """Figures biased upwards by noise, which are lowered by its mean contribution."""
 
     def notes_of(self, result: CircleResult) -> tuple[str, ...]:
-        """Remarks on a result."""
         return ()
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
@@ -246,9 +242,9 @@ class Circle(TestKind[CircleTable]):
         if gauges.g2 is None:
             problem = "has a single gauge, but an angle needs two"
             raise FileError(where, problem, "add gauges.g2 to the rig file", code="circle.one_gauge")
-        laps, given = laps_of(table, rig, where), instruments
         baseline_mm = gauges.baseline_mm, gauges.baseline_u_mm
-        return self.evaluate_laps(laps, *baseline_mm, given.u_lag_s, where, given.like, given.reduced)
+        laps = laps_of(table, rig, where)
+        return self.evaluate_laps(laps, *baseline_mm, instruments.u_lag_s, where, instruments.like)
 
     def evaluate_laps(
         self,
@@ -258,15 +254,14 @@ class Circle(TestKind[CircleTable]):
         u_lag_s: float,
         where: str = "the run",
         like: tuple[LapNoise, LapNoise] | None = None,
-        run: Reduced | None = None,
     ) -> CircleResult:
         """Compute the figures of a run's laps with uncertainties, ranges corrected for noise.
 
-        like: noise of angle and distance in a different run of the cell, for a run of one lap. run: all readings, if
-        the laps are thinned. Raises FileError for readings impossible with a ball link.
+        like: noise of angle and distance in a different run of the cell, for a run of one lap. Raises FileError for
+        readings impossible with a ball link.
         """
         _check_laps(laps, baseline_mm, where)
-        run = run or reduced(laps)
+        run = reduced(laps)
         angle = partial(angle_of_gauges, baseline_mm=baseline_mm)
         curve = curve_of(run, angle, np.sqrt(2) / abs(baseline_mm), 0, like and like[0])
         radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
@@ -280,14 +275,13 @@ class Circle(TestKind[CircleTable]):
         of_angle = figures(lambda y: self.figures_at(y[0], radius), [curve], draw_noise, run.samples, self.ranges)
         sine = Sine(*(float(part) for part in sine_of(curve.y)))
         residual = at_resolution(curve.y - sine(PHI))
-        distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
+        distance = evaluate_distance(run, radius, u_lag_s, like and like[1])
         notes = (*laps.notes, *run.notes, *_about_noise(curve))
         count = run.samples
         result = CircleResult(laps, curve.y, residual, sine, of_angle, count, notes, curve, distance, u_lag_s, u_scale)
         return replace(result, notes=(*notes, *self.notes_of(result)))
 
     def figures_at(self, y: Array, radius_mm: float) -> dict[str, Array]:
-        """Figures (...,) by name of angles y (..., NODES) rad."""
         return {name: value for measure in self.measures for name, value in measure(y, radius_mm).items()}
 
     def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
@@ -315,7 +309,6 @@ class Circle(TestKind[CircleTable]):
         return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
 
     def read(self, model: Model, table: CircleTable, path: Path, scene: ModelScene, setup: SetUp) -> Array:
-        """Readings of both gauges (m, 2) mm."""
         to_tool = scene.T[:, :3, 3] - setup.ball
         circle = frame_of(circle_of(model.rig))
         offsets = np.array([gauge.offset_mm for _, gauge in model.rig.gauges])
@@ -415,7 +408,6 @@ def _check_laps(laps: Laps, baseline_mm: float, where: str) -> None:
 
 
 def _about_noise(curve: LapCurve) -> tuple[str, ...]:
-    """Remarks about noise not measured in this run, and about events between its laps."""
     if curve.slips:
         sizes = ", ".join(f"{np.degrees(slip):+z.4f}°" for slip in curve.slips)
         why = "which is more than noise and drift explain: check the clamps"

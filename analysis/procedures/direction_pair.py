@@ -184,7 +184,6 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
 
 
 def _calm(acw: LapCurve, cw: LapCurve) -> tuple[Array, Array]:
-    """Both curves (NODES,) with reduced noise of their mean and of their much smaller difference."""
     power = acw.power + cw.power
     mean, half = calmed((acw.y + cw.y) / 2, power / 4), calmed((acw.y - cw.y) / 2, power / 4)
     return mean + half, mean - half
@@ -201,7 +200,6 @@ def plain_figures(angle: list[Run], distance: list[Run], radius_mm: float) -> di
 
 
 def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
-    """Figures (...,) of curves (4, ..., NODES): angle acw and cw, distance acw and cw."""
     turned, moved = at_resolution(np.degrees(y[0] - y[1])), at_resolution(y[2] - y[3])
     fit = (fit_circle(y[2], radius_mm) + fit_circle(y[3], radius_mm)) / 2
     deviation = at_resolution(y[2:] - circle_at(fit, radius_mm))

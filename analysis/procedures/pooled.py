@@ -58,7 +58,6 @@ class BetweenRuns:
 
     @property
     def in_sd(self) -> str:
-        """Standard deviation between the runs, formatted for display."""
         return self.mean.rounded_size(self.sd)
 
 
@@ -157,7 +156,6 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
 
 
 def _are_same_poses(first: Result, run: Result) -> bool:
-    """True if a pose run has the same poses; other tests depend on the set-up only."""
     table, its = first.measured.table, run.measured.table
     if not (isinstance(table, PlaceTable) and isinstance(its, PlaceTable)):
         return True
@@ -212,7 +210,6 @@ class FigureColumn:
 
 
 def figure_columns(group: Sequence[Result]) -> list[FigureColumn]:
-    """Columns for the runs of one test at one place."""
     together = {mean.title: mean for mean in pooled(group) if mean.figures}
     columns = []
     for title in dict.fromkeys(result.title for result in group):

@@ -49,7 +49,7 @@ from analysis.procedures.shared.scatter_figures import (
     poses_of_cube,
     rp,
 )
-from analysis.procedures.shared.simulated_iso9283 import simulated_cube
+from analysis.procedures.shared.simulated_readings import simulated_cube
 from analysis.procedures.shared.test_kind import (
     Instruments,
     PathDeviation,
@@ -64,10 +64,11 @@ from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, frame, posi
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
 from analysis.robot.kinematics.joint_limits import wrapped
 from analysis.runs.noise.cell_noise import TARGET_MM, TRACKER_U_MM, LogUniform
-from analysis.runs.noise.outliers import FITTED_SPREADS
+from analysis.runs.noise.readings import FITTED_SPREADS
 from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.noise.target_scatter import Scatter, scatter_of
 from analysis.runs.stands import STANDSTILL_MM, require_postures, standstill_starts_of_visits
+from analysis.runs.table_format import Rows, joint_cells
 from analysis.runs.table_layout import (
     CONTROLLER_PLACE,
     CONTROLLER_TURN,
@@ -79,7 +80,6 @@ from analysis.runs.table_layout import (
     came_from_columns,
     joint_columns,
 )
-from analysis.runs.table_rows import Rows, joint_cells
 from analysis.runs.tables import PoseTable, content_order
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -121,7 +121,6 @@ class PoseResult:
 
     @property
     def as_curve(self) -> PoseCurve:
-        """Errors in table order."""
         return PoseCurve(self.position_mm, None if self.rotation is None else np.degrees(self.rotation), self.axes)
 
 
@@ -279,7 +278,6 @@ def _near_in_table(places: Array, box: Array, same_rad: float) -> Callable[[int]
 
 
 def _near_in_tree(places: Array, box: Array, same_rad: float) -> Callable[[int], NDArray[np.intp]]:
-    """Same function as `_near_in_table`, by a tree."""
     from scipy.spatial import cKDTree  # noqa: PLC0415 - takes half a second to import
 
     tree = cKDTree(places, boxsize=box)
@@ -347,8 +345,6 @@ def place_figures(x: Array) -> dict[str, Array]:
 
 
 def turn_figures(x: Array) -> dict[str, Array]:
-    """AP and RP (...,) in degrees about each axis, of orientation errors x (..., g, 3, n) in degrees, NaN if
-    missing."""
     x = np.swapaxes(x, -1, -2)
     figures = {}
     mean, thrice = np.abs(np.nanmean(x, axis=-2)), _thrice(x)
@@ -361,13 +357,11 @@ def turn_figures(x: Array) -> dict[str, Array]:
 
 
 def _thrice(x: Array) -> NDArray[np.bool_]:
-    """Mask (g,) of the groups of (..., g, n, 3) with three visits or more."""
     counts = np.isfinite(x[..., 0]).sum(axis=-1)
     return np.asarray(counts.reshape(-1, counts.shape[-1])[0] >= 3)
 
 
 def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -> Array:
-    """Values by group (groups, 3, visits), NaN if missing."""
     visits = [values[group == number] for number in again]
     x = np.full((len(again), 3, max(map(len, visits))), np.nan)
     for row, of_group in enumerate(visits):
@@ -386,7 +380,6 @@ def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Arr
 
 
 def _turns_seen(rpy: Array, setup: PoseSetUp) -> Rotation:
-    """Measured rotations rpy (n, 3) rad as rotations (n,) in the arm's base."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     return Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)

@@ -31,7 +31,7 @@ from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import RadialCurve
 from analysis.procedures.shared.scatter_figures import assumed, coarse, half_width, of_scatter, rp
-from analysis.procedures.shared.simulated_gauges import read_by_gauges, visit_times
+from analysis.procedures.shared.simulated_readings import read_by_gauges, visit_times
 from analysis.procedures.shared.test_kind import (
     Instruments,
     Simulation,
@@ -44,12 +44,11 @@ from analysis.robot.geometry.driven_programs import hemisphere_of, radial_progra
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.align import Aligned
 from analysis.runs.noise.certificate import link_excess_mm
-from analysis.runs.noise.outliers import MOST, SPREADS
-from analysis.runs.noise.readings import step_of_stops
+from analysis.runs.noise.readings import MOST, SPREADS, step_of_stops
 from analysis.runs.noise.target_scatter import Scatter, SphereLevel, scatter_of
 from analysis.runs.stands import at_targets, stands_of, visits_of
+from analysis.runs.table_format import Rows, joint_cells
 from analysis.runs.table_layout import JOINTS, Layout
-from analysis.runs.table_rows import Rows, joint_cells
 from analysis.runs.tables import RadialTable
 from rigs.errors import FileError
 from rigs.readiness import require_test
@@ -89,7 +88,6 @@ class Sphere:
 
 
 def free_sphere(points: Array) -> Sphere:
-    """Fit a sphere to points (n, 3) mm with free centre and radius (geometric distance, Gauss-Newton)."""
     x = np.append(np.zeros(3), np.linalg.norm(points, axis=1).mean())
     for _ in range(_STEPS):
         x = x + _slopes(_design(points, x[:3])) @ _distances_from_sphere(points, x)
@@ -121,7 +119,6 @@ def outlying_targets(points: Array) -> NDArray[np.bool_]:
 
 
 def _distances_from_sphere(points: Array, x: Array) -> Array:
-    """Distances (...,) mm of points (..., 3) mm from the sphere x: centre and radius."""
     return np.asarray(np.linalg.norm(points - x[:3], axis=-1) - x[3])
 
 
@@ -166,7 +163,6 @@ class Cells:
 
     @property
     def by_orientation(self) -> Array:
-        """Mean (t, o) mm over visits, NaN if missing."""
         return _mean(self.g_mm)
 
     @property
@@ -179,7 +175,6 @@ class Cells:
         return bool(np.median(apart) > _APART * (last.max() - first.min()))
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:
-        """Cells of the targets in a mask (t,)."""
         return Cells(self.target[rows], self.direction[rows], self.g_mm[rows], self.t_s[rows])
 
 
@@ -202,12 +197,10 @@ class RadialResult:
 
     @property
     def deviation_mm(self) -> Array:
-        """Distance (t,) mm of all targets from the least-squares sphere, positive outwards."""
         return np.asarray(np.linalg.norm(self.points - self.free.centre, axis=1) - self.free.radius)
 
     @property
     def as_curve(self) -> RadialCurve:
-        """Targets in order of their numbers."""
         x, y, z = self.cells.direction.T
         polar_deg, azimuth_deg = np.degrees(np.arccos(np.clip(z, -1.0, 1.0))), np.degrees(np.arctan2(y, x))
         return RadialCurve(self.cells.target, polar_deg, azimuth_deg, self.deviation_mm, self.spread_mm, self.used)
@@ -357,8 +350,6 @@ def _mean(x: Array) -> Array:
 def _notes(
     cells: Cells, expected: Collection[int], orientations: int, far: NDArray[np.bool_], off_mm: Array, free: Sphere
 ) -> tuple[str, ...]:
-    """Notes: unmeasured targets, targets left out with off_mm (t, o) mm from the sphere, and undetermined
-    parameters."""
     notes = []
     targets, have = len(cells.target), cells.g_mm.shape[1]
     numbers = set(expected) or set(range(1, int(cells.target.max()) + 1))
@@ -412,7 +403,6 @@ class Radial(TargetTest[RadialTable]):
     def recorded(
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[RadialTable, list[str]]:
-        """Table of stops at targets, with the certified difference between link length and radius."""
         stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
         at = at_targets(stands, program, rig)
         order = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
@@ -440,7 +430,6 @@ class Radial(TargetTest[RadialTable]):
         return table.with_readings(read_by_gauges(rig, table, self.setup(rig), run))
 
     def directions(self, table: RadialTable, hemisphere: Hemisphere) -> tuple[Array, Array]:
-        """Angles (n,) rad of the table."""
         return table.polar, table.azimuth
 
     def visits(self, table: RadialTable) -> Integers:

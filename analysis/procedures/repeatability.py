@@ -29,7 +29,7 @@ from analysis.procedures.shared.scatter_figures import (
     reversal,
     rp,
 )
-from analysis.procedures.shared.simulated_gauges import read_by_gauges, visit_times
+from analysis.procedures.shared.simulated_readings import read_by_gauges, visit_times
 from analysis.procedures.shared.test_kind import Instruments, Simulation, check_numbers, require_live_gauges
 from analysis.procedures.stops import TargetTest, require_known_targets, timed, visit_starts
 from analysis.robot.geometry.driven_programs import (
@@ -43,12 +43,11 @@ from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
 from analysis.robot.model.predict import Model, Path, stops
 from analysis.runs.align import Aligned
 from analysis.runs.noise.cell_noise import TARGET_MM
-from analysis.runs.noise.outliers import SPREADS, spreads_of
-from analysis.runs.noise.readings import step_of_stops
+from analysis.runs.noise.readings import SPREADS, spreads_of, step_of_stops
 from analysis.runs.noise.target_scatter import scatter_of
 from analysis.runs.stands import at_targets, stands_of, visits_of
+from analysis.runs.table_format import Rows, joint_cells
 from analysis.runs.table_layout import JOINTS, Layout
-from analysis.runs.table_rows import Rows, joint_cells
 from analysis.runs.tables import RepeatabilityTable
 from rigs.errors import FileError
 from rigs.readiness import require_test
@@ -74,7 +73,6 @@ class RepeatabilityResult:
 
     @property
     def as_curve(self) -> RepeatabilityCurve:
-        """Readings by target, approach and time."""
         target, side, visit = np.nonzero(np.isfinite(self.readings_mm))
         readings_mm = self.readings_mm[target, side, visit]
         return RepeatabilityCurve(self.targets[target], np.array(SIDES)[side], visit + 1, readings_mm)
@@ -119,7 +117,6 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
 
 
 def plain_figures(x: Array) -> dict[str, Array]:
-    """Figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN if missing."""
     uni, bi, repeat = _range(x), _range(x.reshape(*x.shape[:-2], -1)), rp(x[..., None])
     return {
         "uni_mm": uni.max(axis=(-2, -1)),
@@ -224,7 +221,6 @@ class Repeatability(TargetTest[RepeatabilityTable]):
         return table.with_readings(read_by_gauges(rig, table, self.setup(rig), run))
 
     def path(self, model: Model, table: RepeatabilityTable) -> Path:
-        """Stops at targets, from outside, from inside, or from the target itself if unknown."""
         hemisphere = hemisphere_of(model.rig)
         polar, azimuth = (angles[table.target - 1] for angles in target_angles(hemisphere))
         side = np.select([table.approach == "out", table.approach == "in"], [1.0, -1.0], 0.0)
@@ -233,7 +229,6 @@ class Repeatability(TargetTest[RepeatabilityTable]):
         return stops(table.q, table.t_s, came_from)
 
     def directions(self, table: RepeatabilityTable, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
-        """Angles (n,) rad of the numbered targets."""
         polar, azimuth = target_angles(hemisphere)
         if table.target.min() < 1 or table.target.max() > len(polar):
             return None

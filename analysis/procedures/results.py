@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -16,22 +17,20 @@ import pyarrow as pa
 from analysis.procedures.checks.check_runs import doubts_of, why_no_measurement
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.facts import labels_of
-from analysis.procedures.long_circle import long_circle
-from analysis.procedures.shared.certificate_uncertainty import with_certificates
-from analysis.procedures.shared.quantity import Quantity
-from analysis.procedures.shared.reduction import Reduced
+from analysis.procedures.shared.quantity import PLACE, Quantity
 from analysis.procedures.shared.result_curves import JointReversal, ResultCurve, reversals_of_rig
 from analysis.procedures.shared.test_kind import Evaluated, Instruments, kind_of
 from analysis.runs.align import robot_only
-from analysis.runs.batch.fetched import fetched
-from analysis.runs.loading import Measured, measured_in, measured_of
+from analysis.runs.loading import Measured, load_measured, measured_of
+from analysis.runs.noise.certificate import NO_CERTIFICATE, Systematic
 from analysis.runs.noise.spectrum import LapNoise
 from analysis.runs.table_format import format_of
 from analysis.runs.tables import CircleTable
 from analysis.runs.tabular import Tabular, for_json, table_of_rows
 from daq.store import read_run
 from rigs.errors import DirectionError, FileError
-from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, Direction, TestName
 
 
 @dataclass(frozen=True)
@@ -160,22 +159,15 @@ def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
 
 
 def evaluate_path(path: Path, like: tuple[LapNoise, LapNoise] | None = None, *, with_rows: bool = True) -> Result:
-    """Read and evaluate a run; without its rows, a long circle is read in parts. like: as for `result_of`.
+    """Read and evaluate a run. like: as for `result_of`. Raises FileError.
 
-    Rows take most of the memory of a result, figures and remarks some 0.2 MB. Raises FileError.
+    with_rows: keep the rows, which take most of the memory of a result; figures and remarks take some 0.2 MB.
     """
-    with fetched(path) as directory:
-        in_parts = None if with_rows else long_circle(directory, path)
-        measured, reduced = in_parts or (measured_in(directory, path), None)
-    result = result_of(measured, like, reduced)
+    result = result_of(load_measured(path), like)
     return result if with_rows else result.without_rows
 
 
 def evaluate_again(borrower: Borrower) -> tuple[int, Result]:
-    """Evaluate a run with the noise of another, and return it with its index. Raises FileError.
-
-    A run without rows is read again.
-    """
     measured, noise = borrower.measured, borrower.noise
     has_rows = len(measured.table.q) > 0
     return borrower.place, result_of(measured, noise) if has_rows else evaluate_path(
@@ -198,19 +190,12 @@ _KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
 """Results by the identity of their run, as long as they are referenced: a report and its diagnosis share them."""
 
 
-def result_of(
-    measured: Measured, like: tuple[LapNoise, LapNoise] | None = None, reduced: Reduced | None = None
-) -> Result:
-    """Evaluate a run. Raises FileError.
-
-    like: noise of angle and distance in a different run, for a single lap. reduced: all readings, if the table is
-    thinned.
-    """
-    is_usual = like is None and reduced is None
-    kept = _KEPT.get(id(measured)) if is_usual else None
+def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
+    """Evaluate a run. like: noise of angle and distance in a different run, for a single lap. Raises FileError."""
+    kept = _KEPT.get(id(measured)) if like is None else None
     if kept is not None and kept.measured is measured:
         return kept
-    instruments = Instruments(measured.u_lag_s, None, like, reduced)
+    instruments = Instruments(measured.u_lag_s, None, like)
     found = kind_of(measured.table.test).evaluate(measured.table, measured.rig, str(measured.path), instruments)
     figures = dict(found.figures)
     if isinstance(found, CircleResult):
@@ -221,13 +206,12 @@ def result_of(
     friction = measured.condition.friction or {}
     figures |= {f"friction_j{axis}_a": Quantity(joint.current_a, joint.u_a, "a") for axis, joint in friction.items()}
     result = Result(measured, found, figures)
-    if is_usual:
+    if like is None:
         _KEPT[id(measured)] = result
     return result
 
 
 def by_test(results: Sequence[Result]) -> list[list[Result]]:
-    """Group results by test, robot and place, in order of first appearance."""
     groups: list[list[Result]] = []
     for result in results:
         for group in groups:
@@ -273,7 +257,7 @@ class Fitness:
 
 
 def fitness(run: Path) -> Fitness:
-    """True if a run is usable, and how to repair it."""
+    """Whether a run is usable, and how to repair it."""
     why, drove, still_driving = "", None, False
     try:
         recorded = read_run(run)
@@ -295,3 +279,53 @@ def fitness(run: Path) -> Fitness:
 def why_unusable(run: Path) -> str:
     """Reason why `rig analyse` would refuse a run, or a convention makes it unusable; empty if valid."""
     return fitness(run).why
+
+
+Figures = dict[str, Quantity]
+_SHORTEST_MM = 0.3
+"""Correlation length of a gauge error: errors of readings further apart are independent."""
+_LENGTHS = ("radius_mm", "held_radius_mm", "ap_mm", "ap_mean_mm")
+"""Figures shifted fully by an error common to all readings."""
+
+
+def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Figures:
+    """Figures of a run with the uncertainty of certificates added in quadrature.
+
+    The error of a gauge is modelled as an unknown smooth function of the reading, with standard deviation u. A wave as
+    long as the gauge's travel affects a figure almost fully, longer ones less: the worst case is used. Comparisons
+    between runs are not affected, because both have the same gauges.
+    """
+    if systematic == NO_CERTIFICATE or test in WITHOUT_GAUGES:
+        return figures
+    u = _u_of_circle if test in CIRCLES else _u_of_targets
+    return {
+        name: replace(figure, u=math.hypot(figure.u, u(name, figures, systematic, rig)))
+        for name, figure in figures.items()
+    }
+
+
+def _u_of_circle(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
+    if name.endswith(PLACE):
+        return 0.0  # a position on the circle depends on the shape of the curve, not its size
+    gauges_mm = math.hypot(*systematic.gauge_mm)
+    angle_rad, distance_mm = gauges_mm / rig.gauges.baseline_mm, gauges_mm / 2
+    if name == "shift_deg":
+        amplitude_rad = math.radians(abs(figures["amplitude_deg"].value))
+        return math.degrees(angle_rad / amplitude_rad) if amplitude_rad else 0.0
+    if figures[name].unit == "deg":
+        ends = 2 if name.startswith("range") else 1  # the two ends of a range can be wrong in opposite directions
+        return ends * math.degrees(angle_rad)
+    if "eccentricity" in name:
+        radius_mm = rig.tests.circle.radius_mm if rig.tests.circle else 0.0
+        return radius_mm * angle_rad if f"distance_{name}" in figures else distance_mm
+    return math.hypot(distance_mm, math.sqrt(2) * systematic.ball_mm)
+
+
+def _u_of_targets(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
+    gauge_mm, ball_mm = systematic.gauge_mm[0], systematic.ball_mm
+    if name in _LENGTHS:
+        return math.hypot(gauge_mm, ball_mm, systematic.link_mm)
+    apart = figures.get("held_band_mm", figures[name]) if name.startswith("centre_") else figures[name]
+    difference_mm = math.sqrt(2) * gauge_mm * min(1.0, abs(apart.value) / _SHORTEST_MM)
+    about_ball = name.startswith(("centre_", "band", "held_band"))  # from targets with different contact points
+    return math.hypot(difference_mm, math.sqrt(2) * ball_mm if about_ball else 0.0)

@@ -20,8 +20,8 @@ from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.robot.model.predict import Model, Path, SetUp, gauged, stops, visits
 from analysis.robot.model.scene import ModelScene, apply
 from analysis.runs.stands import STANDSTILL_MM, standstill_starts
+from analysis.runs.table_format import Rows, joint_cells
 from analysis.runs.table_layout import RAIL, RAIL_FROM, came_from_columns
-from analysis.runs.table_rows import Rows, joint_cells
 from analysis.runs.tables import PlaceTable, TargetTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -37,8 +37,7 @@ class TargetTest(TestKind[H]):
     finders = ((PLACE, place_findings),)
 
     @abstractmethod
-    def directions(self, table: H, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
-        """Polar angle and azimuth (n,) rad of each row's target; None if the hemisphere lacks a target."""
+    def directions(self, table: H, hemisphere: Hemisphere) -> tuple[Array, Array] | None: ...
 
     def setup(self, rig: Rig) -> SetUp:
         return SetUp(np.array(hemisphere_of(rig).centre_mm), np.zeros(1), np.eye(4), np.eye(4))
@@ -47,7 +46,6 @@ class TargetTest(TestKind[H]):
         return stops(table.q, table.t_s)
 
     def read(self, model: Model, table: H, path: Path, scene: ModelScene, setup: SetUp) -> Array:
-        """Reading of the gauge (m, 1) mm: distance between ball and tool less the radius."""
         to_tool = scene.T[:, :3, 3] - setup.ball
         sphere = hemisphere_frame(hemisphere_of(model.rig))
         contact = np.arctan2(to_tool @ sphere.v, to_tool @ sphere.u)
@@ -95,7 +93,6 @@ class PlaceTest(TestKind[P]):
         return visits(table.q, table.came_from)
 
     def read(self, model: Model, table: P, path: Path, scene: ModelScene, setup: SetUp) -> Array:
-        """T_instrument_target of the target, (m, 16) row by row."""
         # Both products are linear in the pose; a single matrix takes a third of the time of products pose by pose.
         both = np.multiply.outer(setup.T_instrument_world, setup.T_tool_target).transpose(1, 2, 0, 3).reshape(16, 16)
         return np.asarray(path.at_readings(scene.T).reshape(-1, 16) @ both)
@@ -115,7 +112,6 @@ def require_known_targets(table: TargetTable, rig: Rig, where: str) -> None:
 
 
 def target_count(hemisphere: Hemisphere) -> int:
-    """Number of targets of a hemisphere."""
     return len(target_angles(hemisphere)[0])
 
 
@@ -129,7 +125,6 @@ def visit_starts(table: TargetTable, labels: Array) -> Mask:
 
 
 def timed(t_s: Array) -> dict[str, Array]:
-    """Column of times t_s (n,) s, empty if all are zero."""
     return {"t_s": t_s} if t_s.any() else {}
 
 
@@ -142,7 +137,6 @@ def came_from_of(rows: Rows) -> Array | None:
 
 
 def came_from_cells(table: PlaceTable) -> dict[str, Array]:
-    """Columns (n,) with the previous joint positions, in degrees and mm, empty if unknown."""
     if table.came_from is None:
         return {}
     return joint_cells(table.came_from, rail=table.rail, names=came_from_columns, rail_name=RAIL_FROM)

@@ -27,7 +27,7 @@ from analysis.procedures.shared.finding import Outliers
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
-from analysis.procedures.shared.simulated_touches import simulated_touches
+from analysis.procedures.shared.simulated_readings import simulated_touches
 from analysis.procedures.shared.test_kind import (
     Instruments,
     PathDeviation,
@@ -44,8 +44,8 @@ from analysis.robot.model.predict import Model, SetUp, model_of, moved
 from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
 from analysis.runs.noise.readings import rms
 from analysis.runs.noise.spectrum import DRAWS
+from analysis.runs.table_format import Rows, joint_cells
 from analysis.runs.table_layout import RAIL, RAIL_FROM, SOCKET, Layout, came_from_columns, joint_columns
-from analysis.runs.table_rows import Rows, joint_cells
 from analysis.runs.tables import TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -84,7 +84,6 @@ class TouchResult:
 
     @property
     def as_curve(self) -> PoseCurve:
-        """Errors in table order."""
         return PoseCurve(self.position_mm, None)
 
 
@@ -139,7 +138,6 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
 
 
 def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:
-    """Figures (...,) in mm of ball positions relative to their sockets (..., n, 3) mm."""
     distance = np.linalg.norm(off, axis=-1)
     worst = np.zeros(distance.shape[:-1])
     for number in range(sockets):
@@ -153,9 +151,6 @@ def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:
 def _distances(
     model: Model, names: Sequence[str], terms: Array, drawn: Array, samples: int
 ) -> tuple[SocketDistance, ...]:
-    """Distances between sockets, and their draws, from the fitted terms (3 + 3 s,) mm and draws (m, 3 + 3
-    s) mm.
-    """
     declared = model.rig.tests.touch.distances if model.rig.tests.touch else ()
     stated = {frozenset(pair.between): Quantity(pair.distance_mm, pair.u_mm, "mm") for pair in declared}
     distances = []
@@ -175,7 +170,6 @@ _ALL_PAIRS = 4
 
 
 def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
-    """Notes about distances that differ from the known ones."""
     return tuple(
         f"sockets {pair.between[0]} and {pair.between[1]} are {pair.known} apart, but {pair.distance} according to the "
         "arm: its constants are wrong by a part of the difference, or the distance is wrong"
@@ -186,7 +180,6 @@ def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
 
 
 def unknown_distance(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
-    """A note if sockets were touched, but the rig file states none of their distances."""
     if not distances or any(pair.known for pair in distances):
         return ()
     first, second = distances[0].between
@@ -269,7 +262,6 @@ class Touch(PlaceTest[TouchTable]):
         return far_touches(table, forward(arm, table.q))
 
     def doubts(self, table: TouchTable, model: Model, where: str) -> tuple[str, ...]:
-        """Notes about socket distances that differ from the stated ones. Few touches do not determine the positions."""
         declared = model.rig.tests.touch
         if declared is None or not declared.distances:
             return ()

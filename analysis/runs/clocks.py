@@ -92,7 +92,7 @@ class Instants:
     """Times of samples: ns (n,) on the host's clock.
 
     u_s: common standard uncertainty. own_u_s (n,): individual part.
-    restarted: rows at which the instrument's clock restarts.
+    restarts: number of restarts of the instrument's clock.
     wrong: number of ignored timestamps.
     held: whether an adapter buffers bytes.
     wanders_s: size of permanent changes in the delay of a steadily sending instrument.
@@ -103,17 +103,12 @@ class Instants:
     ns: Array
     u_s: float
     own_u_s: Array
-    restarted: tuple[int, ...] = ()
+    restarts: int = 0
     wrong: int = 0
     held: bool = False
     wanders_s: float = 0.0
     arrived: bool = False
     doubts: tuple[TimingDoubt, ...] = ()
-
-    @property
-    def restarts(self) -> int:
-        """Number of restarts of the instrument's clock."""
-        return len(self.restarted)
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
@@ -143,7 +138,6 @@ def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt
 
 
 def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Timing) -> Instants:
-    """Times of readings sent at set_out (n,) ns, for requests transmitted at went_through (n,) ns."""
     set_out = set_out - timing.answer_delay_ms * 1e6
     window = np.maximum(set_out - went_through, 0.0)
     if timing.latched_within_ms is not None:
@@ -162,11 +156,10 @@ def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Tim
     before = through_clock(-device_s[::-1], -went_through[::-1])
     width = float(np.median(after.ns + before.ns[::-1]))
     u_s = math.hypot(_anywhere_in(abs(width)), _HIDDEN_S if held else _HOST_S)
-    return Instants(after.ns - max(width, 0.0) / 2, u_s, after.u_s, after.restarted, after.wrong, held)
+    return Instants(after.ns - max(width, 0.0) / 2, u_s, after.u_s, after.restarts, after.wrong, held)
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
-    """Times of readings (n, k) mm that a gauge takes in an internal cycle and sends on request."""
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
     if cycle_ns is None and not repeats(values):
         return asked
@@ -217,7 +210,6 @@ def robot_instants(stream: Columns) -> Instants:
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
-    """Times of unprompted readings, latched up to one character before they were sent."""
     fitted = _by_any_clock(device_s, set_out)
     # An adapter that buffers uneven unprompted bytes releases them by a timer, at multiples of its period.
     late, timer_ns, steps = set_out - fitted.ns, 0.0, np.diff(set_out[:_SAMPLE])
@@ -239,7 +231,7 @@ def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
 def _listened(fitted: FittedClock, before_ns: float) -> Instants:
     """Times of readings latched at most before_ns before the fitted times."""
     u_s = math.hypot(before_ns / math.sqrt(3) / 1e9, fitted.shared_u_s)
-    return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarted, fitted.wrong, wanders_s=fitted.wanders_s)
+    return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong, wanders_s=fitted.wanders_s)
 
 
 def _keeps_pace(late: Array, timer_ns: float) -> bool:

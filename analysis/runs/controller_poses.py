@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from analysis.robot.description.controller_constants import constants_from_poses, data_sheet_of, robot_with
 from analysis.robot.description.rig_section import largest_difference, random_postures
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import Array, Mask, controller_arm, forward, transforms, without_setup
+from analysis.runs.table_format import Rows
+from analysis.runs.table_layout import CONTROLLER_PLACE, CONTROLLER_TURN
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.condition import POSE
@@ -97,3 +100,25 @@ def controller_doubt(rig: Rig, poses: ControllerPoses | None) -> list[str]:
         return []
     problem = f"the controller computes poses with other constants than the rig file: up to {apart_mm:.2f} mm apart"
     return [f"{problem}; give its constants with --calibration"]
+
+
+@dataclass(frozen=True)
+class ControllerPlaces:
+    """Joints q (n, axes) rad as reported, with the places and orientations R (n, 3, 3) that the controller computed, in
+    its own frame. R is None if the table has only places.
+    """
+
+    q: Array
+    xyz_mm: Array
+    R: Array | None
+
+
+def controller_places(table: pa.Table | None) -> ControllerPlaces | None:
+    """Poses of the controller in a table of poses, such as `run.run.table` of an imported run; None if it has none."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    if table is None or not (rows := Rows(table)).has(CONTROLLER_PLACE):
+        return None
+    has_turn = rows.has(CONTROLLER_TURN)
+    R = Rotation.from_euler("xyz", rows.stack(CONTROLLER_TURN), degrees=True).as_matrix() if has_turn else None
+    return ControllerPlaces(rows.q, rows.stack(CONTROLLER_PLACE), None if R is None else np.asarray(R))

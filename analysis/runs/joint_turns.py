@@ -94,7 +94,6 @@ def _turns_beyond(angle: Array, limits: Array) -> Integers:
 
 
 def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
-    """A message for each joint with angles outside the limits of the rig file."""
     limits, doubts = arm_of(rig.robot).limits, []
     for axis, ((low, high), angle) in enumerate(zip(limits, table.q.T, strict=False), start=1):
         outside = (angle < low - _SLACK_RAD) | (angle > high + _SLACK_RAD)
@@ -109,25 +108,21 @@ def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
 
 
 def _has_fractional_wave(rig: Rig, axis: int) -> bool:
-    """True if the rig file contains an error of an axis that differs from turn to turn."""
     effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
     return any(getattr(effect, "axis", None) == axis and not effect.repeats_each_turn for effect in effects)
 
 
 def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> str:
-    """A phrase about the rows in which a joint has this number of excess turns."""
     rows = turns == count
     turns_off = f"{counted(abs(count), 'whole turn')} {'higher' if count > 0 else 'lower'}"
     return f"axis {axis} is {turns_off} {_row_words(table, rows)} ({_ends(table.q[rows, axis - 1])})"
 
 
 def _ends(angles: Array) -> str:
-    """Range of angles in degrees, a single value if both ends are the same."""
     return " to ".join(dict.fromkeys(f"{np.degrees(angle):z.1f}°" for angle in (angles.min(), angles.max())))
 
 
 def _row_words(table: Table, chosen: Mask) -> str:
-    """Describe the rows of the file selected by a mask (n,)."""
     rows = np.sort(table.rows[chosen]).tolist()
     if len(rows) == 1:
         return f"in row {rows[0]}"

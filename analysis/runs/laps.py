@@ -6,10 +6,8 @@ robot.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from weakref import ref
 
 import numpy as np
 
@@ -21,8 +19,6 @@ from analysis.runs.stands import STILL_RUN_RAD
 from analysis.runs.tables import CircleTable
 from rigs.errors import DirectionError, FileError
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Circle
-from rigs.schema.robot import Robot
 from rigs.schema.vocabulary import Direction
 from rigs.text import as_argument
 
@@ -74,7 +70,6 @@ class Laps:
 
     @property
     def first(self) -> Laps:
-        """The first lap."""
         rows = np.abs(self.phi - self.start) < 2 * np.pi
         return replace(self, count=1, **{name: getattr(self, name)[rows] for name in ("t_s", "phi", "q", "g_mm")})
 
@@ -86,20 +81,19 @@ class Laps:
 
     @property
     def start(self) -> float:
-        """Circle angle of the first row, in rad: the start of a lap."""
         return float(self.phi[0])
 
 
 def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     """All complete laps of a circle table in its direction. `where` names the run in errors.
 
-    Laps are consecutive, or separated by returns, because few wrists have two spare turns. Laps of short tables are
-    cached with the table and shared by all parts of a diagnosis. Laps of long tables are cached only while they are
-    referenced. Raises FileError if the robot did not drive the circle of the rig file.
+    Laps are consecutive, or separated by returns, because few wrists have two spare turns. They are kept with the table
+    and shared by all parts of a diagnosis. Raises FileError if the robot did not drive the circle of the rig file.
     """
-    key, cell = id(table), (rig.robot, rig.tests.circle)
-    if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell and (laps := kept[2]()):
-        return laps
+    cell = (rig.robot, rig.tests.circle)
+    kept: tuple[object, Laps] | None = vars(table).get("_laps")
+    if kept is not None and kept[0] == cell:
+        return kept[1]
     if len(table.q) < 2:
         raise FileError(
             where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle", code="table.few_rows"
@@ -114,19 +108,11 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
             where, "the robot stood still", "start the recording before the circle program", code="table.still"
         )
     laps = _cut_out(table, rig, where)
-    asked: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
-    _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, asked)
+    vars(table)["_laps"] = (cell, laps)
     return laps
 
 
-_LAPS: dict[int, tuple[ref[CircleTable], tuple[Robot, Circle | None], Callable[[], Laps | None]]] = {}
-"""Cached laps by id of the table, with the robot and circle they belong to."""
-_KEPT_ROWS = 50_000
-"""Rows above which a copy needs more than 5 MB."""
-
-
 def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
-    """Select the laps of a table. Raises FileError."""
     circle = circle_of(rig)
     frame, sense = frame_of(circle), SENSE[table.direction]
     start, lead = np.radians(circle.start_deg), np.radians(circle.lead_deg)

@@ -13,10 +13,7 @@ import pyarrow as pa
 
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.align import align, robot_only
-from analysis.runs.batch.fetched import fetched
-from analysis.runs.clocks import Columns
 from analysis.runs.controller_poses import (
-    ControllerPoses,
     are_same_constants,
     controller_doubt,
     controller_poses,
@@ -32,6 +29,7 @@ from analysis.runs.noise.certificate import (
     systematic,
 )
 from analysis.runs.noise.certificate import doubts_of as certificate_doubts
+from analysis.runs.remote import fetched
 from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
 from analysis.runs.stands import average_standstills
 from analysis.runs.table_format import columns_of, format_of, table_from, u_lag_s_of
@@ -110,13 +108,8 @@ class Measured(Tabular):
 def load_measured(path: Path) -> Measured:
     """Load a recorded or imported run from a local or remote path. Raises FileError."""
     with fetched(path) as directory:
-        return measured_in(directory, path)
-
-
-def measured_in(directory: Path, path: Path) -> Measured:
-    """Load a run from the files in a directory. path: origin of the files. Raises FileError."""
-    run = read_run(directory)
-    return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
+        run = read_run(directory)
+        return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 
 
 def as_recorded(rig: Rig, runs: Iterable[Measured]) -> Rig:
@@ -200,14 +193,18 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     path = run.path
     rig = rig or rig_of(run)
     if run.table is None:
-        doubts, poses = known_doubts(run, rig), controller_poses(run.streams.get("robot", {}))
+        robot = run.streams.get("robot", {})
+        doubts, poses = known_doubts(run, rig), controller_poses(robot)
         rig = rig_as_recorded(rig, poses)
-        data = align(path, run, rig)
+        data = align(path, run.streams, run.manifest.test, rig)
         g_mm, beyond = corrected_gauges(rig, [name for name, _ in rig.gauges][: data.g_mm.shape[1]], data.g_mm)
         doubts += [*data.doubts, *beyond_certificates(rig, beyond, len(g_mm))]
         test, direction = run.manifest.test, run.manifest.direction
         table, of_stands = format_of(test).recorded(replace(data, g_mm=g_mm), rig, direction, str(path))
-        return measured_as(run, rig, table, data.u_lag_s, [*doubts, *of_stands], run.streams.get("robot", {}), poses)
+        condition = condition_of(robot) if robot else NOT_SHOWN
+        doubts += [*of_stands, *beyond_limits(table, rig), *controller_doubt(rig, poses), *condition.doubts]
+        bare = replace(run, streams={})
+        return Measured(path, bare, rig, table, data.u_lag_s, tuple(doubts), _systematic(rig, table), condition)
     doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
     if RAIL in format_of(table.test).layout(rail=True).known_columns and table.rail != (rig.robot.rail is not None):
@@ -246,22 +243,6 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
         return [*_doubts(run), *certificate_doubts(rig, certified, dt.date.fromisoformat(started[:10]))]
     except ValueError:
         return [*_doubts(run), f"the start time in the manifest is not a date: {started[:30]!r}"]
-
-
-def measured_as(
-    run: Run,
-    rig: Rig,
-    table: Table,
-    u_lag_s: float,
-    doubts: Sequence[str],
-    robot: Columns,
-    poses: ControllerPoses | None,
-) -> Measured:
-    """Combine a recorded run with the table aligned from its streams. robot: columns that show its condition."""
-    condition = condition_of(robot) if robot else NOT_SHOWN
-    every = (*doubts, *beyond_limits(table, rig), *controller_doubt(rig, poses), *condition.doubts)
-    bare = replace(run, streams={})
-    return Measured(run.path, bare, rig, table, u_lag_s, every, _systematic(rig, table), condition)
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:

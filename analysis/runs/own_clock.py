@@ -7,6 +7,10 @@ ignored, and a clock that restarted is fitted in pieces.
 An instrument without a clock that sends unprompted has a steady rate. Message n was sent at n periods, and arrived with
 a delay. With n as the clock, the lower envelope determines the times. This also works with an adapter that buffers
 bytes for 16 ms.
+
+The lower envelope is the line below all points with the smallest mean distance (Olson, A Passive Solution to the Sensor
+Synchronization Problem, IROS 2010). Over a long span a clock's rate follows the temperature, and the envelope is a
+continuous polyline with a knot per window.
 """
 
 from __future__ import annotations
@@ -22,8 +26,163 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.robot.kinematics.arm import Array, Integers
-from analysis.runs.lower_hull import TICK_S, Mask, floor
+from analysis.robot.kinematics.arm import Array, Integers, Mask
+
+_TOLERANCE = 1e-10
+"""Largest height of the polyline above a corner, relative to the range of the corners; the smallest of the solver."""
+
+
+def highest_under(pull: Array, right: Integers, share: Array, corners: Array) -> Array | None:
+    """Heights (k,) below all corners that maximise pull @ heights, or None if there is no solution.
+
+    pull (k,): at least 0. right, share, corners (m,): a corner lies between knots right - 1 and right, at the relative
+    position share, and has the ordinate corners, in the unit of the heights.
+    """
+    from scipy import optimize, sparse  # noqa: PLC0415 - slow to import, needed for long runs only
+
+    size, rows = float(np.abs(corners).max()) or 1.0, np.arange(len(corners))
+    places = np.concatenate([rows, rows]), np.concatenate([right - 1, right])
+    at_corners: Any = sparse.csr_array(  # the stubs know dense matrices only
+        (np.concatenate([1 - share, share]), places), shape=(len(corners), len(pull))
+    )
+    best = optimize.linprog(
+        -pull / pull.sum(),
+        at_corners,
+        corners / size,
+        bounds=(None, None),
+        options={"primal_feasibility_tolerance": _TOLERANCE},
+    )
+    return np.asarray(best.x, dtype=float) * size if best.success else None
+
+
+TICK_S = 1e-9
+"""Resolution of host timestamps: 1 ns. A clock that advances by less is not advancing."""
+WINDOW_S = 120.0
+"""Interval of the knots. With the temperature of a hall, a crystal's rate changes by less than 0.01 ppm/s: 18 µs
+over half of this window.
+"""
+_HULL_ROWS = 8
+_BLOCKS = 400
+_HULL_BLOCK = 64
+"""Initial block size in the search for hull corners. Only the lowest point of a block is examined."""
+_NEIGHBOURS = 9
+_SPREADS = 4.0
+_SHORT_S = 50e-6
+_FEW = 0.002
+"""Largest share of points below their neighbours that are treated as errors. More numerous low points are valid."""
+
+
+def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
+    """Lower envelope (n,) of y (n,) at increasing x (n,), both in s, and a mask of impossibly low points.
+
+    At least two points are required. If there are few points, all are treated as valid.
+    """
+    low = low_outliers(x, y)
+    under = (x[~low], y[~low]) if low.any() else (x, y)
+    windows = int(np.clip((x[-1] - x[0]) // window, 1, max(1, len(x) // _HULL_ROWS)))
+    if windows == 1:
+        offset, rate = lower_line(*under)
+        line: Array = rate * x
+        line += offset
+        return line, low
+    knots = np.linspace(x[0], x[-1], windows + 1)
+    # The polyline is below all points of a window if it is below the corners of their hull. This keeps the linear
+    # program small.
+    under_x, under_y = under
+    edges = np.searchsorted(under_x, knots[1:-1], side="left")
+    pieces = list(zip(np.split(under_x, edges), np.split(under_y, edges), strict=True))
+    corners = [lower_hull(*piece) for piece in pieces if len(piece[0])]
+    corner_x, corner_y = (np.concatenate(of) for of in zip(*corners, strict=True))
+    pull = np.zeros(len(knots))
+    for k, (inside, _) in enumerate(pieces):
+        # Each point contributes to the two adjacent knots, weighted by its position.
+        share = float((inside - knots[k]).sum() / (knots[k + 1] - knots[k]))
+        pull[k : k + 2] += len(inside) - share, share
+    offset, rate = lower_line(corner_x, corner_y)
+    right = np.clip(np.searchsorted(knots, corner_x), 1, len(knots) - 1)
+    share_at = (corner_x - knots[right - 1]) / (knots[right] - knots[right - 1])
+    rises = highest_under(pull, right, share_at, corner_y - offset - rate * corner_x)
+    heights = offset + rate * knots + (0.0 if rises is None else rises)
+    return np.interp(x, knots, heights), low
+
+
+def low_outliers(x: Array, y: Array) -> Mask:
+    """Mask of wrong timestamps y (n,) at increasing x (n,), in s: isolated values well below their neighbours.
+
+    The minimum of each block is compared with those of the neighbouring blocks. At most one in 500 points, or three, is
+    treated as wrong, because repeated low points are short delays.
+    """
+    none = np.zeros(len(x), dtype=bool)
+    size = max(_HULL_ROWS, len(x) // _BLOCKS)
+    blocks = len(x) // size
+    if blocks < _NEIGHBOURS:
+        return none
+    least = np.minimum.reduceat(y, np.arange(blocks) * size)
+    at = x[np.arange(blocks) * size]
+    half = blocks // 2
+    apart = at[-half:] - at[:half]
+    advances = apart >= TICK_S
+    if not advances.any():
+        return none
+    slope = float(np.median((least[-half:] - least[:half])[advances] / apart[advances]))
+    level = least - slope * at
+    mirrored = np.pad(level, _NEIGHBOURS // 2, mode="reflect")
+    around = np.median(np.lib.stride_tricks.sliding_window_view(mirrored, _NEIGHBOURS), axis=1)
+    spread = float(np.quantile(np.abs(level - around), 0.95))
+    level = around - _SPREADS * spread - _SHORT_S
+    low = none.copy()
+    # The points of a block are not below its minimum minus the larger value of the line at the two ends of the block.
+    above = least - np.maximum(slope * at, slope * x[np.arange(1, blocks + 1) * size - 1])
+    for block in np.flatnonzero(above < level).tolist():
+        rows = slice(block * size, (block + 1) * size)
+        low[rows] = y[rows] - slope * x[rows] < level[block]
+    tail = slice(blocks * size, None)
+    low[tail] = y[tail] - slope * x[tail] < level[-1]
+    return low if low.sum() <= max(3, _FEW * len(x)) else none
+
+
+def lower_line(x: Array, y: Array) -> tuple[float, float]:
+    """Intercept and slope, in units of x and y, of the line below all points (n,) with the smallest mean
+    distance.
+
+    The line is the edge of the lower convex hull at the mean of x.
+    """
+    hx, hy = lower_hull(x, y)
+    if len(hx) == 1:
+        return float(hy[0]), 0.0
+    right = int(np.clip(np.searchsorted(hx, x.mean()), 1, len(hx) - 1))
+    slope = float((hy[right] - hy[right - 1]) / (hx[right] - hx[right - 1]))
+    return float(hy[right] - slope * hx[right]), slope
+
+
+def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
+    """Corners (m,) of the lower convex hull of points x, y (n,) in any unit, with increasing x."""
+    blocks = len(x) // _HULL_BLOCK
+    if not (x[1:] > x[:-1]).all():
+        order = np.lexsort((y, x))
+        x, y = x[order], y[order]
+        once = np.concatenate([[True], np.diff(x) > 0])
+        x, y = x[once], y[once]
+    elif blocks >= _NEIGHBOURS:
+        # A block contains corners only if its minimum is not above the hull of all block minima. This hull is convex
+        # and therefore highest at an end of a block.
+        kept = np.zeros(len(x), dtype=bool)
+        kept[0] = kept[-1] = kept[blocks * _HULL_BLOCK :] = True
+        begins = np.arange(blocks) * _HULL_BLOCK
+        lowest = begins + y[: len(begins) * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK).argmin(axis=1)
+        kept[lowest] = True
+        over = np.interp([x[begins], x[begins + _HULL_BLOCK - 1]], *lower_hull(x[kept], y[kept])).max(axis=0)
+        kept[: blocks * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK)[y[lowest] <= over] = True
+        x, y = x[kept], y[kept]
+    while len(x) > 2:
+        # A point on or above the line between two others is not a corner, even if either was removed.
+        turn = (x[1:-1] - x[:-2]) * (y[2:] - y[:-2]) - (y[1:-1] - y[:-2]) * (x[2:] - x[:-2])
+        corner = np.concatenate([[True], turn > 0, [True]])
+        if corner.all():
+            break
+        x, y = x[corner], y[corner]
+    return x, y
+
 
 _LEAP_S = 1.0
 """Smallest jump of a clock. A network or serial connection does not survive a delay of this length, although a busy
@@ -46,7 +205,7 @@ _AROUND = 8
 class FittedClock:
     """Host times (n,) ns of an instrument's timestamps. u_s (n,): uncertainty of times derived from arrivals, else 0.
 
-    restarted: rows at which the clock restarts.
+    restarts: number of restarts of the clock.
     wrong: number of ignored timestamps.
     wanders_s: size of permanent changes in the delay of a steadily sending instrument.
     shared_u_s: common uncertainty caused by these changes.
@@ -54,15 +213,10 @@ class FittedClock:
 
     ns: Array
     u_s: Array
-    restarted: tuple[int, ...] = ()
+    restarts: int = 0
     wrong: int = 0
     wanders_s: float = 0.0
     shared_u_s: float = 0.0
-
-    @property
-    def restarts(self) -> int:
-        """Number of restarts of the clock."""
-        return len(self.restarted)
 
 
 def is_stalled(device_s: Array) -> bool:
@@ -85,7 +239,7 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
             least, most = min(least, offset_s.min()), max(most, offset_s.max())
         # The usual case: a monotone and continuous clock requires no further checks.
         if most - least < _LEAP_S:
-            return _by_arrival(*_fitted(device_s, host_ns), (), host_ns)
+            return _by_arrival(*_fitted(device_s, host_ns), 0, host_ns)
     device_s = unwrapped(device_s, host_ns)
     wrong = out_of_order(device_s)
     in_order_s, came_ns = (device_s[~wrong], host_ns[~wrong]) if wrong.any() else (device_s, host_ns)
@@ -94,7 +248,7 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
     ns, low = (of[0] if len(of) == 1 else np.concatenate(of) for of in zip(*pieces, strict=True))
     if wrong.any():
         ns, low = _among(wrong, ns, 0.0), _among(wrong, low, True)
-    return _by_arrival(ns, low, tuple(np.flatnonzero(~wrong)[starts].tolist()), host_ns)
+    return _by_arrival(ns, low, len(starts), host_ns)
 
 
 def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
@@ -151,7 +305,6 @@ def out_of_order(device_s: Array) -> Mask:
 
 
 def _longest_in_order(values: Sequence[float]) -> list[int]:
-    """Indices of the longest non-decreasing subsequence, by patience sorting."""
     piles: list[float] = []
     tops: list[int] = []
     below: list[int] = []
@@ -179,14 +332,14 @@ def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
     return ns, low
 
 
-def _by_arrival(ns: Array, wrong: Mask, restarted: tuple[int, ...], host_ns: Array) -> FittedClock:
+def _by_arrival(ns: Array, wrong: Mask, restarts: int, host_ns: Array) -> FittedClock:
     """Replace wrong timestamps with the arrival time minus the usual delay."""
     u_s = np.zeros(len(ns))
     if wrong.any() and not wrong.all():
         delay = (host_ns - ns)[~wrong]
         ns = np.where(wrong, host_ns - np.median(delay), ns)
         u_s[wrong] = delay.std() / 1e9
-    return FittedClock(ns, u_s, restarted, int(wrong.sum()))
+    return FittedClock(ns, u_s, restarts, int(np.count_nonzero(u_s)))
 
 
 _AHEAD = 32
@@ -388,7 +541,6 @@ def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
 
 
 def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
-    """Running minimum of values (n,) over `width` values, (n - width + 1,)."""
     covered = 1
     while covered < width:
         step = min(covered, width - covered)

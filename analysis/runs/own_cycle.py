@@ -44,22 +44,18 @@ class Bounds:
     jumps: Mask
 
     def of(self, chosen: Mask) -> Bounds:
-        """Changes selected by a mask (m,)."""
         return Bounds(self.low_ns[chosen], self.high_ns[chosen], self.row[chosen], self.jumps[chosen])
 
     @property
     def middle_ns(self) -> Array:
-        """Midpoints (m,) of the bounds."""
         return (self.low_ns + self.high_ns) / 2
 
     @property
     def width_ns(self) -> Array:
-        """Widths (m,) of the bounds."""
         return self.high_ns - self.low_ns
 
     @property
     def usual_ns(self) -> float:
-        """Interval of consecutive ticks during motion."""
         lag = min(_NEAR, len(self.row) // 2)
         return float(np.quantile(self.middle_ns[lag:] - self.middle_ns[:-lag], 0.3)) / lag
 
@@ -173,7 +169,6 @@ class CycleLine:
         return np.asarray(np.interp(inside, self.knots, self.at_ns) + (number - inside) * self.period_ns)
 
     def number_at(self, at_ns: Array) -> Array:
-        """Tick numbers (n,), with fractions, at times (n,) ns."""
         inside = np.clip(at_ns, self.at_ns[0], self.at_ns[-1])
         return np.asarray(np.interp(inside, self.at_ns, self.knots) + (at_ns - inside) / self.period_ns)
 

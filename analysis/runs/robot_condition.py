@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from analysis.robot.geometry.circle import peaks
-from analysis.robot.kinematics.arm import Array
-from analysis.runs.lower_hull import Mask
+from analysis.robot.kinematics.arm import Array, Mask
 from rigs.schema.condition import (
     CURRENTS,
     FULL_PERCENT,
@@ -158,7 +157,6 @@ NOT_SHOWN = Condition()
 
 
 def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
-    """Determine the condition from columns (n,) of a run's robot stream."""
     stamps_ns = robot["last_byte_ns"]
     if len(stamps_ns) < 2:
         return NOT_SHOWN
@@ -214,7 +212,6 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
 
 
 def _when(t_s: Array, lasts: Mask) -> str:
-    """Describe number, start and duration of a condition. Empty if it never occurred."""
     edges = np.diff(lasts.astype(np.int8), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if not len(begins):

@@ -56,7 +56,6 @@ class Stand:
 
     @property
     def settled(self) -> slice:
-        """Averaged rows."""
         return _settled(self.begin, self.end)
 
 
@@ -220,7 +219,6 @@ def average_standstills(table: Table) -> Table:
     count = np.bincount(stand)
 
     def mean(values: Array) -> Array:
-        """Means (s, …) of values over each standstill, in the unit of the values."""
         columns = values.reshape(len(values), -1).T
         means = np.stack([np.bincount(stand, column) / count for column in columns], axis=1)
         return means.reshape(len(count), *values.shape[1:])
@@ -229,7 +227,6 @@ def average_standstills(table: Table) -> Table:
 
 
 def rows_per_standstill(table: Table) -> Integers:
-    """Number of rows of each standstill, (s,). Empty for circles."""
     first = format_of(table.test).stands(table)
     return np.empty(0, dtype=np.int64) if first is None else np.bincount(np.cumsum(first) - 1)
 

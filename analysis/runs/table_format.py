@@ -8,18 +8,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from importlib.metadata import EntryPoint
+from itertools import takewhile
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, get_args
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
-from analysis.runs.table_rows import Rows
+from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers
+from analysis.runs.table_layout import RAIL, joint_columns
 from analysis.runs.tables import Table
+from daq.store.chunk import array_of
 from rigs.errors import FileError
-from rigs.schema.vocabulary import OTHER_TESTS, TestName
+from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, OTHER_TESTS, TestName
 
 if TYPE_CHECKING:
     from analysis.robot.kinematics.arm import Array, Integers, Mask
@@ -28,6 +32,67 @@ if TYPE_CHECKING:
     from rigs.rig import Rig
     from rigs.schema.effect import Gauge
     from rigs.schema.vocabulary import Direction
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Columns of docs/tables.md for a kind of test, without extra columns."""
+
+    columns: pa.Table
+
+    @cached_property
+    def axes(self) -> int:
+        """Number of joints in the table, at least six. Unrelated columns with a joint name, such as a gripper,
+        contain text.
+        """
+        joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
+        return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
+
+    @cached_property
+    def rail(self) -> bool:
+        """True if the table contains rail positions. An unrelated column of that name contains text."""
+        return self._is_measured(RAIL)
+
+    @property
+    def q(self) -> Array:
+        return np.radians(self.stack(joint_columns(self.axes)))
+
+    def has(self, names: tuple[str, ...]) -> bool:
+        return set(names) <= set(self.columns.column_names)
+
+    def floats(self, name: str) -> Array:
+        return np.asarray(array_of(self.columns[name]), dtype=float)
+
+    def stack(self, names: tuple[str, ...]) -> Array:
+        return np.stack([self.floats(name) for name in names], axis=1)
+
+    def counts(self, name: str) -> Integers:
+        return array_of(self.columns[name])
+
+    def words(self, name: str) -> NDArray[np.str_]:
+        return np.array(self.columns[name].to_pylist(), dtype=np.str_)
+
+    def times(self) -> Array:
+        """Times (n,) s, zeros if the table has none."""
+        return self.floats("t_s") if self.has(("t_s",)) else np.zeros(self.columns.num_rows)
+
+    def with_rail(self, q: Array, name: str = RAIL) -> Array:
+        """Angles q (n, axes) rad with the rail position in m, if the table contains it."""
+        return np.column_stack([q, self.floats(name) / RAIL_MM]) if self.rail else q
+
+    def _is_measured(self, name: str) -> bool:
+        schema = self.columns.schema
+        return name in schema.names and pa.types.is_floating(schema.field(name).type)
+
+
+def joint_cells(
+    q: Array, *, rail: bool, names: Callable[[int], tuple[str, ...]] = joint_columns, rail_name: str = RAIL
+) -> dict[str, Array]:
+    """Columns of angles q (n, axes) rad by name, in degrees, followed by a rail in mm."""
+    axes = q.shape[1] - rail
+    cells = dict(zip(names(axes), np.degrees(q[:, :axes]).T, strict=True))
+    return cells | ({rail_name: RAIL_MM * q[:, axes]} if rail else {})
+
 
 T = TypeVar("T", bound=Table)
 _OWN: dict[TestName, str] = {
@@ -58,8 +123,7 @@ class TableFormat(ABC, Generic[T]):
         """Columns of the table for an arm with this number of axes, with or without a rail."""
 
     @abstractmethod
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> T:
-        """Convert the columns of a file to a table. Raises FileError."""
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> T: ...
 
     @abstractmethod
     def columns(self, table: T) -> Mapping[str, Array | Integers | Sequence[str] | pa.Array]:
@@ -167,7 +231,6 @@ def check_table_rows(table: Table, where: str) -> None:
 
 
 def _check_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:
-    """Raise FileError for the first of the rows (n, k) with an invalid value (mask (n, k)), including nan."""
     good = is_good.all(axis=1)
     if not good.all():
         row = int(np.argmin(good))

@@ -7,7 +7,6 @@ from typing import Literal
 
 
 def joint_columns(axes: int) -> tuple[str, ...]:
-    """Column names of joints."""
     return tuple(f"q{axis}_deg" for axis in range(1, axes + 1))
 
 
@@ -53,10 +52,8 @@ class Layout:
 
     @property
     def known_columns(self) -> tuple[str, ...]:
-        """All columns with a defined meaning."""
         return (*self.required, *self.optional)
 
 
 def came_from_columns(axes: int) -> tuple[str, ...]:
-    """Names of the columns with the joint angles before the last move."""
     return tuple(f"q{axis}_from_deg" for axis in range(1, axes + 1))

@@ -41,11 +41,9 @@ class Table(ABC):
 
     @property
     @abstractmethod
-    def readings(self) -> Array:
-        """Readings (n, k), in mm: a column for each gauge, or three coordinates."""
+    def readings(self) -> Array: ...
 
     def with_readings(self, values: Array) -> Self:
-        """Table with the gauge readings replaced by values (n, k) mm."""
         raise TypeError(f"a {self.test} table has no readings of gauges")
 
     @property
@@ -61,12 +59,10 @@ class Table(ABC):
 
     @property
     def driven_direction(self) -> Direction | None:
-        """Direction of the motion; None if the test is not driven in two directions."""
         return None
 
     @property
     def last_moves(self) -> Array | None:
-        """Rotation of each joint (n, axes) rad in the last move; None if the rows do not state it."""
         return None
 
     @property
@@ -106,16 +102,13 @@ class CircleTable(Table):
 
     @property
     def readings(self) -> Array:
-        """Readings (n, 2) mm of both gauges."""
         return self.g_mm
 
     def with_readings(self, values: Array) -> Self:
-        """Table with other readings (n, 2) mm."""
         return replace(self, g_mm=values)
 
     @property
     def driven_direction(self) -> Direction:
-        """Direction of the circle."""
         return self.direction
 
     def thinned(self, count: int) -> CircleTable:
@@ -141,11 +134,9 @@ class TargetTable(Table):
 
     @property
     def readings(self) -> Array:
-        """Readings (n, 1) mm of the gauge."""
         return self.g_mm[:, None]
 
     def with_readings(self, values: Array) -> Self:
-        """Table with other readings (n, 1) mm."""
         return replace(self, g_mm=values[:, 0])  # type: ignore[call-arg]  # a field of each test at targets
 
     @property
@@ -206,12 +197,10 @@ class PlaceTable(Table):
 
     @property
     def readings(self) -> Array:
-        """Positions (n, 3) mm."""
         return self.xyz_mm
 
     @property
     def last_moves(self) -> Array | None:
-        """Rotation of each joint (n, axes) rad since `came_from`."""
         return None if self.came_from is None else self.q - self.came_from
 
     @property
@@ -299,7 +288,6 @@ class PathTable(Table):
 
     @property
     def readings(self) -> Array:
-        """Positions (n, 3) mm."""
         return self.xyz_mm
 
 

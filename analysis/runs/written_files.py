@@ -98,7 +98,6 @@ Writer = Callable[[BinaryIO], object]
 
 
 def holding(data: bytes) -> Writer:
-    """A function that writes these bytes."""
     return lambda file: file.write(data)
 
 

@@ -14,7 +14,7 @@ from daq.store.manifest import Manifest, load_manifest, new_manifest
 from daq.store.marks import MovementCheck, mark_exported, mark_kept, mark_moved, relabel
 from daq.store.recover import Recovery, recover
 from daq.store.retention import RunInfo, survey
-from daq.store.run import Run, chunks_of, closed_manifest, is_unclosed, read_run
+from daq.store.run import Run, closed_manifest, is_unclosed, read_run
 from daq.store.run_directory import NearlyFull
 from daq.store.verify import VerificationResult, judge, verify
 from daq.store.writer import RunWriter
@@ -30,7 +30,6 @@ __all__ = [
     "RunInfo",
     "RunWriter",
     "VerificationResult",
-    "chunks_of",
     "closed_manifest",
     "is_unclosed",
     "judge",

@@ -5,7 +5,7 @@ A wrong number is worse than a missing one. The SHA-256 and row count of each ch
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -109,18 +109,6 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
     tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
     # `schema.empty_table()` would import pandas if installed; see `daq.store.chunk`.
     return pa.concat_tables([pa.Table.from_batches([], schema), *tables])
-
-
-def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str, np.ndarray[Any, Any]]]:
-    """Columns (n,) of a stream chunk by chunk, without `sequence`. The units are in the names of the columns.
-
-    Raises FileError like `read_stream`, after yielding the valid chunks.
-    """
-    schema = manifest.arrow_schema(stream)
-    columns = [name for name in schema.names if name != "sequence"]
-    for chunk in manifest.chunks_of(stream):
-        table = read_chunk(path, chunk, schema, columns)
-        yield {name: _array(table[name]) for name in columns}
 
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:

@@ -74,17 +74,14 @@ class LibraryArm:
 
 
 def arm_names() -> tuple[str, ...]:
-    """Return the names of all arms in alphabetical order."""
     return tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
 
 
 def arm_files() -> dict[str, Path]:
-    """Return the file of each arm by its name."""
     return {name: _FOLDER / f"{name}.yaml" for name in arm_names()}
 
 
 def rig_text_of(name: str) -> str:
-    """Return the text of a rig file that contains only this arm."""
     return f"name: {name}\n{load_arm(name).text}"
 
 
@@ -104,7 +101,6 @@ def load_arm(name: str) -> LibraryArm:
 
 @cache
 def _parsed(name: str, text: str, where: str) -> LibraryArm:
-    """Parse the text of an arm file. Raises RigFileError."""
     root, data = read_yaml(text, where)
     try:
         file = ArmFile.model_validate(data)

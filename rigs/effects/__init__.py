@@ -26,7 +26,7 @@ from rigs.schema.effect import size_field as size_field
 
 
 def _class_in(name: str) -> type[Effect]:
-    """Return the effect defined in a file. Raises ImportError if the file defines no complete effect of that name."""
+    """Effect defined in a file. Raises ImportError if the file defines no complete effect of that name."""
     members: list[Any] = list(vars(importlib.import_module(f"{__name__}.{name}")).values())
     for member in members:
         is_effect = isinstance(member, type) and issubclass(member, Effect)
@@ -36,15 +36,16 @@ def _class_in(name: str) -> type[Effect]:
 
 
 def _require_complete(name: str, cls: type[Effect]) -> type[Effect]:
-    """Return the class if it implements the complete interface. Raises ImportError."""
+    """Class if it implements the complete interface. Raises ImportError."""
     missing = sorted(cls.__abstractmethods__) + ["STAGE"] * (not hasattr(cls, "STAGE"))
+    missing += ["CORRECTION"] * (cls.compensation is Effect.compensation and not hasattr(cls, "CORRECTION"))
     if missing := missing + ["its one size"] * (len(size_fields(cls)) != 1):
         raise ImportError(f"{name}: {cls.__name__} does not define {', '.join(missing)}")
     return cls
 
 
 def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
-    """Return the complete effects offered by other packages."""
+    """Complete effects offered by other packages."""
     found = {}
     for name, cls in plugins.offered("rig.effects", Effect, own).items():  # type: ignore[type-abstract]
         try:
@@ -66,12 +67,12 @@ else:
 
 
 def turned(axis: int, angle_deg: float) -> Effect:
-    """Return the effect that turns a joint (1 … 6) by a constant, for scatter and derivatives."""
+    """Effect that turns a joint (1 … 6) by a constant, for scatter and derivatives."""
     return next(effect for cls in VOCABULARY.values() if (effect := cls.turning(axis, angle_deg)))
 
 
 def changed(axis: int, key: str, delta: float) -> Effect:
-    """Return the effect that changes a constant of an axis (1 … 6) by delta mm or degrees.
+    """Effect that changes a constant of an axis (1 … 6) by delta mm or degrees.
 
     key: name of the constant in the rig file.
     """
@@ -79,19 +80,19 @@ def changed(axis: int, key: str, delta: float) -> Effect:
 
 
 def play_of_joint(axis: int, width_deg: float) -> Effect:
-    """Return the effect that represents backlash of a joint (1 … 6)."""
+    """Effect that represents backlash of a joint (1 … 6)."""
     cls = next(cls for cls in VOCABULARY.values() if cls.PLACE == AT_AXIS and cls.STRAIGHT == 0)
     return cls.model_validate({"effect": cls.model_fields["effect"].default, "axis": axis, "width_deg": width_deg})
 
 
 def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
-    """Return the effect that represents a vibration of the link."""
+    """Effect that represents a vibration of the link."""
     return next(effect for cls in VOCABULARY.values() if (effect := cls.swinging(frequency_hz, amplitude_mm)))
 
 
 @cache
 def late_stamps() -> tuple[Effect, ...]:
-    """Return each timestamp effect at the healthy size. The size is their only parameter."""
+    """Each timestamp effect at the healthy size. The size is their only parameter."""
     names = [name for name, cls in VOCABULARY.items() if cls.STAGE == "time"]
     return tuple(healthy(VOCABULARY[name].model_validate({"effect": name})) for name in names)
 

@@ -56,6 +56,7 @@ class Backlash(Effect):
 
     STAGE = "joint"
     KIND_NAME = "play"
+    CORRECTION = Compensation("none", "depends on the direction of approach: approach every target from the same side")
     SEAT_NOUN = "axis"
     PLACE = AT_AXIS
     STRAIGHT = 0.0
@@ -82,7 +83,7 @@ class Backlash(Effect):
         return at_each_axis(cls, scope)
 
     def usual_times(self, reference: Reference) -> float:
-        """Return a multiple of thirty for servos: more than 1.5° is a fault.
+        """A multiple of thirty for servos: more than 1.5° is a fault.
 
         New Feetech STS3215, as in an SO-101, show 0.87° (robonine.com, test of 2025), about 1°
         (TheRobotStudio/SO-ARM100, issue 134), 1.30° (robonine.com, backlash compensation) and up to 1.49° in logs of
@@ -90,31 +91,23 @@ class Backlash(Effect):
         """
         return 30.0 if reference.design == "servo" else 1.0
 
-    def plain(self, joint: str) -> str:
-        return f"play of {joint}"
-
     def remedy(self) -> str:
         return (
             f"inspect the reducer of axis {self.axis}: {self.width_deg:.4f}° of play; until then approach from one side"
         )
 
-    def compensation(self) -> Compensation:
-        """Return no compensation by targets, because the effect depends on the history."""
-        return Compensation("none", "depends on the direction of approach: approach every target from the same side")
-
     def flank_deg(self) -> float | None:
-        """Return half the width. If gravity determines the flank, the error differs by posture, and the result is
+        """Half the width. If gravity determines the flank, the error differs by posture, and the result is
         None.
         """
         return None if self.preload else self.width_deg / 2
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible in a test with no reversals of the joint."""
         return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
-        """Return the deviations of real backlash: the initial position within it, and the form of the crossing."""
+        """Deviations of real backlash: the initial position within it, and the form of the crossing."""
         half_deg = self.width_deg / 2
         free = scaled(self, 1.0, preload=0.0)
         spectrum = tuple(((_SHARE / ratio, scaled(free, ratio, transit=0.0)), (-_SHARE, free)) for ratio in _SPECTRUM)

@@ -25,6 +25,7 @@ class BallForm(Effect):
 
     STAGE = "setup"
     KIND_NAME = "form of the ball"
+    CORRECTION = Compensation("none", "is a property of the ball, which the robot's controller cannot correct")
     DEED = "mount"
     PLACE = SeatNotation(r"(?P<lobes>\d+)", "3 (lobes)")
 
@@ -34,7 +35,7 @@ class BallForm(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[BallForm]]:
-        """Return forms with few lobes, if there is a ball."""
+        """Forms with few lobes, if there is a ball."""
         return [[cls(lobes=lobes) for lobes in _LIKELY]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:
@@ -46,11 +47,8 @@ class BallForm(Effect):
             "turns with it"
         )
 
-    def compensation(self) -> Compensation:
-        return Compensation("none", "is a property of the ball, which the robot's controller cannot correct")
-
     def departures(self) -> Departures:
-        """Return the deviations of a real ball: unequal lobes, represented by one lobe more and one lobe less."""
+        """Deviations of a real ball: unequal lobes, represented by one lobe more and one lobe less."""
         near = [lobes for lobes in (self.lobes - 1, self.lobes + 1) if _FEWEST <= lobes <= _MOST]
         return Departures(
             tuple(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Scope, SeatNotation, size
+from rigs.schema.effect import BY_TARGETS, Effect, Scope, SeatNotation, size
 from rigs.schema.scene import S
 
 About = Literal["x", "y"]
@@ -24,6 +24,7 @@ class BaseSags(Effect):
 
     STAGE = "tool"
     KIND_NAME = "sag of the base under load"
+    CORRECTION = BY_TARGETS
     DEED = "mount"
     PART = "gravity"
     PLACE = SeatNotation("(?P<way>x|y)?", "x", {"way": _WAYS})
@@ -43,15 +44,6 @@ class BaseSags(Effect):
     def remedy(self) -> str:
         return "the base sags under the arm's moment: bolt the base down firmly and stiffen the support"
 
-    def compensation(self) -> Compensation:
-        """Return a compensation by targets: the effect depends only on the posture."""
-        return BY_TARGETS
-
-    @property
-    def seat(self) -> str:
-        return self.way
-
     @property
     def idle(self) -> str:
-        """Reason for being invisible in a test with a constant moment on the base."""
         return "the arm's moment about the base hardly changes, or the masses are missing in the rig file"

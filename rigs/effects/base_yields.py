@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import BY_TARGETS, Compensation, Effect, FreeShape, Scope, SeatNotation, shape, size
+from rigs.schema.effect import BY_TARGETS, Effect, FreeShape, Scope, SeatNotation, shape, size
 from rigs.schema.reference import Reference
 from rigs.schema.scene import S
 
@@ -48,6 +48,7 @@ class BaseYields(Effect):
 
     STAGE = "tool"
     KIND_NAME = "tilt of the base under load"
+    CORRECTION = BY_TARGETS
     DEED = "mount"
     PART = "gravity"
     PLACE = SeatNotation("(?P<way>evenly|xy|yx|x|y)?", "evenly", {"way": _WAYS})
@@ -80,22 +81,13 @@ class BaseYields(Effect):
             "firmly and stiffen its support"
         )
 
-    def compensation(self) -> Compensation:
-        """Return a compensation by targets: the effect depends only on the posture."""
-        return BY_TARGETS
-
     def usual_times(self, reference: Reference) -> float:
-        """Return a multiple of five for light arms on frames, tables and carts.
+        """A multiple of five for light arms on frames, tables and carts.
 
         Assumed; no measured support was available.
         """
         return 1.0 if reference.design == "industrial" else 5.0
 
     @property
-    def seat(self) -> str:
-        return self.way
-
-    @property
     def idle(self) -> str:
-        """Reason for being invisible in a test with a constant moment on the base."""
         return "the arm's moment about the base hardly changes, or the masses are missing in the rig file"

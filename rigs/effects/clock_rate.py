@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import OF_THE_CLOCKS, Compensation, Effect, Scope, size
+from rigs.schema.effect import OF_THE_CLOCKS, Effect, Scope, size
 from rigs.schema.scene import S
 
 
@@ -17,6 +17,7 @@ class ClockRate(Effect):
     STAGE = "time"
     FORM_U = 0.0
     KIND_NAME = "rate of the gauges' clock"
+    CORRECTION = OF_THE_CLOCKS
     DEED = "check"
 
     def apply(self, scene: S) -> S:
@@ -25,7 +26,7 @@ class ClockRate(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ClockRate]]:
-        """Return a single form, if joints turn during the readings."""
+        """A single form, if joints turn during the readings."""
         return [[cls()]] if scope.timed else []
 
     def plain(self, joint: str) -> str:
@@ -33,6 +34,3 @@ class ClockRate(Effect):
 
     def remedy(self) -> str:
         return f"the clocks differ by {self.ppm:+z.3g} ppm: synchronise them"
-
-    def compensation(self) -> Compensation:
-        return OF_THE_CLOCKS

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, FreeShape, Scope, at_each_axis, shape, size
+from rigs.schema.effect import AT_AXIS, BY_TARGETS, Effect, FreeShape, Scope, at_each_axis, shape, size
 from rigs.schema.part import Axis
 from rigs.schema.reference import Reference
 from rigs.schema.scene import S
@@ -51,6 +51,7 @@ class Compliance(Effect):
 
     STAGE = "joint"
     KIND_NAME = "deflection under load"
+    CORRECTION = BY_TARGETS
     SEAT_NOUN = "axis"
     DEED = "enter"
     PART = "gravity"
@@ -65,7 +66,7 @@ class Compliance(Effect):
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """Return the payload as a shape to fit.
+        """Payload as a shape to fit.
 
         A given payload may vary within the uncertainty of scales and cables. It varies further only if the readings
         contradict it, for example because the tool was not mounted.
@@ -83,15 +84,8 @@ class Compliance(Effect):
     def forms(cls, scope: Scope) -> list[list[Compliance]]:
         return at_each_axis(cls, scope, payload_kg=cls.free(scope.payload_kg)[0].expected)
 
-    def plain(self, joint: str) -> str:
-        return f"deflection under load of {joint}"
-
     def remedy(self) -> str:
         return f"axis {self.axis} deflects under load: enter the actual payload, or use the controller's compensation"
-
-    def compensation(self) -> Compensation:
-        """Return a compensation by targets: the effect depends only on the posture."""
-        return BY_TARGETS
 
     @property
     def healthy(self) -> float:
@@ -99,10 +93,9 @@ class Compliance(Effect):
         return 5e-5 if self.axis <= 3 else 3e-4
 
     def usual_times(self, reference: Reference) -> float:
-        """Return the ratio to industrial arms: joints of light arms are ten times as soft."""
+        """Ratio to industrial arms: joints of light arms are ten times as soft."""
         return max(_SOFT_DEG_PER_NM[reference.design][self.axis > 3] / self.healthy, 1.0)
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible in a test with no load on the joint."""
         return f"gravity does not load axis {self.axis}"

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import OF_THE_GAUGES, Compensation, Effect, Scope, size
+from rigs.schema.effect import OF_THE_GAUGES, Effect, Scope, size
 from rigs.schema.scene import S
 
 
@@ -18,6 +18,7 @@ class GaugeBaseline(Effect):
 
     STAGE = "setup"
     KIND_NAME = "distance between the gauges"
+    CORRECTION = OF_THE_GAUGES
     DEED = "check"
 
     def apply(self, scene: S) -> S:
@@ -29,14 +30,8 @@ class GaugeBaseline(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeBaseline]]:
-        """Return a single form, if two gauges are read."""
+        """A single form, if two gauges are read."""
         return [[cls()]] if len(scope.gauges) > 1 else []
-
-    def plain(self, joint: str) -> str:
-        return "distance between the gauges"
 
     def remedy(self) -> str:
         return f"the gauges stand {self.delta_mm:+z.3f} mm further apart than the rig file says: measure and enter it"
-
-    def compensation(self) -> Compensation:
-        return OF_THE_GAUGES

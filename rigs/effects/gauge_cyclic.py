@@ -10,7 +10,6 @@ from pydantic import Field
 from rigs.schema.effect import (
     NUMBER,
     OF_THE_GAUGES,
-    Compensation,
     Departures,
     Effect,
     Gauge,
@@ -37,6 +36,7 @@ class GaugeCyclic(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "interpolation error"
+    CORRECTION = OF_THE_GAUGES
     SEAT_NOUN = "gauge"
     DEED = "mount"
     PLACE = SeatNotation(rf"(?P<gauge>g[12]):(?P<period_mm>{NUMBER})", "g1:0.5 (gauge:period in mm)")
@@ -49,7 +49,7 @@ class GaugeCyclic(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeCyclic]]:
-        """Return the periods of common scales at each gauge."""
+        """Periods of common scales at each gauge."""
         return [[cls(gauge=gauge, period_mm=period) for period in _PERIODS_MM] for gauge in scope.gauges]
 
     def plain(self, joint: str) -> str:
@@ -60,11 +60,8 @@ class GaugeCyclic(Effect):
             f"{self.gauge} has an error every {self.period_mm:g} mm: clean the scale, have the interpolation adjusted"
         )
 
-    def compensation(self) -> Compensation:
-        return OF_THE_GAUGES
-
     def departures(self) -> Departures:
-        """Return the deviation of a real scale: a second harmonic, because its two signals are never exactly equal."""
+        """Deviation of a real scale: a second harmonic, because its two signals are never exactly equal."""
         return Departures(
             tuple(
                 (_HARMONIC, self.model_copy(update={"period_mm": self.period_mm / 2, "phase_deg": phase}))

@@ -7,7 +7,6 @@ from typing import Literal
 from rigs.schema.effect import (
     AT_GAUGE,
     OF_THE_GAUGES,
-    Compensation,
     Departures,
     Effect,
     Gauge,
@@ -27,6 +26,7 @@ class GaugeDeadBand(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "sticking"
+    CORRECTION = OF_THE_GAUGES
     SEAT_NOUN = "gauge"
     NEEDS_REPEATS = True
     DEED = "mount"
@@ -46,18 +46,12 @@ class GaugeDeadBand(Effect):
     def forms(cls, scope: Scope) -> list[list[GaugeDeadBand]]:
         return at_each_gauge(cls, scope)
 
-    def plain(self, joint: str) -> str:
-        return f"sticking of gauge {self.gauge}"
-
     def remedy(self) -> str:
         width_um = 1e3 * self.width_mm
         return (
             f"the plunger of {self.gauge} sticks by {width_um:.2g} µm: clean and oil the plunger, or replace the gauge"
         )
 
-    def compensation(self) -> Compensation:
-        return OF_THE_GAUGES
-
     def departures(self) -> Departures:
-        """Return the deviation at a target, where the direction of approach of the plunger is unknown."""
+        """Deviation at a target, where the direction of approach of the plunger is unknown."""
         return Departures(stick=(self.gauge, self.width_mm / 2))

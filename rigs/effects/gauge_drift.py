@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, Scope, at_each_gauge, size
 from rigs.schema.scene import S
 
 
@@ -17,6 +17,7 @@ class GaugeDrift(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "drift"
+    CORRECTION = OF_THE_GAUGES
     SEAT_NOUN = "gauge"
     NEEDS_REPEATS = True
     DEED = "wait"
@@ -30,13 +31,7 @@ class GaugeDrift(Effect):
     def forms(cls, scope: Scope) -> list[list[GaugeDrift]]:
         return at_each_gauge(cls, scope)
 
-    def plain(self, joint: str) -> str:
-        return f"drift of gauge {self.gauge}"
-
     def remedy(self) -> str:
         return (
             f"{self.gauge} drifts by {1e3 * self.mm_per_min:+z.2g} µm a minute: warm up the gauge, and check the holder"
         )
-
-    def compensation(self) -> Compensation:
-        return OF_THE_GAUGES

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, Scope, at_each_gauge, size
 from rigs.schema.scene import S
 
 
@@ -19,6 +19,7 @@ class GaugeInclination(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "inclination"
+    CORRECTION = OF_THE_GAUGES
     SEAT_NOUN = "gauge"
     DEED = "mount"
     PLACE = AT_GAUGE
@@ -31,11 +32,5 @@ class GaugeInclination(Effect):
     def forms(cls, scope: Scope) -> list[list[GaugeInclination]]:
         return at_each_gauge(cls, scope)
 
-    def plain(self, joint: str) -> str:
-        return f"inclination of gauge {self.gauge}"
-
     def remedy(self) -> str:
         return f"{self.gauge} is tilted by {self.angle_deg:.2f}°: correct the alignment with shims"
-
-    def compensation(self) -> Compensation:
-        return OF_THE_GAUGES

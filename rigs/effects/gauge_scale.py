@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, Scope, at_each_gauge, size
 from rigs.schema.scene import S
 
 
@@ -18,6 +18,7 @@ class GaugeScale(Effect):
     STAGE = "gauge"
     FORM_U = 0.0
     KIND_NAME = "scale"
+    CORRECTION = OF_THE_GAUGES
     SEAT_NOUN = "gauge"
     DEED = "check"
     PLACE = AT_GAUGE
@@ -30,11 +31,5 @@ class GaugeScale(Effect):
     def forms(cls, scope: Scope) -> list[list[GaugeScale]]:
         return at_each_gauge(cls, scope)
 
-    def plain(self, joint: str) -> str:
-        return f"scale of gauge {self.gauge}"
-
     def remedy(self) -> str:
         return f"{self.gauge} reads {1e2 * self.relative:+z.3g} %: have it calibrated, or enter the scale"
-
-    def compensation(self) -> Compensation:
-        return OF_THE_GAUGES

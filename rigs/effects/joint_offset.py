@@ -37,18 +37,15 @@ class JointOffset(Effect):
     def forms(cls, scope: Scope) -> list[list[JointOffset]]:
         return at_each_axis(cls, scope)
 
-    def plain(self, joint: str) -> str:
-        return f"zero of {joint}"
-
     def remedy(self) -> str:
         return f"re-master axis {self.axis} (actual angle minus reading: {self.offset_deg:+z.4f}°), or enter the offset"
 
     def compensation(self) -> Compensation:
-        """Return the zero of the joint in the controller as the constant to correct."""
+        """Zero of the joint in the controller as the constant to correct."""
         return Compensation("joint zero", constant=(self.axis, "q_deg"))
 
     def usual_times(self, reference: Reference) -> float:
-        """Return a multiple of two for light arms and of ten for servos.
+        """A multiple of two for light arms and of ten for servos.
 
         Zeros of axes 2 to 4 of a UR10 are wrong by up to 0.06° (Landgraf et al., 2021). Zeros of servos are set by eye
         and limited by the teeth of a horn; assumed, so that an offset of 1° is a fault.
@@ -62,5 +59,5 @@ class JointOffset(Effect):
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> JointOffset:
-        """Return the offset of a joint turned by a constant."""
+        """Offset of a joint turned by a constant."""
         return cls(axis=axis, offset_deg=angle_deg)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, Scope, at_each_axis, size
+from rigs.schema.effect import AT_AXIS, BY_TARGETS, Effect, Scope, at_each_axis, size
 from rigs.schema.part import Axis
 from rigs.schema.reference import Reference
 from rigs.schema.scene import S
@@ -28,6 +28,7 @@ class JointScale(Effect):
     STAGE = "joint"
     FORM_U = 0.0
     KIND_NAME = "angle scale"
+    CORRECTION = BY_TARGETS
     SEAT_NOUN = "axis"
     DEED = "check"
     PART = "constants"
@@ -41,13 +42,10 @@ class JointScale(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[JointScale]]:
-        """Return a form for each joint with a large motion. Over a short range, a wrong scale is equivalent to a
+        """A form for each joint with a large motion. Over a short range, a wrong scale is equivalent to a
         wrong zero.
         """
         return [form for form in at_each_axis(cls, scope) if scope.turned[form[0].axis - 1] >= _LEAST_TURN]
-
-    def plain(self, joint: str) -> str:
-        return f"angle scale of {joint}"
 
     def remedy(self) -> str:
         return (
@@ -55,15 +53,10 @@ class JointScale(Effect):
             "gear ratio or the encoder resolution in the controller, then re-master the axis"
         )
 
-    def compensation(self) -> Compensation:
-        """Return a compensation by targets: the effect depends only on the posture."""
-        return BY_TARGETS
-
     def usual_times(self, reference: Reference) -> float:
-        """Return a multiple of thirty for hobby servos, 0.15 %: magnet and sensor are not centred; assumed."""
+        """A multiple of thirty for hobby servos, 0.15 %: magnet and sensor are not centred; assumed."""
         return 30.0 if reference.design == "servo" else 1.0
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible in a test that does not move the joint."""
         return f"axis {self.axis} turns by less than {360 * _LEAST_TURN:g}°"

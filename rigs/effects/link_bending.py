@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, Scope, at_each_axis, size
+from rigs.schema.effect import AT_AXIS, BY_TARGETS, Effect, Scope, at_each_axis, size
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
@@ -26,6 +26,7 @@ class LinkBending(Effect):
 
     STAGE = "tool"
     KIND_NAME = "bending"
+    CORRECTION = BY_TARGETS
     SEAT_NOUN = "link"
     DEED = "enter"
     PLACE = AT_AXIS
@@ -49,11 +50,6 @@ class LinkBending(Effect):
     def remedy(self) -> str:
         return f"the link after axis {self.axis} bends: enter the actual payload; check flange and bolts"
 
-    def compensation(self) -> Compensation:
-        """Return a compensation by targets: the effect depends only on the posture."""
-        return BY_TARGETS
-
     @property
     def idle(self) -> str:
-        """Reason for being invisible in a test with no load on the link."""
         return f"gravity does not bend the link after axis {self.axis}"

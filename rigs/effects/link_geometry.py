@@ -47,7 +47,7 @@ class LinkGeometry(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkGeometry]]:
-        """Return a form for each constant of each axis."""
+        """A form for each constant of each axis."""
         return [
             [cls(axis=axis, field=field)]
             for axis in scope.axes
@@ -58,7 +58,7 @@ class LinkGeometry(Effect):
 
     @classmethod
     def kind_name(cls, field: str) -> str:
-        """Return the name of a constant, empty if there is no such constant."""
+        """Name of a constant, empty if there is no such constant."""
         return next((name for constant, name in _IN_WORDS.items() if constant == field), "")
 
     def plain(self, joint: str) -> str:
@@ -71,11 +71,11 @@ class LinkGeometry(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """Return the constant to correct."""
+        """Constant to correct."""
         return Compensation("link constant", constant=(self.axis, _KEYS[self.field]))
 
     def usual_times(self, reference: Reference) -> float:
-        """Return the typical deviation of this constant in arms of the family (rigs/families/sizes.yaml)."""
+        """Typical deviation of this constant in arms of the family (rigs/families/sizes.yaml)."""
         return reference.link_sizes.get(self.seat, self.healthy) / self.healthy
 
     @property
@@ -85,12 +85,11 @@ class LinkGeometry(Effect):
 
     @property
     def seat(self) -> str:
-        """Axis and field of the seat."""
         return f"{self.axis}.{self.field}"
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> LinkGeometry:
-        """Return the effect of a wrong constant."""
+        """Effect of a wrong constant."""
         unchanged = cls.model_validate({"axis": axis, "field": key.rsplit("_", 1)[0]})
         return unchanged.model_copy(update={"delta": delta})
 
@@ -100,7 +99,7 @@ class LinkGeometry(Effect):
         return f"{self.field}{self.axis if self.field == 'd' else self.axis - 1}"
 
     def unit(self, parameter: str) -> str:
-        """Return mm for lengths and degrees for angles."""
+        """Mm for lengths and degrees for angles."""
         return "mm" if self._length else "deg"
 
     @property

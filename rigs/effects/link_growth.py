@@ -32,6 +32,7 @@ class LinkGrowth(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "thermal growth of the ball link"
+    CORRECTION = Compensation("none", "is a property of the ball link, which the robot's controller cannot correct")
     NEEDS_REPEATS = True
     DEED = "wait"
     PART = "warming"
@@ -44,7 +45,7 @@ class LinkGrowth(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkGrowth]]:
-        """Return a fast and a slow form, if joints turn during the readings."""
+        """A fast and a slow form, if joints turn during the readings."""
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.timed else []
 
     def plain(self, joint: str) -> str:
@@ -53,10 +54,6 @@ class LinkGrowth(Effect):
     def remedy(self) -> str:
         return "both gauges drift alike, as the link between tool and ball warms up: let it warm up before measuring"
 
-    def compensation(self) -> Compensation:
-        """Return no compensation: the link is not a part of the robot."""
-        return Compensation("none", "is a property of the ball link, which the robot's controller cannot correct")
-
     def departures(self) -> Departures:
-        """Return the deviation of real warming, which is uneven."""
+        """Deviation of real warming, which is uneven."""
         return Departures(alike=warming_parts(self))

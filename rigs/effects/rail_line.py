@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Scope, SeatNotation, size
+from rigs.schema.effect import BY_TARGETS, Effect, Scope, SeatNotation, size
 from rigs.schema.scene import S
 
 Way = Literal["along", "across", "up"]
@@ -39,6 +39,7 @@ class RailLine(Effect):
 
     STAGE = "tool"
     KIND_NAME = "straightness of the rail"
+    CORRECTION = BY_TARGETS
     DEED = "mount"
     PART = "constants"
     PLACE = SeatNotation("(?P<way>along|across|up)?", "along", {"way": _WAYS})
@@ -49,7 +50,7 @@ class RailLine(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[RailLine]]:
-        """Return a form per direction, if the rail moved."""
+        """A form per direction, if the rail moved."""
         return [[cls(way=way)] for way in _WAYS] if scope.rail else []
 
     def plain(self, joint: str) -> str:
@@ -57,11 +58,3 @@ class RailLine(Effect):
 
     def remedy(self) -> str:
         return f"the arm is displaced by {self.mm_per_m:+z.4f} mm per metre of the rail: {_REMEDIES[self.way]}"
-
-    def compensation(self) -> Compensation:
-        """Return a compensation by targets: the effect depends on the rail position, which is part of a target."""
-        return BY_TARGETS
-
-    @property
-    def seat(self) -> str:
-        return self.way

@@ -31,6 +31,7 @@ class ReversalSpike(Effect):
 
     STAGE = "joint"
     KIND_NAME = "wind-up after reversals"
+    CORRECTION = Compensation("none", "fades after each reversal: only a pause, or the same approach direction, helps")
     SEAT_NOUN = "axis"
     PLACE = AT_AXIS
     FREE = (FreeShape("slow", 0.0, 0.2), FreeShape("rise", 0.02, 0.05))
@@ -51,7 +52,7 @@ class ReversalSpike(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ReversalSpike]]:
-        """Return fast and slow spikes at each joint that reverses during the readings."""
+        """Fast and slow spikes at each joint that reverses during the readings."""
         return [[cls(axis=axis, decay_s=decay) for decay in _DECAYS_S] for axis in scope.axes if scope.timed]
 
     def plain(self, joint: str) -> str:
@@ -60,15 +61,10 @@ class ReversalSpike(Effect):
     def remedy(self) -> str:
         return f"axis {self.axis} sticks at reversals: inspect brake, seals, grease and the tuning of the servo"
 
-    def compensation(self) -> Compensation:
-        """Return no compensation by targets, because a spike depends on the history."""
-        return Compensation("none", "fades after each reversal: only a pause, or the same approach direction, helps")
-
     @property
     def idle(self) -> str:
-        """Reason for being invisible in a test with no reversals of the joint."""
         return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
-        """Return the deviations of a real spike: an earlier or later start, and any decay time at a target."""
+        """Deviations of a real spike: an earlier or later start, and any decay time at a target."""
         return Departures(jolt=(self.axis, abs(self.amplitude_deg), self.decay_s), fades=True)

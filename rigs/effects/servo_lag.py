@@ -18,6 +18,7 @@ class ServoLag(Effect):
 
     STAGE = "joint"
     KIND_NAME = "lag behind the feedback"
+    CORRECTION = Compensation("none", "occurs only in motion: a slower path helps, a corrected target does not")
     SEAT_NOUN = "axis"
     PART = "clocks"
     PLACE = AT_AXIS
@@ -29,7 +30,7 @@ class ServoLag(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ServoLag]]:
-        """Return a form for each joint that turns during the readings."""
+        """A form for each joint that turns during the readings."""
         return at_each_axis(cls, scope) if scope.timed else []
 
     def plain(self, joint: str) -> str:
@@ -38,7 +39,3 @@ class ServoLag(Effect):
     def remedy(self) -> str:
         late_ms = 1e3 * self.lag_s
         return f"axis {self.axis} is {late_ms:.3g} ms late: record encoder angles, not commands, or tune the servo"
-
-    def compensation(self) -> Compensation:
-        """Return that a compensation is not needed, because a target is at rest."""
-        return Compensation("none", "occurs only in motion: a slower path helps, a corrected target does not")

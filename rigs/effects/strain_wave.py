@@ -24,7 +24,6 @@ import numpy as np
 from rigs.schema.effect import (
     AT_AXIS,
     BY_TARGETS,
-    Compensation,
     Effect,
     Scope,
     StretchedShape,
@@ -55,7 +54,7 @@ Within the first region the effect is a linear compliance.
 
 
 def three_regions(torque: Array, knee: float) -> Array:
-    """Return the torque (n,) in Nm that gives the same twist if the stiffness of the first region applies throughout.
+    """Torque (n,) in Nm that gives the same twist if the stiffness of the first region applies throughout.
 
     torque (n,): actual torque in Nm. knee: T1 in Nm.
     """
@@ -85,6 +84,7 @@ class StrainWave(Effect):
 
     STAGE = "joint"
     KIND_NAME = "torsion of the gear"
+    CORRECTION = BY_TARGETS
     SEAT_NOUN = "axis"
     DEED = "enter"
     PART = "gravity"
@@ -102,7 +102,7 @@ class StrainWave(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[StrainWave]]:
-        """Return three sizes at shoulder and elbow, with a loss if the complete motion is known."""
+        """Three sizes at shoulder and elbow, with a loss if the complete motion is known."""
         loss = _LOSS if scope.timed else 0.0
         at_axes = [[form for (form,) in at_each_axis(cls, scope, knee_Nm=knee, loss=loss)] for knee in _KNEES_NM]
         return [[forms[axis - 1] for forms in at_axes] for axis in _AXES if axis in scope.axes]
@@ -116,12 +116,8 @@ class StrainWave(Effect):
             f"{self.knee_Nm:.3g} Nm and less above: enter the actual payload, and correct targets"
         )
 
-    def compensation(self) -> Compensation:
-        """Return a compensation by targets: the effect depends on the posture and, slightly, on the path to it."""
-        return BY_TARGETS
-
     def usual_times(self, reference: Reference) -> float:
-        """Return a multiple of sixty for arms with strain-wave gears, 6e-4 °/Nm.
+        """A multiple of sixty for arms with strain-wave gears, 6e-4 °/Nm.
 
         This is their linear compliance (`compliance`, axes 2 and 3 of a UR10). Arms with torque sensors have the same
         gears.
@@ -130,5 +126,4 @@ class StrainWave(Effect):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible in a test with a small joint load."""
         return f"gravity hardly loads axis {self.axis}"

@@ -37,6 +37,7 @@ class ThermalGrowth(Effect):
 
     STAGE = "tool"
     KIND_NAME = "thermal growth of the arm"
+    CORRECTION = Compensation("none", "changes with time: warming up helps, a fixed target does not")
     NEEDS_REPEATS = True
     DEED = "wait"
     PART = "warming"
@@ -49,7 +50,7 @@ class ThermalGrowth(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ThermalGrowth]]:
-        """Return a fast and a slow form for runs with gauges. Poses have no times, so growth is not observable."""
+        """A fast and a slow form for runs with gauges. Poses have no times, so growth is not observable."""
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:
@@ -58,12 +59,8 @@ class ThermalGrowth(Effect):
     def remedy(self) -> str:
         return "the arm grows when warming up: warm up the arm before measuring, or measure faster"
 
-    def compensation(self) -> Compensation:
-        """Return no compensation by targets, because the growth depends on time, and a target does not."""
-        return Compensation("none", "changes with time: warming up helps, a fixed target does not")
-
     def departures(self) -> Departures:
-        """Return the deviations of a real arm: its parts grow faster, slower, more or less than the average."""
+        """Deviations of a real arm: its parts grow faster, slower, more or less than the average."""
         keys = {"ppm": self.ppm, "time_constant_s": self.time_constant_s}
         return Departures(
             beside=tuple((_PART_SHARE, _GrowthBeyond(axis=axis, **keys)) for axis in _PARTS), alike=warming_parts(self)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import OF_THE_CLOCKS, Compensation, Effect, Scope, size
+from rigs.schema.effect import OF_THE_CLOCKS, Effect, Scope, size
 from rigs.schema.scene import S
 
 
@@ -16,6 +16,7 @@ class TimeLag(Effect):
 
     STAGE = "time"
     KIND_NAME = "delay of the gauges"
+    CORRECTION = OF_THE_CLOCKS
     DEED = "check"
 
     def apply(self, scene: S) -> S:
@@ -24,7 +25,7 @@ class TimeLag(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[TimeLag]]:
-        """Return a single form, if joints turn during the readings."""
+        """A single form, if joints turn during the readings."""
         return [[cls()]] if scope.timed else []
 
     def plain(self, joint: str) -> str:
@@ -33,6 +34,3 @@ class TimeLag(Effect):
     def remedy(self) -> str:
         late_ms = 1e3 * self.lag_s
         return f"gauge stamps are {late_ms:+z.3g} ms late: enter the delay of the line, or stamp nearer to the gauge"
-
-    def compensation(self) -> Compensation:
-        return OF_THE_CLOCKS

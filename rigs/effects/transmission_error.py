@@ -11,7 +11,6 @@ from rigs.schema.effect import (
     BY_TARGETS,
     EVERY_AXIS,
     NUMBER,
-    Compensation,
     Departures,
     Effect,
     FreeShape,
@@ -54,6 +53,7 @@ class TransmissionError(Effect):
 
     STAGE = "joint"
     KIND_NAME = "gear error"
+    CORRECTION = BY_TARGETS
     SEAT_NOUN = "axis"
     PART = "curve"
     # An open gear starts with eccentricity and twice that order.
@@ -75,7 +75,7 @@ class TransmissionError(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[TransmissionError]]:
-        """Return the waves of each joint by order, as dense as the readings can distinguish."""
+        """Waves of each joint by order, as dense as the readings can distinguish."""
         most = _MOST_ORDER if scope.timed else _MOST_OF_STANDS
         return [
             [cls(axis=axis, order=order) for order in _orders_for(scope.turned[axis - 1], most)] for axis in scope.axes
@@ -94,12 +94,8 @@ class TransmissionError(Effect):
             f"of the axis: ± {self.amplitude_deg:.4f}°"
         )
 
-    def compensation(self) -> Compensation:
-        """Return a compensation by targets: the effect depends only on the posture."""
-        return BY_TARGETS
-
     def departures(self) -> Departures:
-        """Return the deviations of a real gear from a pure sine: harmonics."""
+        """Deviations of a real gear from a pure sine: harmonics."""
         return Departures(
             tuple(
                 (_HARMONIC, self.model_copy(update={"order": n * self.order, "phase_deg": phase, "third": 0.0}))
@@ -110,7 +106,7 @@ class TransmissionError(Effect):
 
 
 def _orders_for(turned: float, most: int) -> list[int]:
-    """Return the orders distinguishable over the range of the joint (in turns).
+    """Orders distinguishable over the range of the joint (in turns).
 
     Low orders are denser by a third; fits refine them.
     """

@@ -21,6 +21,7 @@ class Vibration(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "vibration"
+    CORRECTION = Compensation("none", "is a vibration around the target: only the cause can be removed")
     PART = "gauges"
     PLACE = SeatNotation(rf"(?P<frequency_hz>{NUMBER})", "8.5 (Hz)")
 
@@ -31,7 +32,7 @@ class Vibration(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Vibration]]:
-        """Return no forms, because the phase changes in each run; see `swinging`."""
+        """No forms, because the phase changes in each run; see `swinging`."""
         return []
 
     def plain(self, joint: str) -> str:
@@ -42,11 +43,7 @@ class Vibration(Effect):
             f"the link swings at {self.frequency_hz:.3g} Hz: find what excites it, drive slower, or stiffen the stand"
         )
 
-    def compensation(self) -> Compensation:
-        """Return no compensation, because the link vibrates about every target."""
-        return Compensation("none", "is a vibration around the target: only the cause can be removed")
-
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Vibration:
-        """Return the effect of a vibration of the link."""
+        """Effect of a vibration of the link."""
         return cls(frequency_hz=frequency_hz, amplitude_mm=amplitude_mm)

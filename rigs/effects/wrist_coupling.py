@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Scope, SeatNotation, size
+from rigs.schema.effect import BY_TARGETS, Effect, Scope, SeatNotation, size
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
@@ -22,6 +22,7 @@ class WristCoupling(Effect):
 
     STAGE = "joint"
     KIND_NAME = "coupling between wrist axes"
+    CORRECTION = BY_TARGETS
     DEED = "check"
     PART = "constants"
     PLACE = SeatNotation(r"(?P<from_axis>[1-7])\.(?P<to_axis>[1-7])", "4.5 (from.to)")
@@ -32,7 +33,7 @@ class WristCoupling(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[WristCoupling]]:
-        """Return forms from each axis of the wrist to the following axes."""
+        """Forms from each axis of the wrist to the following axes."""
         return [[cls(from_axis=scope.axes[start], to_axis=scope.axes[end])] for start, end in _WRIST]
 
     def plain(self, joint: str) -> str:
@@ -41,11 +42,6 @@ class WristCoupling(Effect):
     def remedy(self) -> str:
         return f"motion of axis {self.from_axis} leaks into axis {self.to_axis}: correct the wrist's coupling ratio"
 
-    def compensation(self) -> Compensation:
-        """Return a compensation by targets: the effect depends only on the posture."""
-        return BY_TARGETS
-
     @property
     def seat(self) -> str:
-        """Seat of the effect: the driving and the driven axis, such as `4>5`."""
         return f"{self.from_axis}>{self.to_axis}"

@@ -50,7 +50,6 @@ class Families(Part):
 
 @cache
 def families() -> Families:
-    """Load sizes.yaml."""
     text = Path(__file__).with_name("sizes.yaml").read_text(encoding="utf-8")
     return Families.model_validate(yaml.safe_load(text))
 

@@ -12,11 +12,16 @@ from enum import IntEnum
 PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD = "program_state", "safety_state", "motors_on", "speed_percent", "payload_kg"
 FULL_PERCENT = 99.5
 """Speed below which it counts as reduced: controllers show integer percentages."""
-TEMPERATURES = tuple(f"temperature{axis}_c" for axis in range(1, 7))
+TEMPERATURES = (
+    "temperature1_c", "temperature2_c", "temperature3_c", "temperature4_c", "temperature5_c", "temperature6_c"
+)  # fmt: skip
 """Joint temperatures in °C."""
-CURRENTS = tuple(f"current{axis}_a" for axis in range(1, 7))
+CURRENTS = ("current1_a", "current2_a", "current3_a", "current4_a", "current5_a", "current6_a")
 """Joint motor currents in A."""
-POSE = tuple(f"controller_{name}" for name in ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"))
+POSE = (
+    "controller_x_mm", "controller_y_mm", "controller_z_mm",
+    "controller_rx_deg", "controller_ry_deg", "controller_rz_deg",
+)  # fmt: skip
 """Pose that the controller computes for the reported angles, with roll, pitch and yaw about fixed axes.
 
 Of the flange in the base, or of the tool in the frame that the controller uses.
@@ -81,5 +86,5 @@ def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:
 
 
 def words_of(state: IntEnum) -> str:
-    """Return a state as text, for example `protective stop`."""
+    """A state as text, for example `protective stop`."""
     return state.name.lower().replace("_", " ")

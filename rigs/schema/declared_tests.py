@@ -50,7 +50,7 @@ class _AboutTheBall(Part):
 
 
 def not_in_metres(value: object) -> object:
-    """Return a length in mm unchanged. Raises ValueError below 1 mm, because the value was probably meant in metres."""
+    """A length in mm unchanged. Raises ValueError below 1 mm, because the value was probably meant in metres."""
     if isinstance(value, int | float) and 0 < abs(value) < 1:
         raise ValueError(
             f"{value:g} mm is too short; it looks like metres: multiply it by {MM_PER_M} and write {MM_PER_M * value:g}"
@@ -221,7 +221,7 @@ class Tests(Part):
         return self.touch.distances if self.touch else ()
 
     def with_distances(self, distances: Iterable[KnownSocketDistance]) -> Tests:
-        """Return the tests with these known distances, restricted to their sockets."""
+        """Tests with these known distances, restricted to their sockets."""
         if self.touch is None:
             return self
         kept = tuple(distance for distance in distances if {*distance.between} <= {*self.touch.sockets})
@@ -257,7 +257,7 @@ class When(Part):
         return self
 
     def overlaps(self, when: When) -> bool:
-        """Return whether a single event can satisfy both conditions."""
+        """True if a single event can satisfy both conditions."""
         if self.from_deg and self.to_deg and when.from_deg and when.to_deg:
             reach = (math.dist(self.from_deg, self.to_deg) + math.dist(when.from_deg, when.to_deg)) / 2
             same_start = largest_difference_deg(self.from_deg, when.from_deg) <= 2 * NEAR_DEG
@@ -307,7 +307,7 @@ class Automatic(Part):
         return self
 
     def lacking(self, *, signal: bool, gauges: int) -> list[str]:
-        """Return the missing parts of the rig required by the rules: a signal, a second gauge."""
+        """Missing parts of the rig required by the rules: a signal, a second gauge."""
         unheard = [str(number) for number, rule in enumerate(self.rules, 1) if rule.when.signal is not None]
         paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in CIRCLES]
         lacks = []
@@ -333,5 +333,5 @@ class Retention(Part):
 
 
 def largest_difference_deg(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
-    """Return the largest joint difference in degrees."""
+    """Largest joint difference in degrees."""
     return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))

@@ -128,7 +128,7 @@ class FreeShape:
     low: float = -math.inf
 
     def spread_from(self, begin: float) -> float:
-        """Return the standard deviation for a fit that starts at a value."""
+        """Standard deviation for a fit that starts at a value."""
         return max(self.spread, abs(begin - self.expected)) if self.stated else self.spread
 
 
@@ -228,6 +228,8 @@ class Effect(Part, ABC):
     """
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
+    CORRECTION: ClassVar[Compensation]
+    """How a controller corrects the effect, for classes without a method `compensation` of their own."""
     DEED: ClassVar[Deed] = "repair"
     """Action for this effect."""
     WEARS: ClassVar[bool] = True
@@ -245,50 +247,51 @@ class Effect(Part, ABC):
     @classmethod
     @abstractmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """Return the possible forms at size zero, with a list per possible seat in the runs.
+        """Possible forms at size zero, with a list per possible seat in the runs.
 
         Callers add the second phase of a wave.
         """
 
     @classmethod
     def kind_name(cls, field: str) -> str:
-        """Return the everyday name without the seat; field: the part of the seat after its dot, if any."""
+        """Everyday name without the seat; field: the part of the seat after its dot, if any."""
         del field
         return cls.KIND_NAME
 
-    @abstractmethod
     def plain(self, joint: str) -> str:
-        """Return the everyday name; joint: name of the joint, such as `axis 1 (Theta)`, if any."""
+        """Everyday name; joint: name of the joint, such as `axis 1 (Theta)`, if any."""
+        place = f"gauge {self.seat}" if self.SEAT_NOUN == "gauge" else joint
+        return f"{self.KIND_NAME} of {place}" if place else self.KIND_NAME
 
     @abstractmethod
     def remedy(self) -> str:
-        """Return the action in the imperative, including the size if it must be entered."""
+        """Action in the imperative, including the size if it must be entered."""
 
-    @abstractmethod
     def compensation(self) -> Compensation:
-        """Return whether and how a controller can correct the effect."""
+        """How a controller corrects this effect, if its constants matter."""
+        return self.CORRECTION
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """Return the shapes to fit with the effect for a given payload in kg; 0 if unknown."""
+        """Shapes to fit with the effect for a given payload in kg; 0 if unknown."""
         return cls.FREE
 
     def flank_deg(self) -> float | None:
-        """Return the angle error that remains, ±, if each target is approached from one side; None if unknown."""
+        """Angle error that remains, ±, if each target is approached from one side; None if unknown."""
         return None
 
     @property
     def part(self) -> PartKind:
-        """Return the part of the arm's error."""
+        """Part of the arm's error."""
         return self.PART or _PART_OF[self.STAGE]
 
     @property
     def healthy(self) -> float:
-        """Return the size for a healthy arm, in the unit of the size."""
+        """Size for a healthy arm, in the unit of the size."""
         return float(_schema_extra(type(self), size_field(self))["healthy"])
 
     def usual_times(self, reference: Reference) -> float:
-        """Return the normal multiple of the healthy size in comparable arms."""
+        """Normal multiple of the healthy size in comparable arms."""
         return 1.0
 
     @property
@@ -298,8 +301,8 @@ class Effect(Part, ABC):
 
     @property
     def seat(self) -> str:
-        """Return the seat in the notation of answers."""
-        return str(getattr(self, "axis", getattr(self, "gauge", "")))
+        """Seat in the notation of answers."""
+        return str(next((getattr(self, name) for name in ("axis", "gauge", "way") if hasattr(self, name)), ""))
 
     @property
     def symbol(self) -> str:
@@ -312,23 +315,23 @@ class Effect(Part, ABC):
         return "no motion in these tests shows this effect"
 
     def unit(self, parameter: str) -> str:
-        """Return the unit of a parameter, deg, mm or similar; empty for a ratio."""
+        """Unit of a parameter, deg, mm or similar; empty for a ratio."""
         if "_per_" in parameter:
             return parameter.replace("_per_", "/")
         return parameter.rsplit("_", 1)[-1] if "_" in parameter else {"ppm": "ppm"}.get(parameter, "")
 
     def departures(self) -> Departures:
-        """Return the deviations of real effects from the ideal form."""
+        """Deviations of real effects from the ideal form."""
         return Departures()
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> Effect | None:
-        """Return the effect of a joint turned by a constant, or None. A single effect class returns an effect."""
+        """Effect of a joint turned by a constant, or None. A single effect class returns an effect."""
         return None
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
-        """Return the effect of a constant of an axis changed by delta mm or degrees, or None.
+        """Effect of a constant of an axis changed by delta mm or degrees, or None.
 
         A single effect class returns an effect. key: name of the constant in the rig file.
         """
@@ -336,7 +339,7 @@ class Effect(Part, ABC):
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Effect | None:
-        """Return the effect of a vibration of the link. A single class implements this.
+        """Effect of a vibration of the link. A single class implements this.
 
         The phase changes in each run. The effect is therefore searched in the time of each run, and has no forms.
         """
@@ -347,28 +350,28 @@ _E = TypeVar("_E", bound=Effect)
 
 
 def at_each_axis(cls: type[_E], scope: Scope, **values: float) -> list[list[_E]]:
-    """Return a list of forms per joint, each with one form."""
+    """A list of forms per joint, each with one form."""
     return [[cls.model_validate({"axis": axis, **values})] for axis in scope.axes]
 
 
 def at_each_gauge(cls: type[_E], scope: Scope) -> list[list[_E]]:
-    """Return a list of forms per gauge, each with one form."""
+    """A list of forms per gauge, each with one form."""
     return [[cls.model_validate({"gauge": gauge})] for gauge in scope.gauges]
 
 
 def scaled(effect: _E, share: float, **values: float) -> _E:
-    """Return a copy of an effect with the size multiplied by `share`, and other fields set to `values`."""
+    """A copy of an effect with the size multiplied by `share`, and other fields set to `values`."""
     name = size_field(effect)
     return effect.model_copy(update={name: share * getattr(effect, name), **values})
 
 
 def healthy(effect: _E) -> _E:
-    """Return an effect at the size for a healthy arm."""
+    """An effect at the size for a healthy arm."""
     return effect.model_copy(update={size_field(effect): effect.healthy})
 
 
 def identity(effect: _E) -> _E:
-    """Return the effect with only its required keys, which identify name, seat and form. Size and shape have their
+    """Effect with only its required keys, which identify name, seat and form. Size and shape have their
     defaults.
     """
     return type(effect).model_validate(
@@ -377,59 +380,59 @@ def identity(effect: _E) -> _E:
 
 
 def name_of(effect: Effect) -> str:
-    """Return the name of an effect with its seat, for example `gauge_scale g1`."""
+    """Name of an effect with its seat, for example `gauge_scale g1`."""
     return f"{effect.effect} {effect.seat}".rstrip()
 
 
 def label_of(effect: Effect) -> str:
-    """Return the label of an effect, with the order for gear errors."""
+    """Label of an effect, with the order for gear errors."""
     order = getattr(effect, "order", None)
     return name_of(effect) if order is None else f"{name_of(effect)} order {whole_order(order):g}"
 
 
 def whole_order(order: float) -> float:
-    """Return the displayed order of a gear wave, rounded to an integer (the number of teeth) if within a tenth of a
+    """Displayed order of a gear wave, rounded to an integer (the number of teeth) if within a tenth of a
     wave.
     """
     return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 
 def waves_in_words(order: float) -> str:
-    """Return the order of a gear wave as text: `8 waves per turn`."""
+    """Order of a gear wave as text: `8 waves per turn`."""
     waves = f"{whole_order(order):.4g}"
     return f"{waves} wave{'s' * (waves != '1')} per turn"
 
 
 def phases(effect: _E) -> tuple[_E, ...]:
-    """Return an effect, and for a wave also the effect shifted by a quarter. Together they span every phase."""
+    """An effect, and for a wave also the effect shifted by a quarter. Together they span every phase."""
     if not is_wave(effect):
         return (effect,)
     return effect, effect.model_copy(update={PHASE: (getattr(effect, PHASE) + 90.0) % 360.0})
 
 
 def is_wave(effect: Effect) -> bool:
-    """Return whether an effect has a free phase."""
+    """True if an effect has a free phase."""
     return hasattr(effect, PHASE)
 
 
 def is_vibration(effect: Effect) -> bool:
-    """Return whether an effect has another phase in each run, so that no model of several runs contains it."""
+    """True if an effect has another phase in each run, so that no model of several runs contains it."""
     return effect.swinging(1.0, 1e-3) is not None
 
 
 def is_play(effect: Effect) -> bool:
-    """Return whether the response of an effect is never linear."""
+    """True if the response of an effect is never linear."""
     return effect.STRAIGHT == 0
 
 
 def size_field(effect: Effect) -> str:
-    """Return the name of the size parameter."""
+    """Name of the size parameter."""
     return size_fields(type(effect))[0]
 
 
 @cache
 def size_fields(cls: type[Effect]) -> tuple[str, ...]:
-    """Return the keys declared by `size`. A complete effect has exactly one."""
+    """Keys declared by `size`. A complete effect has exactly one."""
     return tuple(str(name) for name in cls.model_fields if "healthy" in _schema_extra(cls, name))
 
 
@@ -439,7 +442,7 @@ def _schema_extra(cls: type[Effect], name: str) -> dict[str, Any]:
 
 
 def bounds(effect: Effect, name: str) -> tuple[float, float]:
-    """Return the range of a parameter; infinite if unbounded."""
+    """Range of a parameter; infinite if unbounded."""
     return _bounds(type(effect), name)
 
 
@@ -453,17 +456,17 @@ def _bounds(cls: type[Effect], name: str) -> tuple[float, float]:
 
 
 def one_sided(effect: Effect) -> bool:
-    """Return whether a size cannot be negative: a width, a compliance, an amplitude."""
+    """True if a size cannot be negative: a width, a compliance, an amplitude."""
     return bounds(effect, size_field(effect))[0] == 0
 
 
 def healthy_size(effect: Effect) -> float:
-    """Return the size for a healthy arm, in the unit of the size."""
+    """Size for a healthy arm, in the unit of the size."""
     return effect.healthy
 
 
 def size_of(effect: Effect) -> float:
-    """Return the size of an effect in healthy sizes."""
+    """Size of an effect in healthy sizes."""
     return float(getattr(effect, size_field(effect))) / healthy_size(effect)
 
 
@@ -482,13 +485,13 @@ Chosen: for an arm with a quarter warming up five times as fast, 5 % turned a gr
 
 
 def warmed(t_s: Array, time_constant_s: float) -> Array:
-    """Return the share (n,) of a growth reached at times t_s (n,) in s after the start of the run."""
+    """Share (n,) of a growth reached at times t_s (n,) in s after the start of the run."""
     share: Array = -np.expm1(-np.maximum(t_s, 0) / time_constant_s)
     return share
 
 
 def warming_parts(effect: Effect) -> tuple[tuple[tuple[float, Effect], ...], ...]:
-    """Return combinations of effects with their shares: parts of a growth with faster or slower time constants."""
+    """Combinations of effects with their shares: parts of a growth with faster or slower time constants."""
     tau_s = float(getattr(effect, "time_constant_s"))  # noqa: B009 - of those that grow alone
     others = [effect.model_copy(update={"time_constant_s": ratio * tau_s}) for ratio in SPECTRUM]
     return tuple(((SPECTRUM_SHARE, part), (-SPECTRUM_SHARE, effect)) for part in others)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from rigs.schema.condition import CONDITION, CURRENTS, MOTORS, PAYLOAD, POSE, PROGRAM, SAFETY, SPEED, TEMPERATURES
-from rigs.schema.links import AnyPort, Line, Port, UDPPort, tcp_address, udp_address
+from rigs.schema.links import AnyPort, Line, Port, UDPPort, tcp_port, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
 from rigs.schema.part import Origin, Part
 from rigs.schema.plugins import extended
@@ -37,7 +37,7 @@ class OPCUARobotics(Part):
     )
 
     interface: Literal["opc_ua_robotics"]
-    port: Port
+    port: Annotated[Port, tcp_port(4840)]
     path: str = Field(default="", pattern=r"^(/[^\s\x00-\x1f]{0,200})?$")
     """Path of the server endpoint, such as `/UA/Robot` in `opc.tcp://robot:4840/UA/Robot`."""
     device: str | None = Field(default=None, min_length=1, max_length=200)
@@ -55,13 +55,6 @@ class OPCUARobotics(Part):
     timeout_s: float = Field(default=2.0, ge=0.1, le=60)
     """Longest time between messages; after it the server counts as silent."""
 
-    @field_validator("port")
-    @classmethod
-    def _network(cls, port: str) -> str:
-        if tcp_address(port) is None:
-            raise ValueError(f"{port!r} is not a TCP port; write 'tcp://host:4840' for opc.tcp://host:4840")
-        return port
-
     @field_validator("axes")
     @classmethod
     def _six(cls, axes: tuple[str, ...] | None) -> tuple[str, ...] | None:
@@ -73,7 +66,7 @@ class OPCUARobotics(Part):
 
 
 def are_nodes(axes: Sequence[str]) -> bool:
-    """Return whether all names are node ids (`ns=2;s=A1.Pos`) instead of browse names."""
+    """True if all names are node ids (`ns=2;s=A1.Pos`) instead of browse names."""
     return all(_NODE.fullmatch(axis) for axis in axes)
 
 
@@ -96,19 +89,12 @@ class ROS2JointStates(Part):
     )
 
     interface: Literal["ros2_joint_states"]
-    port: Port
+    port: Annotated[Port, tcp_port(9090)]
     topic: str = Field(default="/joint_states", pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
     joints: tuple[JointName, JointName, JointName, JointName, JointName, JointName]
     """Joint names of q1 … q6 in the messages, in any order. Other joints are ignored."""
     timeout_s: float = Field(default=2.0, ge=0.01, le=60)
     """Longest time between messages; after it the topic counts as silent."""
-
-    @field_validator("port")
-    @classmethod
-    def _network(cls, port: str) -> str:
-        if tcp_address(port) is None:
-            raise ValueError(f"{port!r} is not a TCP port; write 'tcp://host:9090'")
-        return port
 
     @field_validator("joints")
     @classmethod
@@ -333,18 +319,11 @@ class LinuxCNC(_Feedback):
         doubts="drives: the controller ran without hardware, so its joints follow the commands at once",
     )
     interface: Literal["linuxcnc"]
-    port: Port
+    port: Annotated[Port, tcp_port(LINUXCNC_PORT)]
     servo_period_ms: float = Field(default=1.0, ge=0.1, le=100)
     """Period of the servo thread: SERVO_PERIOD in the section EMCMOT of the INI file, there in ns."""
     linear_units: Literal["mm", "inch"] = "mm"
     """LINEAR_UNITS in the section TRAJ of the INI file: the unit of the lengths of genserkins."""
-
-    @field_validator("port")
-    @classmethod
-    def _network(cls, port: str) -> str:
-        if tcp_address(port) is None:
-            raise ValueError(f"{port!r} is not a TCP port; write 'tcp://host:{LINUXCNC_PORT}'")
-        return port
 
 
 class ModbusJoints(_Feedback, RegisterBlock):
@@ -360,7 +339,7 @@ class ModbusJoints(_Feedback, RegisterBlock):
     framing: ClassVar[Literal["rtu"]] = "rtu"
     """Framing of a serial line, not used with TCP."""
     interface: Literal["modbus_joints"]
-    port: Port
+    port: Annotated[Port, tcp_port(502)]
     function: Literal[3, 4] = 3
     rate_hz: float = Field(default=100.0, ge=SLOWEST_HZ)
     joints: tuple[ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister]
@@ -371,8 +350,6 @@ class ModbusJoints(_Feedback, RegisterBlock):
 
     @model_validator(mode="after")
     def _readable(self) -> ModbusJoints:
-        if tcp_address(self.port) is None:
-            raise ValueError(f"{self.port!r} is not a TCP port; write 'tcp://host:502'")
         joints = {f"joints[{axis}]": register for axis, register in enumerate(self.joints)}
         self.check_inside(**joints, status=self.status)
         return self
@@ -395,7 +372,7 @@ if not TYPE_CHECKING:
 
 
 def carries_signal(feedback: Feedback) -> bool:
-    """Return whether the samples of the robot have the column `signal`."""
+    """True if the samples of the robot have the column `signal`."""
     match feedback:
         case URRTDE():
             return feedback.signal is not None
@@ -405,19 +382,19 @@ def carries_signal(feedback: Feedback) -> bool:
 
 
 def signal_of_outputs(feedback: Feedback) -> RTDESignal | None:
-    """Return the outputs or register of the signal; None if the interface has none."""
+    """Outputs or register of the signal; None if the interface has none."""
     if isinstance(feedback, LinuxCNC):
         return RTDESignal(int_register=0)
     return feedback.signal if isinstance(feedback, URRTDE) else None
 
 
 def columns_beside_joints(feedback: Feedback) -> tuple[str, ...]:
-    """Return the columns after the joints in the samples of the robot, in order."""
+    """Columns after the joints in the samples of the robot, in order."""
     return (*((SIGNAL,) if carries_signal(feedback) else ()), *condition_columns(feedback))
 
 
 def condition_columns(feedback: Feedback) -> tuple[str, ...]:
-    """Return the condition columns in the samples of the robot, in order (`rigs.schema.condition`)."""
+    """Condition columns in the samples of the robot, in order (`rigs.schema.condition`)."""
     columns: tuple[str, ...] = ()
     match feedback:
         case URRTDE():

@@ -45,7 +45,7 @@ class Limit(Part):
         return self
 
     def standing(self, value: float, u: float) -> Standing:
-        """Return the standing of a figure with standard uncertainty u: pass, watch or fail.
+        """Standing of a figure with standard uncertainty u: pass, watch or fail.
 
         It passes if |value| + 2 u is within the lower bound, and fails if |value| - 2 u is beyond `fail`. In between,
         or if u is unknown, neither is proven, and the figure needs watching.
@@ -58,7 +58,7 @@ class Limit(Part):
         return "pass" if lower is not None and size + expanded <= lower else "watch"
 
     def straddled(self, value: float, u: float) -> bool:
-        """Return whether the uncertainty interval contains a bound: a new measurement may then change the decision."""
+        """True if the uncertainty interval contains a bound: a new measurement may then change the decision."""
         expanded = COVERAGE * u if math.isfinite(u) else math.inf
         return any(abs(abs(value) - bound) < expanded for bound in (self.watch, self.fail) if bound is not None)
 
@@ -172,34 +172,34 @@ class Limits(Part):
     """Pose repeatability RP (ISO 9283) from the data sheet of the arm, the default limit of each `rp_mm`."""
 
     def _part(self, test: str) -> Part:
-        """Return the limits of a test; empty for a test of other packages."""
+        """Limits of a test; empty for a test of other packages."""
         declared: Part = getattr(self, test, Part())
         return declared
 
     def of(self, test: str, figure: str) -> Limit | None:
-        """Return the limit of a figure, or None."""
+        """Limit of a figure, or None."""
         declared = getattr(self._part(test), figure, None)
         if isinstance(declared, Limit):
             return declared
         return Limit(fail=self.data_sheet_rp_mm) if self.from_data_sheet(test, figure) else None
 
     def judge(self, test: str) -> bool:
-        """Return whether limits exist for a kind of test."""
+        """True if limits exist for a kind of test."""
         return self.data_sheet_rp_mm is not None or bool(self._part(test).model_dump(exclude_none=True))
 
     def from_data_sheet(self, test: str, figure: str) -> bool:
-        """Return whether the limit of a figure comes from the data sheet."""
+        """True if the limit of a figure comes from the data sheet."""
         declared = getattr(self._part(test), figure, None)
         return figure == "rp_mm" and declared is None and self.data_sheet_rp_mm is not None
 
 
 def offered_tolerance_mm(rp_mm: float | None) -> float:
-    """Return the initial tolerance for an arm with this RP. rp_mm: None if unknown."""
+    """Initial tolerance for an arm with this RP. rp_mm: None if unknown."""
     return float(f"{TOLERANCE_BY_RP * (rp_mm or USUAL_RP_MM):.3g}")
 
 
 def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | None) -> Limits:
-    """Return the limits corresponding to an error of `tolerance_mm` at the ball.
+    """Limits corresponding to an error of `tolerance_mm` at the ball.
 
     On a circle of this radius such an error turns the link by tolerance / radius. Tracker poses have no limit: they
     cover the complete work area, in which the error of an arm is larger than near a single place.
@@ -216,5 +216,5 @@ def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | No
 
 
 def shared_limit(fail: float) -> Limit:
-    """Return a limit with the share that needs attention, rounded to three digits."""
+    """A limit with the share that needs attention, rounded to three digits."""
     return Limit(watch=float(f"{WATCH_SHARE * fail:.3g}"), fail=float(f"{fail:.3g}"))

@@ -58,12 +58,12 @@ class ModemLines:
 
 
 def tcp_address(port: str) -> tuple[str, int] | None:
-    """Return host and port number of `tcp://host:number`, or None for other text."""
+    """Host and port number of `tcp://host:number`, or None for other text."""
     return _address("tcp", port)
 
 
 def udp_address(port: str) -> tuple[str, int] | None:
-    """Return host and port number of `udp://host:number`, or None for other text."""
+    """Host and port number of `udp://host:number`, or None for other text."""
     return _address("udp", port)
 
 
@@ -90,6 +90,17 @@ def _udp_port(value: str) -> str:
 
 def _any_port(value: str) -> str:
     return _udp_port(value) if value.startswith("udp:") else _port(value)
+
+
+def tcp_port(example: int) -> AfterValidator:
+    """Require a TCP address; example: usual port number, for the message."""
+
+    def check(port: str) -> str:
+        if tcp_address(port) is None:
+            raise ValueError(f"{port!r} is not a TCP port; write 'tcp://host:{example}'")
+        return port
+
+    return AfterValidator(check)
 
 
 Port = Annotated[str, AfterValidator(_port)]

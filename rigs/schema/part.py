@@ -28,7 +28,7 @@ _LEAST_MM = 1.0
 
 
 def place_not_in_metres(place: Vector) -> Vector:
-    """Return a place on the flange in mm unchanged. Raises ValueError if no coordinate reaches 1 mm, because the place
+    """A place on the flange in mm unchanged. Raises ValueError if no coordinate reaches 1 mm, because the place
     was probably meant in metres.
     """
     if 0 < max(map(abs, place)) < _LEAST_MM:

@@ -27,7 +27,7 @@ C = TypeVar("C", bound=BaseModel)
 
 
 def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, type[C]]:
-    """Return the classes offered for a group by name. base: required base class. taken: names used by rig."""
+    """Classes offered for a group by name. base: required base class. taken: names used by rig."""
     classes: dict[str, type[C]] = {}
     key = _KEY[group]
     for offer in sorted(ENTRY_POINTS.select(group=group), key=lambda offer: offer.name):
@@ -49,7 +49,7 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
 
 
 def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
-    """Return a discriminated union extended by the classes offered for a group."""
+    """A discriminated union extended by the classes offered for a group."""
     classes = get_args(get_args(union)[0])
     names = frozenset(name for cls in classes for name in get_args(cls.model_fields[_KEY[group]].annotation))
     of_others = offered(group, base, names)
@@ -59,5 +59,5 @@ def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
 
 
 def driver_of(part: BaseModel, package: str) -> str:
-    """Return the driver module of a gauge or robot: `driver` of the class, or the module in the package of rig."""
+    """Driver module of a gauge or robot: `driver` of the class, or the module in the package of rig."""
     return str(getattr(type(part), "driver", "") or f"{package}.{part.interface}")  # type: ignore[attr-defined]

@@ -82,7 +82,7 @@ Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 
 
 def identity(count: int) -> tuple[Row, ...]:
-    """Return the identity matrix: the coupling of axes that are not coupled."""
+    """Identity matrix: the coupling of axes that are not coupled."""
     return tuple(tuple(float(row == column) for column in range(count)) for row in range(count))
 
 
@@ -176,12 +176,12 @@ class Robot(Part):
         return self.build or ("torque_sensing" if more > 0 else "light" if more < 0 else "industrial")
 
     def axis_words(self, axis: int) -> str:
-        """Return the displayed name of an axis, counted from 1: `axis 4 (gamma)`, or `axis 4` for a mere number."""
+        """Displayed name of an axis, counted from 1: `axis 4 (gamma)`, or `axis 4` for a mere number."""
         name = self.own_name(axis)
         return f"axis {axis} ({name})" if name else f"axis {axis}"
 
     def own_name(self, axis: int) -> str:
-        """Return the name of an axis, counted from 1; empty if it only repeats the number."""
+        """Name of an axis, counted from 1; empty if it only repeats the number."""
         name = self.axes[axis - 1].name
         return "" if _NUMBERED.fullmatch(name.lower()) else name
 

@@ -64,68 +64,68 @@ class Scene(Protocol):
         """Positions (k,) in mm of the gauges on the baseline."""
 
     def reported_at(self, t_s: Array) -> Array:
-        """Return the reported angles (n, 6) in rad at times t_s (n,), constant beyond the ends."""
+        """Reported angles (n, 6) in rad at times t_s (n,), constant beyond the ends."""
 
     def reversals(self, axis: int) -> Sequence[tuple[float, float]]:
-        """Return the reversals of a joint (1 … 6): time in s, and new direction (±1)."""
+        """Reversals of a joint (1 … 6): time in s, and new direction (±1)."""
 
     def torques(self, payload_kg: float = 0.0) -> Array:
-        """Return the gravity torque (n, 6) in Nm on each joint, with an additional payload at the flange."""
+        """Gravity torque (n, 6) in Nm on each joint, with an additional payload at the flange."""
 
     def moment(self) -> Array:
-        """Return the gravity moment (n, 3) in Nm on the base, about the origin and in the axes of the base."""
+        """Gravity moment (n, 3) in Nm on the base, about the origin and in the axes of the base."""
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Return joint position (n, 3) in mm, axis direction (n, 3), and end of the link (n, 3) in mm for a joint (1 …
+        """Joint position (n, 3) in mm, axis direction (n, 3), and end of the link (n, 3) in mm for a joint (1 …
         6).
 
         The end is the joint position for a link of zero length.
         """
 
     def taken_at(self, t_s: Array) -> Self:
-        """Return the scene as reported at other times t_s (n,) in s."""
+        """Scene as reported at other times t_s (n,) in s."""
 
     def with_constant(self, field: str, axis: int, delta: float) -> Self:
-        """Return the scene with a constant of an axis (1 … 6) changed by delta.
+        """Scene with a constant of an axis (1 … 6) changed by delta.
 
         field: a, d in mm; alpha, beta in rad.
         """
 
     def turned(self, axis: int, deviation: Array | float) -> Self:
-        """Return the scene with the link side of a joint (1 … 6) turned by a deviation (n,) in rad."""
+        """Scene with the link side of a joint (1 … 6) turned by a deviation (n,) in rad."""
 
     def along_rail(self, error_mm_m: Array) -> Self:
-        """Return the scene with the tool moved by an error (3,) in mm per metre of the rail position.
+        """Scene with the tool moved by an error (3,) in mm per metre of the rail position.
 
         Components: along the rail, across it horizontally, and across both. An arm that has no rail is not changed.
         """
 
     def tilted(self, turn: Array, below_mm: float) -> Self:
-        """Return the scene with the arm turned by rotation vectors (n, 3) in rad in base axes.
+        """Scene with the arm turned by rotation vectors (n, 3) in rad in base axes.
 
         below_mm: depth of the centre of rotation below the base origin.
         """
 
     def raised(self, height_mm: Array) -> Self:
-        """Return the scene with the arm moved along the z axis of the base by (n,) mm."""
+        """Scene with the arm moved along the z axis of the base by (n,) mm."""
 
     def shifted(self, offset_mm: Array) -> Self:
-        """Return the scene with the tool moved by (n, 3) mm in the world."""
+        """Scene with the tool moved by (n, 3) mm in the world."""
 
     def with_form(self, form_mm: Array) -> Self:
-        """Return the scene with a ball radius larger by (n,) mm at the contact."""
+        """Scene with a ball radius larger by (n,) mm at the contact."""
 
     def blended(self, before: Self, after: Self, share: float) -> Self:
-        """Return the scene with a share of the change made by a joint or gauge effect."""
+        """Scene with a share of the change made by a joint or gauge effect."""
 
     def with_gauges_at(self, offsets_mm: Array) -> Self:
-        """Return the scene with gauges at other positions (k,) mm on the baseline."""
+        """Scene with gauges at other positions (k,) mm on the baseline."""
 
     def read(self, gauge: str, change: Callable[[Array], Array]) -> Self:
-        """Return the scene with changed readings (n,) in mm of a gauge; unchanged if the test does not use it."""
+        """Scene with changed readings (n,) in mm of a gauge; unchanged if the test does not use it."""
 
     def all_read(self, change: Callable[[Array], Array]) -> Self:
-        """Return the scene with changed readings (n, k) in mm of all gauges."""
+        """Scene with changed readings (n, k) in mm of all gauges."""
 
 
 S = TypeVar("S", bound=Scene)
@@ -133,7 +133,7 @@ S = TypeVar("S", bound=Scene)
 
 
 def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
-    """Return the positions (w, n) of a part dragged with play along visits x (n,), each with `samples` samples.
+    """Positions (w, n) of a part dragged with play along visits x (n,), each with `samples` samples.
 
     half (w,): half of the play. Each visit starts in the middle of the play, so the order of the visits has no
     influence.
@@ -147,7 +147,7 @@ def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
 
 
 def play(x: Array, half: float, begin: float = 0.0) -> Array:
-    """Return the position y (n,) of a part dragged along x (n,) with a play of ± half.
+    """Position y (n,) of a part dragged along x (n,) with a play of ± half.
 
     It starts at `begin` (-1 … 1) times half from the middle. x, y and half have the same unit. Play operator (Visintin,
     Differential Models of Hysteresis, 1994): y moves only when x pushes against a side of the gap. On a monotone
@@ -158,7 +158,7 @@ def play(x: Array, half: float, begin: float = 0.0) -> Array:
 
 
 def plays(x: Array, half: Array, begin: float = 0.0) -> Array:
-    """Return the positions (w, n) of a part dragged along x (n,) with plays of ± half (w,), all in the unit of x.
+    """Positions (w, n) of a part dragged along x (n,) with plays of ± half (w,), all in the unit of x.
 
     begin: start position (-1 … 1) in units of half.
     """
@@ -180,7 +180,7 @@ def plays(x: Array, half: Array, begin: float = 0.0) -> Array:
 
 
 def _entered(first: float, ends: list[float], half: float) -> list[float]:
-    """Return the follower at the start of each section. ends: x at the ends of the previous sections."""
+    """Follower at the start of each section. ends: x at the ends of the previous sections."""
     entered = [first]
     for end in ends:
         if first < end - half:

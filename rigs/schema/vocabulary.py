@@ -53,7 +53,7 @@ axes, so circles, programs and controller entries require six.
 
 
 def direction_of(word: str) -> Direction | None:
-    """Return the direction for a common spelling: ccw is acw; None for other words."""
+    """Direction for a common spelling: ccw is acw; None for other words."""
     return _WAYS.get(word.casefold())
 
 
@@ -75,18 +75,18 @@ MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 
 def offered_makers() -> dict[MakerName, str]:
-    """Return the makers of other packages, each with a package that has a module per question."""
+    """Makers of other packages, each with a package that has a module per question."""
     offers = ENTRY_POINTS.select(group="rig.makers")
     return {offer.name: offer.value for offer in sorted(offers) if offer.name not in MAKERS}
 
 
 def makers() -> tuple[MakerName, ...]:
-    """Return all makers, with those of other packages last."""
+    """All makers, with those of other packages last."""
     return (*MAKERS, *offered_makers())
 
 
 def maker_named(word: str) -> MakerName | None:
-    """Return the maker for a common spelling: UR, Universal Robots and UR10e are ur; None for other words."""
+    """Maker for a common spelling: UR, Universal Robots and UR10e are ur; None for other words."""
     named = {_letters(maker): maker for maker in offered_makers()}
     named |= {name: maker for maker, others in _ALSO_NAMED.items() for name in (maker, *others)}
     names = [name for name in named if _letters(word).startswith(name)]
@@ -98,7 +98,7 @@ def _letters(word: str) -> str:
 
 
 def maker_of(interface: str) -> MakerName | None:
-    """Return the maker of controllers that use a feedback interface; None for general interfaces."""
+    """Maker of controllers that use a feedback interface; None for general interfaces."""
     return next((maker for maker in makers() if f"{interface}_".startswith(f"{maker}_")), None)
 
 

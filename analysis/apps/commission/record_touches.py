@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from analysis.apps.commission.touched_ball import RestDetector, Touching
-from analysis.procedures.shared.simulated_touches import touch_of
+from analysis.procedures.shared.simulated_readings import touch_of
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.runs.table_format import columns_of

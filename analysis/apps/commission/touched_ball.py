@@ -271,7 +271,7 @@ def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[
         return (table.q, table.g_mm, np.zeros(len(table.q))), ()
     doubts: tuple[str, ...] = ()
     try:
-        data = align(path, run, rig)
+        data = align(path, run.streams, run.manifest.test, rig)
         t_s, q, g_mm, doubts = data.t_s, data.q, data.g_mm[:, :1], data.doubts
     except FileError as error:
         t_s, q, alone_doubts = robot_only(path, run)

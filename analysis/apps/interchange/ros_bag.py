@@ -22,7 +22,7 @@ import numpy as np
 
 from analysis.apps.interchange.bags import JOINT_STATE, NO_STAMP, NUMBER, Bag, bag_of, joint_state, messages_of, number
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.runs.align import align_streams
+from analysis.runs.align import align
 from analysis.runs.clocks import Columns
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -83,9 +83,7 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
         doubts += of_topic
     # Use the rig with gauges on a network, like every topic: the messages do not have the length of serial lines.
     gauges = {name: gauge.model_copy(update={"port": "tcp://topic:1"}) for name, gauge in rig.gauges}
-    aligned = align_streams(
-        Path(where), streams, test, rig.model_copy(update={"gauges": rig.gauges.model_copy(update=gauges)})
-    )
+    aligned = align(Path(where), streams, test, rig.model_copy(update={"gauges": rig.gauges.model_copy(update=gauges)}))
     # A message can only be late. The common delay is therefore as uncertain as the variation of the delays.
     u_lag_s = float(np.hypot(aligned.u_lag_s, np.sqrt(np.mean(aligned.u_t_s**2))))
     doubts += [

@@ -87,7 +87,7 @@ def played_run(path: Path, speed: float) -> PlayedRun:
     run = read_run(path)
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
     if run.table is None:
-        aligned = align(path, run, rig)
+        aligned = align(path, run.streams, run.manifest.test, rig)
         t_s, q, readings = aligned.t_s, aligned.q, aligned.g_mm
     else:
         table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))

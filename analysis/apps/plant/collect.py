@@ -20,12 +20,17 @@ from typing import TypeVar
 from analysis.apps.plant import store
 from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of, record_without_figures
 from analysis.apps.plant.store import Entry
-from analysis.runs.batch.each import each
-from analysis.runs.batch.fetched import fetched, restore_run_path
-from analysis.runs.batch.outcomes import FailedItem, Outcome
-from analysis.runs.batch.remote_path import RemotePath
-from analysis.runs.batch.remote_store import StoreLost, has_figures, remote_runs
-from analysis.runs.batch.run_directories import run_directories
+from analysis.runs.batch import each
+from analysis.runs.processes import FailedItem, Outcome
+from analysis.runs.remote import (
+    RemotePath,
+    StoreLost,
+    fetched,
+    has_figures,
+    remote_runs,
+    restore_run_path,
+    run_directories,
+)
 from daq.store import MovementCheck, RunInfo
 from daq.store.manifest import load_manifest
 from daq.store.marks import load_marks
@@ -52,7 +57,7 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Workers:
-    """The execution of evaluations, see `analysis.runs.batch.each`."""
+    """The execution of evaluations, see `analysis.runs.batch`."""
 
     jobs: int = 0
     scheduler: str | None = None

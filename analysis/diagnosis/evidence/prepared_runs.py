@@ -28,7 +28,7 @@ from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.cell_noise import TARGET_MM
-from analysis.runs.noise.outliers import FEW, by_accident
+from analysis.runs.noise.readings import FEW, by_accident
 from analysis.runs.tables import Table
 from rigs.effects import Effect
 from rigs.errors import FileError

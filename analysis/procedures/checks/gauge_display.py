@@ -69,7 +69,6 @@ class _Series:
 
     @classmethod
     def of(cls, g_mm: Array) -> _Series | None:
-        """Series; None if the readings are too few or never change."""
         d_mm = np.diff(g_mm)
         sizes = np.abs(d_mm[d_mm != 0])
         if len(g_mm) < _FEWEST or len(sizes) < _FEWEST // 2 or not np.isfinite(g_mm).all():
@@ -94,7 +93,6 @@ class _Series:
 
 
 def display_findings(run: Measured) -> Iterator[Finding]:
-    """Findings about displays of the gauges of a run that is a continuous sequence."""
     if not run.table.swept:
         return
     for name, column in zip(format_of(run.table.test).gauges, run.table.readings.T, strict=False):
@@ -216,6 +214,5 @@ def _plateaus(series: _Series) -> tuple[Integers, Integers]:
 
 
 def _rows(begins: Integers, lasts: Integers) -> str:
-    """Stretches of rows, counted from 1, as text."""
     pairs = zip(begins.tolist(), lasts.tolist(), strict=True)
     return "rows " + first_of([f"{a + 1}" if a == b else f"{a + 1} to {b + 1}" for a, b in pairs], _MOST_LISTED)

@@ -121,12 +121,10 @@ class _Eccentricities:
 
     @property
     def apart_mm(self) -> float:
-        """Distance between the two eccentricities."""
         return float(np.linalg.norm(self.by_angle - self.by_distance))
 
     @property
     def size_mm(self) -> float:
-        """Mean size of the two eccentricities."""
         return float(np.linalg.norm(self.by_angle + self.by_distance)) / 2
 
     @classmethod
@@ -143,7 +141,6 @@ class _Eccentricities:
 
 
 def negated(number: int) -> str:
-    """Alternative meaning in which gauge 1 or 2 is inverted."""
     return f"g{number} may count the other way"
 
 
@@ -286,7 +283,6 @@ _STEP = 1e-4
 
 
 def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Findings about the sign of the gauges in runs of a robot."""
     gauged = [run for run in runs if format_of(run.table.test).gauges]
     for group in _grouped(gauged, lambda run: (run.rig.gauges, run.rig.robot)):
         by_effects = [finding for run in group for finding in _known_effects(run)]
@@ -419,7 +415,6 @@ _GAUGE_CONTENTS = (
 
 
 def _as(way: _Way, meant: _GaugeContent) -> _Way:
-    """Laps of a direction with an alternative meaning of the gauge columns."""
     signs, columns = np.array(meant.signs), list(meant.columns)
     return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)
 

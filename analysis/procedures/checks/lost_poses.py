@@ -2,7 +2,7 @@
 They are excluded and counted, and doubtful readings are reported.
 
 Instruments write a position of exactly 0, 0, 0 if there is no target. Other outliers are found by
-`analysis.runs.noise.outliers` in three steps: by position and by rotation relative to an arm with base and tool fitted
+`analysis.runs.noise.readings` in three steps: by position and by rotation relative to an arm with base and tool fitted
 to the near poses, and by position relative to an arm with all constants fitted to these. The last step is necessary
 because the error of an arm with nominal constants, half a millimetre, hides an error of 2 mm that would change every
 constant.
@@ -29,7 +29,7 @@ from analysis.procedures.shared.finding import MOST_LISTED_ROWS, Finding, Outlie
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.runs.noise.cell_noise import TARGET_MM
-from analysis.runs.noise.outliers import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
+from analysis.runs.noise.readings import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
 from analysis.runs.tables import PathTable, PoseTable, Table, TouchTable
 from rigs.rig import Rig
 from rigs.text import listed
@@ -62,7 +62,6 @@ class Places:
 
     @property
     def words(self) -> dict[str, str]:
-        """Messages to the user by kind, `wild` and `repeated`; empty if there are none."""
         words = {}
         if count := int(self.wild.sum()):
             named = listed((np.flatnonzero(self.wild) + 1).tolist())
@@ -79,7 +78,6 @@ class Places:
 
 
 def places_of(table: PathTable) -> Places:
-    """Outliers and repeated positions of a path."""
     repeated, wild = np.zeros(len(table.t_s), dtype=bool), np.zeros(len(table.t_s), dtype=bool)
     step = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1)
     # Rows of equal positions after which the tool has moved on.
@@ -106,7 +104,6 @@ def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
 
 
 def _outliers(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
-    """Outliers (n,) relative to the neighbouring path, and their distances (n,) in mm."""
     count = len(t_s)
     wild, away = np.zeros(count, dtype=bool), np.zeros(count)
     step_s = float(np.median(np.diff(t_s))) if count > 1 else 0.0
@@ -238,7 +235,6 @@ def far_touches(table: TouchTable, T: Array) -> Outliers:
 
 
 def left_out(table: Table, out: Mask, far_mm: Array) -> str:
-    """A message about the excluded poses (n,) and their distances (n,) mm from the arm."""
     rows = np.sort(table.rows[out]).tolist()
     shown = listed(rows, MOST_LISTED_ROWS)
     far = length_in_words(far_mm[out].max())
@@ -252,7 +248,6 @@ WILDNESS = "wildness"
 
 
 def outlying_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
-    """Findings about touches far from all other touches of the same socket."""
     far = far_touches(table, forward(arm_of(rig.robot), table.q))
     if far.wild.any():
         fact, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
@@ -260,7 +255,6 @@ def outlying_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
 
 
 def outlier_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Findings about poses recorded with a lost target, or far from the arm."""
     lost = (table.xyz_mm == 0).all(axis=1)
     if lost.any():
         rows = listed(table.rows[lost].tolist())
@@ -280,7 +274,6 @@ def outlier_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
 
 
 def outlying_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
-    """Findings about outliers of a path."""
     del rig
     if "wild" in (words := places_of(table).words):
         remedy = "check that the beam is not interrupted; the analysis ignores these rows"
@@ -297,7 +290,6 @@ _SEVERAL = 3
 
 
 def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Findings about poses that repeat the position of other rows."""
     if not len(table.q):
         return
     lost = (table.xyz_mm == 0).all(axis=1)

@@ -34,7 +34,6 @@ _ZEROS_DEG = (90.0, -90.0, 180.0)
 
 
 def meanings(axes: int) -> list[Meaning]:
-    """All alternative meanings for this number of joints."""
     ways = []
     for sign, word in ((1.0, "+"), (-1.0, "-")):
         matrix = np.eye(axes)
@@ -190,7 +189,6 @@ def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
 
 
 def _strength(left_mm: float, extent_mm: float) -> Strength:
-    """Strength of a residual as evidence for a different arm; extent_mm: of the positions, rms."""
     return "decisive" if left_mm > max(RIGHT_MM, UNRELATED_SHARE * extent_mm) else "likely"
 
 
@@ -259,7 +257,6 @@ def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Ve
 
 
 def judged_by_sockets(table: Table, rig: Rig) -> Verdict:
-    """Meaning of the joints that returns the ball of touches to its sockets."""
     arm = arm_of(rig.robot)
 
     def off_mm(q: Array) -> float:

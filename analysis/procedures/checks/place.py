@@ -146,7 +146,6 @@ def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
 
 
 def place_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """First reading that the nominal arm puts elsewhere than at the target."""
     places = kind_of(table.test).targets(table, rig)
     if places is None:
         return
@@ -240,7 +239,6 @@ def source_of(bare: Arm, q: Array, xyz_mm: Array) -> PlaceSource | None:
 
 
 def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """A finding if the positions of poses were computed instead of measured."""
     if table.rail:
         return
     measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))

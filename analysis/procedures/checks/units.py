@@ -110,7 +110,6 @@ _FARTHER = 8.0
 
 
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
-    """Faults in the units of a tracker, each with a remedy. T (n, 4, 4): nominal tool poses."""
     rows = most_distant_rows(table.xyz_mm)
     robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
     for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
@@ -144,7 +143,6 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
 
 
 def off_in_its_unit(T: Array, xyz_mm: Array) -> PathDeviation | None:
-    """Deviation of tool poses T (n, 4, 4) from positions (n, 3), in the best-fitting unit of positions."""
     units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_MISREAD_UNITS.values())
     every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
     return min(every, key=lambda off: off.off, default=None)
@@ -235,7 +233,6 @@ _ROWS = 20_000
 
 
 def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Findings about the units of a table, most certain first."""
     if most := impossible_rad(table.q):
         columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
         fact = f"a joint would be at {np.degrees(most):.0f}°: degrees were read as radians"
@@ -258,7 +255,6 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Findings about gauges with negative values decoded as large positive values."""
     readings, gauges = table.readings, format_of(table.test).gauges
     for name, column in zip(gauges, readings.T, strict=False):
         value = getattr(dict(rig.gauges).get(name), "value", None)
@@ -269,14 +265,12 @@ def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:
-    """Certain faults and their remedies as findings."""
     for fact, remedy in mistakes:
         columns = tuple(name.strip(",:") for name in fact.split() if "_" in name)
         yield Finding(UNITS, "impossible", columns, "another unit", fact, remedy)
 
 
 def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
-    """Findings about the unit of gauge readings g_mm (n,) at targets of a hemisphere."""
     yield from impossible(impossible_travel("g1_mm", g_mm, radius_mm))
     travel = float(np.ptp(g_mm))
     if _UNLIKELY * radius_mm <= travel <= radius_mm:

@@ -93,7 +93,6 @@ _SAME_RAD = float(np.radians(0.1))
 
 
 def _rows_of_joint(q: Array, sides: Integers, joint: int) -> Integers:
-    """Rows in which one joint moved, with the others at their most frequent position."""
     rows = np.flatnonzero((sides[:, joint] != 0) & (np.delete(sides, joint, axis=1) == 0).all(axis=1))
     if not len(rows):
         return rows
@@ -119,7 +118,6 @@ def _about_circle(angle: Array, xyz_mm: Array) -> tuple[float, Array, Array]:
 
 
 def _mean_errors(off: Array, number: Integers, kept: Array, count: int) -> Array:
-    """Means (m, count) of errors (m, n) over the kept rows (n,) of each angle; nan if there are none."""
     share = (number[:, None] == np.arange(count)) & np.asarray(kept, dtype=bool)[:, None]
     rows = share.sum(axis=0)
     weight = np.divide(share, rows, out=np.full(share.shape, np.nan), where=rows > 0)

@@ -21,9 +21,7 @@ import numpy as np
 from analysis.procedures.shared.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of
-from analysis.procedures.shared.test_kind import check_radius, require_live_gauges
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.laps import Laps
 from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
 
 RANGES = frozenset({"circular_deviation_mm"})
@@ -45,17 +43,12 @@ class Circularity:
     figures: dict[str, Quantity]
 
 
-def evaluate(
-    run: Reduced, laps: Laps, u_lag_s: float, where: str = "the circle run", like: LapNoise | None = None
-) -> Circularity:
+def evaluate(run: Reduced, radius: float, u_lag_s: float, like: LapNoise | None = None) -> Circularity:
     """Circular deviation and eccentricity of one direction.
 
     figures: circular_deviation_mm G, noise-corrected; eccentricity_u_mm, _v_mm and _mm of the ball from the distance,
-    independent of orientation errors. Raises FileError.
+    independent of orientation errors.
     """
-    radius = laps.frame.radius
-    check_radius(where, radius)
-    require_live_gauges(where, g_mm=laps.g_mm.mean(axis=1))
     curve = curve_of(run, mean_of_gauges, np.sqrt(0.5), 1, like)
     turned = curve.turned(np.random.default_rng(SEED).normal(0.0, u_lag_s, DRAWS))
 
@@ -68,12 +61,10 @@ def evaluate(
 
 
 def plain_figures(phi: Array, distance: Array, radius_mm: float) -> dict[str, float]:
-    """Figures of noise-free distances (n,) mm, with any zero, over phi (n,) rad."""
     return {name: float(value) for name, value in figures_at(nodes_of(phi, distance), radius_mm).items()}
 
 
 def figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
-    """Figures (...,) of distances (..., NODES) mm over PHI."""
     fit, circle = circle_through(distance, radius_mm)
     deviation = at_resolution(distance - circle)
     return {

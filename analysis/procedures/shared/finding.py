@@ -53,11 +53,9 @@ class Finding:
 
     @property
     def words(self) -> str:
-        """The observation and the remedy in one line."""
         return f"{self.what}; {self.remedy}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types for JSON, with None for unknown values."""
         plain: dict[str, Any] = for_json(
             {
                 "convention": self.convention,
@@ -103,11 +101,9 @@ class Outliers:
 
     @property
     def wild(self) -> Mask:
-        """Mask (n,) of the excluded poses."""
         return self.far if self.by_accident else np.zeros_like(self.far)
 
     def words(self, table: Table) -> str:
-        """Message about outliers that are not excluded; empty if there are none."""
         if self.by_accident or not self.far.any():
             return ""
         labels, rows = labels_of(table.test), listed(table.rows[self.far].tolist(), MOST_LISTED_ROWS)
@@ -121,5 +117,4 @@ class Outliers:
 
 
 def length_in_words(mm: float) -> str:
-    """Format a distance in mm, or in m from 1 m on."""
     return f"{mm / 1000:.2g} m" if mm >= 1000 else f"{mm:.3g} mm"

@@ -36,7 +36,6 @@ class MeasuredReversal:
 
 
 def turns(laps: Laps) -> list[MeasuredReversal]:
-    """Reversals of all joints in the first lap, by axis and phi."""
     lap = laps.first
     order = np.argsort(lap.phi, kind="stable")
     phi, q = lap.phi[order], lap.q[order]
@@ -69,7 +68,6 @@ def turns(laps: Laps) -> list[MeasuredReversal]:
 
 
 def angle_difference(phi: float, other_phi: float) -> float:
-    """Phi - other_phi, from -pi to pi."""
     return float((phi - other_phi + np.pi) % (2 * np.pi) - np.pi)
 
 

@@ -21,9 +21,17 @@ from analysis.procedures.shared.quantity import PLACE, Quantity, figures_of
 from analysis.procedures.shared.reduction import Reduced
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.cell_noise import least_known
-from analysis.runs.noise.lap_changes import power_of_ramp, without_drift, without_level_steps
 from analysis.runs.noise.readings import rounding_error
-from analysis.runs.noise.spectrum import DRAWS, NODES, ORDERS, LapNoise, noise_of
+from analysis.runs.noise.spectrum import (
+    DRAWS,
+    NODES,
+    ORDERS,
+    LapNoise,
+    noise_of,
+    power_of_ramp,
+    without_drift,
+    without_level_steps,
+)
 
 SEED = 0
 """Seed of the noise draws, fixed so that a run always gives the same report."""
@@ -81,7 +89,6 @@ class LapCurve:
 
     @property
     def without_draws(self) -> LapCurve:
-        """Curve without its draws, which are recreated on demand."""
         return replace(self)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -89,7 +96,6 @@ class LapCurve:
 
     @property
     def calm(self) -> Array:
-        """The curve y (NODES,) with reduced noise."""
         return calmed(self.y, self.power)
 
     def turned(self, lag_s: Array) -> NDArray[np.complex128]:

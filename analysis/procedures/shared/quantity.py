@@ -81,7 +81,6 @@ class Quantity:
 
     @property
     def _digits(self) -> int:
-        """Decimals of this figure, negative for tens and hundreds."""
         if not 0 < self.u < np.inf:
             return _WITHOUT_U
         if self.unit == "mm":
@@ -93,7 +92,6 @@ class Quantity:
 
     @property
     def _digits_of_u(self) -> int:
-        """Decimals showing two digits of the uncertainty."""
         two_digits = float(f"{self.u:.1e}")  # 0.0998 is 0.10, with its last digit one place further up
         return 1 - int(np.floor(np.log10(two_digits) + _EXACT))
 
@@ -124,7 +122,6 @@ def is_around_circle(name: str) -> bool:
 
 
 def half_turns(angles_deg: Array) -> Array:
-    """Angles (...,) in degrees wrapped to -180 to 180."""
     return np.asarray((angles_deg + 180.0) % 360.0 - 180.0)
 
 
@@ -169,5 +166,4 @@ def parameters_of(effect: Effect) -> dict[str, float]:
 
 
 def parameter_label(effect: Effect, field: str) -> str:
-    """Label of an effect, with the parameter unless it is the size."""
     return label_of(effect) if field == size_field(effect) else f"{label_of(effect)} {field}"

@@ -7,16 +7,16 @@ The cost here is linear in the rows; all later steps use 720 numbers per lap.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.robot.geometry.circle import SENSE
-from analysis.robot.kinematics.arm import Array
+from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.laps import Laps
-from analysis.runs.noise.lap_changes import bursts, changes, following, without_slips
-from analysis.runs.noise.readings import Mask, beyond_neighbours, is_outlier, noise_beneath, step_of
-from analysis.runs.noise.spectrum import NODES, Integers, node_response
+from analysis.runs.noise.readings import beyond_neighbours, is_outlier, noise_beneath, step_of
+from analysis.runs.noise.spectrum import NODES, bursts, changes, following, node_response, without_slips
 
 PHI = 2 * np.pi * np.arange(NODES) / NODES
 """Circle angles (NODES,) rad of a curve."""
@@ -29,8 +29,6 @@ _COARSEST = 10.0
 _BASE_ROWS = 20_000
 _JUMPS = 2.0
 """Limit of an outlier in multiples of the line's change within two nodes."""
-_BLOCK = 1 << 17
-"""Rows per block, to limit the memory of a long run."""
 
 
 @dataclass(frozen=True)
@@ -77,17 +75,12 @@ class HatSums:
         return self.before + 2 * self.between + self.beyond
 
     def without(self, odd: Mask) -> HatSums:
-        """Sums without the rows behind the nodes of a mask (L, NODES)."""
         return HatSums(*(np.where(odd, 0.0, values) for values in vars(self).values()))
 
-    def lines(self, rounds: int = 2 * NODES) -> Array:
-        """Closed least-squares polylines (L, NODES, k), in the unit of the readings, smoothed.
-
-        About thirty rounds are sufficient if every node has rows.
-        """
+    def lines(self) -> Array:
+        """Closed least-squares polylines (L, NODES, k), in the unit of the readings, smoothed."""
         # Cyclic normal equations, slightly stiff to bridge nodes without rows, solved by conjugate gradients (Hestenes
-        # and Stiefel
-        # 1952).
+        # and Stiefel 1952); about thirty rounds are sufficient if every node has rows.
         pull, diagonal = self.near + np.roll(self.far, 1, axis=2), self.before + np.roll(self.beyond, 1, axis=1)
         stiff = _STIFF * diagonal.mean(axis=1, keepdims=True)
         scale = 1 / (diagonal + 6 * stiff)
@@ -103,7 +96,7 @@ class HatSums:
         way = scale * residual
         size = (residual * way).sum(axis=-1, keepdims=True)
         enough = _SOLVED**2 * np.maximum((pull * scale * pull).sum(axis=-1, keepdims=True), 1e-300)
-        for _ in range(rounds):
+        for _ in range(2 * NODES):
             if (size <= enough).all():
                 break
             moved = normal(way)
@@ -115,86 +108,18 @@ class HatSums:
         return np.moveaxis(smooth, 0, 2)
 
 
-@dataclass(frozen=True)
-class LapRows:
-    """Combined rows of a run's laps.
-
-    hats: of the rows without outliers, less the waves `base` (5, k). count: of all rows. wild, changed (k): outliers
-    and changed readings per gauge. range_mm, step_mm, noise_mm (k): per gauge.
-    """
-
-    hats: HatSums
-    base: Array
-    count: int
-    wild: tuple[int, ...]
-    changed: tuple[int, ...]
-    range_mm: tuple[float, ...]
-    step_mm: tuple[float, ...]
-    noise_mm: tuple[float, ...]
-
-
 def reduced(laps: Laps) -> Reduced:
     """Readings of a run at NODES circle angles per lap, with outliers removed and counted."""
-    base = base_of(laps)
-    lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
-    rough = np.empty(laps.g_mm.shape)
-    for begin in range(0, len(rough), _BLOCK):
-        rows = slice(begin, begin + _BLOCK)
-        rough[rows] = laps.g_mm[rows] - _waves(laps.phi[rows]) @ base
-    wild = outliers_of(laps.phi, rough, lap)
-    hats = _hat_sums(laps.phi, rough, lap, ~np.any(wild, axis=0))
-    steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
-    beneath = tuple(noise_beneath(g_mm, step) for g_mm, step in zip(laps.g_mm.T, steps, strict=True))
-    changed = tuple(int(np.count_nonzero(g_mm[1:] != g_mm[:-1])) for g_mm in laps.g_mm.T)
-    ranges = tuple(float(np.ptp(column)) for column in laps.g_mm.T)
-    counts = tuple(int(count) for count in wild.sum(axis=1))
-    return of_rows(laps, LapRows(hats, base, len(laps.phi), counts, changed, ranges, steps, beneath))
-
-
-def base_of(laps: Laps) -> Array:
-    """Level and first two orders (5, k) of the readings, removed before fitting polylines."""
-    rows = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
-    return np.asarray(np.linalg.lstsq(_waves(laps.phi[rows]), laps.g_mm[rows], rcond=None)[0], dtype=np.float64)
-
-
-def slopes_of(base: Array) -> list[Array]:
-    """Taylor coefficients (NODES, k), up to the third order, of waves (5, k) behind each node, by
-    relative position."""
-    step, slopes = 2 * np.pi / NODES, [_waves(PHI) @ base]
-    derived = np.zeros((5, 5))
-    derived[1, 2], derived[2, 1], derived[3, 4], derived[4, 3] = -1, 1, -2, 2
-    for order in range(1, 4):
-        base = derived @ base * (step / order)
-        slopes.append(_waves(PHI) @ base)
-    return slopes
-
-
-def outliers_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) -> Mask:
-    """Mask (k, n) of the outliers among readings rough (n, k) at phi (n,) rad.
-
-    lap (n,): number of the lap, from 0. rounds: rounds of the solver. A part of a lap needs only a few, because distant
-    nodes have no influence.
-    """
-    wild = np.array([is_outlier(column) for column in rough.T])
-    if not wild.any():
-        return wild
-    # After a first outlier, further ones may be too dense for comparison with neighbours: they deviate from the
-    # polyline through
-    # all readings by more than its local change, such as at a crossing of backlash.
-    lines = _hat_sums(phi, rough, lap, ~np.any(wild, axis=0)).lines(rounds)
-    node, share = place_of(phi)
-    for k, of_gauge in enumerate(np.moveaxis(lines, 2, 0)):
-        line = of_gauge[lap, node] * (1 - share) + of_gauge[lap, (node + 1) % NODES] * share
-        away = np.abs(rough[:, k] - line)
-        change = np.stack([changes(of_lap) for of_lap in of_gauge])
-        wild[k] |= beyond_neighbours(away) & (away > _JUMPS * change[lap, node])
-    return wild
-
-
-def of_rows(laps: Laps, rows: LapRows) -> Reduced:
-    """Readings at NODES circle angles, as curves through the combined rows of the laps."""
-    added = _waves(PHI) @ rows.base
-    hats, nodes = rows.hats, rows.hats.lines() + added
+    phi, g_mm = laps.phi, laps.g_mm
+    lap = np.minimum(np.abs(phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
+    # The level and the first two orders are removed before fitting polylines.
+    some = slice(None, None, max(1, len(phi) // _BASE_ROWS))
+    base = np.linalg.lstsq(_waves(phi[some]), g_mm[some], rcond=None)[0]
+    rough = g_mm - _waves(phi) @ base
+    wild = outliers_of(phi, rough, lap)
+    hats = _hat_sums(phi, rough, lap, ~np.any(wild, axis=0))
+    added = _waves(PHI) @ base
+    nodes = hats.lines() + added
     odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)
     if odd.any():
         nodes = hats.without(odd).lines() + added
@@ -202,34 +127,55 @@ def of_rows(laps: Laps, rows: LapRows) -> Reduced:
     sense = int(SENSE[laps.direction])
     first = int(np.ceil(sense * laps.start / (2 * np.pi) * NODES - 1e-6)) * sense
     order: Integers = (first + sense * np.arange(NODES)) % NODES  # order of the circle angles in a lap
-    nodes, notes = _steady(nodes[:, order])
-    if odd.any():
-        burst = round(float(hats.rows[odd].sum()))
-        notes = (f"{burst} readings near bursts of outliers are ignored: the other laps replace them", *notes)
-    coarse = (
-        f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * moves:.3g} µm only, which is too "
-        "coarse to show the curve: use a finer gauge or set the resolution"
-        for k, (moves, step) in enumerate(zip(rows.range_mm, rows.step_mm, strict=True), start=1)
-        if moves < _COARSEST * step
-    )
-    notes = (*coarse, *notes)
-    if any(rows.wild):
-        wild = f"outliers are ignored: {', '.join(map(str, rows.wild))} of {rows.count} (g1, g2)"
-        notes = (wild, *notes)
+    nodes, slips = _steady(nodes[:, order])
+    steps = tuple(step_of(column) for column in g_mm.T)
+    rate = sense * 2 * np.pi / laps.lap_s
     return Reduced(
         nodes,
         order,
-        rows.count,
+        len(phi),
         round(float(hats.rows.sum())) / laps.count,
-        min(rows.changed) / laps.count,
+        min(int(np.count_nonzero(column[1:] != column[:-1])) for column in g_mm.T) / laps.count,
         laps.lap_s,
         laps.apart_s,
-        rate := sense * 2 * np.pi / laps.lap_s,
-        rows.step_mm,
-        rows.noise_mm,
+        rate,
+        steps,
+        tuple(noise_beneath(column, step) for column, step in zip(g_mm.T, steps, strict=True)),
         abs(rate) * laps.u_t_s,
-        notes,
+        (*_remarks(g_mm, steps, wild, round(float(hats.rows[odd].sum()))), *slips),
     )
+
+
+def _remarks(g_mm: Array, steps: Sequence[float], wild: Mask, burst: int) -> list[str]:
+    """Notes on ignored readings, and on gauges with a resolution too coarse for their travel."""
+    notes = []
+    if wild.any():
+        counts = ", ".join(map(str, np.count_nonzero(wild, axis=1)))
+        notes.append(f"outliers are ignored: {counts} of {wild.shape[1]} (g1, g2)")
+    for k, (moves, step) in enumerate(zip(np.ptp(g_mm, axis=0), steps, strict=True), start=1):
+        if moves < _COARSEST * step:
+            fact = f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * moves:.3g} µm only, which is too"
+            notes.append(f"{fact} coarse to show the curve: use a finer gauge or set the resolution")
+    if burst:
+        notes.append(f"{burst} readings near bursts of outliers are ignored: the other laps replace them")
+    return notes
+
+
+def outliers_of(phi: Array, rough: Array, lap: Integers) -> Mask:
+    """Mask (k, n) of the outliers among readings rough (n, k) at phi (n,) rad of laps (n,), numbered from 0."""
+    wild = np.array([is_outlier(column) for column in rough.T])
+    if not wild.any():
+        return wild
+    # After a first outlier, further ones may be too dense for comparison with neighbours: they deviate from the
+    # polyline through all readings by more than its local change, such as at a crossing of backlash.
+    lines = _hat_sums(phi, rough, lap, ~np.any(wild, axis=0)).lines()
+    node, share = place_of(phi)
+    for k, of_gauge in enumerate(np.moveaxis(lines, 2, 0)):
+        line = of_gauge[lap, node] * (1 - share) + of_gauge[lap, (node + 1) % NODES] * share
+        away = np.abs(rough[:, k] - line)
+        change = np.stack([changes(of_lap) for of_lap in of_gauge])
+        wild[k] |= beyond_neighbours(away) & (away > _JUMPS * change[lap, node])
+    return wild
 
 
 def nodes_of(phi: Array, y: Array) -> Array:
@@ -241,28 +187,20 @@ def nodes_of(phi: Array, y: Array) -> Array:
 
 
 def _waves(phi: Array) -> Array:
-    """Level and first two orders (n, 5) at phi (n,) rad."""
     return np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi), np.sin(2 * phi), np.cos(2 * phi)], axis=1)
 
 
 def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
-    """Sums over the kept rows of each lap, computed in blocks of rows. values (n, k) at phi (n,) rad."""
-    count = int(lap.max()) + 1
-    beyond, between, before = (np.zeros(count * NODES) for _ in range(3))
-    pull_left, pull_right = (np.zeros((values.shape[1], count * NODES)) for _ in range(2))
-    for begin in range(0, len(phi), _BLOCK):
-        rows = begin + np.flatnonzero(keep[begin : begin + _BLOCK])
-        cell, share = place_of(phi[rows])
-        at = lap[rows] * NODES + cell
-        before += np.bincount(at, (1 - share) ** 2, len(before))
-        between += np.bincount(at, share * (1 - share), len(before))
-        beyond += np.bincount(at, share**2, len(before))
-        for k, column in enumerate(values[rows].T):
-            pull_left[k] += np.bincount(at, (1 - share) * column, len(before))
-            pull_right[k] += np.bincount(at, share * column, len(before))
-    shape = (count, NODES)
-    pulls = (pull_left.reshape(-1, *shape), pull_right.reshape(-1, *shape))
-    return HatSums(before.reshape(shape), between.reshape(shape), beyond.reshape(shape), *pulls)
+    """Sums over the kept rows of each lap; values (n, k) at phi (n,) rad."""
+    shape = (int(lap.max()) + 1, NODES)
+    cell, share = place_of(phi[keep])
+    at = lap[keep] * NODES + cell
+
+    def summed(weights: Array) -> Array:
+        return np.asarray(np.bincount(at, weights, shape[0] * NODES).reshape(shape), dtype=np.float64)
+
+    near, far = (np.stack([summed(weight * column) for column in values[keep].T]) for weight in (1 - share, share))
+    return HatSums(summed((1 - share) ** 2), summed(share * (1 - share)), summed(share**2), near, far)
 
 
 def place_of(phi: Array) -> tuple[Integers, Array]:

@@ -70,21 +70,18 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array 
 
 
 def exact(plain: Plain, readings: Array) -> dict[str, Quantity]:
-    """Figures of noise-free readings (t, k, n) mm."""
     samples = int(np.isfinite(readings).sum())
     values = plain(readings)
     return {name: Quantity(float(value), 0.0, name.rsplit("_", 1)[1], samples) for name, value in values.items()}
 
 
 def assumed(scatter: Scatter | None) -> tuple[str, ...]:
-    """A note if the scatter was not measured."""
     if scatter is None or scatter.noise != "assumed":
         return ()
     return ("too few targets were repeated to show the scatter, which is assumed; measure each target twice or more",)
 
 
 def coarse(scatter: Scatter | None) -> tuple[str, ...]:
-    """A note if quantisation exceeds the scatter."""
     if scatter is None or scatter.step_mm <= float(np.median(scatter.sd_mm)):
         return ()
     step = f"readings step by {1e3 * scatter.step_mm:.3g} µm, more than they scatter"

@@ -30,7 +30,6 @@ from rigs.schema.vocabulary import Direction, TestName
 if TYPE_CHECKING:
     from analysis.procedures.shared.finding import Finding, Outliers
     from analysis.procedures.shared.quantity import Quantity
-    from analysis.procedures.shared.reduction import Reduced
     from analysis.procedures.shared.result_curves import ResultCurve
 
 T = TypeVar("T", bound=Table)
@@ -59,8 +58,6 @@ class Instruments:
     """Standard uncertainty of one reading; None for that of the rig file."""
     like: tuple[LapNoise, LapNoise] | None = None
     """Noise of angle and distance in a different run, for a circle of a single lap."""
-    reduced: Reduced | None = None
-    """All readings of a circle whose table is thinned."""
 
     def u_mm(self, rig: Rig) -> float:
         return rig.gauges.g1.accuracy_mm if self.u_gauge_mm is None else self.u_gauge_mm
@@ -146,8 +143,7 @@ class TestKind(TableFormat[T]):
     finders: ClassVar[Finders] = ()
 
     @abstractmethod
-    def evaluate(self, table: T, rig: Rig, where: str, instruments: Instruments) -> Evaluated:
-        """Compute the figures of a measured or simulated table."""
+    def evaluate(self, table: T, rig: Rig, where: str, instruments: Instruments) -> Evaluated: ...
 
     def require_evaluable(self, table: T, rig: Rig, where: str) -> None:
         """Raise FileError if an evaluation will refuse the table for an immediately visible reason, gauges excluded."""
@@ -157,11 +153,9 @@ class TestKind(TableFormat[T]):
         raise FileError(f"{self.test} test", "is not simulated", "simulate a different test", code="test.not_simulated")
 
     def setup(self, rig: Rig) -> SetUp:
-        """Nominal set-up: ball in the nominal centre, gauges at zero, instrument in the world frame."""
         raise no_joints_error(self.test, f"a {self.test} table")
 
     def path(self, model: Model, table: T) -> Path:
-        """Motion of a table: as recorded, or with the approaches required by the test."""
         raise no_joints_error(self.test, f"a {self.test} table")
 
     def read(self, model: Model, table: T, path: Path, scene: ModelScene, setup: SetUp) -> Array:
@@ -169,7 +163,6 @@ class TestKind(TableFormat[T]):
         raise no_joints_error(self.test, f"a {self.test} table")
 
     def unit_findings(self, table: T, rig: Rig, T_tool: Array) -> Iterable[Finding]:
-        """Findings about units, most certain first. T_tool (n, 4, 4): nominal tool poses."""
         return ()
 
     def cannot_tell(self, table: T, rig: Rig) -> str:
@@ -177,7 +170,6 @@ class TestKind(TableFormat[T]):
         return self.labels.unsupported_reason
 
     def judged_joints(self, table: T, rig: Rig) -> Verdict:
-        """Compare the possible meanings of the joint columns by their fit to a table."""
         raise no_joints_error(self.test, f"rig {rig.name}")
 
     def off_path(self, table: T, rig: Rig, T_tool: Array) -> PathDeviation | None:
@@ -197,7 +189,6 @@ class TestKind(TableFormat[T]):
         return np.round(table.q / SAME_RAD).astype(np.int64)
 
     def parts(self, table: T) -> NDArray[np.str_] | None:
-        """Name of the part of each row (n,), if parts of a table have separate set-ups."""
         return None
 
     def outliers(self, table: T, arm: Arm) -> Outliers | None:
@@ -215,7 +206,6 @@ class TestKind(TableFormat[T]):
 
 
 def kind_of(test: TestName) -> TestKind[Table]:
-    """The kind of a test. Raises FileError if the package that offers it is unusable."""
     return cast("TestKind[Table]", format_of(test))
 
 
@@ -232,22 +222,15 @@ def evaluate(
     where: str,
     u_gauge_mm: float | None = None,
     like: tuple[LapNoise, LapNoise] | None = None,
-    reduced: Reduced | None = None,
 ) -> Evaluated:
-    """Compute the figures of a table, with what is known of its instruments (`Instruments`).
-
-    Raises FileError if the table is not a valid measurement of its test.
-    """
-    return kind_of(table.test).evaluate(table, rig, where, Instruments(u_lag_s, u_gauge_mm, like, reduced))
+    return kind_of(table.test).evaluate(table, rig, where, Instruments(u_lag_s, u_gauge_mm, like))
 
 
 def nominal_setup(rig: Rig, table: Table) -> SetUp:
-    """Set-up with ball in the nominal centre, gauges at zero, instrument in the world frame."""
     return kind_of(table.test).setup(rig)
 
 
 def path_of(model: Model, table: Table) -> Path:
-    """Motion of a table: as recorded, or with the approaches required by the test."""
     return kind_of(table.test).path(model, table)
 
 
@@ -295,7 +278,6 @@ def require_live_gauges(where: str, **readings: Array) -> None:
 
 
 def check_radius(where: str, radius_mm: float) -> None:
-    """Raise FileError for a radius that is not a positive number."""
     if not (np.isfinite(radius_mm) and radius_mm > 0):
         problem = f"a radius of {radius_mm:g} mm is impossible"
         raise FileError(where, problem, "correct radius_mm in the rig file", code="rig_file.radius")

@@ -148,7 +148,6 @@ def _towards(before: Array, x: Array) -> Array:
 
 
 def _angle(start: Array, end: Array, z: Array) -> float:
-    """Angle (rad) from start to end, directions (3,), about z."""
     return float(np.arctan2(np.cross(start, end) @ z, start @ end))
 
 

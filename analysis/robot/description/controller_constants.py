@@ -54,7 +54,6 @@ class ControllerConstants:
 
 
 def robot_with(rig: Rig, read: ControllerConstants) -> Robot:
-    """Robot of a rig with the arm in its controller."""
     robot = rig.robot.model_copy(update={"controller": read.arm, "controller_axes": ()})
     if read.arm == "constants" and (rig.effects or rig.calibration):
         own = tuple(

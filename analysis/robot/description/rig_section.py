@@ -60,7 +60,6 @@ class RobotSection:
     largest_rad: float
 
     def with_build(self, build: Build) -> RobotSection:
-        """Section with the build of the arm as stated by the user."""
         head = "".join(line for line in self.text.splitlines(keepends=True) if line.startswith("#"))
         robot = self.robot.model_copy(update={"build": build})
         return replace(self, robot=robot, text=head + robot_text(robot))
@@ -147,7 +146,6 @@ def checked_section(
 
 
 def parsed(text: str) -> Robot:
-    """Parse the text of a section."""
     return Robot.model_validate(yaml.safe_load(text)["robot"])
 
 
@@ -164,7 +162,6 @@ def random_postures(robot: Robot) -> Array:
 
 
 def flange_poses(robot: Robot, q: Array) -> Array:
-    """Flange poses (n, 4, 4) mm in the base frame, for joint angles q (n, axes) rad."""
     return forward(arm_of(robot), q)
 
 
@@ -181,7 +178,6 @@ def _written(value: float) -> float:
 
 
 def _degrees(angle: float) -> float:
-    """Convert an angle from rad to degrees as written, with 180 in place of -180 degrees."""
     degrees = _written(float(np.degrees(angle)))
     return -degrees if degrees == -180.0 else degrees
 

@@ -220,7 +220,6 @@ def _require_same_model(own: Robot, robot: Robot, path: Path, *, names_type: boo
 
 
 def _frames(text: str, where: str) -> _Frames:
-    """Parse the frames of the YAML. Raises FileError."""
     _, data = read_yaml(text, where)
     kinematics = data.get("kinematics") if isinstance(data, dict) else None
     if not isinstance(kinematics, dict):
@@ -255,12 +254,10 @@ class _RosChain:
         self._links = transforms(np.hstack([places, angles]))
 
     def axes(self) -> AxisLines:
-        """Joint axes in the base frame of the controller."""
         T = np.array(list(accumulate(self._links, np.matmul)))
         return AxisLines(T[:, :3, 3], T[:, :3, 2], T[-1])
 
     def flange(self, q: Array) -> Array:
-        """Flange poses (n, 4, 4) in mm at joint angles q (n, 6) rad."""
         T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
         for link, angle in zip(self._links, q.T, strict=True):
             turns = np.zeros((len(q), 6))
@@ -284,7 +281,6 @@ class _Differences:
 
 
 def _differences(text: str, path: Path) -> _Differences:
-    """Parse the differences in a calibration.conf. Raises FileError."""
     parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#",))
     try:
         parser.read_string(text, source=path.name)
@@ -319,7 +315,6 @@ class _Classic:
     alpha: Array
 
     def frames(self, q: Array) -> Array:
-        """Base frame and the frame after each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
         frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
         for theta, a, d, alpha in zip((q + self.theta).T, self.a, self.d, self.alpha, strict=True):
             c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
@@ -332,6 +327,5 @@ class _Classic:
         return np.stack(frames, axis=1)
 
     def axes(self) -> AxisLines:
-        """Joint axes. Each is the z axis of the previous frame."""
         T = self.frames(np.zeros((1, 6)))[0]
         return AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])

@@ -62,11 +62,9 @@ class CircleFrame:
     radius: float
 
     def radial(self, phi: Array) -> Array:
-        """R(phi) (k, 3) for circle angles phi (k,) rad."""
         return np.cos(phi)[:, None] * self.u + np.sin(phi)[:, None] * self.v
 
     def poses(self, phi: Array) -> Array:
-        """Nominal T_world_tool (k, 4, 4) at circle angles phi (k,) rad."""
         r = self.radial(phi)
         T = np.zeros((len(phi), 4, 4))
         T[:, :3, 0] = self.n
@@ -93,7 +91,6 @@ def circle_frame(centre: Array, normal: Array, towards: Array, radius: float) ->
 
 @lru_cache(maxsize=16)
 def frame_of(circle: Circle) -> CircleFrame:
-    """Frame of a rig file's circle, cached because a fit requests the same few repeatedly."""
     return circle_frame(np.array(circle.centre_mm), np.array(circle.normal), np.array(circle.zero), circle.radius_mm)
 
 
@@ -148,17 +145,14 @@ class Deviations:
 
     @property
     def design(self) -> Array:
-        """Columns (n, 3): 1, cos(phi), sin(phi)."""
         return np.stack([np.ones_like(self.phi), np.cos(self.phi), np.sin(self.phi)], axis=1)
 
     @property
     def largest(self) -> Array:
-        """Larger absolute value (n,) mm of both deviations."""
         return np.maximum(np.abs(self.radial), np.abs(self.axial))
 
 
 def deviations(circle: CircleFrame, points: Array) -> Deviations:
-    """Deviations of points (n, 3) mm from a circle."""
     from_centre = points - circle.centre
     x, y = from_centre @ circle.u, from_centre @ circle.v
     return Deviations(np.arctan2(y, x), np.hypot(x, y) - circle.radius, from_centre @ circle.n)

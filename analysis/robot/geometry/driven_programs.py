@@ -40,19 +40,16 @@ _SHORTEST_MOVE_S = 0.6
 
 
 def require_drivable_arm(rig: Rig) -> None:
-    """Raise FileError for an arm unable to drive the ball link tests."""
     for missing in missing_arm(rig):
         raise missing.error(rig)
 
 
 def circle_of(rig: Rig) -> Circle:
-    """Circle of a rig. Raises FileError if there is none."""
     require_drivable_arm(rig)
     return require_part(rig, rig.tests.circle, "circle")
 
 
 def hemisphere_of(rig: Rig) -> Hemisphere:
-    """Hemisphere of a rig. Raises FileError if there is none."""
     return require_part(rig, rig.tests.hemisphere, "hemisphere")
 
 
@@ -87,11 +84,9 @@ class LapMotion:
 
     @property
     def end_s(self) -> float:
-        """End of the last lap."""
         return float((self.count - 1) * self.round_s + self.t_s[-1])
 
     def at(self, t_s: Array) -> Array:
-        """Reported angles (m, 6) rad at program times t_s (m,) s."""
         lap_s = self.t_s[-1]
         since = t_s - self.round_s * np.clip(np.floor(t_s / self.round_s), 0, self.count - 1)
         driven_back = np.maximum(since - lap_s - PAUSE_S, 0.0) * self.back
@@ -229,7 +224,6 @@ def repeatability_targets(rig: Rig) -> Integers:
 
 
 def repeatability_of(rig: Rig) -> Repeatability:
-    """Rig's repeatability test, or the paper's by default."""
     return rig.tests.repeatability or Repeatability()
 
 
@@ -253,7 +247,6 @@ def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
 
 
 def radial_stops(rig: Rig) -> Array:
-    """Joint angles (m, 6) rad of the stops in a radial program."""
     return radial_program(rig).q
 
 

@@ -28,13 +28,11 @@ class HemisphereFrame:
     radius: float
 
     def direction(self, polar: Array, azimuth: Array) -> Array:
-        """Unit vectors (k, 3) from the centre, for angles (k,) rad."""
         around = np.cos(azimuth)[:, None] * self.u + np.sin(azimuth)[:, None] * self.v
         return np.cos(polar)[:, None] * self.n + np.sin(polar)[:, None] * around
 
 
 def hemisphere_frame(hemisphere: Hemisphere) -> HemisphereFrame:
-    """Frame of a rig file's hemisphere."""
     n = np.array(hemisphere.normal) / np.linalg.norm(hemisphere.normal)
     u = np.array(hemisphere.zero) - (np.array(hemisphere.zero) @ n) * n
     u /= np.linalg.norm(u)

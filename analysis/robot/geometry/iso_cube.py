@@ -76,7 +76,6 @@ class Cube:
 
     @property
     def half_mm(self) -> tuple[float, float]:
-        """Half sides of the rectangle P2 … P5, along level and rising."""
         return FROM_CENTRE * self.side_mm, FROM_CENTRE * self.side_mm * float(np.sqrt(2))
 
     def on_plane(self, along: Array) -> Array:
@@ -85,28 +84,23 @@ class Cube:
 
     @property
     def places_mm(self) -> Array:
-        """P1 … P5 (5, 3) mm in the world."""
         return self.on_plane(_CORNERS * self.half_mm)
 
     @property
     def distance_mm(self) -> float:
-        """Distance between the opposite points P2 and P4."""
         return 2 * FROM_CENTRE * self.side_mm * float(np.sqrt(3))
 
     def poses(self, places_mm: Array) -> Array:
-        """Tool poses (n, 4, 4) at positions (n, 3) mm in the world."""
         T = np.tile(np.eye(4), (len(places_mm), 1, 1))
         T[:, :3, :3], T[:, :3, 3] = self.R, places_mm
         return T
 
 
 def iso9283_of(rig: Rig) -> Iso9283:
-    """ISO 9283 test of a rig. Raises FileError if the rig file has none."""
     return require_part(rig, rig.tests.iso9283, "iso9283")
 
 
 def cube_of(rig: Rig) -> Cube:
-    """Cube of a rig, as stated or from a search. Raises FileError if there is none."""
     test, where = iso9283_of(rig), RigPlace.of(rig.name, "tests.iso9283")
     if len(rig.robot.axes) != DRIVEN_AXES:
         problem = f"is for an arm of {len(rig.robot.axes)} axes, but programs of the cube need {DRIVEN_AXES} axes"
@@ -205,7 +199,6 @@ def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
 
 
 def _reach_mm(arm: Arm) -> float:
-    """Reach of the arm in mm: the sum of its link lengths."""
     return float(np.hypot(arm.a, arm.d).sum())
 
 
@@ -259,16 +252,13 @@ class Polygon:
 
     @property
     def arc_length_mm(self) -> Array:
-        """Length (k,) mm at each knot."""
         return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.knots, axis=0), axis=1))])
 
     @property
     def length_mm(self) -> float:
-        """Total length."""
         return float(self.arc_length_mm[-1])
 
     def at(self, s_mm: Array) -> Array:
-        """Positions (n, 3) mm at lengths s_mm (n,)."""
         return np.stack([np.interp(s_mm, self.arc_length_mm, column) for column in self.knots.T], axis=1)
 
     def nearest(self, places: Array) -> Array:
@@ -295,11 +285,9 @@ class Ring:
 
     @property
     def length_mm(self) -> float:
-        """Total length."""
         return 2 * float(np.pi) * self.radius_mm
 
     def at(self, s_mm: Array) -> Array:
-        """Positions (n, 3) mm at lengths s_mm (n,)."""
         angle = np.asarray(s_mm)[:, None] / self.radius_mm
         return np.asarray(self.centre + self.radius_mm * (np.cos(angle) * self.u + np.sin(angle) * self.v))
 

@@ -50,7 +50,6 @@ def best_rigid(points: Array, targets: Array) -> Array:
 
 
 def in_frame(T: Array, points: Array) -> Array:
-    """Points (n, 3) mm transformed by the frame T (4, 4), in mm."""
     return np.asarray(points @ T[:3, :3].T + T[:3, 3])
 
 
@@ -120,7 +119,6 @@ def position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
 
 
 def frame(R: Array, origin: Array) -> Array:
-    """Frame (4, 4) of a rotation (3, 3) and an origin (3,) mm."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, origin
     return T
@@ -144,7 +142,6 @@ def _design(T: Array, R: Array, tool: Array, reach: float) -> Array:
 
 
 def _turn(vector: Array) -> Array:
-    """Rotation (3, 3) of a rotation vector (3,) rad (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector / angle if angle > 0 else vector
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -222,7 +219,6 @@ def undetermined_mm(fitted: FittedArm, q: Array) -> float:
 
 
 def _with_constants(arm: Arm, change: Array) -> Arm:
-    """An arm with constants changed by (5 axes,) mm."""
     parts = change.reshape(len(_FIELDS), arm.axes)
     return replace(
         arm, **{name: getattr(arm, name) + part / reach for (name, reach), part in zip(_FIELDS, parts, strict=True)}

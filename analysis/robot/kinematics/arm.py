@@ -68,7 +68,6 @@ class Arm:
 
     @property
     def axes(self) -> int:
-        """Number of joints."""
         return len(self.a)
 
     @cached_property
@@ -89,7 +88,6 @@ class Arm:
 
 @lru_cache(maxsize=64)
 def arm_of(robot: Robot) -> Arm:
-    """Arm of a rig file."""
 
     def column(field: str) -> Array:
         return np.array([getattr(axis, field) for axis in robot.axes], dtype=float)
@@ -178,7 +176,6 @@ def rail_frame(arm: Arm) -> Array:
 
 
 def transform(pose: Pose) -> Array:
-    """Frame (4, 4) of a pose with fixed-axis roll-pitch-yaw angles."""
     return transforms(np.array([*pose.xyz_mm, *pose.rpy_deg]))
 
 
@@ -273,7 +270,6 @@ def tool_and_motions(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def _cross(a: Array, b: Array) -> tuple[Array, Array, Array]:
-    """A × b for vectors (3, n)."""
     (ax, ay, az), (bx, by, bz) = a, b
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
@@ -323,18 +319,15 @@ def cos_sin(angle: Array) -> tuple[Array, Array]:
 
 
 def _at(columns: Array, T: Array) -> Array:
-    """Multiply frames, given as columns (4, 3, n), by a constant T (4, 4) from the right."""
     return (T.T @ columns.reshape(4, -1)).reshape(columns.shape)
 
 
 def _set_frames(T: Array, columns: Array) -> None:
-    """Fill frames T (n, 4, 4) from their columns (4, 3, n)."""
     T[:, :3] = columns.transpose(2, 1, 0)
     T[:, 3] = (0.0, 0.0, 0.0, 1.0)
 
 
 def columns_of(T: Array) -> Array:
-    """Columns x, y, z and origin in mm (4, 3, n) of frames T (n, 4, 4)."""
     return np.ascontiguousarray(T[:, :3].transpose(2, 1, 0))
 
 

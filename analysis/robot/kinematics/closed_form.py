@@ -65,7 +65,6 @@ class Canonical:
 
     @property
     def exact(self) -> bool:
-        """True if the arm was not changed by snapping."""
         return self.snapped_mm == 0
 
 
@@ -211,7 +210,6 @@ def _wrist(M: list[Array], free: Array, sides: Array, spread: float) -> tuple[Ar
 
 
 def _down(t: Array, rows: Array | list[Array]) -> list[Array]:
-    """Rows of RotX(-90°) Rz(-t) M, for t (…, 1, n) and rotations M given by three rows (…, 3, n)."""
     c, s = cos_sin(t)
     x, y, z = rows
     return [c * x + s * y, z, s * x - c * y]

@@ -113,7 +113,6 @@ def _together(arm: Arm, q: Array, solved: Mask, more: Array, solved_more: Mask) 
 
 
 def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
-    """Solutions reached by Newton from start values (n, k, 6), which may be nan, without duplicates."""
     row, slot = np.nonzero(np.isfinite(seeds).all(axis=2))
     q_reached = newton(arm, poses[row], seeds[row, slot], _ITERATIONS)[0]
     q_reached = _joints(arm, q_reached @ arm.coupling.T + arm.offset)
@@ -130,7 +129,6 @@ def _first(q: Array, solved: Mask, most: int | None = _MOST) -> tuple[Array, Mas
 
 
 def _joints(arm: Arm, theta: Array) -> Array:
-    """Convert theta (…, 6) to q (…, 6), removing multiples of a turn from coupling @ q."""
     q: Array = wrapped(theta - arm.offset) @ np.linalg.inv(arm.coupling).T
     return q
 

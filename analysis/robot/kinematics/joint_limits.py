@@ -49,7 +49,6 @@ axis).
 
 
 def wrapped(angle: Array) -> Array:
-    """Angles (n, …) rad wrapped to (-180°, 180°]."""
     wrapped: Array = angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5)
     return wrapped
 

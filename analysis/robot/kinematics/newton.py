@@ -141,12 +141,10 @@ def _error_mm(tool: Array, targets: Array) -> Array:
 
 
 def _length(vectors: Array) -> Array:
-    """Lengths (n,) of vectors (k, n)."""
     return np.asarray(np.sqrt(np.einsum("kn,kn->n", vectors, vectors)))
 
 
 def _normal(motions: Array) -> Array:
-    """Normal equations (6, 6, n) of joint motions (6, 6, n)."""
     normal = np.empty((len(motions), len(motions), motions.shape[2]))
     for row, motion in zip(normal, motions, strict=True):
         row[:] = _applied(motions, motion)
@@ -154,7 +152,6 @@ def _normal(motions: Array) -> Array:
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:
-    """Products (6, n) of matrices (6, 6, n) and vectors (6, n)."""
     return np.asarray(np.einsum("ijn,jn->in", matrices, vectors))
 
 
@@ -259,6 +256,5 @@ def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None
 
 
 def turned_rad(tool: Array, targets: Array) -> Array:
-    """Rotation angles (n,) rad between tools (n, 4, 4) and targets."""
     turned: Array = np.linalg.norm(pose_error(tool, targets)[:, 3:], axis=1)
     return turned

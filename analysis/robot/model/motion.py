@@ -46,7 +46,6 @@ class Motion:
         return self._of_drives[key]
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
-        """Reversals of a joint (from 1): time in s, and new direction (±1). Visits contain no reversals."""
         if self.samples_per_visit:
             return []
         if axis not in self._reversals:
@@ -55,7 +54,6 @@ class Motion:
 
     @cached_property
     def _stand_ends(self) -> Integers:
-        """The last rows (s,) of all standstills of the robot."""
         ends = [end - 1 for _, end in standing(self.t_s, self.q, _TURN_RAD, _STANDSTILL_S) if end < len(self.t_s)]
         return np.array(ends, dtype=np.intp)
 

@@ -50,12 +50,10 @@ class Path:
 
     @property
     def t_s(self) -> Array:
-        """Times (n,) s."""
         return self.motion.t_s
 
     @property
     def q(self) -> Array:
-        """Reported angles (n, axes) rad."""
         return self.motion.q
 
     def at_readings(self, simulated: Array) -> Array:
@@ -156,7 +154,6 @@ def posed(model: Model, path: Path, scene: ModelScene) -> ModelScene:
 
 
 def driven(model: Model, path: Path) -> ModelScene:
-    """Scene up to the joint stage, at all n samples of a path, in angles of the drives."""
     n, motion = len(path.q), path.motion.of_drives(model.arm)
     scene = ModelScene(
         arm=model.arm.by_drives,
@@ -179,12 +176,10 @@ _GEOMETRIC = ("joint zero", "link constant")
 
 
 def is_geometric(effect: Effect) -> bool:
-    """True if an effect only changes constants of the arm."""
     return effect.compensation().use in _GEOMETRIC
 
 
 def geometric_part(model: Model) -> Model:
-    """Model reduced to effects that constants of the arm can represent."""
     return replace(model, effects=tuple(effect for effect in model.effects if is_geometric(effect)))
 
 

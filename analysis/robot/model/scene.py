@@ -40,7 +40,6 @@ class Load:
 
 
 def load_of(robot: Robot) -> Load:
-    """Link masses of a rig file."""
     mass = np.array([axis.mass_kg for axis in robot.axes])
     return Load(mass, np.array([axis.centre_mm for axis in robot.axes], dtype=float), robot.payload_kg)
 
@@ -63,7 +62,6 @@ _KEPT_ROWS = 50_000
 
 
 def pull(arm: Arm, load: Load, q: Array) -> Pull:
-    """Gravity at angles q (n, axes) rad."""
     for known_arm, known_load, known_q, pulled in _recent:
         if (
             known_q is q
@@ -117,12 +115,10 @@ class ModelScene:
 
     @property
     def t_s(self) -> Array:
-        """Times (n,) s."""
         return self.motion.t_s
 
     @property
     def q(self) -> Array:
-        """Reported angles (n, axes) rad."""
         return self.motion.q
 
     @property
@@ -132,7 +128,6 @@ class ModelScene:
 
     @property
     def base_mm(self) -> Array:
-        """Base position of the arm in the world (3,) mm."""
         return self.arm.T_world_base[:3, 3]
 
     def reported_at(self, t_s: Array) -> Array:
@@ -160,17 +155,13 @@ class ModelScene:
         return angles
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
-        """Reversals of a joint (from 1): time in s, and new direction (±1)."""
         return self.motion.reversals(axis)
 
     def torques(self, payload_kg: float = 0.0) -> Array:
-        """Gravity torque on each joint (n, axes) Nm. payload_kg: change of the payload; the sum is at
-        least zero."""
         hangs_kg = max(self.load.payload_kg + payload_kg, 0.0)
         return pull(self.arm, replace(self.load, payload_kg=hangs_kg), self.q).torque
 
     def moment(self) -> Array:
-        """Gravity moment (n, 3) Nm on the base, about its origin and in its axes."""
         return pull(self.arm, self.load, self.q).moment
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
@@ -226,11 +217,9 @@ class ModelScene:
         return replace(self, T=T)
 
     def raised(self, height_mm: Array) -> ModelScene:
-        """Scene with the arm moved along the z axis of its base by (n,) mm."""
         return self.shifted(np.outer(height_mm, self.arm.T_world_base[:3, 2]))
 
     def shifted(self, offset_mm: Array) -> ModelScene:
-        """Scene with the tool moved by (n, 3) mm in the world."""
         T = self.T.copy()
         T[:, :3, 3] += offset_mm
         return replace(self, T=T)

@@ -32,7 +32,6 @@ class LogUniform:
 
     @property
     def middle(self) -> float:
-        """Geometric mean of the bounds."""
         return math.sqrt(self.low * self.high)
 
     @property

@@ -54,7 +54,6 @@ def correction_mm(certificate: GaugeCertificate, reading_mm: Array) -> Array:
 
 
 def corrected(certificate: GaugeCertificate, reading_mm: Array, temperature: Temperature | None) -> Array:
-    """Lengths (...,) mm for the readings (...,) mm of a gauge with this certificate."""
     return (reading_mm + correction_mm(certificate, reading_mm)) * _growth(certificate, temperature)
 
 
@@ -149,7 +148,6 @@ def _growth(certificate: Certificate, temperature: Temperature | None) -> float:
 
 
 def _u_mm(certificate: Certificate | None, length_mm: float, rig: Rig) -> float:
-    """Standard uncertainty of a length in mm by the certificate and by temperature."""
     if certificate is None:
         return 0.0
     by_warmth = certificate.coefficient_per_c * length_mm * (rig.temperature or _ASSUMED).u_c

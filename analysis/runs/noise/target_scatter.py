@@ -108,7 +108,6 @@ def separate(rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Arra
 
 
 def freedom_of(readings_mm: Array) -> int:
-    """Degrees of freedom within the cells of readings (t, k, n), NaN for missing readings."""
     return int((np.isfinite(readings_mm).sum(axis=-1) - 1).clip(min=0).sum())
 
 
@@ -170,15 +169,12 @@ class _Sampler:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(_SEED))
 
     def _cell_deviations(self, values: Array) -> Array:
-        """Values (t, k, n, d) minus their mean over the readings of a cell."""
         read = self.there[..., None]
         mean = np.where(read, values, 0.0).sum(axis=2, keepdims=True) / np.maximum(read.sum(axis=2, keepdims=True), 1)
         away: Array = np.where(read, values - mean, 0.0)
         return away
 
     def begin(self) -> None:
-        """Set the initial state of the chains: s0² and the variances from the differences of drift-corrected
-        repeats."""
         self.there = np.isfinite(self.readings_mm)
         self.y = np.where(self.there, self.readings_mm, 0.0)
         self.chains = int(np.clip(_ELEMENTS // self.y.size, _FEWEST_CHAINS, _CHAINS))
@@ -295,15 +291,11 @@ class SphereLevel:
 
     @classmethod
     def at(cls, direction: Array, orientations: int) -> SphereLevel:
-        """Create a level. direction (t, 3): unit vectors to the targets. orientations: number of orientations of
-        each target."""
         design = np.column_stack([direction, np.ones(len(direction))])
         basis, s, _ = np.linalg.svd(design, full_matrices=False)
         return cls(basis[:, s > 1e-6 * s[0]] * np.sqrt(len(direction)), orientations == 1)
 
     def __init__(self, basis: Array, alone: bool) -> None:
-        """Create a level. basis (t, c): shapes of a sphere at the targets. alone: whether each target has a single
-        orientation."""
         self._basis, self._alone = basis, alone
         self._begun = False
         self._tilt: Array

@@ -32,11 +32,11 @@ READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle", "markupsafe"}
 for example with Dask."""
 OURS = {"analysis", "rigs"}
 WORDS = {
-    *("analysis", "analysis.runs.batch", "analysis.runs.batch.outcomes", "analysis.runs", "analysis.runs.table_layout"),
+    *("analysis", "analysis.runs", "analysis.runs.table_layout"),
     *("rigs", "rigs.distribution", "rigs.errors", "rigs.schema", "rigs.schema.part"),
     *("rigs.signals", "rigs.text"),
 }
-"""What every command imports of rig: the words that its options take, its errors, its outcomes."""
+"""What every command imports of rig: the words that its options take, its errors."""
 
 
 def imported_by(*words: str | Path) -> list[str]:

@@ -132,7 +132,7 @@ def test_a_directory_that_is_there_has_all_new_files_or_none(tmp_path: Path) -> 
 
 _WRITERS = {"write_text", "write_bytes", "savefig", "mkdir", "touch"}
 _KNOWN = {
-    "runs/batch/fetched.py": "copies in a temporary directory",
+    "runs/remote.py": "copies in a temporary directory",
     "apps/emulate/served_cell.py": "the directory of a cell, whose files durable.replace writes",
     "apps/emulate/robot.py": "the same",
     "apps/interchange/cli_export.py": "the directory of many exports, whose files write_new writes",

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis.intake.controller_arm import read_controller
 from analysis.intake.imports import poses_of_controller, propose_map
-from analysis.runs.controller_places import controller_places
+from analysis.runs.controller_poses import controller_places
 from analysis.runs.loading import load_measured
 from rigs.arms import load_arm
 from rigs.load import parse

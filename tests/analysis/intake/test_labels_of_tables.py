@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.interchange.ros_bag import uneven_header
-from analysis.procedures.checks.check_runs import findings_of
-from analysis.procedures.checks.commanded_angles import command_errors
+from analysis.procedures.checks.check_runs import command_errors, findings_of
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.robot.model.scene import load_of, pull
 from analysis.runs.loading import ONLY_COMMANDED, load_measured

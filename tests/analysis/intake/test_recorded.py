@@ -76,7 +76,7 @@ def test_the_time_is_as_uncertain_as_the_slower_gauge_and_the_robots_cycle(tmp_p
     slow = rig().gauges.g1.line.model_copy(update={"baud": 300})
     pair = rig().gauges.model_copy(update={"g2": rig().gauges.g2.model_copy(update={"line": slow})})  # type: ignore[union-attr]
     run = read_run(recorded(tmp_path, "yaw", "acw"))
-    found = align(tmp_path, run, rig().model_copy(update={"gauges": pair}))
+    found = align(tmp_path, run.streams, run.manifest.test, rig().model_copy(update={"gauges": pair}))
     assert found.u_lag_s == pytest.approx(np.hypot(slow.character_ns / 1e9, 0.1) / np.sqrt(3))
 
 

@@ -37,7 +37,7 @@ def _lap(g_mm: np.ndarray, q: np.ndarray | None = None, direction: str = "acw") 
 
 
 def _distance(g_mm: np.ndarray) -> circularity.Circularity:
-    return circularity.evaluate(reduced(_lap(g_mm)), _lap(g_mm), 1e-3)
+    return circularity.evaluate(reduced(lap := _lap(g_mm)), lap.frame.radius, 1e-3)
 
 
 def _said(result: CircleResult) -> tuple[str, ...]:

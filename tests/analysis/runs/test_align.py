@@ -19,7 +19,7 @@ STALLS = {"calm": (), "busy": range(40, 900, 50)}
 def test_each_row_carries_its_own_uncertainty(tmp_path: Path) -> None:
     run = read_run(recorded(tmp_path))
     measured = measured_of(run)
-    data = align.align(run.path, run, measured.rig)
+    data = align.align(run.path, run.streams, run.manifest.test, measured.rig)
     assert len(data.u_t_s) == len(data.t_s)
     assert any(doubt.startswith(f"robot: {len(WRONG)} stamps ") for doubt in measured.doubts)
     ignored = [doubt.split(" is ")[0].split(" are ")[0] for doubt in measured.doubts if "too uncertain" in doubt]
@@ -61,7 +61,7 @@ def test_robot_without_complete_joints_is_refused(tmp_path: Path) -> None:
     robot = run.streams["robot"]
     for axis in range(1, 7):
         robot[f"q{axis}_deg"] = np.where(np.arange(len(robot["size"])) % 6 == axis - 1, np.nan, robot[f"q{axis}_deg"])
-    with refused("run.not_together"):
+    with refused("run.few_readings"):
         measured_of(run)
 
 
@@ -75,10 +75,10 @@ def test_of_messages_that_a_network_bundles_the_newest_counts_and_the_others_are
     unknown = {"requested_ns": np.full(3000, -1.0), "device_time_s": np.full(3000, np.nan)}
     found = robot_instants({**unknown, "first_byte_ns": arrived_ns})
     # private: what becomes of rows before gauges and robot are put together
-    track, seen = align._track(found, sent_ns[:, None], np.ones(3000, dtype=bool), None)
+    track = align._track(Path("run"), "robot", found, sent_ns[:, None], np.ones(3000, dtype=bool))
     late_s = 1e-9 * float(np.mean(track.ns - track.values[:, 0]))
     assert 0.5 * found.u_s < late_s < 2 * found.u_s
-    (doubt,) = align.doubts_of({"robot": seen}, 3000)
+    (doubt,) = track.doubts
     assert doubt.startswith(f"robot: {3000 - len(track.ns)} rows ")
     assert set(track.values[:, 0]) == {sent_ns[arrived_ns == at].max() for at in np.unique(arrived_ns)}
 
@@ -93,9 +93,9 @@ def test_of_rows_that_a_coarse_clock_gives_one_time_the_first_had_it(step_s: flo
         "device_time_s": clock_s,
     }
     # private: what becomes of rows before gauges and robot are put together
-    track, seen = align._track(robot_instants(stream), sent_s[:, None], np.ones(3000, dtype=bool), None)
+    track = align._track(Path("run"), "robot", robot_instants(stream), sent_s[:, None], np.ones(3000, dtype=bool))
     assert np.abs(track.ns / 1e9 - track.values[:, 0]).max() < 0.012
-    assert "same timestamp" in align.doubts_of({"robot": seen}, 3000)[0]
+    assert "same timestamp" in track.doubts[0]
 
 
 def test_one_bundle_and_a_pause_change_no_uncertainty() -> None:

@@ -8,7 +8,7 @@ import pyarrow.csv
 import pytest
 
 import analysis
-from analysis.runs.batch.remote_store import is_read
+from analysis.runs.remote import is_read
 from daq.store import verify
 from rigs import load as reading
 from rigs.calibration import CALIBRATION

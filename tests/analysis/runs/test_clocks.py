@@ -9,8 +9,16 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from analysis.runs import clocks
-from analysis.runs.lower_hull import floor, highest_under, low_outliers, lower_hull, lower_line
-from analysis.runs.own_clock import numbered, through_clock, through_pace
+from analysis.runs.own_clock import (
+    floor,
+    highest_under,
+    low_outliers,
+    lower_hull,
+    lower_line,
+    numbered,
+    through_clock,
+    through_pace,
+)
 
 Array = np.ndarray[Any, Any]
 LEAST_MS = 0.2

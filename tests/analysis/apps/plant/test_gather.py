@@ -201,7 +201,7 @@ def test_runs_read_before_an_interruption_are_kept(plant: Path, file: Path) -> N
     assert gathered(plant, file).examined == 3 * VISITS - 5
 
 
-@pytest.mark.nightly  # that a cluster gives the same is shown by tests/analysis/runs/batch in each commit
+@pytest.mark.nightly  # tests/analysis/runs/test_dask_cluster.py shows the same in each commit
 def test_the_workers_of_a_cluster_find_the_same(plant: Path, file: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     (tmp_path / "dask").mkdir()

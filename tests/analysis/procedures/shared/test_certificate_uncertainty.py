@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.procedures.circle import CircleResult
-from analysis.procedures.shared.certificate_uncertainty import with_certificates
+from analysis.procedures.results import with_certificates
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.test_kind import evaluate
 from analysis.procedures.simulate import simulate

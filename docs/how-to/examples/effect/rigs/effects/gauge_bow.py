@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import AT_GAUGE, Compensation, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, Scope, at_each_gauge, size
 from rigs.schema.scene import S
 
 
@@ -18,6 +18,7 @@ class GaugeBow(Effect):
     STAGE = "gauge"
     KIND_NAME = "bow"
     SEAT_NOUN = "gauge"
+    CORRECTION = OF_THE_GAUGES
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:
@@ -29,14 +30,6 @@ class GaugeBow(Effect):
         """One at each gauge."""
         return at_each_gauge(cls, scope)
 
-    def plain(self, joint: str) -> str:
-        """`bow of gauge g1`."""
-        return f"bow of gauge {self.gauge}"
-
     def remedy(self) -> str:
         """The middle of the range is hardly affected."""
         return f"{self.gauge} is bent by {self.relative_per_mm:+.2g} per mm: use the middle of its range, or replace it"
-
-    def compensation(self) -> Compensation:
-        """A robot cannot correct a gauge."""
-        return Compensation("none", "belongs to the gauge, which the robot's controller cannot correct")

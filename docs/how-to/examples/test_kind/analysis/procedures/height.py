@@ -20,7 +20,7 @@ from analysis.procedures.shared.test_kind import Instruments, TestKind, check_nu
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.table_layout import Layout, joint_columns
-from analysis.runs.table_rows import Rows, joint_cells
+from analysis.runs.table_format import Rows, joint_cells
 from analysis.runs.tables import Table
 from rigs.errors import FileError
 from rigs.rig import Rig

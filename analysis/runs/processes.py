@@ -1,4 +1,4 @@
-"""Process items in several local processes, each with one item at a time.
+"""Work on items in several local processes, each with one item at a time, and the outcome of an item.
 
 If a process is killed, the item is therefore known; `concurrent.futures` abandons all work in that case. This process
 has no threads, because a fork could copy a thread in the middle of an operation.
@@ -11,15 +11,73 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from analysis.runs.batch.outcomes import FailedItem, Item, Outcome, Value, attempt
-from rigs.errors import CellError
+from rigs.errors import CellError, FileError, RigError
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+_REMEDY = "check those in the rig file and in the readings"
+
+
+@dataclass(frozen=True)
+class CompletedItem(Generic[Item, Value]):
+    """An item with a value. deaths: number of processes killed before while working on it."""
+
+    item: Item
+    value: Value
+    deaths: int = 0
+
+
+@dataclass(frozen=True)
+class FailedItem(Generic[Item]):
+    """An item with an error. deaths: number of processes killed while working on it."""
+
+    item: Item
+    error: RigError
+    deaths: int = 0
+
+
+Outcome = CompletedItem[Item, Value] | FailedItem[Item]
+
+
+def attempt(work: Callable[[Item], Value], item: Item) -> Outcome[Item, Value]:
+    """Do the work for an item. Exceptions that no run causes are bugs and are raised.
+
+    A RuntimeWarning is an error here in every process: numpy warns only if a figure becomes NaN.
+    """
+    failure: RigError
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            return CompletedItem(item, work(item))
+    except RigError as error:
+        failure = error
+    except MemoryError:
+        remedy = "close other programs, or give fewer --jobs"
+        failure = CellError(str(item), "not enough memory for this run", remedy, code="computer.memory")
+    except (ArithmeticError, ValueError, RuntimeWarning) as error:
+        if not is_numerical(error):
+            raise
+        failure = FileError(str(item), f"the computation failed: {error}", _REMEDY, code="run.numerical")
+    return FailedItem(item, failure)
+
+
+def is_numerical(error: BaseException) -> bool:
+    """True if a computation failed numerically: overflow, NaN, or an error of a solver in numpy or scipy."""
+    if isinstance(error, ArithmeticError | RuntimeWarning) or type(error).__name__ == "LinAlgError":
+        return True
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is not None and str(trace.tb_frame.f_globals.get("__name__")).startswith("scipy.")
+
 
 _CONTEXT = mp.get_context("fork") if sys.platform == "linux" else mp.get_context("spawn")
 """A fork has all modules imported already. Outside Linux it is unsafe or missing."""
@@ -33,12 +91,11 @@ delayed.
 This was seen once in a thousand test runs on a busy computer.
 """
 
-_AHEAD = 200
+_STARTED_AHEAD = 200
 """Number of items started ahead of the expected item; the values stay in memory."""
 
 
 def cores() -> int:
-    """Number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -53,7 +110,7 @@ class _Worker:
 
 def in_processes(
     work: Callable[[Item], Value], items: Sequence[Item], processes: int
-) -> Iterator[Outcome[Item, Value]]:
+) -> Generator[Outcome[Item, Value], None, None]:
     """Outcomes in order of the items. All processes are gone at the end of the iteration."""
     todo = list(range(len(items)))[::-1]
     deaths = [0] * len(items)
@@ -62,7 +119,7 @@ def in_processes(
     try:
         for following in range(len(items)):
             while following not in outcomes:
-                _keep_busy(workers, work, items, todo, (processes, following + _AHEAD))
+                _keep_busy(workers, work, items, todo, (processes, following + _STARTED_AHEAD))
                 for worker in _heard(workers):
                     place, worker.place = worker.place, None
                     assert place is not None  # noqa: S101 - only those at work are listened to
@@ -118,7 +175,6 @@ def _keep_busy(
 
 
 def _heard(workers: Sequence[_Worker]) -> list[_Worker]:
-    """Wait for workers that have answered or died."""
     at_work = [worker.line for worker in workers if worker.place is not None]
     while not (lines := wait(at_work, _SIGNALS_S)):
         pass

@@ -11,11 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.runs.batch.each import each
-from analysis.runs.batch.fetched import fetched
-from analysis.runs.batch.outcomes import CompletedItem, FailedItem
-from analysis.runs.batch.remote_path import RemotePath, location
-from analysis.runs.batch.remote_store import explained
+from analysis.runs.batch import each
+from analysis.runs.processes import CompletedItem, FailedItem
+from analysis.runs.remote import RemotePath, explained, fetched, location
 from rigs.distribution import to_install
 from rigs.errors import FileError
 

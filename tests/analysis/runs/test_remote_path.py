@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.runs.batch.remote_path import RemotePath, location
+from analysis.runs.remote import RemotePath, location
 from tests.support.refusals import refused
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.runs.batch.each import each
-from analysis.runs.batch.outcomes import CompletedItem, FailedItem
+from analysis.runs.batch import each
+from analysis.runs.processes import CompletedItem, FailedItem
 from rigs.errors import FileError
 from rigs.problems import Problem, RigFileError
 from tests.support.child_processes import Deadly, die, is_gone, sign_in, signed_in, until
@@ -98,7 +98,7 @@ def test_ctrl_c_just_before_a_wait_is_noticed(monkeypatch: pytest.MonkeyPatch, t
         pressed.append(True)
         return []
 
-    monkeypatch.setattr("analysis.runs.batch.processes.wait", wait)
+    monkeypatch.setattr("analysis.runs.processes.wait", wait)
     with pytest.raises(KeyboardInterrupt):
         list(each(waits, [tmp_path] * 4, jobs=2))
 
@@ -106,8 +106,7 @@ def test_ctrl_c_just_before_a_wait_is_noticed(monkeypatch: pytest.MonkeyPatch, t
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
 def test_no_process_is_left_where_the_program_ends(end: signal.Signals, tmp_path: Path) -> None:
     program = f"""
-import sys, pathlib, {__name__} as here
-from analysis.runs.batch import each as batch
+import sys, pathlib, analysis.runs.batch as batch, {__name__} as here
 list(batch.each(here.waits, [pathlib.Path(sys.argv[1])] * 4, jobs=2))
 """
     child = [sys.executable, "-c", program, str(tmp_path)]

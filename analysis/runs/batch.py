@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import CancelledError
 from functools import partial
 from importlib import metadata
 from itertools import islice
 from typing import Any
 
-from analysis.runs.batch.fetched import fetching_into, place_of_copies
-from analysis.runs.batch.outcomes import FailedItem, Item, Outcome, Value, attempt
-from analysis.runs.batch.remote_path import RemotePath
+from analysis.runs.processes import FailedItem, Item, Outcome, Value, attempt, cores, in_processes
+from analysis.runs.remote import RemotePath, fetching_into, place_of_copies
 from rigs.distribution import NAME, to_install
 from rigs.errors import CellError, FileError
 
@@ -38,21 +37,19 @@ def each(
     the iteration, as after Ctrl-C, kills the processes.
     """
     if scheduler is not None:
-        yield from on_cluster(work, items, scheduler)
-        return
+        return on_cluster(work, items, scheduler)
     if any(isinstance(item, RemotePath) for item in items):
-        from analysis.runs.batch.processes import cores, in_processes  # noqa: PLC0415
+        return _fetched_by_processes(work, items, jobs)
+    if jobs != 1 and len(items) > 1:
+        return in_processes(work, items, min(jobs or cores(), len(items)))
+    return (attempt(work, item) for item in items)
 
-        with place_of_copies() as place:
-            yield from in_processes(partial(fetching_into, place, work), items, min(jobs or cores(), len(items)))
-        return
-    if (jobs == 0 or jobs > 1) and len(items) > 1:
-        from analysis.runs.batch.processes import cores, in_processes  # noqa: PLC0415 - not for a single run
 
-        yield from in_processes(work, items, min(jobs or cores(), len(items)))
-        return
-    for item in items:
-        yield attempt(work, item)
+def _fetched_by_processes(
+    work: Callable[[Item], Value], items: Sequence[Item], jobs: int
+) -> Generator[Outcome[Item, Value], None, None]:
+    with place_of_copies() as place:
+        yield from in_processes(partial(fetching_into, place, work), items, min(jobs or cores(), len(items)))
 
 
 _AHEAD = 1000
@@ -62,7 +59,9 @@ _COMPUTING = (NAME, "numpy", "scipy")
 """Packages with an influence on the last digits of a result."""
 
 
-def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: str) -> Iterator[Outcome[Item, Value]]:
+def on_cluster(
+    work: Callable[[Item], Value], items: Sequence[Item], address: str
+) -> Generator[Outcome[Item, Value], None, None]:
     """Outcomes in order of the items. Items that have not started are cancelled at the end of the iteration.
 
     Raises FileError if dask.distributed is not installed, and CellError for a cluster that does not respond, has no
@@ -108,7 +107,6 @@ def _connected(address: str) -> Any:
 
 
 async def _query_scheduler(address: str) -> None:
-    """Query the identity of a scheduler. Raises the errors of distributed."""
     from distributed import Security  # noqa: PLC0415
     from distributed.core import rpc  # noqa: PLC0415
 
@@ -117,7 +115,6 @@ async def _query_scheduler(address: str) -> None:
 
 
 def _require_same_versions(client: Any, address: str) -> None:
-    """Raise CellError unless the cluster has workers, all with the versions of this computer."""
     for package in _COMPUTING:
         ours = metadata.version(package)
         theirs = client.run(metadata.version, package, on_error="return")
@@ -140,7 +137,6 @@ def _require_same_versions(client: Any, address: str) -> None:
 
 
 def _result(future: Any, item: Item, address: str) -> Outcome[Item, Any]:
-    """Outcome of an item on a worker; a failure if the workers of the item died."""
     from distributed import KilledWorker  # noqa: PLC0415
 
     try:

@@ -4,9 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.runs.batch.remote_path import RemotePath, location
-from analysis.runs.batch.remote_store import listed, remote_runs
-from analysis.runs.batch.run_directories import run_directories
+from analysis.runs.remote import RemotePath, listed, location, remote_runs, run_directories
 
 pytest.importorskip("fsspec", reason="fsspec is an extra: pip install s3fs sshfs")
 from tests.support.refusals import refused
@@ -44,7 +42,7 @@ def below(url: str) -> list[str]:
 def test_the_runs_are_those_of_the_directory(protocol: str, plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     url = url_of(plant) if protocol != "file" else f"file://{plant}"
     if protocol == "s3":  # the one listing of an object store
-        monkeypatch.setattr("analysis.runs.batch.remote_store.OBJECT_STORES", ("trial",))
+        monkeypatch.setattr("analysis.runs.remote.OBJECT_STORES", ("trial",))
     expected = [str(run.relative_to(plant)) for run in run_directories([plant])]
     assert below(url) == expected and len(expected) == 7
     assert [str(run) for run in run_directories([at(url)])] == [f"{url}/{name}" for name in expected]

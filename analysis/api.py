@@ -104,7 +104,7 @@ def read_table(
 
     Source: docs/tables.md.
     """
-    from analysis.intake.any_table import read_any_table  # noqa: PLC0415 - what it needs is slow to import
+    from analysis.intake.imports import read_any_table  # noqa: PLC0415 - what it needs is slow to import
 
     _require("operator", operator, "a text", fits=isinstance(operator, str))
     _require("placement", placement, "a text", fits=isinstance(placement, str))
@@ -348,7 +348,7 @@ def diagnose(
 
 
 def calibrated_arm(rig: RigFile | Rig) -> CalibratedArm:
-    """Return the calibrated arm of a rig file: forward and inverse kinematics with uncertainty.
+    """Calibrated arm of a rig file: forward and inverse kinematics with uncertainty.
 
     rig: rig file next to its calibration, or name of a shipped rig or library arm.
 
@@ -407,7 +407,7 @@ def _require(name: str, value: object, expected: str, *, fits: bool) -> None:
 
 
 def _hidden(effects: Effect | Sequence[Effect]) -> Hidden:
-    """Return the given errors of a robot. Raises UseError for anything except effects."""
+    """Given errors of a robot. Raises UseError for anything except effects."""
     several = tuple(effects) if isinstance(effects, Sequence) else (effects,)
     are_effects = all(isinstance(effect, Effect) for effect in several)
     _require("effects", effects, "objects of rigs.effects, or the path of a file of effects", fits=are_effects)
@@ -415,7 +415,7 @@ def _hidden(effects: Effect | Sequence[Effect]) -> Hidden:
 
 
 def _path(path: str | Path, name: str) -> Path:
-    """Return an argument as a path. Raises UseError for any other type."""
+    """An argument as a path. Raises UseError for any other type."""
     if not isinstance(path, str | Path):
         raise UseError(
             name, f"must be a path, but has the type {type(path).__name__}", "give a string or a Path", code="api.type"
@@ -424,7 +424,7 @@ def _path(path: str | Path, name: str) -> Path:
 
 
 def _run(run: AnyRun) -> Measured:
-    """Return the run, read from a directory if necessary. Raises UseError for any other type."""
+    """Run, read from a directory if necessary. Raises UseError for any other type."""
     if isinstance(run, str | Path):
         return load_run(run)
     if not isinstance(run, Measured):
@@ -434,14 +434,14 @@ def _run(run: AnyRun) -> Measured:
 
 
 def _runs(runs: AnyRun | Sequence[AnyRun]) -> list[Measured]:
-    """Return a list of runs for a single run or several."""
+    """A list of runs for a single run or several."""
     is_one = isinstance(runs, Measured | str | Path) or not hasattr(runs, "__iter__")
     several: Sequence[AnyRun] = cast("Sequence[AnyRun]", (runs,) if is_one else runs)
     return [_run(run) for run in several]
 
 
 def _test(test: TestName) -> TestName:
-    """Return the name of a test unchanged. Raises UseError for an unknown name."""
+    """Name of a test unchanged. Raises UseError for an unknown name."""
     if test not in get_args(TestName):
         raise UseError(
             "test",
@@ -453,7 +453,7 @@ def _test(test: TestName) -> TestName:
 
 
 def _direction(direction: str | None) -> Direction | None:
-    """Return a direction from its common spellings: ccw is acw. Raises UseError for an unknown name."""
+    """A direction from its common spellings: ccw is acw. Raises UseError for an unknown name."""
     if direction is None:
         return None
     way = direction_of(str(direction))
@@ -467,7 +467,7 @@ def _silent(doing: str) -> None:
 
 
 def _model(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> Rig:
-    """Return the given rig, or the rig of the first run. Raises FileError for an empty list of runs."""
+    """Given rig, or the rig of the first run. Raises FileError for an empty list of runs."""
     if not runs:
         raise FileError("runs", "none is given", "give one or more", code="api.none_given")
     if rig is None:

@@ -1,32 +1,128 @@
-"""Remote file stores through fsspec: list directories, find runs, and report failures in one line.
+"""Runs on other computers by URL (`s3://bucket/plant`, `sftp://host/srv/plant`): paths, listings and local copies.
 
-fsspec is an optional extra, and the package of each protocol raises different errors. They are classified here by
-remedy: install a package, check the URL, request access, or wait for the network.
-
-Runs below a URL are found by listing file names. An object store lists a thousand objects per request regardless of
-directories, so it is listed at once; other stores need a request per directory. A separate process does this: store
-packages start threads, which a forking process must not have, and a waiting process can be ended by Ctrl-C.
+Stores are read through fsspec, an optional extra; the package of each protocol raises different errors, which are
+reported in one line. A password in a URL is rejected, because it would appear in process lists, messages and files.
 """
 
 from __future__ import annotations
 
 import errno
+import multiprocessing
 import re
-from collections.abc import Iterable, Iterator
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from analysis.runs.batch.outcomes import FailedItem
-from analysis.runs.batch.processes import in_processes
-from analysis.runs.batch.remote_path import RemotePath
+from analysis.runs.processes import FailedItem, Item, Value, in_processes
 from daq.store.durable import TEMPORARY
-from daq.store.ledger import LEDGER
+from daq.store.ledger import LEDGER, to_recover
 from daq.store.manifest import MANIFEST, OF_A_RUN
+from daq.store.manifest import is_run as is_run_directory
 from daq.store.marks import MARKS
+from daq.store.run_directory import removed_at_signals
 from rigs.calibration import CALIBRATION
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
+
+_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)(.*)", re.DOTALL)
+_SLASHED_PASSWORD = re.compile(r"[^/@]*:(?!\d+/)[^@]*@", re.DOTALL)
+"""A password that contains a slash, which ends the host name: the part after the colon is not a port."""
+_WITHOUT_HOST = ("file", "local")
+"""Protocols with no host or bucket in the URL: three slashes follow."""
+_WEB = ("http", "https")
+if TYPE_CHECKING:
+    _Path = Path
+else:
+    _Path = type(Path())  # Path itself cannot be subclassed before Python 3.12
+
+
+class RemotePath(_Path):
+    """A URL. parts: protocol with a colon, host or bucket, and the names below."""
+
+    def __str__(self) -> str:
+        protocol, *names = self.parts or ("",)
+        if not protocol.endswith(":"):
+            return super().__str__()
+        return f"{protocol}//{'/' if self.protocol in _WITHOUT_HOST else ''}{'/'.join(names)}"
+
+    def absolute(self) -> RemotePath:
+        return self
+
+    def resolve(self, strict: bool = False) -> RemotePath:
+        return self
+
+    @property
+    def protocol(self) -> str:
+        return self.parts[0][:-1]
+
+    @property
+    def top(self) -> str:
+        return f"{self.protocol}:///" if self.protocol in _WITHOUT_HOST else f"{self.protocol}://{self.parts[1]}"
+
+    @property
+    def steps(self) -> tuple[str, ...]:
+        return self.parts[1 if self.protocol in _WITHOUT_HOST else 2 :]
+
+
+class ImportedRun(_Path):
+    """A table of the user in place of a run. run: the temporary run that it was imported to."""
+
+    run: Path
+
+    @classmethod
+    def of(cls, table: Path, run: Path) -> ImportedRun:
+        made = cls(table)
+        made.run = run
+        return made
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return ImportedRun.of, (Path(str(self)), self.run)
+
+    def absolute(self) -> ImportedRun:
+        return self
+
+    def resolve(self, strict: bool = False) -> ImportedRun:
+        return self
+
+
+def location(text: str) -> Path:
+    """Parse a local path or a URL. Raises FileError for an unsupported URL."""
+    url = _URL.fullmatch(text)
+    if "::" in text and "://" in text:
+        problem = "contains ::, which fsspec reads as a chain of URLs"
+        raise FileError(
+            f"{text.partition(':')[0]}:…", problem, "give a single URL, and a computer by name", code="url.form"
+        )
+    if not url:
+        return Path(text)
+    protocol, host, names = url[1].lower(), url[2], url[3]
+    if ":" in host.rpartition("@")[0] or _SLASHED_PASSWORD.match(host + names):
+        remedy = "remove it: credentials are taken from keys, from ~/.aws or from the settings of fsspec"
+        raise FileError(
+            f"{protocol}://…", "contains a password, which others on this computer can see", remedy, code="url.password"
+        )
+    if protocol in _WEB and "?" in names:
+        raise FileError(
+            f"{protocol}://…", "contains a query, and may hold a key", "give the URL of a directory", code="url.query"
+        )
+    if host and protocol in _WITHOUT_HOST:
+        raise FileError(
+            text,
+            "names a computer, which this protocol does not support",
+            f"give three slashes: {protocol}:///DIR",
+            code="url.form",
+        )
+    if not host and protocol not in _WITHOUT_HOST:
+        raise FileError(
+            text, "names neither a bucket nor a computer", "give one: s3://BUCKET/DIR, sftp://HOST/DIR", code="url.form"
+        )
+    return RemotePath(f"{protocol}:", host, *names.strip("/").split("/"))
+
 
 NO_RUNS = "lost+found"
 """A directory at the top of a file system with access for root only."""
@@ -45,7 +141,6 @@ def has_figures(name: str) -> bool:
 
 
 def is_read(name: str) -> bool:
-    """True if reading or verifying a run uses a file."""
     return has_figures(name) or name == MARKS or name.endswith((TEMPORARY, CALIBRATION))
 
 
@@ -132,7 +227,6 @@ def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
 
 
 def remote_file(name: str, info: dict[str, Any]) -> RemoteFile:
-    """A file from the information given by the store."""
     stamp = next((str(info[key]) for key in _STAMPS if info.get(key) is not None), "")
     return RemoteFile(name, int(info["size"]), stamp)
 
@@ -262,3 +356,162 @@ def _walked(store: Any, top: str, where: RemotePath) -> Iterator[tuple[Steps, tu
             continue
         yield steps, tuple(files)
         todo += [(*steps, name) for name in reversed(folders) if not name.startswith(".")]
+
+
+_PREFIX = "rig-"
+_MORE_ROOM = "set TMPDIR to a directory with more space"
+_place: ContextVar[str | None] = ContextVar("place", default=None)
+
+
+@contextmanager
+def fetched(run: Path) -> Iterator[Path]:
+    """Provide the directory of a run. A remote run is copied, and the copy is removed at the end.
+
+    A process has a single copy at a time and therefore needs space for the largest run only. Errors in the block name
+    the original run or table. Raises RigError if the run cannot be fetched.
+    """
+    if isinstance(run, RemotePath):
+        with _temporary_directory(_place.get()) as name:
+            copy = Path(name) / "run"
+            _fetch(run, copy)
+            with _errors_name(run, copy):
+                yield copy
+    elif isinstance(run, ImportedRun):
+        with _errors_name(run, run.run):
+            yield run.run
+    else:
+        yield run
+
+
+@contextmanager
+def _errors_name(run: Path, copy: Path) -> Iterator[None]:
+    try:
+        yield
+    except RigError as error:
+        kind = FileError if isinstance(error, FileError) else CellError
+        texts = (error.where, error.what, error.remedy)
+        where, what, remedy = (restore_run_path(text, copy, run) for text in texts)
+        raise kind(where, what, remedy, code=error.code) from None
+
+
+def restore_run_path(text: str, copy: Path, run: Path) -> str:
+    """Replace the path of the copy by the original run in a text."""
+    if copy == run:
+        return text
+    return text.replace(to_recover(copy), "run `rig recover` on a copy of the run").replace(str(copy), str(run))
+
+
+@contextmanager
+def place_of_copies() -> Iterator[str]:
+    """Provide a directory for the copies of several processes, which remains if a process dies.
+
+    It is removed at the end, even after SIGTERM or a hang-up. Raises CellError if it cannot be created.
+    """
+    with _temporary_directory(None) as name, removed_at_signals(name, _kill_workers):
+        yield name
+
+
+def fetching_into(place: str, work: Callable[[Item], Value], item: Item) -> Value:
+    """Run the work with copies in a directory that remains if this process dies."""
+    before = _place.set(place)
+    try:
+        return work(item)
+    finally:
+        _place.reset(before)
+
+
+@contextmanager
+def _temporary_directory(within: str | None) -> Iterator[str]:
+    try:
+        made = tempfile.TemporaryDirectory(prefix=_PREFIX, dir=within)
+    except OSError as error:
+        raise CellError(
+            "TMPDIR", f"a temporary directory cannot be created: {error.strerror}", _MORE_ROOM, code="disk.no_temporary"
+        ) from None
+    with made as name:
+        yield name
+
+
+def _kill_workers() -> None:
+    """Kill the processes that write copies; otherwise they would continue writing to a removed directory."""
+    workers = [child for child in multiprocessing.active_children() if child.daemon]
+    for worker in workers:
+        worker.kill()
+    for worker in workers:
+        worker.join()
+
+
+def _fetch(run: RemotePath, into: Path) -> None:
+    with explained(run):
+        into.mkdir()
+        store, folder = opened(run)
+        files = [file for file in entries(store, folder)[0] if is_read(file.name)]
+        if not files:
+            raise FileError(str(run), "contains no run", "give a run or a directory of runs", code="run.missing")
+        needed, free = sum(file.size for file in files), shutil.disk_usage(into).free
+        if needed > free:
+            room = f"{tempfile.gettempdir()} has {free / 1e6:.1f} MB of free space"
+            raise CellError(
+                str(run), f"has {needed / 1e6:.1f} MB, but the temporary directory {room}", _MORE_ROOM, code="disk.full"
+            )
+        store.get([f"{folder}/{file.name}" for file in files], [str(into / file.name) for file in files])
+        for file in files:
+            if (into / file.name).stat().st_size != file.size:
+                problem = f"has changed while being read: {file.name} differs from the listing"
+                raise FileError(str(run), problem, "repeat this command", code="run.changed")
+
+
+def run_directories(paths: Iterable[Path]) -> list[Path]:
+    """Runs given by paths, in the given order without repetition, and in order of names within a directory.
+
+    A path that contains no runs is returned unchanged, and reading it then reports the problem. Raises CellError if a
+    store does not respond.
+    """
+    runs: dict[Path, Path] = {}
+    for path in paths:
+        below: list[Path] = []
+        if isinstance(path, RemotePath):
+            with suppress(FileError):
+                below = [run.path for run in remote_runs(path)]
+        elif not _is_run(path):
+            below = list(_runs_below(path))
+        for run in below or [path]:
+            runs.setdefault(run.resolve(), run)
+    return list(runs.values())
+
+
+def _runs_below(top: Path) -> Iterator[Path]:
+    """Runs below a directory. Each directory is entered once, even if several links lead to it.
+
+    An unreadable directory is returned like a run, because it may contain runs.
+    """
+    entered: set[tuple[int, int]] = set()
+    todo = [top]
+    while todo:
+        folder = todo.pop()
+        if folder != top and _is_run(folder):
+            yield folder
+            continue
+        try:
+            status = folder.stat()
+            identity = (status.st_dev, status.st_ino)
+            below = (
+                sorted(entry for entry in folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
+                if identity not in entered
+                else []
+            )
+        except NotADirectoryError:
+            continue
+        except OSError:
+            if folder.name != NO_RUNS:
+                yield folder
+            continue
+        entered.add(identity)
+        todo += reversed(below)
+
+
+def _is_run(path: Path) -> bool:
+    try:
+        return is_run_directory(path)
+    except OSError:
+        return False

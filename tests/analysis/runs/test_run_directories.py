@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.runs.batch.run_directories import run_directories
+from analysis.runs.remote import run_directories
 
 
 def made(path: Path, file: str = "manifest.json") -> Path:
