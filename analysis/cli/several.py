@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, overload
 import typer
 
 from analysis.cli.console import say, say_error
-from analysis.runs.processes import FailedItem, Item, Value
 from rigs.errors import FileError, RigError, UseError
 
 if TYPE_CHECKING:
     from analysis import Measured, Result
+    from analysis.runs.processes import Item, Value
     from rigs.rig import Rig
 
 _MOST_LISTED = 20
@@ -78,6 +78,7 @@ def over_runs(
     """
     from analysis.cli.console import progress_of
     from analysis.runs.batch import each
+    from analysis.runs.processes import FailedItem
     from analysis.runs.remote import StoreLost
 
     errors: list[RigError] = []
