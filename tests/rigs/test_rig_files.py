@@ -286,7 +286,7 @@ def test_missing_file_names_shipped_rigs():
         find("no-such-rig")
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(st.data())
 def test_a_damaged_file_gives_one_line_and_never_anything_else(data):
     start = data.draw(st.integers(0, len(TEXT) - 1))
@@ -315,7 +315,7 @@ MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{k}: &b{k} {{<<: [{', '.join([f'*b{k 
         ("name: !!python/object:os.system x", "constructor"),
         (f'{TEXT}\n"a\\nb": 1', r"'a\nb'…: unknown key"),
         (f"{TEXT}\n? {'k' * 700_000}\n: 1", "kkk'…: unknown key"),
-        (TEXT + "".join(f"\nkey{k}: 1" for k in range(5000)), "and 4900 more mistakes"),
+        (TEXT + "".join(f"\nkey{k}: 1" for k in range(1000)), "and 900 more mistakes"),
     ],
     ids=["bomb", "merges", "within itself", "deep", "stamp", "int", "date", "object", "newline", "long", "many"],
 )
