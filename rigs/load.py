@@ -240,7 +240,7 @@ def named_by(file: str | Path, rig: Rig) -> Iterator[None]:
         if not isinstance(error.where, RigPlace) or error.where.rig_name != rig.name:
             raise
         part = f", {error.where.part}" if error.where.part else ""
-        raise FileError(f"{file}{part}", error.what, error.remedy) from None
+        raise FileError(f"{file}{part}", error.what, error.remedy, code=error.code) from None
 
 
 def parse(text: str, where: str) -> Rig:

@@ -67,7 +67,7 @@ def main() -> None:
             raise
         command = " ".join(["rig", *sys.argv[1:2]])
         remedy = "run the command on the computer of the cell; this computer analyses saved runs"
-        _fail(CellError(command, f"needs Linux: this system lacks {error.name}", remedy))
+        _fail(CellError(command, f"needs Linux: this system lacks {error.name}", remedy, code="computer.not_linux"))
     except BrokenPipeError:
         sys.exit(0)
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
@@ -76,7 +76,9 @@ def main() -> None:
         if not is_numerical(error):
             raise
         problem = f"the computation failed: {error}"
-        _fail(FileError("numbers", problem, "check the values in the rig file and in the runs"))
+        _fail(
+            FileError("numbers", problem, "check the values in the rig file and in the runs", code="computation.failed")
+        )
     except (MemoryError, OSError) as error:
         _out_of_room(error)
     finally:
@@ -87,13 +89,18 @@ def _out_of_room(error: MemoryError | OSError) -> NoReturn:
     if isinstance(error, MemoryError) or error.errno == errno.ENOMEM:
         _fail(
             CellError(
-                "memory", "the memory or disk is too small", "close other programs, or give fewer or shorter runs"
+                "memory",
+                "the memory or disk is too small",
+                "close other programs, or give fewer or shorter runs",
+                code="computer.memory",
             )
         )
     if error.errno not in _NO_ROOM or error.filename is not None:
         raise error
     # The remaining buffer would cause a second failure at exit.
-    full = CellError("output", error.strerror or str(error), "free some space, or choose a different --output")
+    full = CellError(
+        "output", error.strerror or str(error), "free some space, or choose a different --output", code="disk.full"
+    )
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     _fail(full)
 

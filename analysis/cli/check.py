@@ -100,7 +100,9 @@ def _check_rig(rig_file: str, calibration: str | None) -> None:
 
     rig, _ = load(with_controller(rig_file, calibration))
     tests, errors = feasible_tests(rig, rig_file)
-    with_lacks = [FileError(rig_file, missing.problem, missing.remedy) for missing in unmeasurable(rig)]
+    with_lacks = [
+        FileError(rig_file, missing.problem, missing.remedy, code="rig_file.not_ready") for missing in unmeasurable(rig)
+    ]
     errors = [*with_lacks, *errors]
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
     say(f"{find(rig_file)}: {'valid, but not all tests can be driven' if errors else 'valid'}")

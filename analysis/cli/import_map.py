@@ -138,4 +138,9 @@ def _refuse(proposal: MapProposal, run: Path, files: Sequence[Path]) -> None:
     write_new(path, holding(map_text(proposal.table_map, choices).encode()))
     open_keys = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
     problem = f"has open questions ({open_keys}), and rig cannot ask without a terminal"
-    raise FileError(str(files[0]), problem, f"write the answer in place of the ? in {path}, and give it with --map")
+    raise FileError(
+        str(files[0]),
+        problem,
+        f"write the answer in place of the ? in {path}, and give it with --map",
+        code="map.questions",
+    )

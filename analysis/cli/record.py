@@ -158,7 +158,9 @@ def automatic(
         Automatic(rules=tuple(rules))
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
-        raise FileError(", ".join(map(str, paths)), problem, "give one run of each program") from None
+        raise FileError(
+            ", ".join(map(str, paths)), problem, "give one run of each program", code="rule.invalid"
+        ) from None
     say("automatic:")
     say("  rules:")
     for rule in rules:

@@ -106,7 +106,12 @@ def _recover(path: Path) -> None:
     if verdict.problems:
         for line in verdict.problems:
             say(line, err=True)
-        raise FileError(str(path), "is still incomplete, and the rest is unrecoverable", "see the lines above")
+        raise FileError(
+            str(path),
+            "is still incomplete, and the rest is unrecoverable",
+            "see the lines above",
+            code="run.not_recovered",
+        )
     say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {as_argument(path)}")
 
 

@@ -97,7 +97,7 @@ class Client:
                 str(self._path), problem, "restart rigd in this version: rigd RIG", code="daemon.foreign"
             ) from None
         if not answer.pop("ok"):
-            refusal = RigError(answer["where"], answer["what"], answer["remedy"], answer.get("code", ""))
+            refusal = RigError(answer["where"], answer["what"], answer["remedy"], code=answer.get("code", ""))
             refusal.exit_code = answer["exit_code"]
             raise refusal
         return answer

@@ -52,7 +52,7 @@ def doctor(
     path = find(rig_file).absolute()
     if scan and is_shipped(path):
         problem = f"queries the ports of the rig file, and {rig_file} is a shipped example"
-        raise UseError("--scan", problem, "give the rig file of your cell")
+        raise UseError("--scan", problem, "give the rig file of your cell", code="doctor.scan")
     unit = f"rigd@{path.stem}" if path.parent == SERVED else None
     findings = []
     # The service records in a separate directory.

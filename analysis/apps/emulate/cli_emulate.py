@@ -104,7 +104,9 @@ def replay(
             durable.replace(directory / name, content)
         durable.replace(path, played.rig_text(text).encode())
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
+        raise FileError(
+            str(directory), error.strerror or str(error), "choose a different --output", code="output.not_writable"
+        ) from None
 
     def attend(ends: SimpleQueue[int]) -> int:
         for name, port in played.cell.ports.items():
@@ -127,6 +129,7 @@ def replay(
             str(directory),
             f"cannot mark the runs that are out of step: {played.unmarked}",
             "choose a different --output",
+            code="output.not_writable",
         )
     doubt = "; was it captured with a different rig file?" if played.otherwise else ""
     say(f"{played.otherwise} pieces from the host differ from the capture{doubt}")

@@ -52,7 +52,9 @@ def _path_of(directory: Path, name: str) -> Path:
     try:
         files = sorted(path for path in directory.iterdir() if maker_of_file(path))
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give a directory of programs") from None
+        raise FileError(
+            str(directory), error.strerror or str(error), "give a directory of programs", code="emulated.programs"
+        ) from None
     plain_name = _plain(named.stem if maker_of_file(named) else name)
     matching = [path for path in files if path.name == name] or [path for path in files if plain_name in _names(path)]
     # The program name is shortened to the limit of a controller.
@@ -134,7 +136,9 @@ class Pendant:
         try:
             _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))
         except OSError as error:
-            raise FileError(str(path), error.strerror or str(error), "check the path and the permissions") from None
+            raise FileError(
+                str(path), error.strerror or str(error), "check the path and the permissions", code="file.unreadable"
+            ) from None
         section = corrections.get("controller") if isinstance(corrections, dict) else None
         name = section.get("name") if isinstance(section, dict) else None
         before = self._of(next((candidate for candidate in makers() if candidate == name), None), str(path))

@@ -413,5 +413,7 @@ def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str)
             durable.replace(directory / name, content)
         durable.replace(path, text.encode())  # last, because the other files identify an emulated cell
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
+        raise FileError(
+            str(directory), error.strerror or str(error), "choose a different --output", code="output.not_writable"
+        ) from None
     return path

@@ -121,10 +121,10 @@ class Keyboard:
             return
         done = {"stop": self._robot.stop, "pause": self._robot.pause, "go on": self._robot.go_on}.get(line)
         if done is None:
-            raise UseError(repr(line), "is not a command", "type stop, pause or go on")
+            raise UseError(repr(line), "is not a command", "type stop, pause or go on", code="emulated.command")
         if not done():
             problem = "no program is waiting or paused" if line == "go on" else "no program drives"
-            raise UseError(line, problem, "start a program with run NAME")
+            raise UseError(line, problem, "start a program with run NAME", code="emulated.not_driving")
 
     def _begin(self, line: str) -> None:
         word, _, name = line.partition(" ")
@@ -137,7 +137,12 @@ class Keyboard:
             name = name.strip()
             seconds = self._robot.play(self._with_programs().trace(name))
         elif self._pendant and self._pendant.controller:
-            raise UseError(line, "is not possible with the entered parameters", "start a program with run NAME")
+            raise UseError(
+                line,
+                "is not possible with the entered parameters",
+                "start a program with run NAME",
+                code="emulated.entered",
+            )
         else:
             name, seconds = line, self._robot.start(line)
         self._report(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
@@ -151,7 +156,12 @@ class Keyboard:
 
     def _with_programs(self) -> Pendant:
         if self._pendant is None:
-            raise UseError("rig emulate", "has no programs", "start rig emulate with --programs DIRECTORY")
+            raise UseError(
+                "rig emulate",
+                "has no programs",
+                "start rig emulate with --programs DIRECTORY",
+                code="emulated.no_programs",
+            )
         return self._pendant
 
     def _try(self, act: Callable[[str], None], line: str) -> None:
@@ -176,7 +186,9 @@ def locked_cell(directory: Path) -> int:
         directory.mkdir(parents=True, exist_ok=True)
         lock = durable.try_lock(directory)
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
+        raise FileError(
+            str(directory), error.strerror or str(error), "choose a different --output", code="output.not_writable"
+        ) from None
     if lock is None:
         problem = "a different rig emulate or rig replay serves a cell in this directory"
         remedy = "stop that one, or choose a different --output"
@@ -189,7 +201,10 @@ def rig_file_of_cell(directory: Path) -> Path:
     path = directory / RIG
     if path.exists() and not any((directory / file).exists() for file in (TRUTH, MARKS)):
         raise FileError(
-            str(path), "already exists, and does not belong to an emulated cell", "choose a different --output"
+            str(path),
+            "already exists, and does not belong to an emulated cell",
+            "choose a different --output",
+            code="output.exists",
         )
     return path
 

@@ -82,10 +82,15 @@ def pair(
     joints of the second arm are touches of sockets that are fixed in the cell.
     """
     if (plan is None) == (table is None):
-        raise UseError("rig pair", "needs both rig files, then a table of touches or --plan N", "see rig pair --help")
+        raise UseError(
+            "rig pair",
+            "needs both rig files, then a table of touches or --plan N",
+            "see rig pair --help",
+            code="pair.input",
+        )
     for option, value in (("--base", base), ("--simulate", simulate)):
         if value is not None and plan is None:
-            raise UseError(option, "is allowed only with --plan", "add --plan N")
+            raise UseError(option, "is allowed only with --plan", "add --plan N", code="pair.option")
     if plan is not None:
         (first, _), (second, _) = _two_rigs(first_file, second_file)
         _plan(first, second, (first_file, second_file), plan, base, simulate, output, as_json=as_json)
@@ -100,7 +105,7 @@ def _two_rigs(first_file: str, second_file: str) -> tuple[tuple[Rig, str], tuple
     first, second = load(first_file), load(second_file)
     if first[0].name == second[0].name:
         problem = f"has the same name as the first rig file, {first[0].name}"
-        raise FileError(second_file, problem, "give each arm a unique name (key name)")
+        raise FileError(second_file, problem, "give each arm a unique name (key name)", code="pair.same_name")
     return first, second
 
 
@@ -162,7 +167,7 @@ def _plan(
     from analysis.runs.written_files import holding, refuse_existing, write_all_new
 
     if seed is not None and output is None:
-        raise UseError("--simulate", "needs a table to write to", "add -o touches.csv")
+        raise UseError("--simulate", "needs a table to write to", "add -o touches.csv", code="pair.simulate")
     if output:
         refuse_existing(output)
     if base is not None:
@@ -170,7 +175,9 @@ def _plan(
         second = second.model_copy(update={"robot": robot})
     if first.robot.base == second.robot.base:
         problem = "has its base at the same place as the first arm"
-        raise FileError(files[1], problem, "give its base: --base X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180")
+        raise FileError(
+            files[1], problem, "give its base: --base X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180", code="pair.base"
+        )
     with progress_of("choosing postures"):
         planned = plan_touches(first, second, count, " and ".join(files))
     if as_json:
@@ -203,7 +210,10 @@ def _pose(text: str) -> Pose:
     values = numbers_in(text)
     if len(values) not in _BASE_NUMBERS:
         raise UseError(
-            "--base", f"{text!r} is not a pose", "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180"
+            "--base",
+            f"{text!r} is not a pose",
+            "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180",
+            code="pair.base",
         )
     xyz, rpy = (*values, 0.0, 0.0, 0.0)[:3], (*values, 0.0, 0.0, 0.0)[3:6]
     return Pose.model_validate({"xyz_mm": xyz, "rpy_deg": rpy})

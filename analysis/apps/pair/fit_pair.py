@@ -64,10 +64,17 @@ def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
     """Return the pair of two rigs with their touches. Raises FileError for a rail or an existing calibration."""
     for rig in (first, second):
         if rig.robot.rail is not None:
-            raise FileError(rig.name, "is on a rail, which a pair does not support", "lock the rail and remove the key")
+            raise FileError(
+                rig.name,
+                "is on a rail, which a pair does not support",
+                "lock the rail and remove the key",
+                code="pair.rail",
+            )
         if rig.calibrated is not None:
             problem = "has a calibration already, which a pair would count twice"
-            raise FileError(rig.name, problem, "give the rig file without the section calibration")
+            raise FileError(
+                rig.name, problem, "give the rig file without the section calibration", code="pair.calibrated"
+            )
     distances = [rig.tests.touch.distances for rig in (first, second) if rig.tests.touch]
     arms = PairArm(first, arm_terms(first)), PairArm(second, arm_terms(second))
     return Pair(*arms, table, tuple(distance for of_rig in distances for distance in of_rig), where)
@@ -81,7 +88,12 @@ def fit_pair(pair: Pair) -> FittedPair:
     state, nominal_rms = start(pair)
     if nominal_rms < _NOMINAL_MM:
         problem = f"fits the nominal arms to {nominal_rms:.3f} mm, which no real arms do: these are planned joints"
-        raise FileError(pair.where, problem, "make the touches, and write the joints that both controllers show")
+        raise FileError(
+            pair.where,
+            problem,
+            "make the touches, and write the joints that both controllers show",
+            code="pair.planned_joints",
+        )
     odd: list[tuple[int, float]] = []
     allowed = int(_MOST_OUTLIERS_SHARE * len(pair.table.q))
     levels = None
@@ -100,7 +112,12 @@ def fit_pair(pair: Pair) -> FittedPair:
             problem = (
                 f"more than {allowed} of {len(pair.table.q) + len(odd) - 1} touches do not fit the others ({rows} …)"
             )
-            raise FileError(pair.where, problem, "check that the ball was seated and the joints of both arms were read")
+            raise FileError(
+                pair.where,
+                problem,
+                "check that the ball was seated and the joints of both arms were read",
+                code="pair.outliers",
+            )
         keep = np.arange(len(pair.table.q)) != worst
         pair, levels = pair.rows(keep), None
         _check_enough(pair)
@@ -108,7 +125,12 @@ def fit_pair(pair: Pair) -> FittedPair:
 
 def _check_enough(pair: Pair) -> None:
     if len(pair.table.q) < FEWEST or set(pair.names) > set(pair.table.socket.tolist()):
-        raise FileError(pair.where, "has too few touches after the removal of outliers", "touch in more postures")
+        raise FileError(
+            pair.where,
+            "has too few touches after the removal of outliers",
+            "touch in more postures",
+            code="pair.few_touches",
+        )
 
 
 def _at_mean(gaps: LinearGaps, at_levels: PairPosterior) -> PairState:

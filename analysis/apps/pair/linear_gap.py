@@ -173,7 +173,9 @@ def _known_distances(pair: Pair, state: PairState) -> tuple[Array, Array, Array]
             continue
         if (begin in fixed) != (end in fixed):
             problem = f"the distance from {begin} to {end} is between a fixed socket and a socket on the second arm"
-            raise FileError(pair.where, problem, "give distances of two sockets that move together")
+            raise FileError(
+                pair.where, problem, "give distances of two sockets that move together", code="pair.distance"
+            )
         apart = state.sockets_mm[end] - state.sockets_mm[begin]
         distance = float(np.linalg.norm(apart))
         column = np.zeros(pair.unknowns)

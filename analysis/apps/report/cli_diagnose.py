@@ -136,7 +136,7 @@ def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
         has_both = has_two_arms(runs[0])
     if second and not has_both:
         problem = "is for one table of touches with the joints of a second arm, p1_deg …"
-        raise UseError("--second", problem, "leave it out")
+        raise UseError("--second", problem, "leave it out", code="diagnose.second")
     return has_both
 
 
@@ -149,9 +149,11 @@ def two_arms_diagnosed(
     if first is None or second is None:
         problem = "has p1_deg …, the joints of a second arm, which holds the socket"
         remedy = "give the rig files of both arms: --rig FIRST (ball) --second SECOND (socket)"
-        raise UseError(str(table), problem, remedy)
+        raise UseError(str(table), problem, remedy, code="diagnose.second")
     if not is_alone:
-        raise UseError("--hold-out and --unseen", "are not used for touches of two arms", "leave them out")
+        raise UseError(
+            "--hold-out and --unseen", "are not used for touches of two arms", "leave them out", code="diagnose.second"
+        )
     say(f"{table}: touches of two arms, according to the columns; the result is that of rig pair", err=True)
     pair = cast("Callable[..., None]", imported("pair").callback)
     pair(first_file=first, second_file=second, table=table, output=output, as_json=as_json)
@@ -164,7 +166,9 @@ def split_by_role(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequen
     every, judges, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
     used = [path for path in every if path not in {*judges, *elsewhere}]
     if not used:
-        raise UseError("--hold-out and --unseen", "exclude every run", "give fewer runs to these options")
+        raise UseError(
+            "--hold-out and --unseen", "exclude every run", "give fewer runs to these options", code="diagnose.no_runs"
+        )
     return used, judges, elsewhere
 
 

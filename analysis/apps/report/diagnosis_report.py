@@ -94,7 +94,9 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
         return CalibrationFile(file=name, sha256=hashlib.sha256(content).hexdigest())
     except ValidationError:
         problem = "is not a valid name for the calibration of a rig file"
-        raise FileError(name, problem, "use letters, digits, -, _ and . in the name of --output") from None
+        raise FileError(
+            name, problem, "use letters, digits, -, _ and . in the name of --output", code="output.name"
+        ) from None
 
 
 def require_empty(directory: Path) -> None:
@@ -103,13 +105,23 @@ def require_empty(directory: Path) -> None:
         above = next(parent for parent in directory.absolute().parents if os.path.lexists(parent))
         if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
             why = "is not a writable directory" if above.is_dir() else "is a file, not a directory"
-            raise FileError(str(directory), f"cannot be created: {above} {why}", "choose a different --output")
+            raise FileError(
+                str(directory),
+                f"cannot be created: {above} {why}",
+                "choose a different --output",
+                code="output.not_writable",
+            )
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise FileError(
-                str(directory), "exists already and is not empty", "choose a different --output, or remove it first"
+                str(directory),
+                "exists already and is not empty",
+                "choose a different --output, or remove it first",
+                code="output.exists",
             )
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
+        raise FileError(
+            str(directory), error.strerror or str(error), "choose a different --output", code="output.not_writable"
+        ) from None
 
 
 def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool = False) -> list[Path]:
@@ -142,7 +154,12 @@ def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
     if diagnosis.condition == "out_of_range":
         (named,) = diagnosis.effects
         problem = f"was not written: {name_of(named.effect)} is beyond the range that rig corrects"
-        raise FileError(str(output), problem, "check the rig file, the variant of the arm and the mastering")
+        raise FileError(
+            str(output),
+            problem,
+            "check the rig file, the variant of the arm and the mastering",
+            code="diagnose.out_of_range",
+        )
     return write_extended(text, _origins(diagnosis), output, diagnosis.calibrated)
 
 

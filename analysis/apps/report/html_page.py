@@ -37,7 +37,7 @@ def check_page_file(file: Path) -> None:
     Raises FileError if the file exists and was not written by rig.
     """
     if not is_page(file):
-        raise UseError(str(file), "is not the name of a page", "give --output FILE.html")
+        raise UseError(str(file), "is not the name of a page", "give --output FILE.html", code="output.form")
     refuse_foreign(file)
 
 
@@ -74,7 +74,9 @@ def write_html(html: str, file: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         durable.replace(file.resolve(), html.encode())
     except OSError as error:
-        raise FileError(str(file), error.strerror or str(error), "choose a different --output") from None
+        raise FileError(
+            str(file), error.strerror or str(error), "choose a different --output", code="output.not_writable"
+        ) from None
 
 
 _PANGO = "install Pango, on Debian: apt install libpangoft2-1.0-0"
@@ -116,7 +118,9 @@ def write_pdf(html: str, file: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         durable.replace(file.resolve(), made.rstrip() + b"\n" + PDF_MARK)
     except OSError as error:
-        raise FileError(str(file), error.strerror or str(error), "choose a different --output") from None
+        raise FileError(
+            str(file), error.strerror or str(error), "choose a different --output", code="output.not_writable"
+        ) from None
 
 
 def _weasyprint(file: Path) -> ModuleType:
@@ -128,8 +132,11 @@ def _weasyprint(file: Path) -> ModuleType:
             str(file),
             f"needs the Python package {error.name}, which is missing",
             f"{to_install('weasyprint')}, {browser}",
+            code="package.missing",
         ) from None
     except OSError:  # the text library Pango is not a Python package
-        raise CellError(str(file), "needs the library Pango, which is missing", f"{_PANGO}, {browser}") from None
+        raise CellError(
+            str(file), "needs the library Pango, which is missing", f"{_PANGO}, {browser}", code="package.missing"
+        ) from None
     module: ModuleType = weasyprint
     return module

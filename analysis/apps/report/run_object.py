@@ -147,13 +147,23 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
                 {name: TruthComparison(true, (seen.value - true) / seen.u) for name, seen, true in figures}
             )
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
+        raise FileError(
+            str(path),
+            error.strerror or str(error),
+            "give the truth.json that rig emulate wrote",
+            code="truth.unreadable",
+        ) from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise FileError(
-            str(path), "is not the truth of these runs", "give the truth.json that rig emulate wrote"
+            str(path),
+            "is not the truth of these runs",
+            "give the truth.json that rig emulate wrote",
+            code="truth.other_runs",
         ) from None
     if not any(comparisons):
-        raise FileError(str(path), f"does not cover the {results[0].test} test", "leave --truth out")
+        raise FileError(
+            str(path), f"does not cover the {results[0].test} test", "leave --truth out", code="truth.other_test"
+        )
     return comparisons
 
 

@@ -418,7 +418,9 @@ class SessionDirectory:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise FileError(str(self.file), error.strerror or str(error), "check the permissions") from None
+            raise FileError(
+                str(self.file), error.strerror or str(error), "check the permissions", code="file.unreadable"
+            ) from None
         root, data = read_yaml(text, str(self.file))
         try:
             return Session.model_validate(data)

@@ -79,4 +79,9 @@ def _require_enough_readings(runs: Sequence[ObservedRun]) -> None:
     """Raise FileError if there are fewer readings than set-up terms."""
     terms = sum({run.setup: facts_of(run.table.test).setup_terms for run in runs}.values())
     if (count := sum(run.values.size for run in runs)) < terms:
-        raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
+        raise FileError(
+            "RUN…",
+            f"{count} readings are fewer than the {terms} terms of the set-up",
+            "give more runs",
+            code="run.few_readings",
+        )

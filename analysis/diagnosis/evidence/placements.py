@@ -67,7 +67,12 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     for run in runs:
         if not same_arm(arm_of(run.rig.robot), model.arm):
             problem = f"belongs to a different robot than {rig.name}: the link constants differ"
-            raise FileError(str(run.path), problem, "give runs of a single robot, or the original rig file with --rig")
+            raise FileError(
+                str(run.path),
+                problem,
+                "give runs of a single robot, or the original rig file with --rig",
+                code="run.other_robot",
+            )
     return [with_placement(observe(model, run.table, str(run.path)), run.run.manifest.placement) for run in runs]
 
 
@@ -174,7 +179,12 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
     kept = [k for k, run in enumerate(runs) if run.setup not in reasons]
     if not kept:
         setup, why = next(iter(reasons.items()))
-        raise FileError(f"set-up {setup}", why, "give more runs of this placement, or readings in more postures")
+        raise FileError(
+            f"set-up {setup}",
+            why,
+            "give more runs of this placement, or readings in more postures",
+            code="run.few_readings",
+        )
     return kept, [f"{setup} is ignored: {why}" for setup, why in reasons.items()]
 
 

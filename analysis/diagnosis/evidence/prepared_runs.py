@@ -90,7 +90,7 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
     without = [run for use in uses for run in use if not shows_joints(run.table.test)]
     if without and not kept[0]:
         why = labels_of(without[0].table.test).unsupported_reason
-        raise FileError(str(without[0].path), why, "give poses, touches or circles as well")
+        raise FileError(str(without[0].path), why, "give poses, touches or circles as well", code="test.no_joints")
     return kept, [
         f"{run.run.manifest.name} is left out: it {labels_of(run.table.test).unsupported_reason}" for run in without
     ]
@@ -137,7 +137,12 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
             fields = [name for name in type(rig.robot).model_fields if theirs[name] != ours[name]]
             differing = f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
             remedy = "diagnose runs of a single robot, or give the original rig file with --rig"
-            raise FileError(str(run.path), f"belongs to a different robot than {rig.name} ({differing})", remedy)
+            raise FileError(
+                str(run.path),
+                f"belongs to a different robot than {rig.name} ({differing})",
+                remedy,
+                code="run.other_robot",
+            )
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if is_given:
             cell = cell.with_distances(rig.tests.distances)

@@ -186,10 +186,10 @@ def gather(
     for run in runs:
         if run.rig.robot.name != model.robot.name:
             problem = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
-            raise FileError(str(run.path), problem, "make a report for each robot")
+            raise FileError(str(run.path), problem, "make a report for each robot", code="report.other_robot")
         if run.rig.name != runs[0].rig.name:
             problem = f"is of rig {run.rig.name}, but the report is about rig {runs[0].rig.name}"
-            raise FileError(str(run.path), problem, "make a report for each robot")
+            raise FileError(str(run.path), problem, "make a report for each robot", code="report.other_robot")
     undiagnosed = ""
     if diagnosis is None and diagnosed:
         try:

@@ -71,9 +71,11 @@ class Heading:
         """Raise UseError for a field that does not fit in a line of the page."""
         for name, text in vars(self).items():
             if len(text) > _LONGEST:
-                raise UseError(f"--{name}", f"has {len(text)} characters", f"write at most {_LONGEST}")
+                raise UseError(
+                    f"--{name}", f"has {len(text)} characters", f"write at most {_LONGEST}", code="report.field"
+                )
             if not text.isprintable():
-                raise UseError(f"--{name}", "contains control characters", "write one line")
+                raise UseError(f"--{name}", "contains control characters", "write one line", code="report.field")
 
 
 NO_HEADING = Heading()
