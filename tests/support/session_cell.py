@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 import analysis
+from analysis.apps.report.blocks import Block
 from analysis.apps.session.answer import Inference
 from analysis.apps.session.cell import ProgramRun, RealCell
 from analysis.apps.session.run_session import Conductor
@@ -205,9 +206,13 @@ class Screen:
 
     def __init__(self) -> None:
         self.lines: list[str] = []
+        self.blocks: list[Block] = []
 
     def say(self, line: str) -> None:
         self.lines.append(line)
+
+    def answer(self, blocks: Sequence[Block]) -> None:
+        self.blocks += blocks
 
     def show(self, line: str) -> None:
         pass

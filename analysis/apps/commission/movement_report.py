@@ -139,6 +139,8 @@ def remarks(moved: MovementResult, texts: Texts = _ENGLISH) -> list[str]:
     """Return further remarks for the reader."""
     lines = [movement_sentence(movement, texts) for movement in moved.reference_movements] + list(moved.doubts)
     named = moved.named
+    if named is not None and named.what != "nothing":
+        lines.append(texts("check_not_in_error"))
     if moved.wild_row is not None:
         lines.append(texts("check_wild", row=moved.wild_row))
     alike = named and moved.alike(named.cause)

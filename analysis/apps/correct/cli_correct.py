@@ -132,8 +132,8 @@ def correct(
     from analysis.apps.correct.controller_entries import scale_of
     from analysis.apps.correct.correct_rig import correct_rig, target_errors
     from analysis.apps.correct.corrected_program import Programs, doubts_of, frames_of, start_of
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
-    from analysis.cli.plain_console import PlainConsole
     from analysis.correction.reasons import how_to_state_controller
     from analysis.correction.support import require_usable_model
     from rigs.errors import FileError, UseError
@@ -166,7 +166,7 @@ def correct(
     if as_json:
         say_json(correction_report.as_object(corrections, written))
     else:
-        PlainConsole().print(correction_report.as_table(corrections))
+        say_answer(correction_report.answer_of(corrections))
     for doubt in doubts_of(stated, corrections.programs):
         say(f"doubt: {doubt}", err=True)
     say_written(written)

@@ -1,20 +1,18 @@
-"""Report of the corrections for one controller, on the screen and as an object."""
+"""The report of the corrections for one controller: blocks, and plain values for JSON and corrections.yaml."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.table import Column, Table
-from rich.text import Text
-
-from analysis.apps.correct.controller_entries import ControllerEntries
+from analysis.apps.correct.controller_entries import ControllerChange, ControllerEntries
+from analysis.apps.report.blocks import Block, Heading, Sentence, Table
 from analysis.apps.report.diagnosis_words import plain
-from analysis.cli.plain_console import fold_long_words, right
+from analysis.apps.report.texts import joined, texts_of
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
+_TEXTS = texts_of("en")
 _REPORTED_UM = 1.0
 """Minimum rms displacement of the tool, in µm, for an uncorrected effect to be listed."""
 _THIRD = 1 / 3
@@ -26,25 +24,20 @@ def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
 
     entered: the controller already has these values.
     """
-    maker, targets = entries.controller.maker, f"{entries.by_targets_um:.0f} µm"
+    maker, before, targets = entries.controller.maker, f"{entries.before_um:.0f}", f"{entries.by_targets_um:.0f}"
+    note = base_note(entries.base_u_um, entries.by_targets_um)
     if not entries.entries:
         better = entries.carried_by_targets_um >= _REPORTED_UM
-        instead = f" With corrected targets (--path) the error is {targets}." if better else ""
-        return (
-            f"Do not change the {maker} controller: these runs do not show that it would help (error over the work "
-            f"{entries.before_um:.0f} µm rms, with frame and tool taught with the robot).{instead}"
-            f"{base_note(entries.base_u_um, entries.by_targets_um)}"
-        )
-    count = "the value" if len(entries.entries) == 1 else f"the {len(entries.entries)} values"
-    reads = entries.controller.changes_reading
-    check = "the reading of each axis has increased as listed below" if reads else "the joint angles are unchanged"
-    does = f"With {count} below entered" if entered else f"Enter {count} below"
-    return (
-        f"{does} in {entries.controller.place} of the {maker} controller: the tool error over the work "
-        f"area falls from {entries.before_um:.0f} to {entries.after_um:.0f} µm rms with frame and tool "
-        f"taught with the robot (corrected targets: {targets}). Before any motion, check that "
-        f"{check}.{base_note(entries.base_u_um, entries.by_targets_um)}"
-    )
+        instead = _TEXTS("entries_targets", targets=targets) if better else ""
+        return joined([_TEXTS("entries_none", maker=maker, before=before), instead, note])
+    count = len(entries.entries)
+    values = _TEXTS("entries_value") if count == 1 else _TEXTS("entries_values", count=count)
+    first = _TEXTS(
+        "entries_first", does=_TEXTS("entries_entered" if entered else "entries_enter", values=values), maker=maker,
+        place=entries.controller.place, before=before, after=f"{entries.after_um:.0f}", targets=targets,
+        check=_TEXTS("entries_readings_change" if entries.controller.changes_reading else "entries_readings_stay"),
+    )  # fmt: skip
+    return joined([first, note])
 
 
 def base_note(base_u_um: float, after_um: float) -> str:
@@ -52,75 +45,68 @@ def base_note(base_u_um: float, after_um: float) -> str:
 
     The note appears only if this uncertainty makes up more than a third of the squared error.
     """
-    if base_u_um**2 <= _THIRD * (base_u_um**2 + after_um**2):
-        return ""
-    return (
-        f" (The place of the whole arm on the base is known only to ± {base_u_um / 1e3:.2g} mm from these runs; teach "
-        "the frame of the work with the robot.)"
-    )
+    is_large = base_u_um**2 > _THIRD * (base_u_um**2 + after_um**2)
+    return _TEXTS("correct_base_unknown", u=f"{base_u_um / 1e3:.2g}") if is_large else ""
 
 
-def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> RenderableType:
-    """Return the values to enter with their benefit, the steps, and the remaining error.
+def blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = False) -> list[Block]:
+    """The values to enter with their benefit, the steps, and the remaining error.
 
     entered: the controller already has these values.
     """
-    parts: list[RenderableType] = []
+    controller, parts = entries.controller, list[Block]()
     if entries.entries:
-        parts.append(_entries(entries, entered))
+        heading = _TEXTS("entries_heading_entered" if entered else "entries_heading", maker=controller.maker)
+        parts += [Heading(heading, 3), _table(entries), Sentence(_TEXTS("entries_about"), "note")]
         steps = () if entered else entries.steps
-        parts += [Text(f"{number}. {step}") for number, step in enumerate(steps, start=1)]
-        parts.append(Text(f"from {entries.controller.source}", style="dim"))
-        parts.append(Text(entries.controller.missing, style="dim"))
-    if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
-        parts.append(Text(f"with --scale, six {entries.controller.scale}: in the units of {entries.controller.unit}"))
+        parts += [Sentence(f"{number}. {step}") for number, step in enumerate(steps, start=1)]
+        source = _TEXTS("entries_source", source=controller.source)
+        parts += [Sentence(source, "note"), Sentence(controller.missing, "note")]
+    if controller.scale and any(entry.unit == "deg" for entry in entries.entries):
+        parts.append(Sentence(_TEXTS("entries_scale", scale=controller.scale, unit=controller.unit)))
+    parts += [Sentence(_TEXTS("entries_twins", names=", ".join(group))) for group in entries.twins]
     parts += [
-        Text(f"only the sum of these is known, so it was divided by typical sizes: {', '.join(group)}")
-        for group in entries.twins
+        Sentence(_TEXTS("entries_not_entered", name=plain(rig, each.effect), um=f"{each.worth_um:.0f}"))
+        for each in entries.not_entered
+        if each.worth_um >= _REPORTED_UM
     ]
-    kept = [each for each in entries.not_entered if each.worth_um >= _REPORTED_UM]
-    stays = "µm rms; neither a constant nor a target can correct it"
-    parts += [Text(f"not entered: {plain(rig, each.effect)}, {each.worth_um:.0f} {stays}") for each in kept]
-    before, after = entries.elsewhere_um
-    if entries.entries:
-        parts.append(Text(carried(entries), style="bold"))
-        elsewhere = f"outside the work area, at other measured joint angles: {before:.0f} µm before, "
-        elsewhere += f"{after:.0f} µm after"
-        worse = ": larger, so enter the values for this work area only" if after > before else ""
-        parts.append(Text(elsewhere + worse, style="yellow" if worse else ""))
-    return Group(*parts)
+    return [*parts, *(_gains(entries) if entries.entries else [])]
 
 
-def carried(entries: ControllerEntries) -> str:
-    """Return a sentence comparing the error removed by the entries with the error removed by corrected targets."""
-    return (
-        f"the entries correct {entries.carried_um:.0f} of {entries.before_um:.0f} µm rms over the work area "
-        f"(in a frame taught with the robot); corrected targets correct {entries.carried_by_targets_um:.0f} µm"
-    )
+def _gains(entries: ControllerEntries) -> list[Block]:
+    carried, before = f"{entries.carried_um:.0f}", f"{entries.before_um:.0f}"
+    gain = _TEXTS("entries_gain", carried=carried, before=before, targets=f"{entries.carried_by_targets_um:.0f}")
+    before_um, after_um = entries.elsewhere_um
+    worse = "_worse" * (after_um > before_um)
+    elsewhere = _TEXTS(f"entries_elsewhere{worse}", before=f"{before_um:.0f}", after=f"{after_um:.0f}")
+    return [Sentence(gain, "strong"), Sentence(elsewhere, "doubt" if worse else "plain")]
 
 
-def _entries(entries: ControllerEntries, entered: bool) -> Table:
-    state = "already entered" if entered else "to be entered together, and only once,"
-    where = f"{state} at the controller ({entries.controller.maker})"
-    title = f"{where}; tool moves: by this value alone, over the work area, rms"
-    lengths = any(entry.now is not None for entry in entries.entries)
-    numbers = (*["now"] * lengths, "value", "± u")
-    sizes = map(right, ("reading", "tool moves", "± u (tool)"))
-    columns: tuple[str | Column, ...] = ("add to", *map(right, numbers), "unit", *sizes)
-    table = Table(*columns, title=title, title_style="bold", title_justify="left", header_style="bold")
-    for entry in entries.entries:
-        reading = f"{entry.reading_deg:+z.4f}°" if entry.reading_deg else "same"
-        # The value has a sign and as many decimals as its uncertainty with two digits; counts are whole numbers.
-        digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
-        numbers = (f"{entry.add:+z.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
-        now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
-        worths = (entry.worth_um, entry.leaves_um) if round(entry.worth_um) else ()
-        table.add_row(entry.parameter, *now, *numbers, *([f"{um:.0f} µm" for um in worths] or ["turns only"]))
-    return fold_long_words(table)
+def _table(entries: ControllerEntries) -> Table:
+    is_length = any(entry.now is not None for entry in entries.entries)
+    columns = ("add to", *["now"] * is_length, "value", "± u", "unit", "reading", "tool moves", "± u (tool)")
+    rows = tuple(_row(entry, is_length=is_length) for entry in entries.entries)
+    return Table(columns, rows, frozenset(range(1, len(columns))) - {3 + is_length})
+
+
+def _row(entry: ControllerChange, *, is_length: bool) -> tuple[str, ...]:
+    # The value has a sign and as many decimals as its uncertainty with two digits; counts are whole numbers.
+    digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
+    now = ["" if entry.now is None else f"±{entry.now:g}"] * is_length
+    reading = f"{entry.reading_deg:+z.4f}°" if entry.reading_deg else "same"
+    moves = (f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm") if round(entry.worth_um) else ("turns only", "")
+    return entry.parameter, *now, f"{entry.add:+z.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading, *moves
 
 
 def as_object(entries: ControllerEntries) -> dict[str, Any]:
-    """Return the corrections as an object for JSON and corrections.yaml."""
+    """Return the corrections as an object for JSON and corrections.yaml, errors rounded to the nanometre."""
+    errors = {
+        "before_um": entries.before_um,
+        "after_um": entries.after_um,
+        "corrected_targets_um": entries.by_targets_um,
+        "carried_um": entries.carried_um,
+        "carried_by_corrected_targets_um": entries.carried_by_targets_um,
+    }
     return {
         "name": entries.name,
         "entries": [
@@ -132,22 +118,18 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
                 "unit": entry.unit,
                 "now": entry.now and short(entry.now),
                 "reading_deg": short(entry.reading_deg),
-                "worth_um": rounded_um(entry.worth_um),
-                "leaves_um": rounded_um(entry.leaves_um),
+                "worth_um": round(entry.worth_um, 3),
+                "leaves_um": round(entry.leaves_um, 3),
             }
             for entry in entries.entries
         ],
         "readings_deg": [short(degrees) for degrees in entries.readings_deg],
         "not_entered": [
-            {"name": label_of(kept.effect), "worth_um": rounded_um(kept.worth_um)} for kept in entries.not_entered
+            {"name": label_of(kept.effect), "worth_um": round(kept.worth_um, 3)} for kept in entries.not_entered
         ],
-        "before_um": rounded_um(entries.before_um),
-        "after_um": rounded_um(entries.after_um),
-        "corrected_targets_um": rounded_um(entries.by_targets_um),
-        "carried_um": rounded_um(entries.carried_um),
-        "carried_by_corrected_targets_um": rounded_um(entries.carried_by_targets_um),
-        "elsewhere_um": [rounded_um(um) for um in entries.elsewhere_um],
-        "base_u_um": rounded_um(entries.base_u_um),
+        **{name: round(um, 3) for name, um in errors.items()},
+        "elsewhere_um": [round(um, 3) for um in entries.elsewhere_um],
+        "base_u_um": round(entries.base_u_um, 3),
         "known_only_together": [list(group) for group in entries.twins],
         "steps": list(entries.steps),
         "source": entries.controller.source,
@@ -158,8 +140,3 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
 def short(value: float) -> float:
     """Return a value rounded to nine digits, more than any controller accepts."""
     return float(f"{value:.9g}")
-
-
-def rounded_um(value: float) -> float:
-    """Return a size in µm rounded to 1 nm."""
-    return round(value, 3)

@@ -1,18 +1,15 @@
-"""Report of all corrections: on the screen, as JSON, and as the files for the cell."""
+"""The report of all corrections: blocks, plain values for JSON, and the files for the cell."""
 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from rich.console import Group, RenderableType
-from rich.table import Column, Table
-from rich.text import Text
 
 from analysis.apps.correct import controller_report, program_report
 from analysis.apps.correct.controller_report import base_note, short
@@ -21,22 +18,24 @@ from analysis.apps.correct.corrected_constants import CONSTANTS, corrected_table
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.reading import mark_of, with_remark
 from analysis.apps.programs.target_path import corrected_columns
+from analysis.apps.report.blocks import Block, Cell, Sentence, Table
+from analysis.apps.report.blocks import as_object as blocks_object
 from analysis.apps.report.diagnosis_words import plain
-from analysis.apps.report.texts import texts_of
-from analysis.cli.plain_console import fold_long_words, right
+from analysis.apps.report.texts import joined, texts_of
 from analysis.correction.corrected_targets import GAIN_UM, CorrectedTargets, WorkError
 from analysis.correction.reasons import how_to_state_controller
-from analysis.correction.support import ANYWAY, reason_against_model, why_nothing
+from analysis.correction.support import ANYWAY, Support, reason_against_model, why_nothing
 from analysis.correction.work import rest_effects
 from analysis.procedures.shared.quantity import quantity_of
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import size_field
 from rigs.errors import FileError
+from rigs.rig import Rig
 from rigs.schema.effect import label_of
+from rigs.text import counted
 
 _REPORTED_MM = 1e-3
 """Minimum displacement of a target, in mm, for an uncorrected effect to be reported."""
-_count = program_report.targets_in_words
 _HEAD = "Corrections for the cell {name} by the effects of the rig file and the calibration beside it, {date}."
 _WAYS = {
     "joint_zeros": "master each axis so that the reading at the same position is `add_deg` larger.",
@@ -51,112 +50,97 @@ _NOTHING = (
 _ONE = "Use only one: zeros and constants, or the parameters of the controller, or corrected targets."
 
 
-_UNKNOWN = (
-    "The constants with which this controller computes poses are unknown: only joint targets are corrected, and no "
-    "values to enter are computed. To change this"
-)
+_TEXTS = texts_of("en")
 
 
-def as_table(corrections: Corrections) -> RenderableType:
-    """Return the report for the screen: a sentence of advice, the effects, the values to change, and the benefit."""
-    columns = ("error", right("value"), "corrected by", Column("reason", ratio=1))
-    effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
-    for support in (*corrections.effects, *corrections.calibrated):
-        field = size_field(support.effect)
-        quantity = quantity_of(support.effect, field, {field: support.u})
-        value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
-        use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
-        effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
-    parts: list[RenderableType] = [Text(_first(corrections), style="bold")]
-    if calibrated := corrections.rig.calibrated:
-        of_runs = (
-            f"The diagnosis states {calibrated.before_um:.0f} µm rms, because its runs cover only a part of this area."
-        )
-        parts.append(Text(of_runs))
-    if effects.row_count:
-        parts += [Text(), fold_long_words(effects)]
+def answer_of(corrections: Corrections) -> list[Block]:
+    """The advice, the effects with their use, the values to change, and the benefit."""
+    rig, blocks = corrections.rig, list[Block]()
+    if why := why_nothing(rig):
+        blocks.append(Sentence(_TEXTS("correct_advised_against", why=why), "fail"))
     wrong = [item.effect for item in corrections.effects if item.use != "none" and item.effect.DEED == "check"]
-    if checked := ", ".join(plain(corrections.rig, effect) for effect in wrong):
-        advice = "Use corrected targets only if this value cannot be corrected in the controller."
-        parts.insert(0, Text(f"First check this value in the controller: {checked}. {advice}", style="bold yellow"))
-    if why := why_nothing(corrections.rig):
-        parts.insert(0, Text(f"The diagnosis advises against this: {why}.", style="bold red"))
-    # The entries of a controller already cover the complete model. Listing these values too would correct twice.
-    if not corrections.at_controller:
-        instead = [
-            f"master axis {zero.axis} so that the reading at the same position is {zero.delta:+z.4f}° (± {zero.u:.4f}°)"
-            " larger"
-            for zero in corrections.zeros
-        ]
-        instead += [
-            f"axis {constant.axis}, {constant.key}: {constant.corrected:.6g} instead of {constant.nominal:.6g} "
-            f"(± {constant.u:.2g})"
-            for constant in corrections.constants
-        ]
-        parts += [Text(f"alternatively, {line}") for line in instead]
-    parts += [Text(line) for line in _path_lines(corrections)]
+    if names := ", ".join(plain(rig, effect) for effect in wrong):
+        blocks.append(Sentence(_TEXTS("correct_check_first", names=names), "watch"))
+    blocks.append(Sentence(_first(corrections), "strong"))
+    if rig.calibrated:
+        blocks.append(Sentence(_TEXTS("correct_of_runs", um=f"{rig.calibrated.before_um:.0f}")))
+    if rows := tuple(_effect(support, rig) for support in (*corrections.effects, *corrections.calibrated)):
+        blocks.append(Table(("error", "value ± u", "corrected by", "reason"), rows, frozenset({1})))
+    blocks += map(Sentence, (*_changes(corrections), *_path_lines(corrections)))
     if corrections.at_controller:
-        parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig, corrections.entered)]
-    parts += [Text(line) for program in corrections.programs for line in ("", *program_report.lines(program))]
-    if corrections.rig.controller == "unknown":
-        parts += [Text(), Text(f"{_UNKNOWN}: {how_to_state_controller(corrections.rig)}", style="yellow")]
-    return Group(*parts)
+        blocks += controller_report.blocks(corrections.at_controller, rig, entered=corrections.entered)
+    blocks += [block for program in corrections.programs for block in program_report.blocks(program)]
+    if rig.controller == "unknown":
+        unknown = _TEXTS("correct_controller_unknown", remedy=how_to_state_controller(rig))
+        blocks.append(Sentence(unknown, "doubt"))
+    return blocks
+
+
+def _effect(support: Support, rig: Rig) -> tuple[str | Cell, ...]:
+    field = size_field(support.effect)
+    quantity = quantity_of(support.effect, field, {field: support.u})
+    value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
+    use = Cell("not corrected", tone="watch") if support.use == "none" else Cell(support.use, tone="pass")
+    return plain(rig, support.effect), value, use, support.reason
+
+
+def _changes(corrections: Corrections) -> Iterator[str]:
+    """Yield the values to change instead of targets. The entries of a controller already cover the complete model, so
+    that listing these values too would correct twice.
+    """
+    if corrections.at_controller:
+        return
+    for zero in corrections.zeros:
+        yield _TEXTS("correct_by_mastering", axis=zero.axis, delta=f"{zero.delta:+z.4f}", u=f"{zero.u:.4f}")
+    for constant in corrections.constants:
+        yield _TEXTS(
+            "correct_by_constant", axis=constant.axis, key=constant.key, corrected=f"{constant.corrected:.6g}",
+            nominal=f"{constant.nominal:.6g}", u=f"{constant.u:.2g}",
+        )  # fmt: skip
 
 
 def _first(corrections: Corrections) -> str:
-    work, of_work = corrections.work, texts_of("en").not_known(corrections.work.unknown)
+    work, of_work = corrections.work, _TEXTS.not_known(corrections.work.unknown)
+    programs, path = corrections.programs, corrections.path
     if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
-        head = f"None of the tool error over the work area ({work.before_um:.0f} µm rms) can be corrected"
-        reason = "; the table gives the reasons" if corrections.effects else ""
-        return f"{head}{reason}.{of_work}"
+        key = "correct_nothing_reasons" if corrections.effects else "correct_nothing"
+        return joined([_TEXTS(key, um=f"{work.before_um:.0f}"), of_work])
     if corrections.at_controller:
         first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
-        return first + _never_both(corrections) + of_work
-    if corrections.programs and all(program.held for program in corrections.programs) and not corrections.path:
-        return "No program was written: some targets were not corrected (--all-or-nothing requires all of them)."
-    if corrections.programs and not any(program.names for program in corrections.programs) and not corrections.path:
-        names = ", ".join(program.path.name for program in corrections.programs)
-        return f"No target was corrected in {names}; the reasons are listed below."
-    errors, options = corrections.errors, "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
-    send = "Move the robot to the corrected targets of"
-    sentences = [_falls(f"{send} {path.name}", error, of_work=False) for path, error in errors.items() if error]
-    sentences = sentences or [_falls(f"Move the robot to corrected targets ({options})", work, of_work=True)]
-    gains = any(error.gains for error in errors.values() if error) if errors else work.gains
-    return " ".join(sentences) + (_never_both(corrections) if gains else "")
+        return joined([first, _never_both(corrections), of_work])
+    if programs and all(program.held for program in programs) and not path:
+        return _TEXTS("correct_none_written")
+    if programs and not any(program.names for program in programs) and not path:
+        return _TEXTS("correct_no_target", names=", ".join(program.path.name for program in programs))
+    errors = {file: error for file, error in corrections.errors.items() if error}
+    sentences = [_falls(_TEXTS("correct_move_to_file", file=file.name), error) for file, error in errors.items()]
+    if not sentences:
+        options = "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
+        sentences = [_falls(_TEXTS("correct_move", options=options), work, of_work=True)]
+    gains = any(error.gains for error in errors.values()) if corrections.errors else work.gains
+    return joined([*sentences, _never_both(corrections) if gains else ""])
 
 
-def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
+def _falls(how: str, error: WorkError, *, of_work: bool = False) -> str:
     """Return a sentence on the error after a way of correction.
 
     of_work: the error refers to the work area; otherwise to the targets of a file.
     """
-    before, after = f"{error.before_um:.0f}", f"{error.after_um:.0f}"
-    where, unknown = "over the work", texts_of("en").not_known(error.unknown)
-    if not of_work:
-        where, share = "at these targets", max(100 * error.unknown, 1)
-        guess = (
-            f" The other {share:.0f} % of these targets lie outside the measured area, so their correction is a guess "
-        )
-        guess += "and may increase the error. Measure there first, or leave these targets unchanged."
-        unknown = guess if error.unknown else ""
-    falls = f"{how}: the tool error {where} falls from"
-    taught = "taught with the robot" + " over the work area" * error.taught_elsewhere
+    taught = _TEXTS("correct_taught_elsewhere" if error.taught_elsewhere else "correct_taught")
+    values = {
+        "how": how, "where": _TEXTS("correct_over_work" if of_work else "correct_at_targets"), "taught": taught,
+        "before": f"{error.before_um:.0f}", "after": f"{error.after_um:.0f}", "u": f"{error.u_um:.0f}",
+    }  # fmt: skip
     if error.before_um - error.after_um >= GAIN_UM:
-        return (
-            f"{falls} {before} to {after} µm rms with frame and tool {taught} (standard uncertainty of "
-            f"the model {error.u_um:.0f} µm).{base_note(error.base_u_um, error.after_um)}{unknown}"
-        )
-    if error.gains:
-        return (
-            f"{falls} {error.base.before_um:.0f} to {error.base.after_um:.0f} µm rms in the robot's base; "
-            f"in a frame taught with the robot the error remains {before} µm.{unknown}"
-        )
-    return (
-        f"Do not change the targets: a correction would move the tool by only {error.model_um:.0f} ± {error.u_um:.0f} "
-        f"µm rms {where}, with frame and tool {taught}. The error would change from {before} to {after} "
-        "µm. "
-        f"More runs, at a different place or of a different test, would reduce the uncertainty.{unknown}"
-    )
+        sentence = joined([_TEXTS("correct_falls", **values), base_note(error.base_u_um, error.after_um)])
+    elif error.gains:
+        values |= {"before": f"{error.base.before_um:.0f}", "after": f"{error.base.after_um:.0f}"}
+        sentence = _TEXTS("correct_falls_in_base", **values | {"taught": f"{error.before_um:.0f}"})
+    else:
+        sentence = _TEXTS("correct_no_gain", moves=f"{error.model_um:.0f}", **values)
+    if of_work or not error.unknown:
+        return joined([sentence, _TEXTS.not_known(error.unknown)])
+    return joined([sentence, _TEXTS("correct_outside", share=f"{max(100 * error.unknown, 1):.0f}")])
 
 
 def why_not(corrections: Corrections) -> str:
@@ -170,39 +154,32 @@ def why_not(corrections: Corrections) -> str:
 def _never_both(corrections: Corrections) -> str:
     """Return a warning against correcting twice, once at the controller and once in the targets."""
     if not corrections.at_controller:
-        ways = "programs, entered values" if corrections.rig.takes_programs else "targets"
-        return f" Choose a single method, corrected {ways} or a re-mastered axis: two methods would correct twice."
+        return _TEXTS("correct_one_method" if corrections.rig.takes_programs else "correct_one_method_targets")
     if not corrections.at_controller.entries:
         return ""
     if not corrections.path:
-        return " Then leave programs, targets and mastering unchanged: a second method would correct twice."
-    has, lacks = (
-        "with these values already entered: the targets correct the rest",
-        "without these values: choose one of the two",
-    )
-    state = has if corrections.entered else lacks
-    return f" corrected-{corrections.path[0].name} is for a controller {state}."
+        return _TEXTS("correct_entries_only")
+    key = "correct_with_entries" if corrections.entered else "correct_without_entries"
+    return _TEXTS(key, file=f"corrected-{corrections.path[0].name}")
 
 
-def _path_lines(corrections: Corrections) -> list[str]:
-    lines = []
-    if corrections.path:
-        path, _, targets = corrections.path
-        lines.append(
-            f"{path.name}: {_count(int(targets.done.sum()))}, missed by up to {np.nanmax(targets.missed_mm):.3f} mm "
-            f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}; "
-            f"uncorrected effects leave {_small(np.nanmax(_left_out(targets)))}"
-        )
-        stays = rest_effects(corrections.rig, corrections.effects)
-        words = {label_of(effect): plain(corrections.rig, effect) for effect in stays}
-        each = [(words[name], mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
-        if each:
-            parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
-            lines.append(f"not corrected (rms at the worst target, from both sides, cold and warm): {parts}")
-        lines += targets.doubts
-        if targets.left:
-            lines.append(f"{_count(len(targets.left))} left unchanged (marked no in the column corrected)")
-    return lines
+def _path_lines(corrections: Corrections) -> Iterator[str]:
+    if not corrections.path:
+        return
+    path, _, targets = corrections.path
+    accuracy = program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])
+    yield _TEXTS(
+        "correct_path", file=path.name, targets=counted(int(targets.done.sum()), "target"), accuracy=accuracy,
+        missed=f"{np.nanmax(targets.missed_mm):.3f}", rest=_small(np.nanmax(_left_out(targets))),
+    )  # fmt: skip
+    rest = rest_effects(corrections.rig, corrections.effects)
+    words = {label_of(effect): plain(corrections.rig, effect) for effect in rest}
+    each = [f"{words[name]} {_small(mm)}" for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
+    if each:
+        yield _TEXTS("correct_path_rest", names=", ".join(each))
+    yield from targets.doubts
+    if targets.left:
+        yield _TEXTS("correct_path_left", targets=counted(len(targets.left), "target"))
 
 
 def _left_out(targets: CorrectedTargets) -> Array:
@@ -217,7 +194,7 @@ def _budget(targets: CorrectedTargets) -> dict[str, float]:
 
 
 def _small(mm: float) -> str:
-    return "less than 0.001 mm" if mm < _REPORTED_MM else f"{mm:.3f} mm"
+    return _TEXTS("correct_small") if mm < _REPORTED_MM else f"{mm:.3f} mm"
 
 
 def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, Any]:
@@ -237,7 +214,8 @@ def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, An
             "doubts": list(targets.doubts),
             "error": targets.error and program_report.error_object(targets.error),
         }
-    return {**_contents(corrections), "path": path, "files": [str(file) for file in written]}
+    files, blocks = [str(file) for file in written], blocks_object(answer_of(corrections))
+    return {**_contents(corrections), "path": path, "files": files, "blocks": blocks}
 
 
 def _contents(corrections: Corrections) -> dict[str, Any]:
@@ -250,15 +228,13 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
             {"axis": zero.axis, "add_deg": short(zero.delta), "u_deg": short(zero.u)} for zero in corrections.zeros
         ],
         "link_constants": [
-            (
-                {
-                    "axis": constant.axis,
-                    "key": constant.key,
-                    "nominal": constant.nominal,
-                    "corrected": short(constant.corrected),
-                    "u": short(constant.u),
-                }
-            )
+            {
+                "axis": constant.axis,
+                "key": constant.key,
+                "nominal": constant.nominal,
+                "corrected": short(constant.corrected),
+                "u": short(constant.u),
+            }
             for constant in corrections.constants
         ],
         "effects": [

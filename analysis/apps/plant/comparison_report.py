@@ -16,7 +16,7 @@ from analysis.apps.report.diagnosis_picture import disagreement_picture
 from analysis.apps.report.model_charts import compared_chart
 from analysis.apps.report.run_pictures import distinctly_named
 from analysis.apps.report.stairs import stairs_of_model
-from analysis.apps.report.still_chart import Sheet, as_png, part_of
+from analysis.apps.report.still_chart import as_png, sheet_of
 from analysis.apps.report.texts import LEADING, in_order, label, texts_of
 from analysis.diagnosis.judge.comparison import Compared, Comparison
 
@@ -82,5 +82,5 @@ def _figure(comparison: Comparison) -> Figure:
     difference = replace(measured, name="difference", role="quiet", y=measured.y - simulated.y)
     below = replace(chart, title="Measured less simulated", caption="", lines=(difference,))
     title = f"{comparison.result.title} · {comparison.result.name}: measured and simulated"
-    parts = [part_of(chart, f", correlation {comparison.correlation:z.3f}"), part_of(below)]
-    return Sheet.of_parts([title], parts, 9.0)
+    above = replace(chart, title=f"{chart.title}, correlation {comparison.correlation:z.3f}")
+    return sheet_of([title], [above, below])

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
@@ -17,14 +14,13 @@ from analysis.apps.plant.history_screen import answer_of
 from analysis.apps.plant.history_words import against_limit
 from analysis.apps.report.blocks import Figure, Sentence
 from analysis.apps.report.html_page import answer_page, write_html
-from analysis.apps.report.still_chart import Sheet
+from analysis.apps.report.still_chart import Sheet, svg_of
 from rigs.text import counted
 
 _MOST = 60
 """Maximum number of pictures on a page, exceeded limits and changes first: about 20 kB each."""
 _IN_SIGHT = 2.0
 """A limit is drawn if it is below this multiple of the largest run; otherwise the runs would look flat."""
-_METADATA = ("Creator", "Date", "Format", "Type")
 _DAY_S = 86400.0
 _MARGIN = 0.04
 """Free margin on either side, as a share of the time span."""
@@ -90,8 +86,5 @@ def _picture(series: Series, moved: Sequence[float]) -> Markup:
     axes.set_ylabel(series.unit)
     axes.grid(color="#dddddd", lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
-    drawn = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": series.figure}):  # Text as text, and reproducible
-        figure.savefig(drawn, format="svg", metadata=dict.fromkeys(_METADATA))
     # The SVG only contains axis numbers and units, escaped by matplotlib.
-    return Markup(re.sub(r"^.*?(?=<svg)", "", drawn.getvalue(), flags=re.S))  # noqa: S704
+    return Markup(svg_of(figure, series.figure))  # noqa: S704

@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from analysis.apps.postures.report import gain_words, limits, map_words
 from analysis.apps.postures.result import Postures
 from analysis.apps.postures.work_map import WorkMap
-from analysis.apps.report.still_chart import Part, Sheet
+from analysis.apps.report.still_chart import Part, sheet_of
 from analysis.apps.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
 
@@ -31,7 +31,7 @@ def picture(postures: Postures) -> Figure:
     if postures.work_map is not None:
         title.append(map_words(postures, texts))
         parts.append((5.4, partial(_draw_map, postures.work_map, postures.reached[:, :2, 3])))
-    return Sheet.of_parts([short for line in title for short in textwrap.wrap(line, 92)], parts, _WIDTH)
+    return sheet_of([short for line in title for short in textwrap.wrap(line, 92)], [], parts, _WIDTH)
 
 
 def _draw_errors(postures: Postures, sheet: SubFigure) -> None:

@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, with_uncertainty
 from analysis.apps.report.movement_words import act_after
-from analysis.apps.report.texts import Phrase, Texts, joined, keys_of
+from analysis.apps.report.texts import Phrase, joined, keys_of
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import FOUND, Act
-from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.naming_tests import JOINED
 from rigs.effects import size_field
 from rigs.rig import Rig
@@ -90,6 +89,17 @@ class ActWords(AnswerWords):
             size=size if act.kind != "remaster" or size.startswith("-") else f"+{size}",
             axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
         )
+
+    def imperative(self, act: Act) -> str:
+        """Return an act as an imperative sentence without its command line."""
+        if act.kind == "load":
+            return self.texts(f"do_load{load_variant(self.diagnosis.rig)}")
+        return self.texts("do_convert") if act.kind == "convert" else self.what(act)
+
+    def action_of(self, act: Act) -> str:
+        """Return an act in a few words, as the end of a sentence."""
+        reason = f"do_now_{act.why}"
+        return self.texts(reason if reason in self.texts.words else f"do_now_{act.kind}")
 
     def _none(self, act: Act) -> str:
         """Return the reason to leave the parts of an act unchanged, and the way to avoid play within the limits."""
@@ -185,12 +195,6 @@ class ActWords(AnswerWords):
         """Return the key of a text, or its variant for runs of poses or touches, which have no ball and gauges."""
         of_places = f"{key}_places"
         return of_places if of_places in self.texts.words and self.diagnosis.train.of_places else key
-
-
-def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
-    """Return the acts of a diagnosis as sentences in order of priority."""
-    words = ActWords(diagnosis, texts)
-    return [words.sentence(act) for act in without_idle_mounts(diagnosis.acts)]
 
 
 def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:

@@ -22,7 +22,7 @@ from analysis.apps.report.diagnosis_words import (
     sure,
 )
 from analysis.apps.report.movement_words import movement_sentence
-from analysis.apps.report.texts import Texts, joined, texts_of
+from analysis.apps.report.texts import Texts, capital, joined, texts_of
 from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
@@ -207,15 +207,12 @@ class AnswerWords:
 
     def part_name(self, part: BudgetPart) -> str:
         """Return the name of a budget part, with the parts that cancel some of it."""
-        return self._with_cancelled(part, self.short_name(part))
+        name, others = self.short_name(part), ", ".join(map(self.short_name, part.shown_together[1:]))
+        return self.texts("with_cancelled", part=name, others=others) if others else name
 
     def describe_parts_alone(self, parts: Sequence[BudgetPart]) -> list[str]:
         """Return a phrase with the individual rms in µm for each of several parts that partly cancel."""
         return [self.texts("alone", part=self.short_name(part), um=micrometres(part.um, part.u_um)) for part in parts]
-
-    def _with_cancelled(self, part: BudgetPart, words: str) -> str:
-        others = ", ".join(map(self.short_name, part.shown_together[1:]))
-        return self.texts("with_cancelled", part=words, others=others) if others else words
 
     def short_name(self, part: BudgetPart) -> str:
         """Return the name of a budget part without the parts that cancel some of it, for narrow places."""
@@ -240,22 +237,6 @@ class AnswerWords:
         if times is None or not math.isfinite(times):
             return ""
         return self.texts("times_usual", times=f"{times:.1f}" if times >= 0.05 else "< 0.1")
-
-    @property
-    def passport(self) -> list[tuple[str, str]]:
-        """The known distances of the real arm in words, each with its size in µm; empty without a model."""
-        passport = self.diagnosis.passport
-        distances = passport.distances.items() if passport else ()
-        return [(self.texts(f"passport_{name}"), error_size(of.value, of.u)) for name, of in distances]
-
-    @property
-    def passport_changes(self) -> str:
-        """The parts that left the factory state or changed since the last visit, as a phrase; empty if none did."""
-        passport = self.diagnosis.passport
-        if not (passport and passport.changed):
-            return ""
-        which = "moved" if passport.last_visit else "changed"
-        return self.texts(f"passport_{which}", names=", ".join(map(self.noun, passport.changed)))
 
     def noun(self, effect: Effect) -> str:
         """Return the noun phrase for an effect within a sentence."""
@@ -284,34 +265,55 @@ class AnswerWords:
     @property
     def condition_sentence(self) -> str:
         """The condition of the arm as a sentence; named effects have separate sentences."""
-        diagnosis = self.diagnosis
-        if diagnosis.condition == "out_of_range":
+        if self.diagnosis.condition == "out_of_range":
             return self._out_of_range()
-        values = {"um": micrometres(diagnosis.remainder.um)}
-        single = any(part.index is not None for part in large_parts(diagnosis))
-        which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
-        if is_complete(diagnosis):
-            largest = max((place.rms_um for place in diagnosis.where), default=0.0)
-            places = len(diagnosis.where)
-            values |= {"count": str(places), "largest": micrometres(largest)}
-            nearly = "nearly_complete_single" if places == 1 else "nearly_complete"
-            repeated = nearly if places else "model_complete"
-            which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "model_sufficient"
-        if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
-            which, values = "scatter", {"um": _length(math.sqrt(3) * scatter_um)}  # of a place, like every error
-        if which == "undecided" and diagnosis.runs_to_decide is None:
-            which = self._undecided()
-        if which == "undecided" and (imitated := [named for named in diagnosis.effects if named.doubt in IMITATED]):
-            most = max(imitated, key=lambda named: named.contribution_um)
-            which, name = "not_confirmed", self.noun(most.effect)
-            values |= {"name": f"{name[:1].upper()}{name[1:]}", "why": self.texts(f"doubt_{most.doubt}")}
-        if which == "outside_library":
-            which = "unexplained_there" if diagnosis.remainder.at_new_places else "unexplained"
-        if which in ("nothing_unusual", "uncalibrated") and diagnosis.movements:
-            which = "nothing_else"
-        unusual = [", ".join([self.short_name(part), self.times_usual(part)]) for part in unusual_groups(diagnosis)]
+        which, values = self._condition()
+        unusual = [
+            ", ".join([self.short_name(part), self.times_usual(part)]) for part in unusual_groups(self.diagnosis)
+        ]
         larger = self.texts("finding_unusual_group", parts=self._listed(unusual)) if unusual else ""
         return joined([self.texts(f"finding_{which}", **values), larger])
+
+    def _condition(self) -> tuple[str, dict[str, str]]:
+        """Return the key of the sentence on the condition, and its values."""
+        diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.remainder.um)}
+        if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
+            return "scatter", {"um": _length(math.sqrt(3) * scatter_um)}  # of a place, like every error
+        if is_complete(diagnosis):
+            return self._complete()
+        if diagnosis.condition == "undecided":
+            return self._undecided()
+        if diagnosis.condition == "outside_library":
+            return "unexplained_there" if diagnosis.remainder.at_new_places else "unexplained", values
+        if diagnosis.condition in HARMLESS and diagnosis.movements:
+            return "nothing_else", values
+        single = any(part.index is not None for part in large_parts(diagnosis))
+        is_usual = diagnosis.condition == "uncalibrated" and single
+        return "nothing_unusual" if is_usual else diagnosis.condition, values
+
+    def _complete(self) -> tuple[str, dict[str, str]]:
+        """Return the sentence on a complete model: at how many places the readings still differ, if it was repeated."""
+        diagnosis, places = self.diagnosis, len(self.diagnosis.where)
+        if not (diagnosis.repeated and len(diagnosis.runs) > 1):
+            return "model_sufficient", {"um": micrometres(diagnosis.remainder.um)}
+        if not places:
+            return "model_complete", {"um": micrometres(diagnosis.remainder.um)}
+        largest = micrometres(max(place.rms_um for place in diagnosis.where))
+        return f"nearly_complete{'_single' * (places == 1)}", {"count": str(places), "largest": largest}
+
+    def _undecided(self) -> tuple[str, dict[str, str]]:
+        """Return the reason why no part can be confirmed: the number of runs, an open question, or an imitation."""
+        diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.remainder.um)}
+        doubts = {named.doubt for named in diagnosis.effects}
+        if diagnosis.runs_to_decide is None and self.unrepeated:
+            return "undecided_unexplained" if "unexplained" in doubts else "undecided_unrepeated", values
+        reason = next((doubt for doubt in ("commanded", "unexplained") if doubt in doubts), None)
+        if diagnosis.runs_to_decide is None and reason:
+            return f"undecided_{reason}", values
+        if not (imitated := [named for named in diagnosis.effects if named.doubt in IMITATED]):
+            return "undecided", values
+        most = max(imitated, key=lambda named: named.contribution_um)
+        return "not_confirmed", {"name": capital(self.noun(most.effect)), "why": self.texts(f"doubt_{most.doubt}")}
 
     @property
     def unexplained_too(self) -> str:
@@ -323,13 +325,6 @@ class AnswerWords:
             return ""
         where = "_there" if remainder.at_new_places else ""
         return self.texts(f"finding_unexplained{where}", um=micrometres(remainder.um))
-
-    def _undecided(self) -> str:
-        """Return the reason why no part can be confirmed, if the number of runs is not the reason."""
-        doubts = {named.doubt for named in self.diagnosis.effects}
-        if self.unrepeated:
-            return "undecided_unexplained" if "unexplained" in doubts else "undecided_unrepeated"
-        return next((f"undecided_{doubt}" for doubt in ("commanded", "unexplained") if doubt in doubts), "undecided")
 
     @property
     def follows(self) -> str:

@@ -16,11 +16,12 @@ from rich.segment import Segment
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from analysis.apps.report import summary
 from analysis.apps.report.texts import keys_of
 from analysis.cli.plain_console import PlainConsole, bare_table, right
 
-Tone = Literal["pass", "watch", "fail", "unjudged", "plain", "doubt", "note", "strong"]
-"""Colour of a text: green, yellow, red, or grey for an open question; of a doubt, of a note, or of the lead."""
+Tone = summary.Tone | Literal["plain", "doubt", "note", "strong"]
+"""Colour of a text: of a badge, of a doubt, of a note, or of the lead."""
 _STYLES: dict[Tone, str] = {
     "pass": "bold green", "watch": "bold yellow", "fail": "bold red", "unjudged": "bold yellow", "plain": "",
     "doubt": "yellow", "note": "dim", "strong": "bold",
@@ -64,19 +65,19 @@ class Command:
 
 @dataclass(frozen=True)
 class Segments:
-    """Stacked bar: name, share (0 to 1) and percent as text of each segment."""
+    """Stacked bar of the parts of the error."""
 
-    parts: tuple[tuple[str, float, str], ...]
+    parts: tuple[summary.BarSegment, ...]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Yield the bar as a single line, and a line for each segment."""
         width, begin = min(_STACKED, options.max_width), 0.0
-        for fill, (_, share, _) in zip(FILLS, self.parts, strict=False):
-            yield Segment(fill * (round(width * (begin + share)) - round(width * begin)))
-            begin += share
+        for fill, part in zip(FILLS, self.parts, strict=False):
+            yield Segment(fill * (round(width * (begin + part.share)) - round(width * begin)))
+            begin += part.share
         yield Segment.line()
-        for fill, (name, _, percent) in zip(FILLS, self.parts, strict=False):
-            yield from console.render(Text(f"{fill} {name} {percent}"), options)
+        for fill, part in zip(FILLS, self.parts, strict=False):
+            yield from console.render(Text(f"{fill} {part.name} {part.percent}"), options)
 
 
 @dataclass(frozen=True)
@@ -126,22 +127,22 @@ def on_screen(blocks: Sequence[Block]) -> RenderableType:
         if isinstance(block, Heading):
             level = block.level
             shown.append(Text(f"\n{block.text}" if level < 3 else block.text, style="bold"))
+        elif isinstance(block, Command):  # a single line, so that it can be copied
+            shown.append(Text("  " * bool(level) + block.words, style="bold", no_wrap=True, overflow="ignore"))
         elif not isinstance(block, Figure):
             shown.append(Padding(_shown(block), (0, 0, 0, 2)) if level else _shown(block))
     return Group(*shown)
 
 
-def say_answer(blocks: Sequence[Block]) -> None:
-    """Print an answer on the terminal."""
-    PlainConsole().print(on_screen(blocks))
+def say_answer(blocks: Sequence[Block], *, aside: bool = False) -> None:
+    """Print an answer on the terminal. aside: on standard error."""
+    PlainConsole(stderr=aside).print(on_screen(blocks), crop=False)
 
 
-def _shown(block: Sentence | Command | Segments | Table) -> RenderableType:
+def _shown(block: Sentence | Segments | Table) -> RenderableType:
     match block:
         case Sentence():
             return Text(block.words, style=_STYLES[block.tone])
-        case Command():
-            return Text(block.words, style="bold")
         case Table():
             return _Abreast(block)
     return block
@@ -204,7 +205,7 @@ def as_object(blocks: Sequence[Block]) -> list[dict[str, Any]]:
             case Figure():
                 plain |= {"text": block.caption}
             case Segments():
-                plain |= {"parts": [{"name": str(name), "share": share} for name, share, _ in block.parts]}
+                plain |= {"parts": [{"name": str(part.name), "share": part.share} for part in block.parts]}
             case Table():
                 rows = [[[str(cell.text), *map(str, cell.below)] for cell in row] for row in block.cells()]
                 plain |= {"columns": list(map(str, block.columns)), "rows": rows}

@@ -47,22 +47,18 @@ def calibrate(
     """Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file."""
     import analysis
     from analysis.apps.report.blocks import say_answer
-    from analysis.apps.report.cli_diagnose import say_correct, split_by_role, with_commands_here
+    from analysis.apps.report.cli_diagnose import load_uses, say_correct, with_commands_here
     from analysis.apps.report.diagnosis_answer import answer_of, plain_object
     from analysis.apps.report.diagnosis_report import refuse_existing_rig, write_model
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, load_runs, with_controller, with_recorded_controller, with_tables, worst
-    from rigs.load import load
+    from analysis.cli.several import end_with, worst
 
     if output:
         refuse_existing_rig(output)
-    rig_file = with_controller(rig_file, calibration)
-    runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
-    parts = [load_runs(paths) for paths in split_by_role(runs, hold_out or (), unseen or ())]
-    end_with(worst([error for _, errors in parts for error in errors]))
-    measured, judges, elsewhere = (runs_of_use for runs_of_use, _ in parts)
-    rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
-    rig, text = with_recorded_controller(rig, text, measured)
+    (measured, judges, elsewhere), rig, text, errors = load_uses(
+        (runs, hold_out or (), unseen or ()), rig_file, calibration
+    )
+    end_with(worst(errors))
     with progress_of() as progress:
         diagnosis = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
     if as_json:

@@ -29,6 +29,7 @@ from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis import Diagnosis, Measured
+    from rigs.rig import Rig
 
 
 @command(app, "rig diagnose runs/* -o found")
@@ -81,11 +82,8 @@ def diagnose(
         return
     import analysis
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, load_runs, with_controller, with_recorded_controller, with_tables, worst
-    from rigs.load import load
+    from analysis.cli.several import end_with, worst
 
-    rig_file = with_controller(rig_file, calibration)
-    runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
     # check before any computation; the import of the picture module takes half a second and happens only here
     if output:
         from analysis.apps.report.diagnosis_report import require_empty
@@ -93,19 +91,10 @@ def diagnose(
 
         if not is_page(output):
             require_empty(output)
-    rig_and_text = load(rig_file) if rig_file else None
-    errors: list[RigError] = []
-
-    def read(paths: Sequence[Path]) -> list[Measured]:
-        loaded, bad = load_runs(paths, jobs=jobs, scheduler=scheduler)
-        errors.extend(bad)
-        return loaded
-
-    measured, judges, elsewhere = map(read, split_by_role(runs, hold_out or (), unseen or ()))
-    if not measured:
-        end_with(worst(errors))
-    rig, text = rig_and_text or (measured[0].rig, measured[0].run.manifest.rig_text)
-    rig, text = with_recorded_controller(rig, text, measured)
+    uses, rig, text, errors = load_uses(
+        (runs, hold_out or (), unseen or ()), rig_file, calibration, jobs=jobs, scheduler=scheduler
+    )
+    measured, judges, elsewhere = uses
     with progress_of() as progress:
         diagnosis = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
@@ -118,7 +107,7 @@ def diagnose(
     else:
         say_answer(answer_of(with_commands_here(diagnosis, output)))
     if output:
-        _write(diagnosis, (measured, judges, elsewhere), text, output, errors)
+        _write(diagnosis, uses, text, output, errors)
     end_with(worst(errors))
 
 
@@ -159,17 +148,43 @@ def two_arms_diagnosed(
     pair(first_file=first, second_file=second, table=table, output=output, as_json=as_json)
 
 
-def split_by_role(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
-    """Return the paths of the runs used, the held-out runs and the unseen runs. Raises UseError if no run is used."""
-    from analysis.cli.several import runs_below
+def load_uses(
+    paths: Sequence[Sequence[Path]],
+    rig_file: str | None,
+    calibration: str | None,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+) -> tuple[list[list[Measured]], Rig, str, list[RigError]]:
+    """Load the runs used, held out and elsewhere, and the model with the constants of the controller.
 
-    every, judges, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
+    Return them with the text of the rig file and the errors of runs that could not be read. Raises UseError if no run
+    is used, and ends the command if none can be read.
+    """
+    from analysis.cli.several import (
+        end_with,
+        load_runs,
+        runs_below,
+        with_controller,
+        with_recorded_controller,
+        with_tables,
+        worst,
+    )
+    from rigs.load import load
+
+    rig_file = with_controller(rig_file, calibration)
+    rig_and_text = load(rig_file) if rig_file else None
+    every, judges, elsewhere = ([run.resolve() for run in runs_below(with_tables(given, rig_file))] for given in paths)
     used = [path for path in every if path not in {*judges, *elsewhere}]
     if not used:
-        raise UseError(
-            "--hold-out and --unseen", "exclude every run", "give fewer runs to these options", code="diagnose.no_runs"
-        )
-    return used, judges, elsewhere
+        problem = "exclude every run"
+        raise UseError("--hold-out and --unseen", problem, "give fewer runs to these options", code="diagnose.no_runs")
+    loaded = [load_runs(group, jobs=jobs, scheduler=scheduler) for group in (used, judges, elsewhere)]
+    uses, errors = [runs for runs, _ in loaded], [error for _, bad in loaded for error in bad]
+    if not uses[0]:
+        end_with(worst(errors))
+    rig, text = rig_and_text or (uses[0][0].rig, uses[0][0].run.manifest.rig_text)
+    return uses, *with_recorded_controller(rig, text, uses[0]), errors
 
 
 def with_commands_here(

@@ -49,22 +49,25 @@ Sections = dict[str, list[Block]]
 """Blocks of an answer by section, each after its heading; sections without contents are missing."""
 
 
-def summary_blocks(summary: Summary, texts: Texts) -> list[Block]:
-    """The first line, what is unknown, and the three tiles: error, causes, next step."""
+def summary_parts(summary: Summary, texts: Texts) -> list[list[Block]]:
+    """The first line with what is unknown, and the three tiles: error, causes, next step."""
     error = summary.error
-    parts = tuple((cause.name, cause.share, cause.percent) for cause in summary.causes)
+    command = [Command(summary.command)] if summary.command else []
+    basis = Sentence(f"{error.basis} {error.standing}".rstrip())
     return [
-        Sentence(summary.headline, summary.tone, summary.badge),
-        *(Sentence(unknown, "doubt") for unknown in summary.unknowns),
-        Heading(error.title, 3),
-        Sentence(error.words, "strong"),
-        Sentence(f"{error.basis} {error.standing}".rstrip()),
-        Heading(texts("main_causes"), 3),
-        Segments(parts) if parts else Sentence("–"),
-        Heading(texts("do_next"), 3),
-        Sentence(summary.next or "–"),
-        *([Command(summary.command)] if summary.command else []),
+        [
+            Sentence(summary.headline, summary.tone, summary.badge),
+            *(Sentence(unknown, "doubt") for unknown in summary.unknowns),
+        ],
+        [Heading(error.title, 3), Sentence(error.words, "strong"), basis],
+        [Heading(texts("main_causes"), 3), Segments(summary.causes) if summary.causes else Sentence("–")],
+        [Heading(texts("do_next"), 3), Sentence(summary.next or "–"), *command],
     ]
+
+
+def summary_blocks(summary: Summary, texts: Texts) -> list[Block]:
+    """The parts of a summary one after the other."""
+    return sum(summary_parts(summary, texts), list[Block]())
 
 
 def sections_of(
@@ -154,10 +157,14 @@ def _tenths(shares: Sequence[float]) -> list[int]:
 
 
 def _passport(words: AnswerWords) -> list[Block]:
-    """The distances of the real arm, and what left the factory state."""
-    texts, rows = words.texts, tuple(words.passport)
-    about = joined([texts("about_passport"), words.passport_changes])
-    return [Sentence(about), Table(("", "µm"), rows, frozenset({1}))] if rows else []
+    """The distances of the real arm, and what left the factory state or changed since the last visit."""
+    passport, texts = words.diagnosis.passport, words.texts
+    if not (passport and passport.distances):
+        return []
+    names = ", ".join(map(words.noun, passport.changed))
+    changed = texts(f"passport_{'moved' if passport.last_visit else 'changed'}", names=names) if names else ""
+    rows = tuple((texts(f"passport_{name}"), error_size(of.value, of.u)) for name, of in passport.distances.items())
+    return [Sentence(joined([texts("about_passport"), changed])), Table(("", "µm"), rows, frozenset({1}))]
 
 
 def _faults(words: AnswerWords) -> list[Block]:

@@ -70,9 +70,13 @@ def answer_page(
 def write_html(html: str, file: Path) -> None:
     """Write a page, replacing an existing page. Raises FileError if that is not a page of rig or cannot be written."""
     refuse_foreign(file)
+    _replace(file, html.encode())
+
+
+def _replace(file: Path, content: bytes) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        durable.replace(file.resolve(), html.encode())
+        durable.replace(file.resolve(), content)
     except OSError as error:
         raise FileError(
             str(file), error.strerror or str(error), "choose a different --output", code="output.not_writable"
@@ -114,13 +118,7 @@ def write_pdf(html: str, file: Path) -> None:
     fetcher = weasyprint.urls.URLFetcher(allowed_protocols={"data"})
     style = weasyprint.CSS(string=_STYLE, url_fetcher=fetcher)
     made: bytes = weasyprint.HTML(string=html, url_fetcher=fetcher).write_pdf(stylesheets=[style])
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        durable.replace(file.resolve(), made.rstrip() + b"\n" + PDF_MARK)
-    except OSError as error:
-        raise FileError(
-            str(file), error.strerror or str(error), "choose a different --output", code="output.not_writable"
-        ) from None
+    _replace(file, made.rstrip() + b"\n" + PDF_MARK)
 
 
 def _weasyprint(file: Path) -> ModuleType:

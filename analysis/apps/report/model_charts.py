@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.apps.report.chart import Chart, ChartLine, Role, marks_of, stretches
 from analysis.apps.report.diagnosis_words import runs_of
-from analysis.apps.report.stairs import stairs_of
+from analysis.apps.report.stairs import Stairs
 from analysis.apps.report.texts import Texts
 from analysis.diagnosis.judge.comparison import Compared, Comparison, Disagreement
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
@@ -23,7 +23,7 @@ from analysis.procedures.results import Result
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
 
-MOST_MAPS = 3
+_MOST_MAPS = 3
 _ARROWS = {"out": "↓", "in": "↑"}
 """Symbols of the approach sides, as in R↓ and R↑ of ISO 230-2."""
 _IN_PICTURE = {"deg": ("°", 1.0), "mm": ("µm", 1e3)}
@@ -99,23 +99,13 @@ class Strand:
     places: tuple[ResidualPlace, ...]
 
     @property
-    def before_um(self) -> Array:
-        """Residual (n,) µm of the initial model."""
-        return np.asarray(self.steps_um[0])
-
-    @property
-    def after_um(self) -> Array:
-        """Residual (n,) µm of the last model."""
-        return np.asarray(self.steps_um[-1])
-
-    @property
     def title(self) -> str:
         """Test, direction and part: `yaw acw, angle`."""
         return f"{runs_of(self.curve)}, {self.part}"
 
 
-def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
-    """Return a strand for each circle, of the part with the larger disagreement, and the number of omitted circles.
+def strands_of(residuals: Diagnosis | Disagreement) -> list[Strand]:
+    """Return a strand for each circle, of the part with the larger disagreement.
 
     Circles beyond the limit are omitted, smallest residuals first.
     """
@@ -136,9 +126,9 @@ def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
         part = worst.part if worst else max(sizes, key=sizes.__getitem__)
         of_part = tuple(place for place in places if place.part == part)
         strands.append(Strand(curve, part, phi_deg[order], ordered_um @ _PARTS[part], of_part))
-    loudest = sorted(strands, key=lambda strand: -_size(strand.before_um, strand.part))[:_MOST_ROWS]
+    loudest = sorted(strands, key=lambda strand: -_size(strand.steps_um[0], strand.part))[:_MOST_ROWS]
     chosen = {id(strand) for strand in loudest}
-    return [strand for strand in strands if id(strand) in chosen], len(strands) - len(chosen)
+    return [strand for strand in strands if id(strand) in chosen]
 
 
 def _size(values: Array, part: str) -> float:
@@ -146,22 +136,24 @@ def _size(values: Array, part: str) -> float:
     return rms(values) / float(np.linalg.norm(_PARTS[part]))
 
 
-def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
+def residual_charts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, texts: Texts) -> list[Chart]:
     """Return charts of readings and model on circles, and of residuals at targets, for each step."""
-    stairs = stairs_of(diagnosis, texts)
-    charts, _ = strand_charts(diagnosis, texts)
+    charts = strand_charts(residuals, texts)
     if stairs and charts:
         charts[0] = replace(charts[0], panels=tuple(step.name for step in stairs.steps))
-    return [*charts, *(target_chart(*both, texts) for both in maps_of(diagnosis)[:MOST_MAPS])]
+    staircase = residuals.staircase
+    steps = staircase.maps if staircase else [np.array([target_map.before_um]) for target_map in residuals.maps]
+    maps = list(zip(residuals.maps, steps, strict=True))[:_MOST_MAPS]
+    return [*charts, *(_target_chart(target_map, steps_um, texts) for target_map, steps_um in maps)]
 
 
-def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> tuple[list[Chart], int]:
-    """Return a chart for each circle, and the number of omitted circles.
+def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> list[Chart]:
+    """Return a chart for each circle.
 
     Each chart shows the measured error, the accumulated parts, and the residual. If the staircase is missing, it shows
     the residual only.
     """
-    strands, quiet = strands_of(residuals)
+    strands = strands_of(residuals)
     charts, count, drawn = [], Counter(strand.title for strand in strands), Counter[str]()
     for strand in strands:  # `yaw acw, angle`; circles at several places share a title and are numbered
         name = strand.title
@@ -179,17 +171,10 @@ def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> tuple[li
         marks = marks_of(strand.curve.turns, texts)
         shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places])
         charts.append(Chart(title, texts("caption_step"), "straight", *labels, "µm", tuple(lines), marks, shaded))
-    return charts, quiet
+    return charts
 
 
-def maps_of(residuals: Diagnosis | Disagreement) -> list[tuple[Map, Array]]:
-    """Return the residuals at targets, each with the residuals (steps, n) µm of the models of the staircase."""
-    staircase = residuals.staircase
-    steps = staircase.maps if staircase else [np.array([target_map.before_um]) for target_map in residuals.maps]
-    return list(zip(residuals.maps, steps, strict=True))
-
-
-def target_chart(target_map: Map, steps_um: Array, texts: Texts) -> Chart:
+def _target_chart(target_map: Map, steps_um: Array, texts: Texts) -> Chart:
     """Return a chart of the residuals at targets by reading: `steps_um` is (steps, readings)."""
     x = np.arange(1.0, len(target_map.before_um) + 1)
     lines = [ChartLine(texts("gap_before"), "measured", x, steps_um[0], points=True)]

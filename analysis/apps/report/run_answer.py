@@ -5,17 +5,16 @@ The page shows the same tables (`analysis.apps.report.page.sections`).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
 from analysis.apps.report.run_object import (
     TruthComparison,
-    all_agree,
     eccentricities_in_words,
     figure_in_words,
     lag_in_words,
-    similar_once,
     verdict,
     warmth_in_words,
     what_u_is,
@@ -24,6 +23,7 @@ from analysis.apps.report.texts import LEADING, Texts, in_order, joined, texts_o
 from analysis.procedures.pooled import figure_columns, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.quantity import Quantity
+from rigs.text import counted
 
 _UNPLACED_DEG = 15.0
 """Standard uncertainty beyond which a place on the circle is not shown: ± 2 u would cover a sixth of the circle."""
@@ -79,7 +79,6 @@ def answer_of(
     """A table for each test and the doubts. each: add a table with a column for each run, as truths always do."""
     texts, blocks = texts_of("en"), list[Block]()
     truth_of = {id(result): truth for result, truth in zip(results, truths, strict=False)}
-    doubts = [(result, doubt) for result in results for doubt in result.doubts]
     for group in by_test(results):
         repeated = [means for means in pooled(group) if means.figures]
         blocks.append(Heading(f"{group[0].measured.rig.name} · {texts.test(group[0].test)}"))
@@ -89,12 +88,12 @@ def answer_of(
         if truths or (each and repeated):
             blocks.append(_runs_table(group, truth_of, texts))
         hint = "; --each shows the single runs" if repeated and not each else ""
-        remarks = [what_u_is(group, repeated) + hint, *lag_in_words(pairs_of(group), group)]
-        remarks += [*eccentricities_in_words(group), *warmth_in_words(group)]
-        blocks += [Sentence(remark, "note") for remark in remarks]
-        doubts += [(result, why) for means in pooled(group) for result, why in means.left_out]
+        first, *remarks = remarks_of(group)
+        blocks += [Sentence(remark, "note") for remark in (first + hint, *remarks)]
     if truths:
-        blocks.append(Sentence(verdict(truths), "pass" if all_agree(truths) else "fail"))
+        agree = all(abs(one.deviation_u) <= 2 for by_name in truths for one in by_name.values())
+        blocks.append(Sentence(verdict(truths), "pass" if agree else "fail"))
+    doubts = [doubt for group in by_test(results) for doubt in doubts_of(group)]
     return [*blocks, *(Sentence(line, "doubt") for line in doubt_lines(doubts, with_title=True))]
 
 
@@ -118,10 +117,34 @@ def _facts(group: Sequence[Result], columns: int) -> list[tuple[str, ...]]:
     return [(*row, *[""] * (columns - len(group))) for row in rows]
 
 
+def remarks_of(group: Sequence[Result]) -> list[str]:
+    """Return the meaning of u for these runs, and remarks on lags, pairs and temperatures."""
+    remarks = [what_u_is(group, [means for means in pooled(group) if means.figures])]
+    return [*remarks, *lag_in_words(pairs_of(group), group), *eccentricities_in_words(group), *warmth_in_words(group)]
+
+
+def doubts_of(group: Sequence[Result]) -> list[tuple[Result, str]]:
+    """Return the doubts about runs of a test, and about those that are left out of a mean."""
+    doubts = [(result, doubt) for result in group for doubt in result.doubts]
+    return doubts + [(result, why) for means in pooled(group) for result, why in means.left_out]
+
+
 def doubt_lines(doubts: Sequence[tuple[Result, str]], *, with_title: bool = False) -> list[str]:
-    """Return each doubt with the runs that it concerns; doubts that differ only in figures appear once."""
+    """Return each doubt with the runs that it concerns. Doubts that differ only in figures appear once, with those of
+    the first run.
+    """
     runs_of_doubt: dict[str, list[str]] = {}
     for result, doubt in doubts:
-        name = f"{result.title}, {result.name}" if with_title else result.name
-        runs_of_doubt.setdefault(doubt, []).append(name)
-    return [f"{names}: {doubt}" for doubt, names in similar_once(runs_of_doubt)]
+        runs_of_doubt.setdefault(doubt, []).append(f"{result.title}, {result.name}" if with_title else result.name)
+    alike: dict[str, list[str]] = {}
+    for doubt in runs_of_doubt:
+        alike.setdefault(_FIGURE.sub("0", doubt), []).append(doubt)
+    lines = []
+    for first, *others in alike.values():
+        count = sum(len(runs_of_doubt[doubt]) for doubt in others)
+        similar = f" (similar in {counted(count, 'more run')})" if count else ""
+        lines.append(f"{', '.join(runs_of_doubt[first])}{similar}: {first}")
+    return lines
+
+
+_FIGURE = re.compile(r"-?\d+\.\d+")

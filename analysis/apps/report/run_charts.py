@@ -20,6 +20,7 @@ from analysis.procedures.shared.scatter_figures import poses_of_cube
 from analysis.robot.geometry.iso_cube import FROM_CENTRE, cube_of
 from analysis.robot.kinematics.arm import Array, Mask, arm_of
 from rigs.schema.vocabulary import DRIVEN_AXES
+from rigs.text import counted
 
 _FRAMES: tuple[Frame, ...] = ("straight", "polar")
 _DIRECTIONS: tuple[Role, ...] = ("acw", "cw")
@@ -55,6 +56,27 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
             y_label = f"{texts(label)} / {unit}"
             charts.append(Chart(title, caption, frame, texts("circle_angle"), y_label, unit, tuple(lines), marks))
     return charts
+
+
+def raw_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
+    """Return a chart for each run with the angle over the circle angle and the least-squares sine (figure 3 of the
+    paper), on a common scale.
+    """
+    whole, charts = np.linspace(0, 2 * np.pi, 361), list[Chart]()
+    for result in group:
+        if not isinstance(circle := result.found, CircleResult):
+            continue
+        angles, laps = np.tile(np.degrees(PHI), len(circle.curve.laps)), np.degrees(circle.curve.laps).ravel()
+        readings = f"{texts('measured')}, {counted(circle.laps.count, 'lap')}"
+        sine = f"{texts.label('amplitude_deg')} {circle.figures['amplitude_deg']}"
+        lines = (
+            ChartLine(readings, circle.laps.direction, angles, laps, points=True),
+            ChartLine(sine, "sixth", np.degrees(whole), np.degrees(circle.sine(whole))),
+        )
+        title, labels = f"{circle.laps.direction} · {result.name}", (texts("circle_angle"), f"{result.test} / °")
+        charts.append(Chart(title, "", "straight", *labels, "°", lines))
+    spans = [chart.reach for chart in charts]
+    return [replace(chart, span=(min(low for low, _ in spans), max(high for _, high in spans))) for chart in charts]
 
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:

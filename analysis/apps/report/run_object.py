@@ -5,8 +5,7 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from analysis.procedures.shared.quantity import Quantity
 from analysis.runs.tabular import for_json
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.text import counted
 
 _LARGEST_OF_NOISE = ("hysteresis_max_deg", "hysteresis_max_mm")
 _BEYOND = 4.0
@@ -46,24 +44,6 @@ def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
     if name in _LARGEST_OF_NOISE and value.value < value.u < np.inf:
         return f"≤ {value.rounded_u} {value.sign}"
     return str(figure)
-
-
-def similar_once(runs_of_doubt: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Return each doubt with the names of its runs as text. Doubts that differ only in figures appear once, with the
-    figures of the first run.
-    """
-    together: dict[str, tuple[str, Sequence[str], int]] = {}
-    for doubt, names in runs_of_doubt.items():
-        kind = _FIGURE.sub("0", doubt)
-        first, of_first, others = together.get(kind, (doubt, names, -len(names)))
-        together[kind] = (first, of_first, others + len(names))
-    return [
-        (doubt, ", ".join(names) + (f" (similar in {counted(others, 'more run')})" if others else ""))
-        for doubt, names, others in together.values()
-    ]
-
-
-_FIGURE = re.compile(r"-?\d+\.\d+")
 
 
 def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
@@ -165,11 +145,6 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
             str(path), f"does not cover the {results[0].test} test", "leave --truth out", code="truth.other_test"
         )
     return comparisons
-
-
-def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:
-    """Return whether every figure lies within two standard uncertainties of the truth."""
-    return all(abs(comparison.deviation_u) <= 2 for by_name in comparisons for comparison in by_name.values())
 
 
 def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:

@@ -43,17 +43,6 @@ Part = tuple[float, Callable[[SubFigure], None]]
 class Sheet(Figure):
     """A figure of this package, with a layout that avoids overlaps."""
 
-    @classmethod
-    def of_parts(cls, title: Sequence[str], parts: Sequence[Part], width_inch: float) -> Sheet:
-        """Return a sheet with the parts below each other under the lines of a title, as high as necessary."""
-        heights = [height for height, _ in parts]
-        sheet = cls(width_inch, sum(heights) + 0.2 + 0.2 * len(title))
-        sheet.suptitle("\n".join(title), fontsize=11)
-        rows = sheet.subfigures(len(parts), 1, height_ratios=heights, squeeze=False)[:, 0]
-        for row, (_, draw) in zip(rows, parts, strict=True):
-            draw(row)
-        return sheet
-
     def __init__(self, width_inch: float, height_inch: float) -> None:
         super().__init__(figsize=(width_inch, height_inch), layout="constrained")
 
@@ -86,35 +75,36 @@ _CAPTION_LETTERS = 150
 """Maximum length of a caption line in a PNG, in characters."""
 _TAG = re.compile(r"<[^>]*>")
 _SPACE = re.compile(r"\s+")
-_STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "rig",
-    "path.simplify_threshold": 0.3,
-    "font.size": 8.0,
-}
 
 
 def still(picture: Picture) -> str:
-    """Return a chart as SVG; equal data give equal text."""
-    with mpl.rc_context(_STYLE):
+    """Return a chart as SVG."""
+    with mpl.rc_context({"path.simplify_threshold": 0.3, "font.size": 8.0}):
         sheet = Sheet(*_size_inch(picture))
         _draw_picture(sheet, picture)
-        written = io.StringIO()
-        sheet.savefig(written, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    # Shorten the SVG: coordinates to a tenth of a point (0.04 mm on paper), no metadata, no comments
-    svg = written.getvalue()
-    svg = _HEAD.sub("", svg)
+        return svg_of(sheet)
+
+
+def svg_of(figure: Figure, salt: str = "rig") -> str:
+    """Return a figure as SVG with its text as text; equal figures give equal SVG.
+
+    salt: different for figures whose SVG is part of one page, because it makes the names of their parts.
+    """
+    written = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": salt}):
+        figure.savefig(written, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
 
     def tenths(number: re.Match[str]) -> str:
         return f"{float(number[0]):.1f}".removesuffix(".0")
 
-    svg = _TAG.sub(lambda tag: _DECIMALS.sub(tenths, tag[0]), svg)
+    # Shorten the SVG: coordinates to a tenth of a point (0.04 mm on paper), no metadata, no comments
+    svg = _TAG.sub(lambda tag: _DECIMALS.sub(tenths, tag[0]), _HEAD.sub("", written.getvalue()))
     return _FONTS.sub("font-family: sans-serif", _SPACE.sub(" ", svg))
 
 
-def part_of(picture: Picture, note: str = "") -> Part:
-    """Return a chart as part of a sheet, with title, note and caption above."""
-    words = [f"{picture.title}{note}", *textwrap.wrap(picture.caption, _CAPTION_LETTERS)]
+def part_of(picture: Picture) -> Part:
+    """Return a chart as part of a sheet, with title and caption above."""
+    words = [picture.title, *textwrap.wrap(picture.caption, _CAPTION_LETTERS)]
 
     def draw(sheet: SubFigure) -> None:
         with mpl.rc_context({"font.size": 8.0}):
@@ -122,6 +112,20 @@ def part_of(picture: Picture, note: str = "") -> Part:
             _draw_picture(sheet, picture)
 
     return 1.3 * _size_inch(picture)[1] + 0.15 * len(words), draw
+
+
+def sheet_of(
+    title: Sequence[str], pictures: Sequence[Picture], more: Sequence[Part] = (), width_inch: float = 9.0
+) -> Sheet:
+    """Return charts below each other under the lines of a title, as high as necessary, and other parts below."""
+    parts = [*map(part_of, pictures), *more]
+    heights = [height for height, _ in parts]
+    sheet = Sheet(width_inch, sum(heights) + 0.2 + 0.2 * len(title))
+    sheet.suptitle("\n".join(title), fontsize=11)
+    rows = sheet.subfigures(len(parts), 1, height_ratios=heights, squeeze=False)[:, 0]
+    for row, (_, draw) in zip(rows, parts, strict=True):
+        draw(row)
+    return sheet
 
 
 def _size_inch(picture: Picture) -> tuple[float, float]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from analysis.apps.report.act_words import ActWords, command, load_variant, without_idle_mounts
+from analysis.apps.report.act_words import ActWords, command, without_idle_mounts
 from analysis.apps.report.answer_words import (
     HARMLESS,
     has_model,
@@ -95,10 +95,6 @@ def summarise(
         action=action,
     )
     return with_driven_error(summary, *driven, words.texts) if driven else summary
-
-
-def _tenths_percent(share: float) -> str:
-    return f"{100 * share:.1f} %"
 
 
 @dataclass(frozen=True)
@@ -263,12 +259,12 @@ class _SummaryWords(ActWords):
 
     def step(self, act: Act) -> str:
         """Return the next step, marked as unnecessary if it only improves an arm within its limits."""
-        step = step_of(act, self.diagnosis, self.texts)
+        step = self.imperative(act)
         return self.texts("optional_step", step=step) if self._is_optional(act) else step
 
     def action(self, act: Act) -> str:
         """Return the next step in a few words, for the end of the first sentence."""
-        return self.texts("do_nothing_necessary") if self._is_optional(act) else action_of(act, self.texts)
+        return self.texts("do_nothing_necessary") if self._is_optional(act) else self.action_of(act)
 
     def _is_optional(self, act: Act) -> bool:
         return self._is_within_limits and act.kind in ("load", "approach", *_REPAIRS)
@@ -279,46 +275,39 @@ class _SummaryWords(ActWords):
 
         An assumed noise is no measured uncertainty of the two figures, and the basis says so.
         """
-        return self._error_change.with_remarks(self.texts, is_measured=has_measured_noise(self.diagnosis))
-
-    @property
-    def _error_change(self) -> ErrorChange:
-        """The error now and after, each with the uncertainty of the measured noise of its runs."""
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
-        place: str = accuracy.place
-        before_um, after_um = accuracy.before_there_um, accuracy.calibrated_um
-        gap = judged_gap(diagnosis)
-        label = "error_left_by_model" if has_model(diagnosis) else "error_now_label"
-        change = ErrorChange(texts(label), "", self._after_label, "", "", self.judged)
-        if place == "used" and self.judged_elsewhere:
-            before_um, after_um = self.judged_elsewhere
-            after = error_size(after_um, 0.0) if self._after_label else ""
-            return replace(change, now=error_size(before_um, 0.0), after=after, basis=texts("basis_unseen"))
-        now = self._error(before_um, gap.u_um)
-        if not diagnosis.is_testable:
-            return replace(change, now=now, basis=texts("basis_unknown"))
-        if is_complete(diagnosis) and place == "used":
-            return replace(change, now=now, basis=texts("basis_now"))
-        if diagnosis.condition == "out_of_range":
-            after = self._error(diagnosis.train.after_um, diagnosis.train.left_u_um)
-            now = self._error(accuracy.now_um, diagnosis.train.u_um)
-            return replace(change, now=now, after=after, basis=texts("basis_out_of_range"))
-        crossed = diagnosis.remains if place == "used" else None
-        basis = texts("basis_crossed", um=micrometres(crossed.um)) if crossed else texts(f"basis_{place}")
-        if not self._after_label:
-            return replace(change, now=now, basis=basis)
-        basis = joined([basis, self._each_by_itself])
-        return replace(change, now=now, after=self._error(after_um, gap.left_u_um), basis=basis)
+        gap, crossed, is_used = judged_gap(diagnosis), diagnosis.remains, accuracy.place == "used"
+        now, after = (accuracy.before_there_um, gap.u_um), (accuracy.calibrated_um, gap.left_u_um)
+        label, basis = self._after_label, f"basis_{accuracy.place}"
+        if is_used and self.judged_elsewhere:
+            (now_um, after_um), basis = self.judged_elsewhere, "basis_unseen"
+            now, after = (now_um, 0.0), (after_um, 0.0)
+        elif not diagnosis.is_testable:
+            label, basis = "", "basis_unknown"
+        elif is_used and is_complete(diagnosis):
+            label, basis = "", "basis_now"
+        elif diagnosis.condition == "out_of_range":
+            now, after = (accuracy.now_um, diagnosis.train.u_um), (diagnosis.train.after_um, diagnosis.train.left_u_um)
+            basis = "basis_out_of_range"
+        elif is_used and crossed:
+            basis = "basis_crossed"
+        now_words, after_words = (error_size(um, measured_u(diagnosis, u_um)) for um, u_um in (now, after))
+        if not label or after_words.partition(" ± ")[0] == now_words.partition(" ± ")[0]:
+            after_words = ""
+        notes: list[str] = [texts(basis, um=micrometres(crossed.um) if crossed else "")]
+        if after_words and basis in (f"basis_{accuracy.place}", "basis_crossed"):
+            notes.append(self._each_by_itself)
+        notes += [texts("basis_moved")] if diagnosis.movements else []
+        now_label = texts("error_left_by_model" if has_model(diagnosis) else "error_now_label")
+        change = ErrorChange(now_label, now_words, label, after_words, joined(notes), self.judged)
+        return change.with_remarks(texts, is_measured=has_measured_noise(diagnosis))
 
     @property
     def _after_label(self) -> str:
         """The acts after which the second error is reached; empty if no act reduces the error."""
-        kinds = {act.kind for act in self.diagnosis.acts if act.kind == "check" or (act.removes_um or 0.0) > 0}
-        ways = ["correction"] * ("load" in kinds) + ["repair"] * bool(kinds - {"load"})
+        kinds = {act.kind for act in without_idle_mounts(self.diagnosis.acts) if act.kind == "check" or act.removes}
+        ways = ["correction"] * bool(kinds & {"load", "approach"}) + ["repair"] * bool(kinds & {"check", *_REPAIRS})
         return self.texts(f"error_after_{'_'.join(ways)}") if ways else ""
-
-    def _error(self, um: float, u_um: float) -> str:
-        return error_size(um, measured_u(self.diagnosis, u_um))
 
     @property
     def _each_by_itself(self) -> str:
@@ -335,14 +324,11 @@ class _SummaryWords(ActWords):
     def causes(self) -> list[BarSegment]:
         """The largest parts of the error as separate segments, and all other parts as a single segment."""
         parts = [part for part in self.diagnosis.budget[:_MOST_CAUSES] if part.share >= _LEAST_SHARE]
-        causes = [
-            BarSegment(self._cause_name(part), min(part.share, 1.0), _tenths_percent(part.share), part.rank or "")
-            for part in parts
-        ]
-        rest = 1.0 - sum(cause.share for cause in causes)
-        if causes and rest >= _TENTH_PERCENT:
-            causes.append(BarSegment(self.texts("other_causes"), rest, _tenths_percent(rest)))
-        return causes
+        shares = [(self._cause_name(part), part.share, part.rank or "") for part in parts]
+        rest = 1.0 - sum(min(part.share, 1.0) for part in parts)
+        if parts and rest >= _TENTH_PERCENT:
+            shares.append((self.texts("other_causes"), rest, ""))
+        return [BarSegment(name, min(share, 1.0), f"{100 * share:.1f} %", rank) for name, share, rank in shares]
 
     def _may_be_imitated(self, part: BudgetPart) -> bool:
         return part.index is not None and self.diagnosis.effects[part.index].doubt in IMITATED
@@ -359,16 +345,3 @@ class _SummaryWords(ActWords):
             return self.with_rivals(named)
         is_open = named is not None and named.probability < CERTAIN_ODDS
         return f"{name} ({self.texts('likely', odds=sure(named.probability))})" if named and is_open else name
-
-
-def step_of(act: Act, diagnosis: Diagnosis, texts: Texts) -> str:
-    """Return an act as an imperative sentence, excluding its command line."""
-    if act.kind == "load":
-        return texts(f"do_load{load_variant(diagnosis.rig)}")
-    return texts("do_convert") if act.kind == "convert" else ActWords(diagnosis, texts).what(act)
-
-
-def action_of(act: Act, texts: Texts) -> str:
-    """Return an act in a few words, as the end of a sentence."""
-    reason = f"do_now_{act.why}"
-    return texts(reason if reason in texts.words else f"do_now_{act.kind}")

@@ -44,10 +44,10 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     """
     import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
     from analysis.apps.report.act_words import ActWords, command  # noqa: PLC0415
-    from analysis.apps.report.answer_words import AnswerWords, part_of  # noqa: PLC0415
+    from analysis.apps.report.answer_words import part_of  # noqa: PLC0415
     from analysis.apps.report.diagnosis_report import write  # noqa: PLC0415
     from analysis.apps.report.diagnosis_words import measured_u  # noqa: PLC0415
-    from analysis.apps.report.summary_words import action_of, step_of, summarise  # noqa: PLC0415
+    from analysis.apps.report.summary_words import summarise  # noqa: PLC0415
     from analysis.cli.several import with_recorded_controller  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
@@ -56,50 +56,49 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     diagnosis = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
     written = write(diagnosis, text, directory, in_session=True)
     model = next((path for path in written if path.suffix == ".yaml"), None)
-    named = acts_with(diagnosis.acts, as_argument(model or directory))
-    words, summary = AnswerWords(diagnosis), summarise(replace(diagnosis, acts=named))
-    error = summary.error
-    acts = ActWords(replace(diagnosis, acts=named))
+    named = replace(diagnosis, acts=acts_with(diagnosis.acts, as_argument(model or directory)))
+    words, summary = ActWords(named), summarise(named)
+    error, accuracy = summary.error, diagnosis.accuracy
     faults = [part_of(diagnosis, entry) for entry in diagnosis.standing]
-    parts = [
-        PartOfError(
-            part=words.short_name(entry),
-            kind=entry.kind,
-            size=words.size_of(entry),
-            share=round(entry.share, 4),
-            um=round(entry.um, 2),
-            fault=entry in faults,
+    acts = [
+        SessionAct(
+            kind=act.kind,
+            why=act.why,
+            words=words.sentence(act),
+            corrected=words.sentence(act, corrected=True),
+            step=words.imperative(act),
+            action=words.action_of(act),
+            command=command(act),
         )
-        for entry in diagnosis.budget[:_SHOWN]
+        for act in named.acts
     ]
     answer = Answer(
         runs=len(used),
         judges=len(judges),
         condition=diagnosis.condition,
-        standing=diagnosis.accuracy.standing,
+        standing=accuracy.standing,
         headline=f"{summary.badge}: {summary.headline}",
         accuracy=f"{words.accuracy} {error.title}: {error.words}. {error.basis} {error.standing}",
-        next_step=acts.next,
-        parts=tuple(parts),
-        remedies=tuple(acts.sentence(act) for act in named[1:]),
-        acts=tuple(
-            SessionAct(
-                kind=act.kind,
-                why=act.why,
-                words=acts.sentence(act),
-                corrected=acts.sentence(act, corrected=True),
-                step=step_of(act, acts.diagnosis, acts.texts),
-                action=action_of(act, acts.texts),
-                command=command(act),
+        next_step=words.next,
+        parts=tuple(
+            PartOfError(
+                part=words.short_name(entry),
+                kind=entry.kind,
+                size=words.size_of(entry),
+                share=round(entry.share, 4),
+                um=round(entry.um, 2),
+                fault=entry in faults,
             )
-            for act in named
+            for entry in diagnosis.budget[:_SHOWN]
         ),
+        remedies=tuple(act.words for act in acts[1:]),
+        acts=tuple(acts),
         next_test=_next_test(diagnosis),
         ground=ground_of(diagnosis.calibrated) if diagnosis.calibrated else "",
         runs_to_decide=diagnosis.runs_to_decide,
-        now_um=diagnosis.accuracy.now_um,
-        calibrated_um=diagnosis.accuracy.calibrated_um,
-        before_there_um=diagnosis.accuracy.before_there_um,
+        now_um=accuracy.now_um,
+        calibrated_um=accuracy.calibrated_um,
+        before_there_um=accuracy.before_there_um,
         level=diagnosis.levels["others"],
         noise_um=measured_u(diagnosis, diagnosis.train.noise_floor_um),
         seconds=round(diagnosis.seconds, 1),

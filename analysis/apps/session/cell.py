@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from analysis.apps.emulate.served_cell import CellEvent
+from analysis.apps.report.blocks import Block
 from analysis.apps.session.answer import Inference
 from analysis.apps.session.child_processes import Child
 from analysis.apps.session.correction_step import CORRECTIONS, entries_file
@@ -52,6 +53,9 @@ class Screen(Protocol):
 
     def say(self, line: str) -> None:
         """Print a permanent line."""
+
+    def answer(self, blocks: Sequence[Block]) -> None:
+        """Print an answer."""
 
     def show(self, line: str) -> None:
         """Replace the progress line."""

@@ -16,6 +16,9 @@ from analysis.cli.options import AsJson, Operator, RigArgument, maker_option, op
 from rigs.schema.vocabulary import MakerName
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analysis.apps.report.blocks import Block
     from analysis.apps.session.session_state import SessionDirectory
 
 _MINUTES, _WAIT_MIN = 50.0, 15.0
@@ -100,7 +103,9 @@ def session(
     if controller is None:
         problem = "is required, because neither feedback nor robot names the maker"
         raise UseError("--for", problem, "give --for", code="session.maker")
+    from analysis.apps.report.blocks import as_object
     from analysis.apps.session.run_session import run_session
+    from analysis.apps.session.session_answer import end_blocks
     from analysis.apps.session.session_plan import SessionOptions
 
     if Path(effects).is_file():  # an absolute path is valid in any working directory; the name of a shipped rig is kept
@@ -125,13 +130,17 @@ def session(
         raise typer.Exit(130) from None
     finally:
         screen.clear()
+    end = end_blocks(done, place.directory)
     if as_json:
-        say_json(done.model_dump(mode="json"))
+        say_json(done.model_dump(mode="json") | {"blocks": as_object(end)})
+    else:
+        screen.answer(end)
 
 
 def _show(place: SessionDirectory, rig_file: Path | str, rig_text: str, *, as_json: bool) -> None:
+    from analysis.apps.report.blocks import as_object, say_answer
     from analysis.apps.session.next_step import next_of
-    from analysis.apps.session.session_words import status_lines
+    from analysis.apps.session.session_answer import status_blocks
     from rigs.errors import FileError
 
     kept_session = place.read()
@@ -139,12 +148,11 @@ def _show(place: SessionDirectory, rig_file: Path | str, rig_text: str, *, as_js
         remedy = f"start a session: {place.command(rig_file)}"
         raise FileError(str(place.file), "this directory has no session", remedy, code="session.none")
     place.require_complete(kept_session, rig_text)
+    blocks = status_blocks(kept_session, next_of(kept_session), place.directory)
     if as_json:
-        say_json(kept_session.model_dump(mode="json"))
-        return
-    for line in status_lines(kept_session, next_of(kept_session), place.directory):
-        for piece in _wrapped(line):
-            say(piece)
+        say_json(kept_session.model_dump(mode="json") | {"blocks": as_object(blocks)})
+    else:
+        say_answer(blocks)
 
 
 class _Lines:
@@ -160,6 +168,13 @@ class _Lines:
         self.clear()
         for piece in _wrapped(line):
             say(piece, err=self._aside)
+        sys.stdout.flush()
+
+    def answer(self, blocks: Sequence[Block]) -> None:
+        from analysis.apps.report.blocks import say_answer
+
+        self.clear()
+        say_answer(blocks, aside=self._aside)
         sys.stdout.flush()
 
     def show(self, line: str) -> None:

@@ -21,7 +21,7 @@ from analysis.apps.correct.controller_entries import at_controller
 from analysis.apps.correct.correct_rig import correct_rig
 from analysis.apps.makers.motion_plan import Arc
 from analysis.apps.programs.compensated import ahead_of_plays, compensated, targets_of
-from analysis.apps.report.texts import texts_of
+from analysis.apps.report.texts import joined, texts_of
 from analysis.apps.session.session_plan import FIXED, SessionProgram, programs_by_step, programs_for, stage_rig
 from analysis.apps.session.session_state import MAIN, ProgramStep, Session, SessionCorrection, Stage, Way
 from analysis.correction.corrected_targets import corrected_angles
@@ -136,7 +136,7 @@ def corrected(
     falls = f"The error is then expected to fall from {now_um:.0f} to {at_circle.text}"
     if way == "entries":
         unknown = texts_of("en").not_known(work.unknown)
-        sentence = f"{controller_report.first_sentence(entries)}{unknown} {falls}."
+        sentence = joined([controller_report.first_sentence(entries), unknown, f"{falls}."])
         return _correction(way, sentence, now_um, left_um, **expected), {}
     programs = corrected_programs(rig, model, session.stages, steps)
     sentence = f"Load the corrected programs. {falls}."

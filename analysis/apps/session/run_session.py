@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from analysis.apps.commission.cell_reference import references_of
-from analysis.apps.session import session_words as words
 from analysis.apps.session.answer import Inference
 from analysis.apps.session.cell import ProgramRun, RealCell, Screen, ServedCell
 from analysis.apps.session.correction_step import CORRECTIONS, corrected, corrected_programs, entries_file
@@ -26,6 +25,7 @@ from analysis.apps.session.next_step import (
     shows_more,
     why_nothing,
 )
+from analysis.apps.session.session_answer import diagnosis_blocks, plan_blocks, step_lines
 from analysis.apps.session.session_plan import (
     FIXED,
     SessionOptions,
@@ -142,7 +142,7 @@ class Conductor:
         if not any(step.tries for step in session.steps):
             for stage in session.stages:
                 self._write_stage(stage, self._programs(stage))
-        self._say(*words.plan_lines(session, self.asked.pace, self.place.directory))
+        self.screen.answer(plan_blocks(session, self.asked.pace, self.place.directory))
         while (following := next_of(self.session)) != "done":
             match following:
                 case Drive(number):
@@ -159,7 +159,6 @@ class Conductor:
                     self._enter()
                 case "report":
                     self._report()
-        self._say(*words.end_lines(self.session, self.place.directory))
         return self.session
 
     def _say(self, *lines: str) -> None:
@@ -239,7 +238,7 @@ class Conductor:
             programs = self._programs(stage)
             self._write_stage(stage, programs)
             self.cell.set_up(stage, programs)
-        self._say(*words.step_lines(self.session, number))
+        self._say(*step_lines(self.session, number))
         began_s = clock.now_s()
         run = self.cell.drive(step, self._look)
         minutes = round(self.session.driven_minutes + (clock.now_s() - began_s) / 60, 2)
@@ -328,7 +327,8 @@ class Conductor:
         if session.aim == "faults" and not session.answered and (is_known or is_there):
             steps = self._skipped("find", _ANSWERED if is_known else "")
         self._keep(answer=answer, judged=answer if answer.judges else session.judged, steps=steps)
-        self._say(*words.answer_lines(answer, session.answer))
+        if session.answer is None or (answer.runs, answer.headline) != (session.answer.runs, session.answer.headline):
+            self.screen.answer(diagnosis_blocks(answer))
         if count := abs(len(session.open_steps) - len(self.session.open_steps)):
             programs = counted(count, "further program is", "further programs are")
             self._say(f"  {_ANSWERED}: {programs} skipped" if is_known else f"  {_OPEN}: {programs} required after all")
@@ -355,7 +355,8 @@ class Conductor:
         at = next((k for k, step in enumerate(session.steps) if step.purpose != "find"), len(session.steps))
         self._keep(stages=stages, steps=numbered((*session.steps[:at], *steps, *session.steps[at:]), session.steps))
         self.stage = ""
-        self._say(*words.more_lines(answer, stage))
+        measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
+        self._say(f"  {answer.condition}: {measure}", f"  next stage: {stage.name}")
 
     # ------------------------------------------------------------------------------------------------------------------
     # Correction and the end.

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.api import diagnose, evaluate_runs
-from analysis.apps.report.page.page_content import BeforeAfter, gather, judge
+from analysis.apps.report.page.accuracy import judge
+from analysis.apps.report.page.page_content import gather
 from analysis.apps.report.page.write_page import write_page
 from analysis.apps.session.answer import ControllerModel, path_error
 from analysis.apps.session.correction_step import CORRECTIONS, reading_deg
-from analysis.apps.session.session_state import ELSEWHERE, Session, SessionDirectory, VerifiedError, own_programs
+from analysis.apps.session.session_answer import before_after
+from analysis.apps.session.session_state import ELSEWHERE, Session, SessionDirectory, VerifiedError
 from analysis.runs.loading import load_measured
 from rigs.errors import RigError
 from rigs.load import load
@@ -62,19 +64,9 @@ def write_report(session: Session, rig: Rig, place: SessionDirectory, diagnosis:
     with suppress(RigError):  # the page gives the reason for the runs that find errors
         diagnosis = diagnose([*find, *joined], rig=model) if joined and diagnosis is None else diagnosis
     results, after = evaluate_runs(find), None
-    correction, judged = session.correction, session.judged
-    if session.verified is not None and correction is not None:
-        verify = [step for step in session.runs_for("verify") if step.stage != ELSEWHERE and session.is_corrected]
-        driven = [load_measured(run) for run in place.runs_of(verify)]
-        after = BeforeAfter(
-            correction.sentence,
-            correction.way,
-            session.sides,
-            work=correction.work,
-            judged=(judged.before_there_um, judged.calibrated_um) if judged and judged.before_there_um else None,
-            joined=session.answer.joined if session.answer else 0,
-            own_programs=own_programs(session, place.directory),
-            verdict=judge(evaluate_runs(driven), model.limits) if driven else None,
-        )
+    verify = [step for step in session.runs_for("verify") if step.stage != ELSEWHERE and session.is_corrected]
+    driven = [load_measured(run) for run in place.runs_of(verify)]
+    if session.verified is not None:
+        after = before_after(session, place.directory, judge(evaluate_runs(driven), model.limits) if driven else None)
     report = gather(results, model, diagnosis=diagnosis, after=after, progress=lambda _: None)
     return write_page(report, place.directory / PAGE)

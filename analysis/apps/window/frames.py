@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,12 @@ from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, figures, la
 from analysis.apps.live.lap import ErrorCurve, pieces
 from analysis.apps.live.text_panels import event_words
 from analysis.apps.live.view import LiveView
+from analysis.apps.report.page.before_after import now_sentence
 from analysis.apps.report.summary import ErrorChange
+from analysis.apps.report.texts import texts_of
 from analysis.apps.session.next_step import Drive, Infer, next_of
+from analysis.apps.session.session_answer import before_after
 from analysis.apps.session.session_state import Session
-from analysis.apps.session.session_words import correction_lines
 from analysis.robot.kinematics.arm import Array
 
 TRACE_S = 30.0
@@ -148,7 +151,8 @@ def _rounded(values: Array) -> list[int]:
 
 def summary(session: Session) -> dict[str, Any]:
     """Return a session as plain values with unmodified texts."""
-    answer, correction = session.answer, session.correction
+    answer, correction, after = session.answer, session.correction, before_after(session, Path())
+    now = now_sentence(after, texts_of("en")) if after else ""
     return {
         "rig": session.rig,
         "began": session.began,
@@ -171,7 +175,7 @@ def summary(session: Session) -> dict[str, Any]:
             for part in (answer.parts if answer else ())
         ],
         "remedies": list(session.to_do),
-        "correction": next(correction_lines(correction, session.sides)) if correction else "",
+        "correction": now or (correction.sentence if correction else ""),
         "before_after": [
             {
                 "where": side.place,

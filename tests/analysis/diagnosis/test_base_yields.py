@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.apps.report.act_words import acts_in_words
 from analysis.apps.report.texts import texts_of
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.judge.result import Diagnosis
@@ -19,6 +18,7 @@ from rigs.effects import BaseSags, BaseYields, Effect
 from rigs.load import parse
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
+from tests.support.answers import acts_in_words
 from tests.worlds.arms.seven_axes import (
     Array,
     Fault,

@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from analysis.apps.report.act_words import acts_in_words
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import LANGUAGES, keys_of, texts_of
 from analysis.diagnosis.diagnose import diagnose
@@ -17,6 +16,7 @@ from analysis.runs.loading import Measured
 from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig
+from tests.support.answers import acts_in_words
 from tests.support.nightly import cases
 from tests.worlds.arms.seven_axes import Fault, draw_truth, run_of, touch_table
 

@@ -1,141 +1,17 @@
-"""Contents of the page: results, comparison with simulation, diagnosis, effect of a correction, and verdict on
-accuracy.
-
-The verdict compares figures with limits, including the uncertainty, and takes the worst standing.
-"""
+"""Contents of the page: results, comparison with simulation, diagnosis and effect of a correction."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
-
-import yaml
 
 from analysis.api import Compared, Diagnosis, Result, RigError, diagnose
 from analysis.apps.report.diagnosis_report import calibration_file
-from analysis.apps.report.texts import Texts, whole_label
-from analysis.correction.deviation import Deviation, Side, Work
+from analysis.apps.report.page.before_after import BeforeAfter
 from analysis.diagnosis.judge.compare_runs import compare
-from analysis.diagnosis.judge.verdict import JudgedFigure, judged_figures
-from analysis.procedures.facts import labels_of
-from analysis.procedures.pooled import FigureColumn
-from analysis.runs.table_format import TESTS, format_of
+from analysis.runs.table_format import format_of
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.limits import COVERAGE, Limits, Standing
-from rigs.schema.vocabulary import TestName
-
-Overall = Standing | Literal["unjudged"]
-
-
-@dataclass(frozen=True)
-class PageVerdict:
-    """Verdict on accuracy.
-
-    overall: standing by the tolerance given to the diagnosis, otherwise the worst standing; `unjudged` if no limits are
-    given. judged: figures, worst first. tests: the tests made. by_tolerance: whether a tolerance determined the
-    verdict.
-    """
-
-    overall: Overall
-    judged: tuple[JudgedFigure, ...]
-    tests: tuple[TestName, ...]
-    by_tolerance: bool = False
-
-    def with_standing(self, standing: Overall) -> list[JudgedFigure]:
-        """Return the figures with a given standing."""
-        return [figure for figure in self.judged if figure.standing == standing]
-
-
-def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None = None) -> PageVerdict:
-    """Judge runs by the limits of a rig file, or by the tolerance given to their diagnosis."""
-    judged = judged_figures(results, limits)
-    tests = tuple(dict.fromkeys(result.measured.run.manifest.test for result in results))
-    if diagnosis is not None and diagnosis.accuracy.limit == "tolerance" and diagnosis.accuracy.standing is not None:
-        return PageVerdict(diagnosis.accuracy.standing, judged, tests, by_tolerance=True)
-    return PageVerdict(judged[0].standing if judged else "unjudged", judged, tests)
-
-
-def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
-    """Return the reason for the verdict as a sentence."""
-    if verdict.by_tolerance:
-        return texts("verdict_tolerance")
-    if verdict.overall == "unjudged":
-        return texts("verdict_unjudged", tests=", ".join(texts.test(test) for test in verdict.tests))
-    if verdict.overall == "pass":
-        return texts("verdict_pass", count=len(verdict.judged))
-    bad = verdict.with_standing(verdict.overall)
-    worst = bad[0]
-    # The limit that failed, or the limits around the figure, and a remark if the uncertainty reaches across one
-    watch = None if worst.standing == "fail" else worst.limit.watch
-    bounds = (("watch_above", watch), ("fail_above", worst.limit.fail))
-    limits = [f"{texts(key)} {bound:g} {worst.figure.sign}" for key, bound in bounds if bound is not None]
-    limits += [texts("not_proven")] if worst.straddled else []
-    figure = texts("bad_figure", figure=figure_title(worst, texts), value=worst.figure, limits=", ".join(limits))
-    key = f"verdict_{verdict.overall}{'_single' * (len(bad) == 1)}"
-    return texts(key, bad=len(bad), count=len(verdict.judged), worst=figure)
-
-
-def figure_title(figure: JudgedFigure, texts: Texts) -> str:
-    """Return the test, the direction and the label of a figure."""
-    title = title_of(figure.column, texts)
-    of = texts.test(figure.test) + (f" {title}" if title else "")
-    return f"{of}: {whole_label(figure.name, texts.label)}"
-
-
-def example_limits(verdict: PageVerdict) -> str:
-    """Return an example of the limits section of a rig file for the tests made, with bounds to replace.
-
-    Tests that cannot have limits are omitted.
-    """
-    bounds = {
-        test: {name: {"watch": watch, "fail": fail}}
-        for test in TESTS
-        if test in verdict.tests and test in Limits.model_fields and (example := labels_of(test).example)
-        for name, watch, fail in [example]
-    }
-    return yaml.safe_dump({"limits": bounds}, sort_keys=False, default_flow_style=None) if bounds else ""
-
-
-def rule(texts: Texts) -> str:
-    """Return the decision rule as text."""
-    return texts("rule", coverage=f"{COVERAGE:g}")
-
-
-def title_of(column: FigureColumn, texts: Texts) -> str:
-    """Return the title of a column: a direction, or the comparison of both; empty for a test without directions."""
-    return texts("acw_against_cw") if column.kind == "pairs" else column.direction
-
-
-@dataclass(frozen=True)
-class BeforeAfter:
-    """A correction, and the error before and after it on the same circle and at the other place.
-
-    way: the kind of correction, which determines the wording of the page. work: None if nothing was corrected. judged:
-    rms in µm before and with the model at the other place, before the runs joined the last diagnosis; None if the model
-    was not validated. joined: number of the runs that joined. verdict: figures of the runs after the correction on the
-    same circle; None if these runs do not exist. own_programs: the command that corrects the user's programs.
-    """
-
-    correction: str
-    way: Literal["entries", "programs", "none"]
-    rows: tuple[Side, ...]
-    work: Work | None = None
-    judged: tuple[float, float] | None = None
-    joined: int = 0
-    own_programs: str = ""
-    verdict: PageVerdict | None = None
-
-    @property
-    def driven(self) -> tuple[Deviation, Deviation] | None:
-        """The error before and after on the same circle; None if no run followed the correction."""
-        return next(((row.before, row.after) for row in self.rows if row.place == "same" and row.after), None)
-
-    @property
-    def elsewhere(self) -> tuple[Deviation, Deviation] | None:
-        """The error before and after at the other place; None if that place was not measured."""
-        return next(((row.before, row.after) for row in self.rows if row.place == "elsewhere" and row.after), None)
 
 
 @dataclass(frozen=True)

@@ -26,28 +26,21 @@ from markupsafe import Markup
 
 from analysis.api import Result
 from analysis.apps.report.act_words import without_idle_mounts
-from analysis.apps.report.blocks import Cell, Table
+from analysis.apps.report.blocks import Block, Cell, Command, Heading, Sentence, Table
 from analysis.apps.report.chart import Picture
-from analysis.apps.report.diagnosis_answer import Sections, sections_of
-from analysis.apps.report.diagnosis_words import micrometres
+from analysis.apps.report.diagnosis_answer import Sections, sections_of, summary_parts
 from analysis.apps.report.html_page import environment, is_pdf, write_html, write_pdf
 from analysis.apps.report.live_chart import colours, live
-from analysis.apps.report.model_charts import diagnosis_charts
-from analysis.apps.report.page.page_content import (
-    BeforeAfter,
-    Report,
-    example_limits,
-    figure_title,
-    judge,
-    rule,
-    verdict_sentence,
-)
-from analysis.apps.report.page.sections import sections_of as tests_of
-from analysis.apps.report.stairs import step_sentences
+from analysis.apps.report.model_charts import residual_charts
+from analysis.apps.report.page.accuracy import PageVerdict, example_limits, judge, limits_blocks, verdict_blocks
+from analysis.apps.report.page.before_after import BeforeAfter, now_blocks, path_blocks
+from analysis.apps.report.page.page_content import Report
+from analysis.apps.report.page.sections import test_sections
+from analysis.apps.report.stairs import stairs_of, step_sentences
 from analysis.apps.report.still_chart import still
 from analysis.apps.report.summary import Summary, with_corrections_removed
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import Language, Texts, texts_of
+from analysis.apps.report.texts import Language, Texts, joined, texts_of
 from analysis.diagnosis.judge.acts import Act, is_done
 from analysis.diagnosis.judge.result import Diagnosis
 from rigs.distribution import version
@@ -60,7 +53,7 @@ _LONGEST = 200
 
 
 @dataclass(frozen=True)
-class Heading:
+class PageHead:
     """User input for the head of a report; empty fields are omitted."""
 
     serial: str = ""
@@ -78,10 +71,10 @@ class Heading:
                 raise UseError(f"--{name}", "contains control characters", "write one line", code="report.field")
 
 
-NO_HEADING = Heading()
+NO_HEAD = PageHead()
 
 
-def fields_of(heading: Heading, results: Sequence[Result], texts: Texts) -> list[tuple[str, str]]:
+def fields_of(heading: PageHead, results: Sequence[Result], texts: Texts) -> list[tuple[str, str]]:
     """Return the fields of the head as name and value, from the user first, then from rig file and runs.
 
     The default serial number is taken from the rig files of the runs, since the model may belong to a different robot.
@@ -130,7 +123,7 @@ def instruments_table(rig: Rig, texts: Texts) -> Table:
     return Table(tuple(map(texts, heads)), rows, key="narrow stack")
 
 
-def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
+def write_page(report: Report, file: Path, language: Language = "en", heading: PageHead = NO_HEAD) -> Path:
     """Write the page of a report as HTML, or as PDF by the suffix. An existing file stays until the new one is
     complete.
 
@@ -141,41 +134,102 @@ def write_page(report: Report, file: Path, language: Language = "en", heading: H
     return file
 
 
-def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str:
+def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
     """Return the page as HTML; all text is plain and escaped."""
-    pages = environment()
-    pages.filters["um"] = micrometres
-    sections = tests_of(report, texts)
-    gaps = diagnosis_charts(report.found, texts) if report.found else []
-    pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
-    verdict = judge(report.results, report.rig.limits, report.found)
+    found, after = report.found, report.after
+    sections = test_sections(report, texts)
+    gaps = residual_charts(found, stairs_of(found, texts), texts) if found else []
+    pictures = [picture for _, drawn, _ in sections for picture in drawn] + list(gaps)
+    verdict = judge(report.results, report.rig.limits, found)
     days = sorted(result.measured.run.manifest.started[:10] for result in report.results)
     span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
-    return pages.get_template("report.html").render(
+    parts = _parts(report, texts)
+    badge, (head, *tiles) = _summary(report, verdict, texts)
+    limits = limits_blocks(verdict, texts, "limits_before" if after and after.driven else "limits")
+    standing: str = texts(f"standing_{verdict.overall}")
+    if after and after.verdict and after.verdict.judged:
+        standing = f"{texts('corrected_now')} {texts(f'standing_{after.verdict.overall}')}"
+    template = environment().get_template("report.html")
+    return template.render(
         t=texts,
+        title=report.title,
+        standing=standing,
         measured_on=texts.counted("measured_on", len(days), days=span),
         heading=fields_of(heading, report.results, texts),
-        report=report,
-        verdict=verdict,
-        sentence_of=lambda verdict: verdict_sentence(verdict, texts),
-        named=figure_title,
-        summary=_summary(report.found, report.after, texts) if report.found else None,
-        parts=_parts(report, texts),
-        steps=step_sentences(report.found, texts) if report.found else [],
-        example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
-        has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
-        rule=rule(texts),
-        sections=sections,
+        condition_badge=badge,
+        head=head,
+        tiles=tiles,
+        condition=_condition(report, badge, parts, texts),
+        accuracy=_accuracy(after, verdict, texts),
+        findings=_findings(report, verdict, parts, texts),
+        before=[*([path_blocks(after, texts)] if after else []), *_present(parts, "budget", "passport")],
+        steps=step_sentences(found, texts) if found else [],
+        stairs=parts.get("steps", []),
         gaps=gaps,
+        behind=[*_present(parts, "unexplained"), *([limits] if limits else [])],
+        sections=sections,
+        others=_present(parts, "gaps", "inseparable", "undetectable", "where", "doubts"),
         still=_still_uri,
-        trace=[trace_table(report.results, texts)],
-        instruments=[instruments_table(report.rig, texts)],
+        trace=[Heading(texts("trace")), *_trace(report, texts)],
         simulated_only=all(result.measured.is_simulated for result in report.results),
-        version=version(),
-        written=dt.datetime.now(dt.UTC),
         style=_template("report.css"),
         **_scripts(pictures),
     )
+
+
+def _present(parts: Sections, *names: str) -> list[list[Block]]:
+    return [parts[name] for name in names if name in parts]
+
+
+def _condition(report: Report, badge: Sentence, parts: Sections, texts: Texts) -> list[Block]:
+    """The condition of the arm as a badge, and in sentences, or the reason for a missing diagnosis."""
+    why = joined([texts("undiagnosed"), report.undiagnosed]) if report.undiagnosed else texts("not_diagnosed")
+    sentences = parts.get("details", [])[1:] if report.found else [Sentence(why, "strong")]
+    return [Heading(texts("condition"), 3), badge, *sentences]
+
+
+def _accuracy(after: BeforeAfter | None, verdict: PageVerdict, texts: Texts) -> list[Block]:
+    """The verdict on the measured arm, and on the corrected robot if it was driven."""
+    head: list[Block] = [Heading(texts("accuracy"), 3)]
+    if after is None or not after.driven:
+        return [*head, verdict_blocks(verdict, texts)]
+    return [*head, *now_blocks(after, texts), verdict_blocks(verdict, texts, texts("was_before"))]
+
+
+def _findings(report: Report, verdict: PageVerdict, parts: Sections, texts: Texts) -> list[list[Block]]:
+    """The acts, the faults, and an example of limits if the rig file has none for these tests."""
+    acts, faults, after = parts.get("acts", []), parts.get("faults", []), report.after
+    if acts and after and after.driven:
+        acts = [*acts, Sentence(texts(f"after_cause_{after.way}"))]
+    limits: list[Block] = []
+    if verdict.overall == "unjudged" and (example := example_limits(verdict)):
+        has_data_sheet = report.rig.limits.data_sheet_rp_mm is not None
+        about = joined([texts("example_limits"), texts("or_repeatability") if has_data_sheet else ""])
+        limits = [Sentence(about), Command(example)]
+    return [blocks for blocks in (acts, faults, limits) if blocks]
+
+
+def _summary(report: Report, verdict: PageVerdict, texts: Texts) -> tuple[Sentence, list[list[Block]]]:
+    """The badge, the first sentences, and the three tiles of a diagnosis; the first tile also states the accuracy."""
+    if report.found is None:
+        return Sentence("", "unjudged", texts("badge_not_examined")), [[]]
+    after, summary = report.after, _summarised(report.found, report.after, texts)
+    head, error, *tiles = summary_parts(summary, texts)
+    shown = after.verdict if after and after.driven and after.verdict and after.verdict.judged else verdict
+    accuracy = f"{texts('accuracy')}: {texts(f'standing_{shown.overall}')}"
+    error[-1] = Sentence(summary.error.basis, shown.overall, accuracy)
+    return Sentence("", summary.tone, summary.badge), [head, error, *tiles]
+
+
+def _trace(report: Report, texts: Texts) -> list[Block]:
+    """Runs with files, runs that were left out, instruments, and the version that made the page."""
+    made = dt.datetime.now(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return [
+        trace_table(report.results, texts),
+        *(Sentence(f"left out: {error}", "doubt") for error in report.left_out),
+        instruments_table(report.rig, texts),
+        Sentence(texts("made", version=version(), written=made), "note"),
+    ]
 
 
 def _parts(report: Report, texts: Texts) -> Sections:
@@ -194,7 +248,7 @@ def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
     return [act for act in every if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)]
 
 
-def _summary(diagnosis: Diagnosis, after: BeforeAfter | None, texts: Texts) -> Summary:
+def _summarised(diagnosis: Diagnosis, after: BeforeAfter | None, texts: Texts) -> Summary:
     """Return the headline and the tiles. For a corrected robot they show the error measured with the correction."""
     driven, judged = (after.driven, after.judged if after.joined else None) if after else (None, None)
     acts = _open_acts(diagnosis, after)

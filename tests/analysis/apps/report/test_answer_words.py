@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import pytest
 
-from analysis.apps.report.act_words import ActWords, acts_in_words
+from analysis.apps.report.act_words import ActWords
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.summary_words import summarise
@@ -16,6 +16,7 @@ from analysis.diagnosis.judge.acts import Act, Against, Cost, Doubt, JudgedOn, N
 from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import PartKind
+from tests.support.answers import acts_in_words
 from tests.support.handmade_diagnosis import PLAY, REPAIR, SMALL, ZERO, diagnosis
 
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)

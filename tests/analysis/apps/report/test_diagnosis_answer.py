@@ -17,6 +17,7 @@ from analysis.apps.report.blocks import Block, Cell, Heading, Segments, Sentence
 from analysis.apps.report.diagnosis_answer import answer_of, sections_of, summary_blocks
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.html_page import environment
+from analysis.apps.report.summary import BarSegment
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.diagnosis.judge.residuals import ResidualBand
@@ -46,7 +47,9 @@ def texts_in(block: Block) -> list[str]:
         case Heading():
             return [block.text]
         case Segments():
-            return [name for name, _, _ in block.parts]
+            return [part.name for part in block.parts]
+        case Sentence():
+            return [block.lead, block.text]
         case Table():
             return [text for row in block.cells() for cell in row for text in (cell.text, *cell.below)]
     return [block.words]
@@ -89,7 +92,7 @@ def test_the_answer_stays_short_when_there_is_much() -> None:
 def test_the_bar_has_a_segment_for_each_share() -> None:
     console = Console(width=20, file=io.StringIO())
     with console.capture() as capture:
-        console.print(Segments((("a", 0.9, "90 %"), ("b", 0.07, "7 %"), ("c", 0.03, "3 %"))))
+        console.print(Segments(tuple(map(BarSegment, "abc", (0.9, 0.07, 0.03), ("90 %", "7 %", "3 %")))))
     bar, *names = capture.get().splitlines()
     assert bar == "█" * 18 + "▓" + "▒" and [name.split()[1] for name in names] == ["a", "b", "c"]
 

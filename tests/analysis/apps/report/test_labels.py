@@ -1,11 +1,6 @@
 """Rows of a report: every figure has a label, and details stand under the line that they belong to."""
 
-from analysis.apps.report.texts import (
-    _LABELS,  # private: every figure that has a label
-    in_order,
-    label,
-    whole_label,
-)
+from analysis.apps.report.texts import in_order, label, texts_of, whole_label
 
 
 def test_details_stand_under_their_line_and_none_is_lost() -> None:
@@ -38,4 +33,5 @@ def test_a_figure_by_itself_says_of_what_it_is_a_detail() -> None:
     assert whole_label("mean_mm") == "position error, mean" and whole_label("rms_mm") == "position error, rms"
     assert whole_label("hysteresis_max_at_deg") == "hysteresis, largest, at φ"
     assert whole_label("play_2") == "play_2"
-    assert len({whole_label(name) for name in _LABELS}) == len(_LABELS)
+    labels = texts_of("en").labels
+    assert len({whole_label(name) for name in labels}) == len(labels)

@@ -13,7 +13,7 @@ from analysis.apps.report.act_words import ActWords
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import error_size
 from analysis.apps.report.summary import Summary, with_driven_error
-from analysis.apps.report.summary_words import step_of, summarise
+from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.apps.session.session_state import Answer, Session, SessionAct, SessionCorrection, VerifiedError
 from analysis.apps.window.frames import shown_summary
@@ -166,6 +166,25 @@ def test_without_an_act_that_reduces_the_error_only_the_present_error_is_shown()
     assert (error.after_label, error.after) == ("", "") and "→" not in error.words + error.title
 
 
+def test_the_label_of_the_later_error_names_only_the_acts_of_the_list() -> None:
+    """A mounting without a gain is no act of the list, and reaching targets from one side is no repair."""
+    load = replace(LOAD, removes_um=4.0, removes_u_um=0.5, remains_um=2.3)
+    idle = Act("mount", "fault", effect=PLAY.effect, removes_um=0.1, removes_u_um=0.01, remains_um=6.2)
+    for acts, key in (
+        ((load, idle), "error_after_correction"),
+        ((load, replace(load, kind="approach")), "error_after_correction"),
+        ((load, replace(load, kind="repair")), "error_after_correction_repair"),
+    ):
+        assert keys_of(summarise(diagnosis(acts=acts)).error.after_label) == (key,)
+
+
+def test_an_error_that_no_act_changes_is_stated_once() -> None:
+    found = diagnosis(acts=(REMASTER,))
+    same = replace(found.accuracy, calibrated_um=found.accuracy.before_there_um)
+    error = summarise(replace(found, accuracy=same)).error
+    assert error.after == "" and "→" not in error.words + error.title
+
+
 def test_effects_that_no_reading_separates_are_named_together() -> None:
     """A gauge that reads 5 % too much was called the other one, 5 % too little, certain."""
     twins = (ZERO.effect,)
@@ -288,7 +307,7 @@ def test_small_parts_are_one_cause() -> None:
 def test_the_next_step_is_an_imperative_with_its_command_apart() -> None:
     for condition, acts in ACTS.items():
         for act in acts:
-            assert "rig correct" not in step_of(act, diagnosis(condition), EN)
+            assert "rig correct" not in ActWords(diagnosis(condition), EN).imperative(act)
     summary = summarise(diagnosis("uncalibrated", acts=(replace(LOAD, command=("correct", "m.yaml", "-o", "D")),)))
     assert summary.command == "rig correct m.yaml -o D" and keys_of(summary.next)[0].startswith("do_load")
 

@@ -63,7 +63,7 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
         ("began", "yesterday", "began"),
         ("rig", "''", "rig"),
         ("rig_sha256", "abc", "rig_sha256"),
-        ("rig_sha256", "0" * 64, "rig_sha256: does not match the rig file"),
+        ("rig_sha256", "0" * 64, "rig_sha256: "),
         ("driven_minutes", "-5", "driven_minutes"),
     ],
 )
@@ -164,7 +164,7 @@ def test_full_disk_keeps_the_stored_state(cell: Path, tmp_path: Path, monkeypatc
     session = begun(cell, tmp_path / "own")
 
     def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
+        raise OSError(28, "full")
 
     monkeypatch.setattr(durable, "create", full)
     with SessionDirectory(tmp_path / "own") as place, pytest.raises(CellError) as error:

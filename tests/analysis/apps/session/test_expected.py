@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from analysis.apps.report.blocks import Table
+from analysis.apps.report.page.before_after import BeforeAfter, now_sentence, path_blocks
+from analysis.apps.report.texts import keys_of, texts_of
 from analysis.apps.session.correction_step import expected_left
-from analysis.apps.session.session_state import SessionCorrection
-from analysis.apps.session.session_words import correction_lines
 from analysis.correction.deviation import Deviation, Side, Work
 from analysis.correction.pose_uncertainty import pose_uncertainty
 from analysis.runs.tables import PoseTable
@@ -28,16 +29,16 @@ def test_u_stands_where_the_runs_of_the_model_were_and_nowhere_else(most_deg: fl
     assert expected.um == 12.3
     assert (expected.u_um is not None and 0 < expected.u_um < math.inf) == is_known
     before = Deviation(um=50, largest_um=90, u_um=1, runs=2)
-    correction = SessionCorrection(way="programs", sentence="Load them.", before_um=50, expected_um=12.3)
-    line = list(correction_lines(correction, [Side("elsewhere", before, before, expected)]))[1]
-    assert ("uncertainty unknown" in line) != is_known
+    after = BeforeAfter("Load them.", "programs", (Side("same", before, before, expected),))
+    table = next(block for block in path_blocks(after, texts_of("en")) if isinstance(block, Table))
+    assert keys_of(table.rows[0][3]) == (("rms_and_u_of" if is_known else "rms_without_u"),)
 
 
-@pytest.mark.parametrize(("unknown", "said"), [(0.0, ""), (0.82, "82 % of the work"), (1.0, "The work area was not")])
-def test_the_error_over_the_work_says_where_no_run_shows_it(unknown: float, said: str) -> None:
+@pytest.mark.parametrize(("unknown", "key"), [(0.0, None), (0.82, "work_unknown"), (1.0, "work_unknown_all")])
+def test_the_error_over_the_work_says_where_no_run_shows_it(unknown: float, key: str | None) -> None:
     side = Deviation(um=50, largest_um=90, u_um=1, runs=2)
     work = Work(before_um=312, after_um=133, u_um=46, unknown=unknown)
-    correction = SessionCorrection(way="programs", sentence="Load them.", before_um=50, expected_um=2, work=work)
-    line = list(correction_lines(correction, [Side("same", side, side, None)]))[-1]
-    assert "312 µm rms before, 133 expected after" in line
-    assert said in line and ("the error there is unknown" in line) == bool(said)
+    after = BeforeAfter("Load them.", "programs", (Side("same", side, side, None),), work)
+    sentence = now_sentence(after, texts_of("en"))
+    assert keys_of(sentence) == ("is_now_programs", "over_the_work", *filter(None, [key]))
+    assert "312 µm to 133 µm" in sentence and ("82 %" in sentence) == (unknown == 0.82)

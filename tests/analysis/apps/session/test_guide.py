@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from analysis.apps.report.blocks import as_object
 from analysis.apps.report.texts import texts_of
 from analysis.apps.session import session_report as report
 from analysis.apps.session.cell import ProgramRun
 from analysis.apps.session.next_step import Drive, Infer, next_of, why_nothing
+from analysis.apps.session.session_answer import end_blocks
 from analysis.apps.session.session_state import Aim, ProgramStep, Session, SessionDirectory, Try
 from rigs.errors import CellError
 from rigs.load import load
@@ -107,7 +109,8 @@ def test_session_measures_diagnoses_corrects_and_verifies(whole: Whole) -> None:
     found, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
     assert whole.oracle.asked[-2:] == [(found, judges), (found + judges, 0)], "the place that judged joins afterwards"
     assert session.answer and session.answer.joined == judges and session.judged and session.judged.judges == judges
-    assert any("at the other place" in line for line in whole.screen.lines)
+    keys = [key for block in as_object(end_blocks(session, whole.place)) for key in block.get("keys", ())]
+    assert {"before_after", "about_before_after"} <= set(keys) and f"is_now_{session.correction.way}" in keys
 
 
 def test_page_contains_charts(whole: Whole) -> None:

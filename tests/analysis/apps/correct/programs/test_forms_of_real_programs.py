@@ -43,6 +43,7 @@ from tests.analysis.apps.correct.programs.test_safe_programs import (
     ur_files,
 )
 from tests.analysis.apps.correct.programs.test_user_programs import fanuc_point, fanuc_pose
+from tests.support.answers import words_of
 from tests.worlds.interpreters.arms import rig_of
 
 Named = list[tuple[str, str]]
@@ -391,7 +392,7 @@ def test_a_routine_stated_to_change_nothing_is_passed(call: str, tmp_path: Path)
     assert left(corrected_files(rig, tmp_path, files, *STATED))[-1] == ("P[2]", "not_understood")
     found = corrected_files(rig, tmp_path, files, *STATED, neutral=["GRIP,Hand open"])
     assert not left(found) and found.neutral == ("GRIP", "Hand open")
-    assert "GRIP" in " ".join(program_report.lines(found))
+    assert "GRIP" in " ".join(words_of(program_report.blocks(found)))
     assert program_report.as_object(found)["neutral_routines"] == ["GRIP", "Hand open"]
 
 

@@ -26,6 +26,7 @@ from tests.analysis.apps.correct.programs.test_user_programs import (
     kuka_pose,
     ur_pose,
 )
+from tests.support.answers import words_of
 from tests.worlds.arms.faulty_arm import flange_at, known
 from tests.worlds.interpreters.arms import rig_of
 
@@ -277,7 +278,7 @@ def test_a_stated_start_is_where_a_joint_move_would_have_led(tmp_path: Path) -> 
         rig, files = ur_files({"a.script": TCP + "movel({p1})\n"})
         found = corrected_files(rig, tmp_path, files, start=start)
         assert found.files["a.script"].splitlines()[-1] == moved
-        assert any("--start-joints" in line for line in program_report.lines(found))
+        assert any("--start-joints" in line for line in words_of(program_report.blocks(found)))
         stated = program_report.as_object(found)["start_joints_deg"]
         assert found.start and np.allclose(np.radians(stated), found.start)
 
@@ -537,12 +538,11 @@ def test_a_half_corrected_program_is_said_and_held_where_a_person_wants_all_or_n
     found = corrected_files(rig, tmp_path, files)
     assert uncorrected(found) == [(6, "unknown_tool")] and not found.held
     assert found.beside_left_mm.tolist() == pytest.approx([found.moved_mm[-1]])
-    first, second, *_ = program_report.lines(found)
-    assert first.endswith("3 targets corrected, 1 place unchanged, 1 step between corrected and unchanged targets")
-    assert f"{found.moved_mm[-1]:.3f} mm (mean) off" in second
+    first, second, *_ = words_of(program_report.blocks(found))
+    assert re.findall(r"\d+ (?=\w)", first) == ["3 ", "1 ", "1 "] and f"{found.moved_mm[-1]:.3f} mm" in second
     wrong = known(rig)
     held = correct_program(wrong, supports(wrong), tmp_path / "a.script", NO_FRAMES, None, whole=True)
-    assert held.held and "not written" in program_report.lines(held)[1]
+    assert held.held and "--all-or-nothing" in words_of(program_report.blocks(held))[1]
 
 
 @pytest.mark.parametrize(("start", "k"), [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0), (0, 2)])

@@ -44,6 +44,7 @@ from tests.analysis.apps.correct.programs.test_safe_programs import (
     ur_files,
 )
 from tests.analysis.apps.correct.programs.test_user_programs import ABB, ABB_TOOL, NUMBER, UR, UR_TOOL, ur_pose
+from tests.support.answers import words_of
 from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of
 from tests.worlds.interpreters.arms import rig_of
 
@@ -315,7 +316,7 @@ def test_what_an_offset_gives_away_is_reported(tmp_path: Path) -> None:
     found = corrected_files(rig, tmp_path, filled)
     (given_mm,) = found.given_away_mm
     assert 0 < given_mm <= max(0.1 * found.moved_mm[0], found.u_frame_mm[0], found.u_mm[0])
-    assert any(f"stay up to {given_mm:.3f} mm off" in line for line in program_report.lines(found))
+    assert any(f"{given_mm:.3f} mm" in line for line in words_of(program_report.blocks(found)))
     reported = program_report.as_object(found)
     assert reported["used_with_offset"]["largest_given_away_mm"] == given_mm
     assert reported["targets"][0]["given_away_mm"] == round(given_mm, 6)
@@ -357,7 +358,7 @@ def test_a_tool_that_nothing_uses_or_that_is_in_metres_is_doubted(tmp_path: Path
     found = corrected_files(rig, tmp_path, files, tools, frames)
     doubts = doubts_of(frames_of(rig.robot, tools, frames), [found])
     assert [doubt.partition(":")[0] for doubt in doubts] == ["--tool 1", "--tool 4", "--frame 3"]
-    assert "in metres the distance would be 206.2 mm" in doubts[0] and "uses" not in doubts[0]
+    assert "206.2 mm" in doubts[0] and "uses" not in doubts[0]
 
 
 def test_functions_of_other_programs_are_noticed(tmp_path: Path) -> None:
@@ -427,6 +428,6 @@ def test_a_relative_move_of_a_file_that_is_called_is_listed_with_that_file(maker
         assert found.names
         listed.append([(found.sources[one.file], one.line) for one in found.left if one.reason == "relative"])
         if listed[-1]:
-            assert f"{name} line {line}" in " ".join(program_report.lines(found))
+            assert f"{name} line {line}" in " ".join(words_of(program_report.blocks(found)))
             assert name in [one["file"] for one in program_report.as_object(found)["left"]]
     assert listed == [[(name, line)], []]

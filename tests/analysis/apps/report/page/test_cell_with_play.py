@@ -56,7 +56,7 @@ def _shares(page: str) -> list[float]:
 
 
 def _first_sentence(page: str) -> str:
-    sentence = re.search(r'<p class="lead">(.*?)</p>', page, flags=re.DOTALL)
+    sentence = re.search(r'<p class="lead headline">(.*?)</p>', page, flags=re.DOTALL)
     assert sentence
     return sentence[1]
 

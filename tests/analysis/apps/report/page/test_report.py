@@ -13,12 +13,13 @@ import pytest
 from analysis import evaluate_runs, load_run
 from analysis.apps.report.html_page import check_pdf_output, write_pdf
 from analysis.apps.report.page.page_content import Report, gather
-from analysis.apps.report.page.write_page import Heading, rendered, write_page
+from analysis.apps.report.page.write_page import PageHead, rendered, write_page
 from analysis.apps.report.texts import texts_of
 from rigs.distribution import to_install
-from rigs.errors import CellError, FileError, UseError
+from rigs.errors import CellError
 from rigs.load import load
 from tests.support import command_line
+from tests.support.refusals import refused
 from tests.support.store_cases import edit_manifest
 from tests.support.written_runs import write_simulated
 
@@ -50,7 +51,7 @@ def test_serial_number_and_operator_come_from_rig_file_and_run(report: Report) -
 
 
 def test_what_is_given_stands_there_as_text_and_goes_first(report: Report) -> None:
-    page = rendered(report, texts_of("de"), Heading(serial="4", customer=EVIL, order="2026-17"))
+    page = rendered(report, texts_of("de"), PageHead(serial="4", customer=EVIL, order="2026-17"))
     given = {"Seriennummer": "4", "Kunde": "&lt;b&gt;A &amp; B&lt;/b&gt;", "Auftrag": "2026-17"}
     assert fields(page) == given | {"gemessen von": "M. Kim"} and EVIL not in page
 
@@ -71,13 +72,13 @@ def test_runs_that_measured_no_robot_are_called_so(report: Report, *, emulated: 
     measured = replace(result.measured, run=replace(result.measured.run, manifest=manifest), rig=rig)
     page = rendered(replace(report, results=(replace(result, measured=measured),)), texts_of("en"))
     assert measured.is_simulated == (emulated or imported)
-    assert ("They do not show a real robot." in page) == measured.is_simulated
+    assert (texts_of("en")("only_simulated") in page) == measured.is_simulated
 
 
 @pytest.mark.parametrize("text", ["x" * 201, "two\nlines", "\x1b[31m"])
 def test_a_field_that_is_no_line_is_refused(text: str) -> None:
-    with pytest.raises(UseError, match="--customer"):
-        Heading(customer=text).check()
+    with refused("report.field"):
+        PageHead(customer=text).check()
 
 
 def test_a_pdf_without_its_library_is_one_line_with_what_to_do(
@@ -86,10 +87,8 @@ def test_a_pdf_without_its_library_is_one_line_with_what_to_do(
     monkeypatch.setitem(sys.modules, "weasyprint", None)
     done = command_line.ran("report", run, "-o", "monday.pdf", cwd=tmp_path)
     assert (done.returncode, list(tmp_path.iterdir())) == (CellError.exit_code, [])
-    assert done.stderr == (
-        f"error: monday.pdf: needs the Python package weasyprint, which is missing; {to_install('weasyprint')}, or "
-        "write monday.html and print the page from a browser\n"
-    )
+    assert done.stderr.startswith("error: monday.pdf: ") and done.stderr.count("\n") == 1
+    assert to_install("weasyprint") in done.stderr and "monday.html" in done.stderr
 
 
 def test_a_pdf_is_written_and_holds_the_pictures(report: Report, tmp_path: Path) -> None:
@@ -109,5 +108,5 @@ def test_a_pdf_that_rig_made_is_made_again_and_no_other(tmp_path: Path, monkeypa
         write_pdf("<p>", file)
     assert b"%%EOF\n" in file.read_bytes()
     file.write_bytes(b"%PDF-1.7\nWeasyPrint\n%%EOF\n")
-    with pytest.raises(FileError, match="was not created by rig"):
+    with refused("output.exists"):
         check_pdf_output(file)

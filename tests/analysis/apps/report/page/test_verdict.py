@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from analysis import Measured, Result, evaluate_runs, load_run
-from analysis.apps.report.page.page_content import PageVerdict, example_limits, figure_title, judge, verdict_sentence
-from analysis.apps.report.texts import LANGUAGES, Language, texts_of
+from analysis.apps.report.page.accuracy import PageVerdict, example_limits, figure_title, judge, verdict_sentence
+from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.diagnosis.judge.verdict import standing_of
 from analysis.procedures.facts import Labels
 from analysis.procedures.pooled import figure_columns
@@ -41,9 +41,8 @@ def _limits(**of_yaw: Limit) -> Limits:
 def test_without_limits_nothing_is_judged(laps: list[Result]) -> None:
     verdict = judge(laps, Limits())
     assert (verdict.overall, verdict.judged) == ("unjudged", ())
-    assert (
-        verdict_sentence(verdict, TEXTS) == "Accuracy was not judged: the rig file has no limits for these tests (Yaw)."
-    )
+    sentence = verdict_sentence(verdict, TEXTS)
+    assert keys_of(sentence) == ("verdict_unjudged",) and TEXTS.test("yaw") in sentence
 
 
 def test_the_example_of_limits_makes_every_test_judged() -> None:
@@ -55,10 +54,8 @@ def test_the_example_of_limits_makes_every_test_judged() -> None:
 
 def test_of_a_test_without_limits_no_example_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     """A user's own test may inherit the example limits of poses, which a rig file would refuse."""
-    monkeypatch.setattr("analysis.apps.report.page.page_content.TESTS", ("height",))
-    monkeypatch.setattr(
-        "analysis.apps.report.page.page_content.labels_of", lambda _: Labels(example=("rms_mm", 0.5, 1.0))
-    )
+    monkeypatch.setattr("analysis.apps.report.page.accuracy.TESTS", ("height",))
+    monkeypatch.setattr("analysis.apps.report.page.accuracy.labels_of", lambda _: Labels(example=("rms_mm", 0.5, 1.0)))
     assert example_limits(PageVerdict("unjudged", (), ("height",))) == ""  # type: ignore[arg-type]
 
 
