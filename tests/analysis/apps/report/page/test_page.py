@@ -194,7 +194,7 @@ def test_title_and_heading_name_the_rig_and_the_robot(page: str) -> None:
 def test_a_page_without_a_verdict_says_which_limits_it_needs(report: Report) -> None:
     unlimited = report.rig.model_copy(update={"limits": Limits(data_sheet_rp_mm=0.05)})
     text = _text(rendered(replace(_small(report), rig=unlimited, results=report.results[:1]), texts_of("en")))
-    assert "limits: yaw: circular_deviation_mm: {watch: 0.05" in text and html.escape(EN("or_repeatability")) in text
+    assert "limits: yaw: circular_deviation_mm: {watch: 0.05" in text and EN("or_repeatability") in html.unescape(text)
 
 
 def test_a_full_disk_keeps_the_old_page(report: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
