@@ -35,7 +35,7 @@ def test_missing_coupling_is_reported_at_import_and_evaluation(tmp_path):
     assert done.returncode == 0 and said in done.stderr
     assert said in " ".join(ran("analyse", run, COLUMNS="1000").stdout.split())
     measured = read_table(source, "ur10", "pose")
-    assert any(doubt.startswith(said) for doubt in evaluate(measured).doubts)
+    assert any(said in doubt for doubt in evaluate(measured).doubts)
     for judge in (diagnose, calibrate):
         with refused("run.convention"):
             judge([measured])
