@@ -3,7 +3,7 @@
 Poses of a public series are the possible readings, and 150 others the targets. `rig calibrate` fits the first readings,
 drawn at random or chosen one at a time for the targets (`rig plan --next`). The first table compares the error at the
 targets, in a frame taught there, with the stated u. The second compares the acts of the plan with the act after all
-readings, and the error that 12 chosen readings predict for 32 with the error of these.
+readings, and predicted errors with the real ones: of 12 chosen readings before any reading, and of 32 by the first 12.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ def judge(case: Case) -> dict[str, Any]:
     possible = min(POSSIBLE, 2 * len(q) // 3)
     read, out = order[:possible], order[possible : possible + LEFT_OUT]
     pool = pool_of_readings(nominal, poses_at(q[read]), q[out], q[out])
-    chosen = read[pool.choose(max(CHOSEN), range(FIRST))]
+    order_chosen = pool.choose(max(CHOSEN), range(FIRST))
+    chosen = read[order_chosen]
     choices = {f"random {count}": read[:count] for count in RANDOM} | {"all": read}
     choices |= {f"chosen {count}": chosen[:count] for count in CHOSEN}
     found: dict[str, Any] = {"series": name}
@@ -91,6 +92,7 @@ def judge(case: Case) -> dict[str, Any]:
         found[label] = judged(rig, name, q[out], xyz_mm[out])
         if label == "chosen 12":
             found[label]["predicted_mm"] = predicted_mm(rig, q[chosen[12:]], q[out])
+            found[label]["typical_mm"] = pool.u_mm(order_chosen[:12])
     return found
 
 

@@ -250,6 +250,8 @@ def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, 
     else:
         say("The error at the targets is unknown: they are outside the measured region.")
     say(step.words)
+    if step.now_mm is not None and not step.is_validated:
+        say("No left-out reading validated the calibration, so the real error may be larger.")
     if step.now_mm is not None and step.of_family >= _SHOWN_OF_FAMILY:
         say(f"{step.of_family:.0%} of the mean square error is not known from readings: typical sizes of {_arms(rig)}.")
 

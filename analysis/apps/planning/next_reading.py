@@ -134,12 +134,15 @@ class NextStep:
     worthwhile: int
     minutes: float
     of_family: float
+    is_validated: bool = False
+    """True if readings that were left out of the calibration confirm its uncertainty."""
     taken: int = 0
     """Number of readings that the decision is based on, if they are part of no calibration."""
 
     def to_dict(self) -> dict[str, Any]:
         names = (
             "act", "now_mm", "corrected_mm", "next_mm", "many_mm", "many", "worthwhile", "minutes", "of_family",
+            "is_validated",
         )  # fmt: skip
         return self.reading.to_dict() | {name: getattr(self, name) for name in names}
 
@@ -170,6 +173,7 @@ class _Known:
     now: float
     stays: float
     unexplained: float
+    is_validated: bool
 
 
 def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None = None) -> NextStep:
@@ -196,7 +200,8 @@ def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None
     if error is not None:
         unexplained = pose_uncertainty(rig, supported).unexplained_mm
         stays = float(np.sqrt(max(error.after_um**2 - error.u_um**2, 0.0))) / 1e3
-        known = _Known(error.before_um / 1e3, stays, unexplained)
+        is_validated = rig.calibrated is not None and rig.calibrated.held_out_um is not None
+        known = _Known(error.before_um / 1e3, stays, unexplained, is_validated)
     measured = rig if is_usable else _uncalibrated(rig)
     readings = possible_readings(rig, sight)
     pool = pool_of_readings(measured, readings, q, q if len(q) >= FEWEST_TAUGHT else work)
@@ -245,5 +250,6 @@ def decide(pool: ReadingPool, readings: Sequence[Reading], known: _Known | None 
     of_family = min(1.0, (pool.u_mm(chosen[:0]) / max(known.now, 1e-9)) ** 2) if known else 1.0
     return NextStep(
         act, readings[chosen[taken]], known.now if known else None, float(after[0]), float(after[1]), float(after[-1]),
-        len(after) - 1, worthwhile, float(minutes[worthwhile]), of_family, taken,
+        len(after) - 1, worthwhile, float(minutes[worthwhile]), of_family,
+        known is not None and known.is_validated, taken,
     )  # fmt: skip

@@ -71,7 +71,7 @@ def test_readings_end_when_they_change_less_than_a_tenth_of_the_error(tmp_path: 
     tests = rig.tests.model_copy(update={"circle": None})
     tracked = rig.model_copy(update={"tests": tests}).calibrated_as(rig)
     step = next_step(tracked, (q, forward(arm_of(rig.robot), q)))
-    assert (step.act, step.reading.kind) == (act, "pose")
+    assert (step.act, step.reading.kind, step.is_validated) == (act, "pose", True)
     assert step.now_mm is not None
     assert step.many_mm <= step.next_mm <= step.corrected_mm < step.now_mm
     assert 0 <= step.of_family < 1
