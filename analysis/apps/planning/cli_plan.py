@@ -243,7 +243,9 @@ def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, 
     if why := why_nothing(rig):
         say(f"{why[0].upper()}{why[1:]}.")
     after = f"{step.corrected_mm:.3f} mm after a correction by the readings so far"
-    if step.now_mm is not None:
+    if step.now_mm is not None and step.now_mm < step.corrected_mm:
+        say(f"The error at the targets is hardly known: {step.now_mm:.3f} mm rms with u = {step.corrected_mm:.3f} mm.")
+    elif step.now_mm is not None:
         say(f"The error at the targets is {step.now_mm:.3f} mm rms now, and {after}.")
     elif rig.calibrated is None or why:
         say(f"The error at the targets is unknown; of a typical arm it is {step.corrected_mm:.3f} mm rms.")

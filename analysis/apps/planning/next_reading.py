@@ -148,15 +148,15 @@ class NextStep:
 
     @property
     def words(self) -> str:
-        """The next reading with its worth in two lines, or that further ones are not worth their time."""
+        """The next reading with its worth, or that further ones are not worth their time."""
         if self.act != "measure":
             change_mm = self.corrected_mm - self.many_mm
             decided = f"These {self.taken} {self.reading.noun} decide" if self.taken > 1 else "The readings decide"
             return f"{decided}: {_ACTS[self.act]}. {self.many} more would change {change_mm:.3f} mm."
         words = self.reading.words
         later = f"{self.next_mm:.3f} mm after it, {self.many_mm:.3f} mm after {self.many}"
-        worth = f"{self.worthwhile} readings are worth their" if self.worthwhile > 1 else "It is worth its"
-        return f"{words[0].upper()}{words[1:]}: {later}.\n{worth} {self.minutes:.0f} minutes."
+        worth = f"{self.worthwhile} readings are worth their" if self.worthwhile > 1 else "it is worth its"
+        return f"{words[0].upper()}{words[1:]}: {later}; {worth} {self.minutes:.0f} minutes."
 
 
 _ACTS = {

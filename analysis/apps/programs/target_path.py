@@ -27,6 +27,7 @@ from analysis.runs.table_layout import JOINTS, PLACE, RAIL, TURN, joint_columns
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
+from rigs.text import as_argument
 
 POSES = (*PLACE, *TURN)
 ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected")
@@ -82,7 +83,7 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
         what = (
             f"has the columns {required[0]} … {required[-1]} and {both[0]}: joint angles and poses cannot be combined"
         )
-        remedy = "keep the columns of the targets only; measured poses calibrate an arm: rig calibrate FILE --arm ARM"
+        remedy = f"keep one of both; measured poses calibrate an arm: rig calibrate {as_argument(path)} --arm ARM"
         raise FileError(str(path), what, remedy, code="targets.mixed")
     return _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
 
