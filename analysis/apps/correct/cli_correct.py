@@ -192,7 +192,6 @@ def correct(
 
 
 def _unused_start(program: CorrectedProgram) -> str:
-    """Return a sentence on why the start posture of a program is not used."""
     if any(left.reason == "no_posture" for left in program.left):
         return "--start-joints is not used, because the files do not show which routine starts first"
     return "--start-joints is not needed by any target"

@@ -155,7 +155,6 @@ class Projection:
 
 
 def at_controller(rig: Rig) -> Rig:
-    """Return the rig with the arm in the controller."""
     return rig.model_copy(update={"robot": controller_robot(rig.robot)})
 
 
@@ -291,12 +290,10 @@ class ControllerEntries:
 
     @property
     def carried_um(self) -> float:
-        """Error removed by the entries."""
         return self.before_um - self.after_um
 
     @property
     def carried_by_targets_um(self) -> float:
-        """Error removed by corrected targets."""
         return self.before_um - self.by_targets_um
 
 

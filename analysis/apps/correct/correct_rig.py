@@ -131,7 +131,6 @@ def correct_rig(
 
 
 def _require_same_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) -> None:
-    """Raise FileError for a program of a different maker."""
     if maker and program.maker != maker:
         of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
         whose = "the robot of the rig file has" if maker == rig.maker else "--for gives"

@@ -33,7 +33,6 @@ class Correction:
 
     @property
     def corrected(self) -> float:
-        """Corrected value."""
         return self.nominal + self.delta
 
 

@@ -55,7 +55,6 @@ class ActWords(AnswerWords):
         return Phrase(f"{sentence.removesuffix('.')} ({against}).", keys) if against else sentence
 
     def what(self, act: Act) -> str:
-        """Return the instruction of an act as a sentence."""
         texts = self.texts
         if act.kind == "none":
             return self._none(act)
@@ -97,7 +96,6 @@ class ActWords(AnswerWords):
         return self.texts("do_convert") if act.kind == "convert" else self.what(act)
 
     def action_of(self, act: Act) -> str:
-        """Return an act in a few words, as the end of a sentence."""
         reason = f"do_now_{act.why}"
         return self.texts(reason if reason in self.texts.words else f"do_now_{act.kind}")
 

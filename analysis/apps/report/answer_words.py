@@ -160,7 +160,6 @@ class AnswerWords:
         ]  # fmt: skip
 
     def constant_name(self, made: Contradiction) -> str:
-        """Return the name of a stated constant."""
         return self.texts(f"constant_{made.key.rpartition('.')[2]}", names=self.texts("and").join(made.names))
 
     @property
@@ -239,7 +238,6 @@ class AnswerWords:
         return self.texts("times_usual", times=f"{times:.1f}" if times >= 0.05 else "< 0.1")
 
     def noun(self, effect: Effect) -> str:
-        """Return the noun phrase for an effect within a sentence."""
         words = self.texts.nouns.get(name_of(effect), self.texts.nouns.get(effect.effect))
         if words is None:
             return plain(self.diagnosis.rig, effect)
@@ -275,7 +273,6 @@ class AnswerWords:
         return joined([self.texts(f"finding_{which}", **values), larger])
 
     def _condition(self) -> tuple[str, dict[str, str]]:
-        """Return the key of the sentence on the condition, and its values."""
         diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.remainder.um)}
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
             return "scatter", {"um": _length(math.sqrt(3) * scatter_um)}  # of a place, like every error
@@ -339,7 +336,6 @@ class AnswerWords:
         return self.texts("finding_follows", subject=subject, share=percent(followed.share))
 
     def _out_of_range(self) -> str:
-        """Return the sentence about the parameter out of range, with estimate and limit."""
         (named,) = self.diagnosis.effects
         effect = named.effect
         limit = min((abs(limit) for limit in size_limits(effect) if limit), default=math.inf)
@@ -371,7 +367,6 @@ class AnswerWords:
         return self.texts("or").join(self.noun(cause.effect) for cause in self.likeliest_first(named))
 
     def likeliest_first(self, named: Named) -> list[Named | Rival]:
-        """Return an effect and the rivals that cannot be dismissed, the likeliest first."""
         return sorted([named, *likely_rivals(named)], key=lambda cause: -cause.probability)
 
 
@@ -387,7 +382,6 @@ def _length(um: float) -> str:
 
 
 def judged_gap(diagnosis: Diagnosis) -> Gap:
-    """Return the gap of the runs used for the accuracy."""
     return {"unseen": diagnosis.unseen, "held_out": diagnosis.held_out}.get(diagnosis.accuracy.place) or diagnosis.train
 
 

@@ -52,7 +52,6 @@ class Sentence:
 
     @property
     def words(self) -> str:
-        """The text after its badge."""
         return f"{self.lead}: {self.text}" if self.lead else self.text
 
 
@@ -104,7 +103,6 @@ class Table:
     """Class of the table on the page."""
 
     def cells(self) -> list[list[Cell]]:
-        """Return the rows as cells."""
         return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
 
 

@@ -106,7 +106,6 @@ class Chart:
         return max((len(line.steps) for line in self.lines if line.steps is not None), default=0)
 
     def at_step(self, step: int) -> Chart:
-        """Return the chart at a given step."""
         lines = [line if line.steps is None else replace(line, y=line.steps[step], steps=None) for line in self.lines]
         return replace(self, lines=tuple(lines))
 
@@ -130,7 +129,6 @@ class Chart:
 
     @property
     def hole(self) -> float:
-        """Radius of the zero circle in a polar chart."""
         return _HOLE * self.largest
 
 
@@ -156,7 +154,6 @@ class SphereChart:
 
     @property
     def magnified(self) -> float:
-        """Magnification of the deviations."""
         largest = max(float(np.abs(self.deviation_mm).max()), float(np.abs(self.grid_deviation_mm).max()), 1e-9)
         return 0.2 * self.radius_mm / largest
 

@@ -80,7 +80,6 @@ def analyse(
 
 
 def _as_line(run: Path) -> str:
-    """Return the figures of a run as a line of JSON in ASCII."""
     from analysis.procedures.results import evaluate_path
 
     return json.dumps(evaluate_path(run, with_rows=False).to_dict())

@@ -66,7 +66,6 @@ def summary_parts(summary: Summary, texts: Texts) -> list[list[Block]]:
 
 
 def summary_blocks(summary: Summary, texts: Texts) -> list[Block]:
-    """The parts of a summary one after the other."""
     return sum(summary_parts(summary, texts), list[Block]())
 
 
@@ -97,7 +96,6 @@ def sections_of(
 
 
 def answer_of(diagnosis: Diagnosis, texts: Texts | None = None) -> list[Block]:
-    """The complete answer."""
     texts = texts or texts_of("en")
     runs = counted(len(diagnosis.runs), "run")
     noise = "from repeats" if diagnosis.repeated else "from residuals" if diagnosis.shows_noise else "assumed"

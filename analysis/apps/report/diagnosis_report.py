@@ -81,7 +81,6 @@ def refuse_existing_rig(output: Path) -> None:
 
 
 def calibration_path(output: Path) -> Path:
-    """Return the path of the calibration file next to a rig file."""
     return output.with_name(f"{output.stem}.calibration.json")
 
 
@@ -164,7 +163,6 @@ def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
 
 
 def _origins(diagnosis: Diagnosis) -> list[Effect]:
-    """Return the written faults with their provenance."""
     return [
         with_provenance(
             with_origin(named.effect, diagnosis.runs, named.sd, (named.gap_without_um, diagnosis.train.after_um)),

@@ -52,7 +52,6 @@ def other_parameters(named: Named) -> list[str]:
 
 
 def rival_names(named: Named) -> list[str]:
-    """Return the names of the rivals that cannot be dismissed."""
     return [name_of(rival.effect) for rival in likely_rivals(named)]
 
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 
 def is_page(file: Path) -> bool:
-    """Return whether a file name is that of an HTML page."""
     return file.suffix.lower() in (".html", ".htm")
 
 
@@ -95,7 +94,6 @@ that does not fit below the heading to a new page.
 
 
 def is_pdf(file: Path) -> bool:
-    """Return whether a file name is that of a PDF."""
     return file.suffix.lower() == ".pdf"
 
 

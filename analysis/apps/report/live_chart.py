@@ -23,7 +23,6 @@ def live(picture: Picture) -> dict[str, Any]:
 
 
 def colours(*, dark: bool) -> dict[str, str]:
-    """Return the colour of each role."""
     return {role: look.dark if dark else look.light for role, look in ROLE_STYLES.items()}
 
 

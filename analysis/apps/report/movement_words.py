@@ -17,7 +17,6 @@ _SMALL = 2.0
 
 
 def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) -> str:
-    """Return the name of a cause in a sentence."""
     if cause.members:
         *others, last = (name_of(member, texts, of_tracker=of_tracker) for member in cause.members)
         return texts("cause_pair", first=", ".join(others), second=last)
@@ -38,7 +37,6 @@ def size_of(cause: CauseOdds, texts: Texts = _ENGLISH, *, of_tracker: bool = Fal
 
 
 def movement_sentence(movement: Movement, texts: Texts) -> str:
-    """Return a movement found among the runs of a diagnosis as a sentence."""
     kind = _kind(movement.what, movement.alike)
     thing = texts(f"moved_{kind}", axis=movement.axis or "", name=movement.name).rstrip()
     size = ""
@@ -67,7 +65,6 @@ def _shift(shift_mm: Vector, u_mm: float, turn_deg: Vector | None, u_turn_deg: f
 
 
 def act_after(movements: Sequence[Movement], texts: Texts) -> str:
-    """Return the recommended action after movements found among the runs of a diagnosis."""
     return joined(dict.fromkeys(act_of(moved, moved.name, texts, moved.alike) for moved in movements))
 
 

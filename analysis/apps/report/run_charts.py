@@ -108,7 +108,6 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
 
 
 def target_charts(result: Result, texts: Texts) -> list[Picture]:
-    """Return the charts of a run at targets."""
     match result.curve:
         case RadialCurve() as curve:
             return _hemisphere(result, curve, texts)

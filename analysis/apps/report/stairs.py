@@ -31,7 +31,6 @@ class Stairs:
 
     @property
     def largest_um(self) -> float:
-        """Largest residual of any step."""
         return max(1e-9, *(residue.um for step in self.steps for residue in step.left))
 
 

@@ -47,7 +47,6 @@ class Sheet(Figure):
         super().__init__(figsize=(width_inch, height_inch), layout="constrained")
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the figure after making all text plain."""
         for text in self.findobj(Text):
             if isinstance(text, Text) and (shown := plain_lines(text.get_text())) != text.get_text():
                 text.set_text(shown)
@@ -78,7 +77,6 @@ _SPACE = re.compile(r"\s+")
 
 
 def still(picture: Picture) -> str:
-    """Return a chart as SVG."""
     with mpl.rc_context({"path.simplify_threshold": 0.3, "font.size": 8.0}):
         sheet = Sheet(*_size_inch(picture))
         _draw_picture(sheet, picture)
@@ -129,7 +127,6 @@ def sheet_of(
 
 
 def _size_inch(picture: Picture) -> tuple[float, float]:
-    """Return width and height on the page."""
     if isinstance(picture, SphereChart):
         return 5.4, 3.6
     if picture.panels:

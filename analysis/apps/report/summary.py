@@ -45,12 +45,10 @@ class ErrorChange:
 
     @property
     def words(self) -> str:
-        """Both errors with their unit, as a line of text."""
         return f"{self.now} → {self.after} µm rms" if self.after else f"{self.now} µm rms"
 
     @property
     def title(self) -> str:
-        """Both labels, as a line of text."""
         label = f"{self.now_label} → {self.after_label}" if self.after else self.now_label
         return label[:1].upper() + label[1:]
 

@@ -66,7 +66,6 @@ class Phrase(str):
 
 
 def keys_of(text: object) -> tuple[str, ...]:
-    """Return the keys of the texts from which a text was made."""
     return text.keys if isinstance(text, Phrase) else ()
 
 
@@ -94,7 +93,6 @@ class Texts:
     nouns: dict[str, str]
 
     def __call__(self, key: str, /, **values: object) -> Phrase:
-        """Return a text with values inserted."""
         keys = (key, *(inner for value in values.values() for inner in keys_of(value)))
         return Phrase(self.words[key].format(**values), keys, values)
 
@@ -124,7 +122,6 @@ class Texts:
 
 @cache
 def texts_of(language: Language) -> Texts:
-    """Return the texts of a language."""
     read = _template(f"texts.{language}")
     return Texts(language, _template("english") | read["words"], read["labels"], read["nouns"])
 

@@ -237,7 +237,6 @@ class RealCell:
         return CellError(", ".join(self.silent()), problem, remedy, code="stream.silent")
 
     def stop_rigd(self) -> None:
-        """Stop the daemon, if it runs."""
         if self._client is not None:
             self._client.__exit__()
             self._client = None
@@ -389,12 +388,10 @@ class ServedCell(RealCell):
         self._child = Child.start("analysis.cli", "rig emulate", arguments, log, hear=hear_line)
 
     def switch_off(self) -> None:
-        """Stop the emulated cell."""
         if self._child is not None:
             self._child.stop()
 
     def type_line(self, line: str) -> None:
-        """Type a command at the emulated cell."""
         assert self._child is not None  # noqa: S101 - it was switched on
         self._child.type_line(line)
 

@@ -101,11 +101,9 @@ class Child:
 
     @property
     def runs(self) -> bool:
-        """True if the program is still running."""
         return self._process.poll() is None
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the end of the program. Return False if it still runs after this time."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout_s)
         return not self.runs
@@ -116,7 +114,6 @@ class Child:
         return self._process.poll()
 
     def stop(self) -> None:
-        """Terminate the program and wait for the exit. Kill it if it does not react."""
         if self.runs:
             self._process.terminate()
             try:

@@ -183,7 +183,6 @@ class _Lines:
             self._shown = True
 
     def clear(self) -> None:
-        """Remove the progress line."""
         if self._shown:
             rewrite_line("")
             self._shown = False

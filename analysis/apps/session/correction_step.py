@@ -182,7 +182,6 @@ def _best_way(now_um: float, entries_gain_um: float, targets_gain_um: float) -> 
 
 
 def entries_file(directory: Path) -> Path:
-    """Path of the file with the values to enter."""
     return directory / _FILE
 
 

@@ -94,13 +94,11 @@ class ProgramWatch:
         """Duration of the current standstill."""
 
     def reset(self) -> None:
-        """Reset to the initial state after the end of a program."""
         self._ended, self._has_moved, self._first = self.program, False, None
         self.program, self._at = "", 0
 
     @property
     def share(self) -> float:
-        """Completed share of the path, 0 to 1."""
         return self._at / max(1, len(self._ways[self.program].q_deg) - 1) if self.program else 0.0
 
     def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:

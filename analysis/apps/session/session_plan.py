@@ -116,7 +116,6 @@ def stage_rig(rig: Rig, stage: Stage) -> Rig:
 
 
 def stage_text(text: str, stage: Stage) -> str:
-    """Text of a rig file adapted to a stage."""
     data = {key: value for key, value in data_of(text).items() if key != "automatic"}
     if stage.circle is not None:
         data["tests"] = {**(data.get("tests") or {}), "circle": stage.circle.model_dump(mode="json")}
@@ -331,7 +330,6 @@ def numbered(steps: Sequence[ProgramStep], written: Sequence[ProgramStep] = ()) 
 
 
 def _bare(program: str) -> str:
-    """Remove the number from the name of a program."""
     head, _, stem = program.partition("-")
     return stem if head[:1] == "p" and head[1:].isdigit() else program
 

@@ -102,7 +102,6 @@ class ProgramStep(Part):
 
     @property
     def is_open(self) -> bool:
-        """True if the step still has to be driven."""
         return self.run is None and not self.skipped
 
     @property
@@ -264,11 +263,9 @@ class Session(Part):
 
     @property
     def open_steps(self) -> list[ProgramStep]:
-        """Steps that still have to be driven."""
         return [step for step in self.steps if step.is_open]
 
     def with_step(self, number: int, step: ProgramStep) -> Session:
-        """Session with a replaced step. number: index of the step, from 0."""
         return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
 
     def is_last(self, answer: Answer) -> bool:
@@ -333,7 +330,6 @@ class Session(Part):
         return with_corrections_removed(summary, acts[0].kind, way, texts_of("en"))
 
     def runs_for(self, *purposes: Purpose) -> list[ProgramStep]:
-        """Steps of these purposes that have a run."""
         return [step for step in self.steps if step.purpose in purposes and step.run]
 
     @property
@@ -385,7 +381,6 @@ class SessionDirectory:
 
     @property
     def file(self) -> Path:
-        """Path of the state file."""
         return self.directory / STATE
 
     def command(self, rig_file: Path | str, kept: Session | None = None) -> str:
@@ -398,7 +393,6 @@ class SessionDirectory:
 
     @property
     def runs(self) -> Path:
-        """Directory of the runs."""
         return self.directory / "runs"
 
     def run(self, name: str) -> Path:
@@ -408,7 +402,6 @@ class SessionDirectory:
         return [self.run(step.run) for step in steps if step.run]
 
     def model_of(self, answer: Answer) -> Path:
-        """Path of the rig file with the diagnosed effects."""
         return self.directory / "found" / answer.found / answer.model
 
     def read(self) -> Session | None:

@@ -108,7 +108,6 @@ class CellInSimulatedTime(ServedCell):
             self._daemon = None
 
     def kill_rigd(self) -> None:
-        """Kill the daemon as SIGKILL would."""
         if self._cell is not None and self._daemon is not None:
             self._cell.kill(self._daemon)
             self._daemon = None

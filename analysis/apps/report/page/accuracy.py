@@ -33,7 +33,6 @@ class PageVerdict:
     by_tolerance: bool = False
 
     def with_standing(self, standing: Overall) -> list[JudgedFigure]:
-        """Return the figures with a given standing."""
         return [figure for figure in self.judged if figure.standing == standing]
 
 
@@ -53,7 +52,6 @@ def verdict_blocks(verdict: PageVerdict, texts: Texts, when: str = "") -> Senten
 
 
 def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
-    """Return the reason for the verdict as a sentence."""
     if verdict.by_tolerance:
         return texts("verdict_tolerance")
     if verdict.overall == "unjudged":

@@ -189,7 +189,6 @@ def _condition(report: Report, badge: Sentence, parts: Sections, texts: Texts) -
 
 
 def _accuracy(after: BeforeAfter | None, verdict: PageVerdict, texts: Texts) -> list[Block]:
-    """The verdict on the measured arm, and on the corrected robot if it was driven."""
     head: list[Block] = [Heading(texts("accuracy"), 3)]
     if after is None or not after.driven:
         return [*head, verdict_blocks(verdict, texts)]
@@ -222,7 +221,6 @@ def _summary(report: Report, verdict: PageVerdict, texts: Texts) -> tuple[Senten
 
 
 def _trace(report: Report, texts: Texts) -> list[Block]:
-    """Runs with files, runs that were left out, instruments, and the version that made the page."""
     made = dt.datetime.now(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
     return [
         trace_table(report.results, texts),
@@ -281,7 +279,6 @@ def _hash(script: str) -> str:
 
 
 def _still_uri(picture: Picture) -> str:
-    """Return the still picture as a data URI of an image, in which scripts cannot run."""
     return "data:image/svg+xml;base64," + base64.b64encode(still(picture).encode()).decode()
 
 
