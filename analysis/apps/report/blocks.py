@@ -16,11 +16,12 @@ from rich.segment import Segment
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from analysis.apps.report import summary
 from analysis.apps.report.texts import keys_of
 from analysis.cli.plain_console import PlainConsole, bare_table, right
 
-Tone = summary.Tone | Literal["plain", "doubt", "note", "strong"]
+BadgeTone = Literal["pass", "watch", "fail", "unjudged"]
+"""Colour of a badge: green, yellow, red, or grey for an open question."""
+Tone = BadgeTone | Literal["plain", "doubt", "note", "strong"]
 """Colour of a text: of a badge, of a doubt, of a note, or of the lead."""
 _STYLES: dict[Tone, str] = {
     "pass": "bold green", "watch": "bold yellow", "fail": "bold red", "unjudged": "bold yellow", "plain": "",
@@ -63,10 +64,23 @@ class Command:
 
 
 @dataclass(frozen=True)
+class BarSegment:
+    """A segment of the stacked bar.
+
+    share: of the error, 0 to 1; percent: the same as text. rank: class of the part; empty if it has none.
+    """
+
+    name: str
+    share: float
+    percent: str
+    rank: str = ""
+
+
+@dataclass(frozen=True)
 class Segments:
     """Stacked bar of the parts of the error."""
 
-    parts: tuple[summary.BarSegment, ...]
+    parts: tuple[BarSegment, ...]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Yield the bar as a single line, and a line for each segment."""

@@ -6,27 +6,11 @@ Page, window, terminal and picture show the same words.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
+from analysis.apps.report.blocks import BadgeTone, BarSegment
 from analysis.apps.report.diagnosis_words import error_size
 from analysis.apps.report.texts import Phrase, Texts, joined, keys_of
 from analysis.correction.deviation import Deviation
-
-Tone = Literal["pass", "watch", "fail", "unjudged"]
-"""Colour of a badge: green, yellow, red, or grey for an open question."""
-
-
-@dataclass(frozen=True)
-class BarSegment:
-    """A segment of the stacked bar.
-
-    share: of the error, 0 to 1; percent: the same as text. rank: class of the part; empty if it has none.
-    """
-
-    name: str
-    share: float
-    percent: str
-    rank: str = ""
 
 
 @dataclass(frozen=True)
@@ -76,7 +60,7 @@ class Summary:
     causes: tuple[BarSegment, ...]
     next: str
     command: str = ""
-    tone: Tone = "unjudged"
+    tone: BadgeTone = "unjudged"
     action: str = ""
     """The next step in a few words, which ends the first sentence of the headline."""
 
@@ -123,6 +107,6 @@ def with_driven_error(summary: Summary, before: Deviation, after: Deviation, tex
         after=error_size(after.um, after.u_um),
         basis=texts("basis_driven"),
     ).with_remarks(texts, is_measured=before.u_um > 0)
-    tones: dict[str, Tone] = {"unusual_group": "watch", "no_certain_fault": "unjudged"}
+    tones: dict[str, BadgeTone] = {"unusual_group": "watch", "no_certain_fault": "unjudged"}
     tone = tones.get(summary.standing, "pass") if summary.standing in WITHOUT_FAULT else summary.tone
     return replace(summary, error=error, tone=tone)

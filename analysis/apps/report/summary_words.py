@@ -16,6 +16,7 @@ from analysis.apps.report.answer_words import (
     part_of,
     unusual_groups,
 )
+from analysis.apps.report.blocks import BadgeTone, BarSegment
 from analysis.apps.report.diagnosis_words import (
     error_size,
     has_measured_noise,
@@ -27,10 +28,8 @@ from analysis.apps.report.diagnosis_words import (
 )
 from analysis.apps.report.summary import (
     WITHOUT_FAULT,
-    BarSegment,
     ErrorChange,
     Summary,
-    Tone,
     with_action,
     with_driven_error,
 )
@@ -145,7 +144,7 @@ class _SummaryWords(ActWords):
         """Whether the error is within the limits, so that no step is necessary for the accuracy."""
         return self.diagnosis.accuracy.standing == "pass" and self.standing in (*WITHOUT_FAULT, "named", "ambiguous")
 
-    def tone(self, causes: Sequence[_Cause]) -> Tone:
+    def tone(self, causes: Sequence[_Cause]) -> BadgeTone:
         """The colour of the badge: that of the accuracy if no fault was found."""
         standing = self.diagnosis.accuracy.standing
         if self.standing in WITHOUT_FAULT and standing == "fail":

@@ -140,7 +140,6 @@ _KNOWN = {
     "runs/written_files.py": "the one place where files are made",
     "apps/plant/store.py": "a database, which has its own journal",
     "apps/plant/fleet_screen.py": "the parent of a file that is renamed at the end",
-    "apps/plant/history_page.py": "a picture in memory",
     "apps/report/diagnosis_report.py": "writers for write_all_over",
     "apps/paper/pictures.py": "the same",
     "apps/session/child_processes.py": "the log of a process, which grows line by line",

@@ -13,11 +13,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from analysis.apps.report.blocks import Block, Cell, Heading, Segments, Sentence, Table, as_object, on_screen
+from analysis.apps.report.blocks import (
+    BarSegment,
+    Block,
+    Cell,
+    Heading,
+    Segments,
+    Sentence,
+    Table,
+    as_object,
+    on_screen,
+)
 from analysis.apps.report.diagnosis_answer import answer_of, sections_of, summary_blocks
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.html_page import environment
-from analysis.apps.report.summary import BarSegment
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.diagnosis.judge.residuals import ResidualBand
