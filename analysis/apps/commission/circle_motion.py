@@ -30,30 +30,26 @@ from rigs.errors import FileError
 # turns as far as a programmed circle. If it does, the motion contains a second circle and the user has to decide.
 
 _POINTS = 600
-"""Number of points along the path: a tenth of the path still has sixty."""
+"""Points along the path: a tenth of it still has sixty."""
 _TRIPLES = 1500
-"""Number of random triples. A few hundred have all points on the circle, even if it is only a tenth of the path."""
+"""Random triples. A few hundred lie on the circle, even if it is a tenth of the path."""
 _BEST = 20
-"""Number of triples that are refined. They have the largest angles, and most belong to the same circle."""
+"""Triples that are refined. They have the largest angles, and most belong to the same circle."""
 _REFINED = 3
-"""Number of fits to the points on a circle."""
+"""Fits to the points on a circle."""
 _RADIUS_MM = (1.0, 2000.0)
 """Radii allowed in a rig file (`rigs.schema.declared_tests.Circle`)."""
 _OF_RADIUS = 0.01
 """Largest deviation relative to the radius. It prevents a small circle from absorbing a corner."""
 _FEWEST_OF_A_STRETCH = 10
-"""Minimum number of points in a stretch. Fewer points are the corner between two lines."""
+"""Fewer points are the corner between two lines."""
 _HOLES = 2
-"""Number of consecutive outliers tolerated within a stretch: a few feedback rows may be wrong."""
+"""Consecutive outliers tolerated within a stretch: a few feedback rows may be wrong."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Tolerance for following a circle.
-
-    mm: largest deviation, limited to `scale` hundredths of the radius. least_rad: smallest angle that the path must
-    follow.
-    """
+    """How far a path may be off a circle that it follows, limited to `scale` hundredths of the radius."""
 
     mm: float
     scale: float
@@ -81,10 +77,7 @@ class FoundCircle:
 
 
 def even_path(places: Array, run: Integers) -> tuple[Array, Integers]:
-    """Resample the places (n, 3) in mm to some hundred points (k, 3) at equal distances.
-
-    Also return the run number (k,) of each point.
-    """
+    """Resample places (n, 3) to points (k, 3) at equal distances, each with its run number (k,)."""
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     steps[np.diff(run) != 0] = 0.0
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -94,10 +87,7 @@ def even_path(places: Array, run: Integers) -> tuple[Array, Integers]:
 
 
 def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCircle | None:
-    """Circle that a path follows over the largest angle; None if there is no circle.
-
-    points (k, 3): places in mm at equal distances. run (k,): number of the run of each point.
-    """
+    """Circle that equidistant points (k, 3) in mm follow over the largest angle; None if there is no circle."""
     rng = np.random.default_rng(0)
     half = np.exp(rng.uniform(np.log(3), np.log((len(points) - 1) / 2), _TRIPLES)).astype(int)
     middle = (half + rng.uniform(size=_TRIPLES) * (len(points) - 2 * half)).astype(int)
@@ -123,10 +113,7 @@ def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCirc
 
 
 def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Tolerance) -> tuple[Mask, float]:
-    """Select the stretches of a path that follow a circle and sum the angles in rad.
-
-    points (k, 3): places in mm. run (k,): number of the run of each point. Return a mask (k,) and the angle.
-    """
+    """Mask (k,) of the points in stretches that follow a circle, and the sum of their angles in rad."""
     away = deviations(circle, points)
     on = away.largest < tolerance.at(circle.radius)
     rows = np.flatnonzero(on)
@@ -157,49 +144,21 @@ def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Toler
 # limited to a quarter of the record.
 
 _TIMES = 7
-"""Number of correlation times tried, from the duration of a step to the longest.
-
-Consecutive times differ by a factor below three for 100 steps.
-"""
+"""Correlation times tried, from a step to the longest; a factor below three apart for 100 steps."""
 _LONGEST = (1.0, 0.25)
 """Longest correlation times of rough and smooth noise, relative to the record. Slower noise looks like motion."""
 _SHARES = np.concatenate([[0.0], np.geomspace(1e-2, 1e6, 9)])
 """Ratios of slow to white variance. White noise almost vanishes in the mean of some hundred readings."""
 _NONE = float(np.pi / np.log(_SHARES[2] / _SHARES[1]))
-"""Prior weight of the case that slow noise is absent.
-
-It equals the total weight of all other cases, which is the sum of the half-Cauchy prior.
-"""
+"""Prior weight of the absence of slow noise: the total weight of all other cases, the sum of the half-Cauchy prior."""
 _NOTHING = 1e-24
 """Squared deviation used for noise-free readings."""
 _DRAWS = 4000
-"""Number of draws of the coefficients: a 95 % quantile is then accurate to 2 %."""
+"""Draws of the coefficients: a 95 % quantile is then accurate to 2 %."""
 
 
-@dataclass(frozen=True)
-class Regression:
-    """Result of a regression: value (p,) in the unit of the readings, covariance (p, p) in the squared unit."""
-
-    value: Array
-    covariance: Array
-
-
-@dataclass(frozen=True)
-class _Case:
-    """One combination of the grid.
-
-    log: logarithm of the weight. value (p,): coefficients. inverse (p, p): covariance of the coefficients over s².
-    squares: whitened sum of squared residuals.
-    """
-
-    log: float
-    value: Array
-    inverse: Array
-    squares: float
-
-
-def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[Regression]:
-    """Fit the coefficients of each column of readings (m, k), in any unit, as shares of the design (m, p).
+def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[tuple[Array, Array]]:
+    """Fit each column of readings (m, k) by the design (m, p): coefficients (p,) with covariance (p, p).
 
     t_s (m,): timestamps. count (m,): number of equal readings averaged in each row. m must be at least p + 4.
     """
@@ -207,9 +166,9 @@ def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[Re
     step = float(np.median(np.diff(t_s)))
     span = max(step * m, 2 * step)
     root = np.sqrt(count / count.mean())
-    rest_of_fit = readings - design @ np.linalg.lstsq(design, readings, rcond=None)[0]
-    usual = np.maximum((rest_of_fit**2).sum(axis=0) / (m - p), _NOTHING)
-    cases: list[list[_Case]] = [[] for _ in readings.T]
+    residual = readings - design @ np.linalg.lstsq(design, readings, rcond=None)[0]
+    usual = np.maximum((residual**2).sum(axis=0) / (m - p), _NOTHING)
+    cases = []
     for longest, smooth in zip(_LONGEST, (0.0, 1.0), strict=True):
         for tau in np.geomspace(step, longest * span, _TIMES):
             away = np.abs(t_s[:, None] - t_s) / tau
@@ -218,50 +177,38 @@ def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[Re
             X, Y = (V.T @ (values * root[:, None]) for values in (design, readings))
             for share in _SHARES.tolist():
                 variance = 1 + share * np.maximum(level, 0.0)
-                for column_cases, y, residual in zip(cases, Y.T, usual.tolist(), strict=True):
-                    column_cases.append(_case(X, y, variance, share, residual))
-    return [_posterior(column_cases, m - p) for column_cases in cases]
+                scaled = X / variance[:, None]
+                information = scaled.T @ X
+                inverse = np.linalg.inv(information)
+                values = inverse @ (scaled.T @ Y)
+                squares = np.maximum(((Y - X @ values) ** 2 / variance[:, None]).sum(axis=0), _NOTHING)
+                log = np.log(variance).sum() + np.linalg.slogdet(information)[1] + (m - p) * np.log(squares)
+                slow = share * squares / (m - p) / usual
+                # Half-Cauchy prior of the logarithm. Zero slow noise is as likely as any slow noise.
+                prior = np.sqrt(slow) / (1 + slow) if share else np.full(len(usual), _NONE)
+                cases.append((np.log(prior) - log / 2, values.T, squares, inverse))
+    logs, values, squares, inverses = (np.stack(part) for part in zip(*cases, strict=True))
+    return [_posterior(logs[:, k], values[:, k], squares[:, k], inverses, m - p) for k in range(len(usual))]
 
 
-def _case(X: Array, y: Array, variance: Array, share: float, usual: float) -> _Case:
-    """Evaluate a combination of the grid by the restricted likelihood, with the prior of the slow noise.
+def _posterior(logs: Array, values: Array, squares: Array, inverses: Array, free: int) -> tuple[Array, Array]:
+    """Mean (p,) and covariance (p, p) over all cases, scaled so that ±1.96 u of each coefficient covers 95 %.
 
-    usual: mean squared residual of an ordinary fit.
+    logs (c,): log weights. squares (c,): whitened sums of squared residuals. inverses (c, p, p): covariances over s².
     """
-    scaled = X / variance[:, None]
-    information = scaled.T @ X
-    inverse: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    value = inverse @ (scaled.T @ y)
-    free = len(y) - X.shape[1]
-    squares = max(float(((y - X @ value) ** 2 / variance).sum()), _NOTHING)
-    log = -0.5 * float(np.log(variance).sum() + np.linalg.slogdet(information)[1] + free * np.log(squares))
-    slow = share * squares / free / usual
-    # Half-Cauchy prior of the logarithm. Zero slow noise is as likely as any slow noise.
-    return _Case(
-        log + (float(np.log(np.sqrt(slow) / (1 + slow))) if share else float(np.log(_NONE))), value, inverse, squares
-    )
-
-
-def _posterior(cases: list[_Case], free: int) -> Regression:
-    """Average all combinations.
-
-    The covariance is scaled to make ±1.96 u of each coefficient cover 95 % of the draws.
-    """
-    logs = np.array([case.log for case in cases])
     weight = np.exp(logs - logs.max())
     weight /= weight.sum()
-    value: Array = weight @ np.array([case.value for case in cases])
+    value: Array = weight @ values
     rng = np.random.default_rng(0)
     draws = []
-    for case, count in zip(cases, rng.multinomial(_DRAWS, weight).tolist(), strict=True):
-        size = np.sqrt(case.squares / rng.chisquare(free, count))[:, None]
-        draws.append(
-            case.value - value + size * (rng.normal(size=(count, len(value))) @ np.linalg.cholesky(case.inverse).T)
-        )
+    for number, count in enumerate(rng.multinomial(_DRAWS, weight).tolist()):
+        size = np.sqrt(squares[number] / rng.chisquare(free, count))[:, None]
+        noise = rng.normal(size=(count, len(value))) @ np.linalg.cholesky(inverses[number]).T
+        draws.append(values[number] - value + size * noise)
     off = np.concatenate(draws)
     covariance = off.T @ off / _DRAWS
     wide = np.quantile(np.abs(off), 0.95, axis=0) / 1.96 / np.sqrt(np.diag(covariance))
-    return Regression(value, covariance * np.outer(wide, wide))
+    return value, covariance * np.outer(wide, wide)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -274,13 +221,13 @@ def _posterior(cases: list[_Case], free: int) -> Regression:
 _BIN_S = 0.05
 """Bin length in the search for a circle: a few degrees of a fast circle."""
 _FEWEST = 8
-"""Minimum number of bins on the circle for separating scatter from the circle."""
+"""Minimum number of bins for separating scatter from the circle."""
 _OUTLYING = 6.0 * 1.4826
 """Limit in median deviations beyond which a row is off the circle, as in `analysis.runs.stands`."""
 _SMALLEST_MM = 0.02
-"""Smallest limit for outliers in mm. Even on a good circle, single rows of a robot deviate this much."""
+"""Smallest limit for outliers: on a good circle single rows of a robot deviate this much."""
 _MOST_OUTLYING = 0.1
-"""Largest share of outliers to drop. If more rows deviate, the arm bends the circle and all rows are used."""
+"""If more rows deviate, the arm bends the circle and all rows are used."""
 _ALONG = 0.9
 """Minimum cosine between the motion of the tool and the circle. An approach has a larger angle."""
 _MOST_ROWS = 40_000
@@ -288,39 +235,34 @@ _MOST_ROWS = 40_000
 _BLOCKS = 80
 """Maximum number of block means in the regression. The run time grows with the third power."""
 _TRIMS = 3
-"""Number of rounds of dropping outlying bins and refitting the circle. The second round changes very little."""
+"""Rounds of dropping outlying bins and refitting the circle. The second changes very little."""
 _ROUNDS = 4
-"""Number of Gauss-Newton steps. They start from a circle accurate to 1 %, and each step squares the relative error."""
+"""Gauss-Newton steps. They start from a circle accurate to 1 %, and each squares the relative error."""
 _APART_S = 1e7
-"""Time between two runs, long enough to make them uncorrelated. Noise common to both runs is ignored."""
+"""Time between two runs that makes them uncorrelated. Noise common to both runs is ignored."""
 
 
 @dataclass(frozen=True)
 class Binned:
-    """Motions of the robot in bins, in order of time.
-
-    t_s (n,): median timestamps in s. q (n, 6): median angles in rad. T (n, 4, 4): tool poses. run (n,): number of the
-    motion. stands: stops by bin indices. rows: rows per bin for each motion.
-    """
+    """Motions of the robot in bins, in order of time."""
 
     t_s: Array
+    """Median timestamps (n,)."""
     q: Array
+    """Median angles (n, 6) in rad."""
     T: Array
+    """Tool poses (n, 4, 4)."""
     run: Integers
+    """Number (n,) of the motion."""
     stands: tuple[Stand, ...]
+    """Stops, by bin indices."""
     rows: tuple[int, ...]
+    """Rows in a bin, of each motion."""
 
     @property
     def places(self) -> Array:
         """Places (n, 3) of the tool in mm."""
         return self.T[:, :3, 3]
-
-    @property
-    def path(self) -> Mask:
-        """Mask (n,) of the bins on the path: all bins with motion and a single bin of each stop."""
-        rows = self.moving
-        rows[self.stand_rows] = True
-        return rows
 
     @property
     def stand_rows(self) -> Integers:
@@ -329,7 +271,7 @@ class Binned:
 
     @property
     def moving(self) -> Mask:
-        """Mask (n,) of the bins with motion of the robot."""
+        """Mask (n,) of the bins in which the robot moved."""
         moves = np.ones(len(self.t_s), dtype=bool)
         for stand in self.stands:
             moves[stand.begin : stand.end] = False
@@ -337,10 +279,7 @@ class Binned:
 
 
 def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
-    """Divide motions into bins of 0.05 s, or of a single row if the rows are further apart.
-
-    Raises FileError for a motion of fewer than two bins.
-    """
+    """Divide motions into bins of 0.05 s, or of one row if rows are further apart."""
     times: list[Array] = []
     angles, runs, counts = [], [], []
     stands: list[Stand] = []
@@ -366,10 +305,7 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
 
 
 def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: str) -> tuple[Mask, CircleFrame]:
-    """Select the bins (n,) on a circle with the tool moving along it, and fit the nearest circle.
-
-    Raises FileError if there are too few bins.
-    """
+    """Bins (n,) in which the tool moved along the circle, and the circle nearest to them."""
     on, _ = followed(circle, bins.places, bins.run, tolerance)
     way = np.gradient(bins.places, axis=0)
     radial = np.cross(circle.n, bins.places - circle.centre)
@@ -389,19 +325,17 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted circle with the regressions of radial and axial deviations. rows: number of rows used. wild:
-    outliers.
-    """
+    """A fitted circle with the covariances (3, 3) in mm² of the coefficients of radial and axial deviations."""
 
     circle: CircleFrame
-    radial: Regression
-    axial: Regression
+    radial: Array
+    axial: Array
     rows: int
-    wild: int
+    outliers: int
 
 
 def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, circle: CircleFrame) -> Fit:
-    """Fit a circle to all rows of the selected bins, allowing for slow noise. on (n,): mask of the bins."""
+    """Fit a circle to all rows of the selected bins (n,), allowing for slow noise."""
     # Mask (n,) of bins off the circle with neighbours on it. Their rows are tested individually, because an outlier or
     # a reversing joint spoils the median of a small bin.
     before, after = np.zeros_like(on), np.zeros_like(on)
@@ -434,21 +368,17 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
         circle = moved(circle, radial, axial)
     away = deviations(circle, places)
     readings = mean(np.stack([away.radial, away.axial], axis=1))
-    along, across = regress(mean(away.design), readings, mean(t_s), count)
-    wild = int((~sound).sum())
-    return Fit(moved(circle, along.value, across.value), along, across, len(t_s), wild)
+    (radial, radial_cov), (axial, axial_cov) = regress(mean(away.design), readings, mean(t_s), count)
+    return Fit(moved(circle, radial, axial), radial_cov, axial_cov, len(t_s), int((~sound).sum()))
 
 
 def _outlier_from_mm(largest: Array) -> float:
-    """Deviation in mm from which a place counts as an outlier.
-
-    largest (n,): deviations of all places in mm.
-    """
+    """Deviation from which a place is an outlier among places with these deviations (n,)."""
     return max(_OUTLYING * float(np.median(largest)), _SMALLEST_MM)
 
 
 def _rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask) -> tuple[Array, Array, Integers]:
-    """Timestamps (m,) in s, places (m, 3) in mm and stretch numbers (m,) of the rows in the selected bins."""
+    """Timestamps (m,), places (m, 3) in mm and stretch numbers (m,) of the rows in the selected bins."""
     stretches = np.cumsum(np.diff(on, prepend=False) | (np.diff(bins.run, prepend=0) != 0))
     times, angles, numbers = [], [], []
     for number, (motion, count) in enumerate(zip(motions, bins.rows, strict=True)):

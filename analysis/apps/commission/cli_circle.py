@@ -133,7 +133,6 @@ def fit_ball(
 
 
 def _of_one_robot(paths: Iterable[Path], named: RigFile | None) -> tuple[list[Run], RigFile]:
-    """Read runs and the rig. Raises FileError if a run belongs to a different robot."""
     from analysis.apps.commission.cli_fitted_test import RigFile
     from daq.store import read_run
 
@@ -160,10 +159,10 @@ def _check_same_robot(where: str, run_rig: Rig, rig: Rig) -> None:
 
 
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
-    """Watch the robot until Ctrl-C. Return the motion and the named rig, by default the rig of the daemon."""
+    """Motion until Ctrl-C, and the named rig or else that of the daemon."""
     from analysis.apps.commission.cli_fitted_test import RigFile, u_written
     from analysis.apps.commission.driven_circle import driven_circle
-    from analysis.apps.live.daemon_source import watched_motion
+    from analysis.apps.commission.joint_stream import watched_motion
     from daq.service.client import Client, find_socket
     from rigs.load import parse
 

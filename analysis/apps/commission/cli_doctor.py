@@ -102,7 +102,7 @@ def logs(
 
 
 def line(entry: JournalEntry, *, named: bool) -> str:
-    """Format a log entry: time, severity if relevant, and text. named: include the name of the rig."""
+    """Log entry with time, severity if relevant, and text; `named` with the rig."""
     from daq.service.journal import ERROR, INFO, WARNING
 
     if entry.severity <= ERROR:

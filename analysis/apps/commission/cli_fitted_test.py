@@ -1,11 +1,10 @@
-"""Output of a fitted test with its uncertainties: printed as a block of a rig file, or written into the file."""
+"""Output of a fitted test: printed as a block of a rig file, or written into the file."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -26,10 +25,7 @@ _LEAST = 0.0005
 
 @dataclass(frozen=True)
 class RigFile:
-    """A rig with the text of the rig file.
-
-    path: None if the text comes from a run or a daemon and cannot be written.
-    """
+    """A rig with the text of its file; path is None if it comes from a run or a daemon."""
 
     rig: Rig
     text: str
@@ -38,24 +34,19 @@ class RigFile:
 
 @dataclass(frozen=True)
 class FittedTest:
-    """Fitted values of a test.
-
-    u: standard uncertainties of each value, in degrees for directions, otherwise in mm. used: description of the data.
-    doubts: warnings for the user.
-    """
+    """Fitted values of a test."""
 
     test: Literal["circle", "hemisphere"]
     values: Values
     u: Mapping[str, Sequence[float]]
+    """Standard uncertainties of each value, in degrees for directions, otherwise in mm."""
     used: str
+    """Description of the data."""
     doubts: Sequence[str]
 
 
 def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
-    """Load the rig file of the option --rig; None if not given.
-
-    Raises UseError if --write is given without --rig, and FileError for a shipped rig.
-    """
+    """Rig file of the option --rig; None if not given. A shipped rig is not written."""
     if name is None:
         if write:
             remedy = "give the rig file with --rig FILE"
@@ -70,10 +61,7 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
 
 
 def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None:
-    """Print the block of a test, write it on request, and report whether the robot can drive the circle.
-
-    Raises FileError and CellError.
-    """
+    """Print the block of a test, write it on request, and warn if the robot cannot drive the circle."""
     where = str(to.path or to.rig.name)
     text = with_test(to.text, fitted.test, fitted.values, where)
     doubts = [*fitted.doubts, *_not_drivable(parse(text, where))] if fitted.test == "circle" else list(fitted.doubts)
@@ -106,48 +94,24 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
 
 
 def u_written(u: Sequence[float], unit: str) -> str:
-    """Format uncertainties with two digits and the unit.
-
-    Values below the last digit of a length are shown as a bound.
-    """
+    """Uncertainties with two digits and the unit; below the last digit of a length as a bound."""
     if max(u) < _LEAST:
         return f"< {_LEAST:g}{unit}"
     return ", ".join(f"{value:.2g}" if value > _LEAST else f"< {_LEAST:g}" for value in u) + unit
 
 
 def _not_drivable(rig: Rig) -> list[str]:
-    error = _program_error(rig)
-    if error is None:
-        return []
-    circle, remedy = rig.tests.circle, error.remedy
-    assert circle is not None  # noqa: S101 - it was just fitted
-    # The circle may be possible with an axis turned by a full turn.
-    for axis, turn_deg in product(range(len(circle.posture_deg)), (360.0, -360.0)):
-        posture = list(circle.posture_deg)
-        posture[axis] = round(posture[axis] + turn_deg, 2)
-        turned = circle.model_copy(update={"posture_deg": tuple(posture)})
-        tests = rig.tests.model_copy(update={"circle": turned})
-        if _program_error(rig.model_copy(update={"tests": tests})) is None:
-            remedy = f"posture_deg: {posture} would be reachable"
-            break
-    return [f"the robot cannot drive a program of this circle: {error.what}; {remedy}"]
-
-
-def _program_error(rig: Rig) -> RigError | None:
     from analysis.robot.geometry.driven_programs import circle_program
 
     try:
         circle_program(rig, "acw")
     except RigError as error:
-        return error
-    return None
+        return [f"the robot cannot drive a program of this circle: {error.what}; {error.remedy}"]
+    return []
 
 
 def _replace(path: Path, old: str, new: str) -> Path:
-    """Replace a file durably, and keep the old content next to it.
-
-    Returns the name of the file with the old content.
-    """
+    """Replace a file durably and return the name of the copy with the old content."""
     from daq.store import durable
 
     path = path.resolve()  # keep a symbolic link

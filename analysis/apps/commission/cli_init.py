@@ -126,22 +126,17 @@ def init(
         return
     _make(options)
     if calibration:
-        _put_controller(rig_file, calibration)
+        from analysis.intake.controller_arm import rig_with_controller
+        from analysis.runs.written_files import holding, write_all_over
+        from rigs.load import load
+
+        _, text, read = rig_with_controller(*load(rig_file), calibration)
+        write_all_over(rig_file.parent, {rig_file.name: holding(text.encode())})
+        say(read.words)
     check([str(rig_file)])
     say("next:")
     for line in pair_steps(rig_file) if measured_by == "arm" else next_steps(rig_file):
         say(f"  {line}")
-
-
-def _put_controller(rig_file: Path, calibration: str) -> None:
-    """Put the constants of the controller into a new rig file. Raises FileError."""
-    from analysis.intake.controller_arm import rig_with_controller
-    from analysis.runs.written_files import holding, write_all_over
-    from rigs.load import load
-
-    _, text, read = rig_with_controller(*load(rig_file), calibration)
-    write_all_over(rig_file.parent, {rig_file.name: holding(text.encode())})
-    say(read.words)
 
 
 def _say_devices(options: Options) -> None:
@@ -157,7 +152,6 @@ def _say_devices(options: Options) -> None:
 
 
 def _make(options: Options) -> None:
-    """Ask the questions and write the rig file. Exit if the user stops."""
     from analysis.apps.commission.init_answers import kept_in
     from analysis.apps.commission.questionnaire import make_rig_file
     from analysis.cli.dialogue import DialogueEnded, at_terminal
@@ -175,7 +169,7 @@ def _make(options: Options) -> None:
 
 
 def next_steps(rig_file: Path) -> list[str]:
-    """Next steps for a new rig file as lines of commands."""
+    """Commands for a new rig file."""
     from rigs.load import load
 
     rig, _ = load(rig_file)
@@ -196,7 +190,7 @@ def next_steps(rig_file: Path) -> list[str]:
 
 
 def pair_steps(rig_file: Path) -> list[str]:
-    """Next steps for the rig file of an arm that a second arm measures."""
+    """Commands for an arm that a second arm measures."""
     file, other = shlex.quote(str(rig_file)), shlex.quote(str(rig_file.with_name("other.yaml")))
     return [
         f"rig init {other} --measured-by arm  # the other arm, unless it has its rig file",
@@ -208,7 +202,7 @@ def pair_steps(rig_file: Path) -> list[str]:
 
 
 def _without_gauges(rig: Rig, file: str) -> list[str]:
-    """Next steps for a tracker or a ball in sockets, with joint angles that are read or typed."""
+    """Commands for a tracker or a ball in sockets, with joint angles that are read or typed."""
     from rigs.schema.feedback import NoFeedback
 
     if rig.tests.touch is None:
@@ -247,7 +241,6 @@ _WORTH = "the error falls to about a sixth"
 
 
 def _first_lap(rig: Rig, file: str) -> list[str]:
-    """Commands for a first lap and its report."""
     maker, *further = rig.makers
     others = f"  # or {', '.join(further)}" if further else ""
     return [

@@ -1,9 +1,9 @@
-"""Circle that a robot drove, or around which it was jogged or guided by hand, with start point and start posture."""
+"""Circle that a robot drove, or around which it was jogged or guided by hand, with its start."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from analysis.apps.commission.circle_motion import (
     on_circle,
 )
 from analysis.apps.commission.touched_ball import circle_through_stands, distinct, is_jogged
-from analysis.robot.geometry.circle import CircleFrame, circle_frame, deviations, nearest_circle
+from analysis.robot.geometry.circle import CircleFrame, circle_frame, deviations
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of
 from analysis.runs.loading import RobotMotion
 from analysis.runs.stands import STILL_RUN_RAD
@@ -46,36 +46,33 @@ _CLEAR_RAD = np.radians(20.0)
 _MISSING_SHARE = 0.01
 """Largest missing share of a turn for a lap to count as complete."""
 _SAME_START_RAD = np.radians(5.0)
-"""Largest distance from the start in the rig file for both to be identical.
-
-The ends of a program with lead-in are detected with an accuracy of about a degree.
-"""
+"""Largest distance from the start in the rig file: the ends of a program are found to about a degree."""
 _SAME_TOOL_RAD = np.radians(2.0)
-"""Largest deviation of the tool from the orientation in a circle test for the two to count as equal."""
+"""Largest deviation of the tool from its orientation in a circle test."""
 
 
 @dataclass(frozen=True)
 class CircleStart:
-    """Circle with sign and zero direction.
-
-    at (3,): unit vector to the start of the acw circle. posture (6,): joint angles there in rad. arc_rad: driven angle.
-    keeps_zero: the zero direction of the rig file remains valid. doubts: warnings for the user.
-    """
+    """Circle with sign and zero direction."""
 
     circle: CircleFrame
     at: Array
+    """Unit vector (3,) to the start of the acw circle."""
     posture: Array
+    """Joint angles (6,) at the start, in rad."""
     arc_rad: float
+    """Driven angle."""
     keeps_zero: bool
+    """True if the zero direction of the rig file remains valid."""
     doubts: tuple[str, ...]
 
 
 def start_of(
     circle: CircleFrame, T: Array, q: Array, direction: Direction | None, declared: Circle | None
 ) -> CircleStart:
-    """Determine the start of a circle from a stretch of tool poses T (n, 4, 4) in mm and angles q (n, 6) in rad.
+    """Start of a circle from a stretch of tool poses T (n, 4, 4) and angles q (n, 6) on it.
 
-    direction: label of the run. declared: circle of the rig file, if any.
+    direction: label of the run. declared: circle of the rig file.
     """
     phi = circle.angle(T[:, :3, 3])
     doubts: list[str] = []
@@ -122,7 +119,6 @@ def _sense(
 
 
 def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
-    """Warnings about a tool orientation different from that in a circle test."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     nominal = circle.poses(circle.angle(T[:, :3, 3]))[:, :3, :3]
@@ -152,37 +148,33 @@ def _unit(vector: tuple[float, float, float]) -> Array:
 _SECOND = 1 / 3
 """Minimum angle of a second circle relative to the first. Such a circle was driven on purpose."""
 _FURTHER = 1.3
-"""Minimum ratio of angles for preferring a bent circle to a round one. The path of a healthy arm follows both."""
+"""Ratio of angles for preferring a bent circle. The path of a healthy arm follows both."""
 _ROUND_MM = 0.3
 """Largest deviation from a circle caused by a healthy arm, whose constants are wrong by some tenths of a mm."""
 _NEAR = 4.0
-"""Distance in tolerances of the first circle within which a path does not count as part of a second."""
-_JUMP_RAD, _ALONE = np.radians(0.5), 5.0
-"""Size of a step between two rows, absolute and relative to the neighbouring steps, that cannot be motion."""
+"""Tolerances from the first circle within which a path is no part of a second."""
+_FEWEST_OFF = 10
+"""Minimum number of points of a second circle, of some hundred."""
 _GAUGE_MM = 5.0
 """Largest 2 u: the ball is mounted at the centre of the circle, and a gauge reads about 5 mm in both directions."""
-_LONGER = "drive a longer arc, preferably a full lap, or rest at three or more points around the circle"
-_SHORT = replace(DRIVEN, least_rad=0.0)
-"""Tolerance for a short arc: too short to be found among other motion, but long enough to determine the uncertainty."""
+_LONGER = "drive a longer arc, preferably a full lap, or rest for a second at three or more points of the circle"
 
 
 @dataclass(frozen=True)
 class DrivenCircle:
-    """A circle with uncertainties.
-
-    centre_cov (3, 3) in mm² and normal_cov (3, 3) are in world coordinates. u_zero: uncertainty of the zero direction
-    in the plane, in rad. posture (6,) and arc are in rad. used: description of the data. doubts: warnings for the user.
-    """
+    """A circle with uncertainties; the covariances (3, 3) are in world coordinates."""
 
     circle: CircleFrame
     centre_cov: Array
     normal_cov: Array
     u_radius_mm: float
     u_zero: float
+    """Uncertainty of the zero direction in the plane, in rad."""
     posture: Array
     arc: float
     keeps_zero: bool
     used: str
+    """Description of the data."""
     doubts: tuple[str, ...]
 
     @property
@@ -208,10 +200,7 @@ class DrivenCircle:
 
 
 def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
-    """Fit the only circle in motions of the robot.
-
-    Raises FileError if there is no circle, a second, or too short an arc.
-    """
+    """The only circle in motions of the robot. Raises FileError for none, a second, or too short an arc."""
     arm = arm_of(rig.robot)
     for motion in motions:
         if not np.isfinite(motion.q).all():
@@ -223,7 +212,9 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
             raise FileError(motion.where, "the robot stood still", remedy, code="circle.stood_still")
     bins = binned(motions, arm)
     where = _where(motions)
-    points, run = even_path(bins.places[bins.path], bins.run[bins.path])
+    path = bins.moving
+    path[bins.stand_rows] = True  # a stop is a single point of the path
+    points, run = even_path(bins.places[path], bins.run[path])
     # Use a bent circle only if the path follows it much further than a round circle.
     true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
     path_circle, tolerance = true, DRIVEN
@@ -239,15 +230,15 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     if path_circle is None:
         path_circle, tolerance = find_circle(points, run, GUIDED), GUIDED
     if path_circle is None:
-        path_circle, tolerance = _short_arc(points, stood, where), _SHORT
-    _check_one_circle(path_circle, tolerance, points, run, motions, rig)
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        problem = (
+            f"the motion of {length:.0f} mm contains no arc of a circle that is long enough, and the robot rested at "
+            f"only {stood} points; three are needed"
+        )
+        raise FileError(where, problem, _LONGER, code="circle.none")
+    _check_one_circle(path_circle, tolerance, points, run, where)
     on, circle = on_circle(bins, path_circle.circle, tolerance, where)
-    result = _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
-    if tolerance is _SHORT:
-        u = f"u of the centre is {result.u_centre_mm.max():.2g} mm from noise only"
-        problem = f"{result.used} are too short for a circle ({u}), and the robot stopped at only {stood} points"
-        raise FileError(where, problem, _LONGER, code="circle.short_arc")
-    return result
+    return _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
 
 
 def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
@@ -261,21 +252,20 @@ def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], r
         fit.circle, bins.T[longest], bins.q[longest], motions[bins.run[longest][0]].direction, rig.tests.circle
     )
     doubts = _doubts(motions)
-    if fit.wild:
-        doubts.append(f"{fit.wild} rows are outliers of the circle and are not used")
+    if fit.outliers:
+        doubts.append(f"{fit.outliers} rows are outliers of the circle and are not used")
     off_mm = float(np.quantile(deviations(fit.circle, bins.places[on]).largest, 0.95))
     if off_mm > _ROUND_MM:
         hand = f"the path is off the circle by {off_mm:.1f} mm: the robot was guided by hand, the feedback jumped, or"
         doubts.append(f"{hand} the link constants of the controller differ from the rig file")
     used = f"{fit.rows} rows over {np.degrees(start.arc_rad):.0f}° of arc"
-    where = _where(motions)
-    return _result(fit.circle, fit.radial.covariance, fit.axial.covariance, start, used, tuple(doubts), where)
+    return _result(fit.circle, fit.radial, fit.axial, start, used, tuple(doubts), _where(motions))
 
 
 def _result(
     fitted: CircleFrame, radial: Array, axial: Array, start: CircleStart, used: str, doubts: tuple[str, ...], where: str
 ) -> DrivenCircle:
-    """Build the result: rotate the covariances (3, 3) in mm² of radial and axial deviations into world coordinates."""
+    """Rotate the covariances (3, 3) in mm² of radial and axial deviations into world coordinates."""
     plane = np.stack([fitted.u, fitted.v], axis=1)
     centre_cov = plane @ radial[1:, 1:] @ plane.T + axial[0, 0] * np.outer(fitted.n, fitted.n)
     normal_cov = plane @ axial[1:, 1:] @ plane.T / fitted.radius**2
@@ -309,64 +299,21 @@ def _doubts(motions: Sequence[RobotMotion]) -> list[str]:
     return [f"{motion.where}: {doubt}" if named else doubt for motion in motions for doubt in motion.doubts]
 
 
-def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
-    """Interpret the entire path as a short arc to obtain an uncertainty. Raises FileError if it is not an arc."""
-    nearest = nearest_circle(points)
-    if nearest is None or nearest.radius > 1e4:
-        raise _line(points, stood, where)
-    off = float(deviations(nearest, points).largest.max())
-    sagitta = nearest.radius * (1 - np.cos(min(np.pi, _length(points) / nearest.radius / 2)))
-    if off < _SHORT.at(nearest.radius) and sagitta > 2 * off:
-        return FoundCircle(nearest, _length(points) / nearest.radius)
-    if sagitta < 0.02 * _length(points):
-        raise _line(points, stood, where)
-    problem = f"the motion does not contain a circle, and the robot rested at only {stood} points; three are needed"
-    remedy = "record only the circle, or jog to three or more points of the circle and rest at each for a second"
-    raise FileError(where, problem, remedy, code="circle.none")
-
-
-def _line(points: Array, stood: int, where: str) -> FileError:
-    stands = f"and stopped at {stood} points" if stood else "and did not stop"
-    problem = f"the robot moved along a line of {_length(points):.0f} mm {stands}, too few for a circle"
-    remedy = "drive an arc, preferably a full lap, or jog to three or more points around the circle"
-    return FileError(where, problem, remedy, code="circle.line")
-
-
-def _length(points: Array) -> float:
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-
-
-def _check_one_circle(
-    path_circle: FoundCircle,
-    tolerance: Tolerance,
-    points: Array,
-    run: Integers,
-    motions: Sequence[RobotMotion],
-    rig: Rig,
-) -> None:
-    """Check that the rest of a path (k, 3) in mm contains no second circle. Raises FileError otherwise."""
+def _check_one_circle(path_circle: FoundCircle, tolerance: Tolerance, points: Array, run: Integers, where: str) -> None:
+    """Refuse a path (k, 3) in mm with a second circle."""
     first = path_circle.circle
     off_first = deviations(first, points).largest > _NEAR * tolerance.at(first.radius)
-    if off_first.sum() < 10:
+    if off_first.sum() < _FEWEST_OFF:
         return
     # Keep the path after the first circle separate from the path before it.
     pieces = np.cumsum(np.diff(off_first, prepend=False) | (np.diff(run, prepend=0) != 0))
     second = find_circle(points[off_first], pieces[off_first], DRIVEN)
     if second is None or second.turned_rad < _SECOND * path_circle.turned_rad:
         return
-    where = _where(motions)
-    for motion in motions:  # an isolated step far larger than the neighbouring steps
-        steps = np.abs(np.diff(motion.q, axis=0))
-        neighbours = np.maximum(np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0))
-        jumps = np.where((steps > _JUMP_RAD) & (steps > _ALONE * neighbours), steps, 0.0)
-        row, axis = np.unravel_index(jumps.argmax(), jumps.shape)
-        if jumps[row, axis]:
-            jump = f"{rig.robot.axis_words(int(axis) + 1)} jumps by {np.degrees(steps[row, axis]):.1f}°"
-            problem = f"{jump} at {motion.t_s[row + 1]:.3f} s, and a second circle starts there"
-            raise FileError(motion.where, problem, "check the feedback, and repeat the recording", code="circle.jump")
-    problem = f"contains two circles ({_placed(first)}, and {_placed(second.circle)})"
-    raise FileError(where, problem, "give separate runs of the same circle", code="circle.two")
-
-
-def _placed(circle: CircleFrame) -> str:
-    return f"radius {circle.radius:.1f} mm about {[round(float(x), 1) for x in circle.centre]}"
+    found = [
+        f"radius {circle.radius:.1f} mm about {[round(float(x), 1) for x in circle.centre]}"
+        for circle in (first, second.circle)
+    ]
+    problem = f"contains two circles ({found[0]}, and {found[1]})"
+    remedy = "give separate runs of the same circle; if there is only one, check the feedback for jumps"
+    raise FileError(where, problem, remedy, code="circle.two")

@@ -1,4 +1,4 @@
-"""Questions about the gauges: the device on each port, the identity of gauge 1, and facts known only to the user."""
+"""Questions about the gauges: ports, identity of gauge 1, and facts known only to the user."""
 
 from __future__ import annotations
 
@@ -44,7 +44,6 @@ def ask_gauges(_: Answers, options: Options, dialogue: Dialogue) -> Changes:
 
 
 def describe_gauge(name: str, gauge: Gauge) -> str:
-    """Describe in a line which gauge has this name in the rig file."""
     place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
     which = f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side"
     if "counts" in gauge.model_fields_set:
@@ -53,11 +52,15 @@ def describe_gauge(name: str, gauge: Gauge) -> str:
 
 
 def ask_baseline(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
-    """Ask for the distance between two gauges."""
     if len(answers.gauges or ()) < 2:
         return {}
-    question = "Distance between the two gauges, in mm"
-    return {"baseline_mm": dialogue.ask(question, "--baseline-mm", _length_mm, "50")}
+
+    def read(text: str) -> float:
+        remedy = f"type a number from {_NEAREST_MM:g} in mm, such as 50"
+        smallest = math.ulp(0.0)  # a distance is positive
+        return check_baseline_mm(read_number(text, smallest, _FURTHEST_MM, "a distance in mm", remedy), repr(text))
+
+    return {"baseline_mm": dialogue.ask("Distance between the two gauges, in mm", "--baseline-mm", read, "50")}
 
 
 def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], None]) -> list[PortReport]:
@@ -74,18 +77,7 @@ def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], No
 
 
 def ports_of(options: Options) -> list[str]:
-    """Ports named by options, in order and free of duplicates."""
     return list(dict.fromkeys([*options.ports, *(place.partition("#")[0] for place in options.places)]))
-
-
-def _ports(options: Options, dialogue: Dialogue) -> list[str]:
-    """Ports approved by the user. A device other than a gauge may take a request for a command."""
-    ports = ports_here()
-    if (named := ports_of(options)) or (dialogue.terminal and not ports):
-        return named
-    for number, (port, description) in enumerate(ports.items(), 1):
-        dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
-    return dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(ports)))
 
 
 def _selected(ports: Sequence[str], typed: str) -> list[str]:
@@ -99,7 +91,7 @@ def _selected(ports: Sequence[str], typed: str) -> list[str]:
 
 
 def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
-    """Format the report of a port as lines. numbers: number of each gauge in the list, by place."""
+    """Lines about a port. numbers: number of each gauge in the list, by place."""
     head = f"{report.port}{f' ({report.description})' if report.description else ''}"
     if not report.gauges:
         return [f"  - {head}: {report.problem}", f"      {report.remedy}"]
@@ -116,7 +108,11 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
 def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
     """Gauges that respond. At a terminal, repeat the search until there is at least one."""
     while True:
-        ports = _ports(options, dialogue)
+        ports, here = ports_of(options), ports_here()
+        if not ports and (here or not dialogue.terminal):  # the user has to approve each port
+            for number, (port, description) in enumerate(here.items(), 1):
+                dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
+            ports = dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(here)))
         with dialogue.busy("looking at the ports") as doing:
             reports = reports_of(ports, options, doing)
         gauges = [gauge for report in reports for gauge in report.gauges]
@@ -137,7 +133,7 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
 
 
 def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
-    """Identify gauge 1 and, if present, gauge 2. A pushed gauge also reveals the counting direction."""
+    """Gauge 1 and, if present, gauge 2. A pushed gauge also reveals its counting direction."""
     by_place = {gauge.place: gauge for gauge in gauges}
     if options.places:
         return [_at(place, by_place) for place in options.places]
@@ -168,7 +164,7 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
 
 
 def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialogue: Dialogue) -> FoundGauge:
-    """Take the gauge that is pushed or selected by number from the remaining gauges.
+    """Gauge that is pushed or selected by number.
 
     A push also reveals the counting direction: the plunger goes in as the tool approaches the ball.
     """
@@ -194,7 +190,7 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialo
 
 
 def _readings(watch: PortWatch, numbers: dict[str, str]) -> str:
-    """Format the current readings as a prompt in a single line. numbers: number of each gauge in the list, by place."""
+    """Prompt with the current readings."""
     now_mm = watch.readings_mm()
     shown = [f"{number} {now_mm[place]:+z.4f}" for place, number in numbers.items() if place in now_mm]
     return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
@@ -219,14 +215,8 @@ def _key(name: str, key: str, gauge: Part, typed: str) -> Any:
     return value
 
 
-def _length_mm(text: str) -> float:
-    remedy = f"type a number from {_NEAREST_MM:g} in mm, such as 50"
-    smallest = math.ulp(0.0)  # a distance is positive
-    return check_baseline_mm(read_number(text, smallest, _FURTHEST_MM, "a distance in mm", remedy), repr(text))
-
-
 def check_baseline_mm(value: float, where: str) -> float:
-    """Distance between two gauges in mm. Raises FileError if it is impossibly small."""
+    """Distance between two gauges in mm. Refuses one that is impossibly small."""
     if value < _NEAREST_MM:
         turned_mm = value * 1e-3
         problem = (

@@ -1,6 +1,6 @@
 """Guided movement check: propose a touch, take it, and update the odds until a cause is named.
 
-The check does not depend on a daemon or a screen: `rig moved --live` and `rig window` supply the joint angles at rest.
+`rig moved --live` and `rig window` supply the joint angles at rest.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.apps.commission.joint_stream import SampleSource
 from analysis.apps.commission.movement_report import headline, what_to_do
-from analysis.apps.commission.record_touches import TONE, SampleSource, guided_joints, write_touches
+from analysis.apps.commission.record_touches import TONE, guided_joints, write_touches
 from analysis.apps.commission.touched_ball import is_same_posture
 from analysis.apps.commission.what_moved import MovementResult, moved_of, study_runs
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe, socket_of, with_placement
@@ -31,25 +32,24 @@ from rigs.rig import Rig
 
 @dataclass(frozen=True)
 class GuidedCheck:
-    """A check in progress: the reference, and the touches after a possible movement.
-
-    names: of the reference runs. sockets: place of the ball (3,) mm by set-up. touches: socket and joint angles (axes,)
-    rad of each touch.
-    """
+    """A check in progress: the reference, and the touches after a possible movement."""
 
     rig: Rig
     rig_text: str
     placement: str
     names: tuple[str, ...]
+    """Runs of the reference."""
     reference: Reference
     sockets: Mapping[str, Array]
+    """Place of the ball (3,) in mm, by set-up."""
     touches: tuple[tuple[str, Array], ...] = ()
+    """Socket and joint angles (axes,) in rad of each touch."""
 
     @classmethod
     def of_runs(cls, runs: Sequence[Measured], rig: Rig | None = None) -> GuidedCheck:
-        """Begin a check with reference runs. rig: model of the arm; default: that of the first run.
+        """Begin with reference runs, whose touches have one placement.
 
-        Raises FileError unless the reference has touches of a single placement.
+        rig: model of the arm; default: that of the first run.
         """
         touched = [run for run in runs if run.table.test == "touch"]
         names = tuple(run.run.manifest.name for run in runs)
@@ -69,24 +69,17 @@ class GuidedCheck:
         return cls(rig or runs[0].rig, text, placements.pop(), reference.names, reference, sockets)
 
     def with_touch(self, q: Array) -> GuidedCheck:
-        """Check with a touch at joint angles (axes,) rad, in the socket nearest to the ball.
-
-        Raises FileError if the ball is in no socket of the reference.
-        """
-        distances = {setup: self._distance_mm(setup, q) for setup in self.sockets}
+        """Check with a touch at joint angles (axes,) rad, in the socket nearest to the ball."""
+        place, distances = self.reference.place, dict[str, float]()
+        for setup, centre in self.sockets.items():
+            (run,) = self._observed([socket_of(setup)], q[None])
+            ball = tool_places(replace(run, model=place.model), place.setups[setup])[0]
+            distances[setup] = float(np.linalg.norm(ball - centre))
         setup = min(distances, key=distances.__getitem__)
         if distances[setup] > MOST_MM:
             problem = f"the ball is {distances[setup]:.0f} mm from socket {socket_of(setup)}, the nearest one"
             raise FileError("touch", problem, "seat the ball in a socket of the reference", code="touch.elsewhere")
         return replace(self, touches=(*self.touches, (socket_of(setup), q)))
-
-    def without_last(self) -> GuidedCheck:
-        return replace(self, touches=self.touches[:-1])
-
-    def _distance_mm(self, setup: str, q: Array) -> float:
-        (run,) = self._observed([socket_of(setup)], q[None])
-        at = tool_places(replace(run, model=self.reference.place.model), self.reference.place.setups[setup])[0]
-        return float(np.linalg.norm(at - self.sockets[setup]))
 
     def _observed(self, sockets: Sequence[str], q: Array) -> list[ObservedRun]:
         table = TouchTable(np.array(sockets), q)
@@ -106,7 +99,7 @@ class GuidedCheck:
         return bool(self.touches) and (self.result.named is not None or self.result.next_posture is None)
 
     def save(self, directory: Path, operator: str) -> Path:
-        """Write the touches as a run with the answer as a mark. Raises FileError without touches, and CellError."""
+        """Write the touches as a run with the answer as a mark."""
         if not self.touches:
             raise FileError(str(directory), "no touch was taken", "seat the ball in a socket", code="touch.too_few")
         sockets, q = (np.array(part) for part in zip(*self.touches, strict=True))
@@ -118,7 +111,7 @@ class GuidedCheck:
 
 
 def mark_of(result: MovementResult, names: Sequence[str]) -> MovementCheck:
-    """Answer of a check as a mark of the new run. names: of the reference runs."""
+    """Answer of a check against the named reference runs as a mark of the new run."""
     likeliest = result.causes[0]
     named = result.named
     return MovementCheck(
@@ -129,7 +122,7 @@ def mark_of(result: MovementResult, names: Sequence[str]) -> MovementCheck:
 
 
 def follow_touches(daemon: SampleSource, check: GuidedCheck, say: Callable[[str], None]) -> GuidedCheck:
-    """Take each touch of a hand-guided or driven robot until the check is decided, or Ctrl-C. Raises CellError.
+    """Take each touch of a hand-guided or driven robot until the check is decided, or Ctrl-C.
 
     The posture at the start is no touch: the robot may have stood there since before the movement.
     """

@@ -1,7 +1,6 @@
 """Answers from the command line and from an interrupted `rig init`, which can therefore resume.
 
-The answers are stored next to the rig file until it is written. The user could have edited the file. Like a rig file,
-it is therefore read up to a size limit and validated by the schema.
+They are stored next to the rig file. The user could have edited them, so the schema validates them.
 """
 
 from __future__ import annotations
@@ -50,17 +49,16 @@ class Answers(Part):
 
     @property
     def count(self) -> int:
-        """Number of answered questions."""
         return len(self.model_fields_set)
 
 
 def kept_in(rig_file: Path) -> Path:
-    """Path of the file with the answers for a rig file."""
+    """File with the answers for a rig file."""
     return rig_file.with_name(rig_file.name + _ENDING)
 
 
 def load_answers(rig_file: Path) -> Answers:
-    """Read the stored answers; empty answers if the file is missing. Raises FileError."""
+    """Stored answers; empty if the file is missing."""
     path = kept_in(rig_file)
     try:
         owner = path.lstat().st_uid
@@ -80,7 +78,7 @@ def load_answers(rig_file: Path) -> Answers:
 
 
 def keep_answers(rig_file: Path, answers: Answers) -> None:
-    """Store the answers atomically, readable only by the owner. Raises CellError."""
+    """Store the answers atomically, readable only by the owner."""
     path = kept_in(rig_file)
     try:
         durable.replace(path, answers.model_dump_json(exclude_unset=True, indent=1).encode(), 0o600)
@@ -90,7 +88,6 @@ def keep_answers(rig_file: Path, answers: Answers) -> None:
 
 
 def forget_answers(rig_file: Path) -> None:
-    """Delete the stored answers."""
     kept_in(rig_file).unlink(missing_ok=True)
 
 
@@ -121,7 +118,7 @@ class Options:
 
 
 def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Parse keys of a rig file such as `g1.range_mm=10` and group them by section. Raises UseError."""
+    """Group keys such as `g1.range_mm=10` by section."""
     keys: dict[str, dict[str, Any]] = {section: {} for section in _SECTIONS}
     for text in texts:
         place, equals, value = text.partition("=")
@@ -134,10 +131,7 @@ def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
-    """Ports of g1 and g2, if given.
-
-    Raises UseError if only g2 is given, or if an interface is given but no port.
-    """
+    """Ports of g1 and g2, if given. Refuses g2 alone, and an interface without a port."""
     if g2 is not None and g1 is None:
         raise UseError("--g2", "needs --g1", "give both, or neither", code="init.gauge_unnamed")
     for gauge, place in (("g1", g1), ("g2", g2)):
@@ -148,7 +142,6 @@ def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, An
 
 
 def read_number(text: str, low: float, high: float, what: str, remedy: str) -> float:
-    """Parse a typed number from low to high. Raises FileError."""
     try:
         value = float(text)
     except ValueError:
@@ -159,7 +152,7 @@ def read_number(text: str, low: float, high: float, what: str, remedy: str) -> f
 
 
 def checked(schema: Any, fields: Any, section: str) -> Any:
-    """Validate a part of a rig file from keys or a value. Raises FileError for the first error."""
+    """Validate a part of a rig file. Raises FileError for the first error."""
     try:
         return TypeAdapter(schema).validate_python(fields)
     except ValidationError as error:
@@ -167,17 +160,15 @@ def checked(schema: Any, fields: Any, section: str) -> Any:
 
 
 def with_keys(schema: Any, part: Part, keys: Mapping[str, Any], section: str) -> Any:
-    """Part of a rig file with changed keys. Raises FileError."""
     return checked(schema, {**part.model_dump(mode="json", exclude_unset=True), **keys}, section) if keys else part
 
 
 def has_keys(schema: Any, part: Part, keys: Mapping[str, Any]) -> bool:
-    """True if a part of a rig file already has these values. Raises FileError."""
     return bool(with_keys(schema, part, keys, "--key") == part)
 
 
 def key_error(error: ValidationError, section: str) -> FileError:
-    """Convert the first error in the keys of a section, with the option that corrects it."""
+    """First error in the keys of a section, with the option that corrects it."""
     first = error.errors(include_url=False)[0]
     key = next((str(step) for step in reversed(first["loc"]) if isinstance(step, str)), "interface")
     problem = first["msg"].removeprefix("Value error, ")

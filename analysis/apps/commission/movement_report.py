@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from analysis.apps.commission.next_touch import Lever, ReferencePosture
+from analysis.apps.commission.next_touch import Lever
 from analysis.apps.commission.what_moved import MovementResult
 from analysis.apps.report.blocks import Block, Sentence, Table
 from analysis.apps.report.diagnosis_words import sure
@@ -27,7 +26,7 @@ _MOST_CAUSES = 8
 
 
 def answer_of(moved: MovementResult, texts: Texts) -> list[Block]:
-    """The movement, the act, a row for each cause with the likeliest first, the remarks, and the readings."""
+    """The movement, the act, a row for each cause with the likeliest first, remarks, and readings."""
     is_unmoved = moved.named is not None and moved.named.what == "nothing"
     rows = tuple(
         (
@@ -54,19 +53,12 @@ def _at(point: Vector) -> str:
 
 
 def write_page(moved: MovementResult, path: Path, name: str, language: Language = "en") -> None:
-    """Write the page. name: of the rig. Raises FileError if it cannot be written."""
     texts = texts_of(language)
     write_html(answer_page(texts("check_title", name=name), answer_of(moved, texts), language, boxed=2), path)
 
 
-def odds(probability: float, texts: Texts = _ENGLISH) -> str:
-    """Return a probability as odds."""
-    ratio = odds_of(probability)
-    return texts("check_odds_bound" if ratio >= MOST_ODDS else "check_odds", ratio=f"{ratio:.0f}")
-
-
 def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
-    """The movement with size, direction and odds, after the state of differing reference runs it is compared with."""
+    """The movement with size, direction and odds, and the reference it is compared with if its runs differ."""
     answer = _movement(moved, texts)
     if not moved.reference_movements:
         return answer
@@ -85,8 +77,10 @@ def _movement(moved: MovementResult, texts: Texts) -> str:
             f"{name_of(cause.cause, texts, of_tracker=of_tracker)} ({100 * cause.posterior:.0f} %)"
             for cause in moved.cannot_separate
         ]
-        return texts("check_open", readings=readings, rivals=_listed(rivals, texts))
-    certain = odds(named.posterior, texts)
+        listed = texts("or").join([", ".join(rivals[:-1]), rivals[-1]]) if len(rivals) > 1 else "".join(rivals)
+        return texts("check_open", readings=readings, rivals=listed)
+    ratio = odds_of(named.posterior)
+    certain = texts("check_odds_bound" if ratio >= MOST_ODDS else "check_odds", ratio=f"{ratio:.0f}")
     if named.what == "nothing":
         return texts("check_unmoved", readings=readings, scatter=f"{moved.scatter_mm:.2f}", odds=certain)
     if named.what == "other":
@@ -97,12 +91,7 @@ def _movement(moved: MovementResult, texts: Texts) -> str:
     return texts(key, thing=thing, size=size, odds=certain)
 
 
-def _listed(words: Sequence[str], texts: Texts) -> str:
-    return texts("or").join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
-
-
 def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
-    """Return the recommended action."""
     named = moved.named
     if named is not None:
         causes = [member.cause for member in named.together] or [named.cause]
@@ -111,21 +100,17 @@ def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
             acts.append(texts("check_act_earlier", run=earlier[-1].to, act=act_after(earlier, texts)))
         return joined(dict.fromkeys(acts))
     if moved.next_posture is not None:
-        return next_words(moved.next_posture, texts)
+        posture = moved.next_posture
+        angles = ", ".join(f"J{k} {np.degrees(angle):z.1f}" for k, angle in enumerate(posture.angles, start=1))
+        key = "check_next_touch" if posture.socket else "check_next_pose"
+        return texts(key, name=posture.socket, row=posture.row + 1, angles=angles)
     if moved.hidden:
         return joined([texts("check_inseparable"), *(hidden_words(lever, texts) for lever in moved.hidden)])
     return texts("check_act_more")
 
 
-def next_words(posture: ReferencePosture, texts: Texts = _ENGLISH) -> str:
-    """Return the posture to touch next."""
-    angles = ", ".join(f"J{k} {np.degrees(angle):z.1f}" for k, angle in enumerate(posture.angles, start=1))
-    key = "check_next_touch" if posture.socket else "check_next_pose"
-    return texts(key, name=posture.socket, row=posture.row + 1, angles=angles)
-
-
 def hidden_words(lever: Lever, texts: Texts = _ENGLISH) -> str:
-    """Return the reason why a cause is not observable, and the remedy."""
+    """Why a cause is not observable, and the remedy."""
     is_zero = lever.cause.what == "zero"
     typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if is_zero else texts("check_typical_size")
     return texts(
@@ -136,7 +121,6 @@ def hidden_words(lever: Lever, texts: Texts = _ENGLISH) -> str:
 
 
 def remarks(moved: MovementResult, texts: Texts = _ENGLISH) -> list[str]:
-    """Return further remarks for the reader."""
     lines = [movement_sentence(movement, texts) for movement in moved.reference_movements] + list(moved.doubts)
     named = moved.named
     if named is not None and named.what != "nothing":

@@ -1,9 +1,9 @@
-"""Selection of the next touch: the posture of the reference expected to separate the remaining causes best.
+"""Selection of the next touch: the posture expected to separate the remaining causes best.
 
-In each posture, each cause of each size predicts a reading with mean and covariance, so the reading is a mixture of
-normal distributions. Readings drawn from it show how much of the uncertainty about the cause a touch removes, and how
-often it would name a cause. The sum of both ranks the postures: the first part prepares later touches, the second
-prefers a touch that settles the question. The draws are the same for all postures, so the choice is reproducible.
+In each posture, each cause of each size predicts a reading, so the reading is a mixture of normal distributions. Draws
+from it show how much of the uncertainty about the cause a touch removes, and how often it would name a cause. The sum
+of both ranks the postures: the first part prepares later touches, the second prefers a touch that settles the question.
+The draws are the same for all postures, so the choice is reproducible.
 """
 
 from __future__ import annotations
@@ -26,9 +26,7 @@ _REMAINING = 1e-3
 _SAME_RAD = 0.02
 """Distance below which two postures are the same."""
 _DRAWS = 16
-"""Number of drawn readings of each cause and size, and of their mirror images. Chosen: twice as many choose the same
-posture in nearly all cases.
-"""
+"""Draws of each cause and size, and mirror images. Twice as many choose the same posture in nearly all cases."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +39,13 @@ class ReferencePosture:
 
     @property
     def socket(self) -> str:
-        """Name of the socket to touch; empty for a pose."""
+        """Socket to touch; empty for a pose."""
         return socket_of(self.setup)
 
 
 @dataclass(frozen=True)
 class Lever:
-    """A cause that is invisible in all postures of the reference.
-
-    It contains the largest effect in mm at the typical size of the cause, and the scatter that hides it.
-    """
+    """A cause that no posture reveals: its largest effect at its typical size, and the scatter that hides it."""
 
     cause: Cause
     moves_mm: float
@@ -113,9 +108,7 @@ def next_posture(
 
 
 def _joined(candidates: Candidates, compared: ReferenceComparison | None) -> tuple[LinearReadings, Array, int]:
-    """Readings taken and those of all candidates together, their changes between days, and the number of
-    known entries.
-    """
+    """Readings taken and those of all candidates, their changes between days, and the number of known entries."""
     new = compared.readings if compared else candidates.readings.rows(np.zeros(len(candidates.readings.sd_mm), bool))
     joint = LinearReadings.together([new, candidates.readings])
     runs = [*(compared.runs if compared else ()), *candidates.runs]
@@ -139,7 +132,7 @@ def _spread(
 
 
 def _levels(cause: Cause, compared: ReferenceComparison | None) -> tuple[Array, Array]:
-    """Multiples of the typical size of a cause, and their probabilities."""
+    """Multiples of the typical size of a cause, with probabilities."""
     levels = {NOTHING: np.ones(1), OTHER: OTHER_LEVELS}.get(cause, LEVELS)
     if compared is not None and len(cause.scale) and not cause.members:
         return levels, compared.posterior.estimates[cause].level
@@ -164,11 +157,9 @@ def _predicted(prediction: Prediction, spread: Array, known: int, count: int) ->
 
 
 def _usefulness(weights: Array, causes: Integers, means: Array, covs: Array) -> float:
-    """Expected gain of a reading: the share of the uncertainty about the cause that it removes, plus the
-    probability that it names a cause if something moved. From 0 to 2.
+    """Share of the uncertainty that a reading removes plus its probability to name a cause if one moved, 0 to 2.
 
-    The reading is a mixture of normal distributions: weights (m,), causes (m,) numbered from 0 (nothing), means (m, k)
-    and covs (m, k, k) of the components.
+    The reading is a mixture with weights (m,), causes (m,) from 0 (nothing), means (m, k) and covs (m, k, k).
     """
     chols = np.linalg.cholesky(covs)
     inverses = np.linalg.inv(chols)
@@ -192,7 +183,7 @@ def _usefulness(weights: Array, causes: Integers, means: Array, covs: Array) -> 
 
 
 def hidden_causes(reference: Reference, candidates: Candidates) -> list[Lever]:
-    """Causes of typical size that touches in all postures of the reference could not reveal."""
+    """Causes of typical size that touches in no posture of the reference could reveal."""
     if not candidates.postures:
         return []
     day = day_columns(candidates.runs, candidates.readings)

@@ -1,4 +1,4 @@
-"""Questionnaire of `rig init`: the questions in order, each answered by an option, an earlier answer or the operator.
+"""Questionnaire of `rig init`: each question is answered by an option, an earlier answer or the operator.
 
 Each answer is stored immediately, and the rig file is written atomically.
 """
@@ -30,7 +30,7 @@ from analysis.apps.commission.init_answers import (
 )
 from analysis.apps.commission.rig_file_text import chosen_arm, rig_text
 from analysis.cli.dialogue import Dialogue
-from analysis.robot.kinematics.arm import Array, arm_of, forward
+from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.written_files import holding, write_all_over
 from daq.apps.commission.attempts import RobotReport
 from daq.apps.commission.linuxcnc_files import linuxcnc_files
@@ -45,7 +45,6 @@ from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
 from rigs.schema.links import tcp_address
-from rigs.schema.part import Vector
 from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, Build, MeasuredBy, maker_of
 from rigs.text import as_argument, numbers_in
@@ -67,10 +66,7 @@ _LEAST_TOOL_MM = 1.0
 
 
 def make_rig_file(options: Options, dialogue: Dialogue) -> None:
-    """Ask all open questions and write the rig file.
-
-    Raises FileError, CellError and DialogueEnded; the answers remain stored.
-    """
+    """Ask all open questions and write the rig file. If interrupted, the answers remain stored."""
     _check_options(options)
     path, stored = options.path, load_answers(options.path)
     if stored.count:
@@ -126,7 +122,7 @@ def _check_new(path: Any) -> None:
 
 
 def _with_options(stored: Answers, options: Options) -> Answers:
-    """Stored answers, replaced by options; one that contradicts an option is removed, so that it is asked again."""
+    """Stored answers, replaced by options; one that contradicts an option is asked again."""
     given, keys, dropped = dict(options.given), options.keys, set[str]()
     if "tool" in given:
         given["tool"] = _pose(given["tool"])
@@ -143,7 +139,6 @@ def _with_options(stored: Answers, options: Options) -> Answers:
 
 
 def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:
-    """Build the rig from the answers. Return it with the text of the rig file. Raises RigFileError."""
     arm, today = chosen_arm(answers.arm or "", options.measured_by), dt.datetime.now(dt.UTC).date()
     text = rig_text(answers, arm, options.name, today, options.measured_by)
     return parse(text, str(options.path)), text
@@ -156,7 +151,7 @@ def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:
 def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
     """Find the robot, read the joint angles and have the user confirm the unit.
 
-    With sockets a robot only guides touches. If there is none, the joint angles will be typed into a table.
+    With sockets a robot only guides touches. Without one, the joint angles will be typed into a table.
     """
     address = options.robot
     if options.measured_by == "sockets":
@@ -180,8 +175,16 @@ def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Change
         dialogue.say(f"      the controller reports: {report.reported}")
     if not report.units_sure and not options.keys["feedback"]:
         question = "Are these angles degrees? The pendant shows it: deg or rad"
-        feedback = dialogue.ask(question, "--key feedback.fields", partial(_in_unit, feedback), "deg")
+        unit = dialogue.ask(question, "--key feedback.fields", partial(_choice, ("deg", "rad")), "deg")
+        fields = tuple(name.replace("_deg", f"_{unit}") for name in getattr(feedback, "fields", ()))
+        feedback = feedback.model_copy(update={"fields": fields})
     return {"robot_address": report.address, "feedback": feedback}
+
+
+def _choice(offered: Sequence[str], answer: str) -> str:
+    if answer.lower() not in offered:
+        raise FileError(repr(answer), "is not a choice", f"type {', '.join(offered)}", code="answer.choice")
+    return answer.lower()
 
 
 def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
@@ -217,19 +220,12 @@ def _write_controller_files(options: Options, dialogue: Dialogue, port: str) -> 
     dialogue.say("      HALFILE = rig.hal")
 
 
-def _in_unit(feedback: Feedback, unit: str) -> Feedback:
-    if unit not in ("deg", "rad"):
-        raise FileError(repr(unit), "is not a unit", "type deg or rad", code="answer.choice")
-    fields: Any = getattr(feedback, "fields", ())
-    return feedback.model_copy(update={"fields": tuple(name.replace("_deg", f"_{unit}") for name in fields)})
-
-
 # ----------------------------------------------------------------------------------------------------------------------
 # Arm, tool and limits.
 
 
 def _ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Ask for the arm. Those of the maker whose interface the robot uses are offered, or all."""
+    """Offer the arms of the maker whose interface the robot uses, or all."""
 
     def read(name: str) -> str:
         chosen_arm(name, options.measured_by)
@@ -245,26 +241,19 @@ def _ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
 def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
     """Ask for the build of an arm if neither the library nor the arm file states it.
 
-    The build matters: by the standards of an industrial arm, the play of a hobby arm would be a fault.
+    By the standards of an industrial arm, the play of a hobby arm would be a fault.
     """
     arm = chosen_arm(answers.arm or "", options.measured_by)
     if arm.robot.build is not None or arm.in_library:
         return {}
-
-    def read(text: str) -> str:
-        if text not in _BUILDS:
-            remedy = f"type {', '.join(_BUILDS)}"
-            raise FileError(repr(text), "is not a known build of arms", remedy, code="answer.choice")
-        return text
-
-    build = dialogue.ask(_BUILD_QUESTION, "--build", read, arm.robot.design)
+    build = dialogue.ask(_BUILD_QUESTION, "--build", partial(_choice, _BUILDS), arm.robot.design)
     if not dialogue.terminal:
         dialogue.say(f"{arm.robot.name} is taken to be {build}; to change: --build {', '.join(_BUILDS)}")
     return {"build": build}
 
 
 def _ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Ask for the position of the ball on the flange. The default is the tool of the arm, if it has one."""
+    """Ask for the ball on the flange. The default is the tool of the arm, if it has one."""
     tool = chosen_arm(answers.arm or "", options.measured_by).robot.tool
     usual = None if tool == Pose() else ",".join(f"{value:g}" for value in (*tool.xyz_mm, *tool.rpy_deg))
     thing = "ball or socket" if options.measured_by == "arm" else "ball"
@@ -285,10 +274,7 @@ def _pose(text: str) -> Pose:
 
 
 def _ask_tolerance(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
-    """Ask for the error allowed by the application, which determines the limits.
-
-    The default follows from the repeatability.
-    """
+    """Ask for the allowed error, from which limits follow. The default follows from the repeatability."""
     rp_mm = chosen_arm(answers.arm or "").repeatability_mm
     whose = "from the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is unknown"
     question = (
@@ -309,17 +295,14 @@ def _ask_tolerance(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
 
 
 def _ask_circle(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Derive the circle from a robot standing at its start."""
     if answers.circle_later:
         return {}
     rig, _ = _rig(answers, options)
     radius_mm = options.radius_mm or float(Circle.model_fields["radius_mm"].default)
 
     def read(answer: str) -> Changes:
-        if answer.lower() in ("n", "no"):
+        if _choice(("y", "n", "yes", "no"), answer).startswith("n"):
             return {"circle_later": True}
-        if answer.lower() not in ("y", "yes"):
-            raise FileError(repr(answer), "is not y or n", "type y or n", code="answer.choice")
         return {"circle": circle_from_start(rig.robot, joints_of(rig.feedback), radius_mm)}
 
     if options.circle_here is not None:
@@ -332,23 +315,13 @@ def _ask_circle(answers: Answers, options: Options, dialogue: Dialogue) -> Chang
 def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
     """Circle that starts at these joint angles, by the nominal arm.
 
-    On a circle the z axis of the tool points at the centre and the x axis along the normal (docs/conventions.md).
+    The z axis of the tool points at the centre and the x axis along the normal (docs/conventions.md).
     """
     T = forward(arm_of(robot), np.radians([joints_deg]))[0]
     towards, normal = T[:3, 2], T[:3, 0]
-    return Circle(
-        centre_mm=_vector(T[:3, 3] + radius_mm * towards, 3),
-        normal=_vector(normal, 6),
-        zero=_vector(-towards, 6),
-        radius_mm=radius_mm,
-        posture_deg=tuple(round(float(angle), 3) for angle in joints_deg),
-    )
-
-
-def _vector(values: Array, decimals: int) -> Vector:
-    """Round three numbers (3,) to the known accuracy."""
-    x, y, z = (round(float(value), decimals) + 0.0 for value in values)
-    return x, y, z
+    rounded = {"centre_mm": (T[:3, 3] + radius_mm * towards).round(3), "normal": normal.round(6)}
+    rounded |= {"zero": (-towards).round(6), "posture_deg": np.round(joints_deg, 3)}
+    return Circle(radius_mm=radius_mm, **{key: tuple((values + 0.0).tolist()) for key, values in rounded.items()})
 
 
 Questions = dict[str, Callable[[Answers, Options, Dialogue], Changes]]

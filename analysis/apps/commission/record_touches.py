@@ -7,38 +7,26 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
+from analysis.apps.commission.joint_stream import SampleSource, joint_samples
 from analysis.apps.commission.touched_ball import RestDetector, Touching
 from analysis.procedures.shared.simulated_readings import touch_of
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.runs.table_format import columns_of
-from analysis.runs.table_layout import joint_columns
 from analysis.runs.tables import TouchTable
 from analysis.runs.written_files import refuse_existing
-from daq import clock
 from daq.store import table_run, write_table_run
-from rigs.errors import CellError, FileError, RigError, RigPlace
+from rigs.errors import FileError, RigError, RigPlace
 from rigs.load import parse
 from rigs.rig import Rig
 
-_POLL_S = 0.1
-_SILENT_S = 5.0
-"""Time without a new joint angle after which the robot is silent."""
 _FEWEST = 6
 """Minimum number of touches worth keeping."""
 TONE = "\a"
 """The terminal bell."""
-
-
-class SampleSource(Protocol):
-    """Source of samples."""
-
-    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Send a request and return the response. Raises RigError."""
 
 
 def record_touches(
@@ -50,10 +38,9 @@ def record_touches(
     touches: int | None,
     say: Callable[[str], None],
 ) -> Path:
-    """Guide the user through the touches, write a run to `output` and return the path.
+    """Guide the user through the touches and write a run to `output`.
 
-    Raises FileError if the rig file has no tests.touch, if `output` exists, or after fewer than six touches. Raises
-    CellError if the robot is silent; enough completed touches are then saved.
+    If the robot falls silent, six or more touches are saved before CellError is raised.
     """
     refuse_existing(output)
     text = "\n".join(daemon.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
@@ -113,36 +100,19 @@ def _propose(rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
 
 
 def guided_joints(daemon: SampleSource, axes: int) -> Iterator[tuple[Array, Array | None]]:
-    """Yield the joint angles (axes,) in degrees of each new sample of the robot, without end.
+    """Joint angles (axes,) in degrees of each new sample of the robot, without end.
 
-    Once at each standstill they come with the angles from which each joint came. Raises CellError if the robot is
-    silent.
+    Once at each standstill they come with the angles from which each joint came; otherwise with None.
     """
-    names, detector = joint_columns(axes), RestDetector()
-    after: dict[str, int] = {}
-    heard_s = clock.now_s()
-    while True:
-        robot = daemon.ask("samples", after=after)["streams"].get("robot")
-        rows = robot["rows"] if robot else []
-        if robot and rows:
-            after, heard_s = {"robot": robot["newest"]}, clock.now_s()
-            places = [1 + robot["columns"].index(name) for name in names]
-            for row in rows:
-                angles = [row[place] for place in places]
-                if None not in angles:
-                    is_at_rest = detector.feed(row[0] / 1e9, np.array(angles))
-                    yield np.array(angles), detector.came_deg.copy() if is_at_rest else None
-        elif clock.now_s() - heard_s > _SILENT_S:
-            problem = f"joint angles missing for {_SILENT_S:.0f} s"
-            raise CellError("robot", problem, "run rig doctor, then repeat the command", code="robot.silent")
-        clock.sleep(_POLL_S)
+    detector = RestDetector()
+    for times_s, rows_deg in joint_samples(daemon, axes, {}):
+        for t_s, q_deg in zip(times_s.tolist(), rows_deg, strict=True):
+            is_at_rest = detector.feed(t_s, q_deg)
+            yield q_deg, detector.came_deg.copy() if is_at_rest else None
 
 
 def write_touches(directory: Path, table: TouchTable, rig: Rig, rig_text: str, *labels: str) -> Path:
-    """Write touches as a run and return its directory.
-
-    rig_text: rig file of the robot. labels: operator, source and placement. Raises FileError and CellError.
-    """
+    """Write touches as a run. rig_text: rig file of the robot. labels: operator, source and placement."""
     columns = columns_of(table)
     digest = hashlib.sha256(repr(columns.to_pydict()).encode()).hexdigest()
     operator, source, placement = labels

@@ -1,7 +1,4 @@
-"""Text of a new rig file with comments on detected devices, nominal values and open measurements.
-
-The arm comes from the library or from the `robot` section of a file.
-"""
+"""Text of a new rig file with comments on detected devices, nominal values and open measurements."""
 
 from __future__ import annotations
 
@@ -44,8 +41,6 @@ class ChosenArm:
 
 
 class _ArmFile(Part):
-    """The relevant section of an arm file."""
-
     robot: Robot
 
 
@@ -54,7 +49,7 @@ def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
 
     Raises FileError if there is none, and for an arm that cannot drive the circles required by gauges.
     """
-    arm = _arm_of(name)
+    arm = _of_library(name) if the_same(name, arm_names()) else _of_file(name)
     if measured_by == "gauges" and (axes := len(arm.robot.axes)) != DRIVEN_AXES:
         problem = f"has {axes} axes, but the ball link's programs need six"
         remedy = "give --measured-by sockets or --measured-by tracker (docs/any-arm.md)"
@@ -62,9 +57,7 @@ def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
     return arm
 
 
-def _arm_of(name: str) -> ChosenArm:
-    if the_same(name, arm_names()):
-        return _of_library(name)
+def _of_file(name: str) -> ChosenArm:
     if Path(name).suffix.lower() == ".ini":
         return ChosenArm(configured_robot(Path(name)), None, f"the LinuxCNC configuration {Path(name).name}")
     try:
@@ -107,12 +100,13 @@ _CIRCLE = "computed from the start position with the nominal arm, accurate to so
 
 def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measured_by: MeasuredBy = "gauges") -> str:
     """Text of a rig file for the answers. Effects and certificates are added later."""
+    tool = Pose() if measured_by in ("sockets", "arm") else answers.tool or arm.robot.tool
     lines = [
         f"# Written by rig init on {today}. Lengths are in mm, angles in degrees; run rig check after each edit.",
         f"name: {name}",
         "",
         f"# Nominal arm, from {plain(arm.source)}{_ABOUT[measured_by]}",
-        _arm_section(arm, answers, Pose() if measured_by in ("sockets", "arm") else answers.tool or arm.robot.tool),
+        robot_text(arm.robot.model_copy(update={"tool": tool, "build": answers.build or arm.robot.build})).rstrip(),
     ]
     match measured_by:
         case "gauges":
@@ -130,26 +124,16 @@ _ABOUT: dict[MeasuredBy, str] = {
 }
 
 
-def placed(answers: Answers) -> dict[str, Gauge]:
-    """Gauges by name, placed symmetrically on the baseline."""
-    half_mm = (answers.baseline_mm or _BASELINE_MM) / 2
-    signed = zip(("g1", "g2"), (half_mm, -half_mm), answers.gauges or (), strict=False)
-    return {name: gauge.model_copy(update={"offset_mm": at_mm}) for name, at_mm, gauge in signed}
-
-
-def _arm_section(arm: ChosenArm, answers: Answers, tool: Pose) -> str:
-    """Format the `robot` section with the tool and the answered build."""
-    build = answers.build or arm.robot.build
-    return robot_text(arm.robot.model_copy(update={"tool": tool, "build": build})).rstrip()
-
-
 def _gauges(answers: Answers) -> Iterator[str]:
+    """Yield the gauges, placed symmetrically on the baseline."""
     yield "gauges:"
-    for name, gauge in placed(answers).items():
+    half_mm = (answers.baseline_mm or _BASELINE_MM) / 2
+    for name, at_mm, gauge in zip(("g1", "g2"), (half_mm, -half_mm), answers.gauges or (), strict=False):
         yield f"  {name}: # {gauge.origin.instruments}"
         shared = ("channel",) if gauge.shares else ()
         seen = ("counts",) if "counts" in gauge.model_fields_set else ()
-        yield from _part(gauge, ("interface", "port", "line", *shared, "offset_mm", *seen), 4)
+        placed = gauge.model_copy(update={"offset_mm": at_mm})
+        yield from _part(placed, ("interface", "port", "line", *shared, "offset_mm", *seen), 4)
         if gauge.origin.doubts:
             yield f"    # not confirmed: {gauge.origin.doubts}"
 
@@ -182,7 +166,6 @@ def _touch(answers: Answers, measured_by: MeasuredBy) -> Iterator[str]:
 
 
 def _feedback(answers: Answers) -> Iterator[str]:
-    """Yield the lines of the `feedback` section, if any."""
     if (feedback := answers.feedback) is None:
         return
     yield f"feedback: # {feedback.origin.instruments}"
@@ -191,7 +174,7 @@ def _feedback(answers: Answers) -> Iterator[str]:
 
 
 def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy) -> Iterator[str]:
-    """Yield the limits derived from the allowed error and the data sheet, for gauges or a test without gauges."""
+    """Limits from the allowed error and the data sheet."""
     tolerance_mm, test = answers.tolerance_mm, TEST_WITHOUT_GAUGES.get(measured_by)
     if not tolerance_mm and rp_mm is None:
         return
@@ -213,7 +196,7 @@ def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy) -> I
 
 
 def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...], indent: int) -> Iterator[str]:
-    """Yield the keys of a part: first the most important, then all others that differ from the default."""
+    """Keys of a part: first the most important, then all others that differ from the default."""
     whole = part.model_dump(mode="json")
     differing = part.model_dump(mode="json", exclude_defaults=True)
     fields = {key: whole[key] for key in first if key in whole} | differing

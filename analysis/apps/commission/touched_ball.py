@@ -36,36 +36,32 @@ from rigs.rig import Rig
 _APART_MM = 5.0
 """Largest distance of two stops at the same place."""
 _OFF_MM = 5.0
-"""Upper bound for the deviation of jogged points from a circle defined by a link."""
+"""Largest deviation of jogged points from a circle defined by a link."""
 _FEWEST = 4
-"""Minimum number of stops on a common circle that is not a coincidence: any three points lie on a circle."""
+"""Minimum number of stops on a common circle: any three points lie on one."""
 _OTHERS = 1 / 3
 """Largest share of stops elsewhere, such as the position of the robot before and after."""
 _MOST_STANDS = 40
-"""Maximum number of stops for trying all triples, about 10 000. Jogging produces fewer."""
+"""Stops of which all triples are tried, about 10 000. Jogging produces fewer."""
 _FOLLOWED = 0.8
-"""Minimum share of time on the circle through the stops for the circle to count as driven."""
+"""Minimum share of time on the circle through the stops for a driven circle."""
 _LINE = 0.01
 """Flatness of a triangle, relative to its length, below which three points lie on a line."""
 
 
 @dataclass(frozen=True)
 class JoggedCircle:
-    """A circle through m stops, in order of time.
-
-    T (m, 4, 4): tool poses in mm. q (m, 6): angles in rad. covariance (3, 3): covariance in mm² of the coefficients of
-    the radial deviations, also used for the axial deviations. doubts: warnings for the user.
-    """
+    """A circle through m stops, in order of time, with tool poses (m, 4, 4) and angles (m, 6)."""
 
     circle: CircleFrame
     T: Array
     q: Array
     covariance: Array
+    """Covariance (3, 3) in mm² of the coefficients of the radial, and of the axial, deviations."""
     doubts: tuple[str, ...]
 
 
 def distinct(places: Array) -> Array:
-    """Distinct places (k, 3) among places (m, 3) in mm."""
     apart: list[Array] = []
     for place in places:
         if all(np.linalg.norm(place - earlier) > _APART_MM for earlier in apart):
@@ -74,10 +70,9 @@ def distinct(places: Array) -> Array:
 
 
 def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
-    """True if the robot was jogged from point to point of a circle instead of driving the circle of the path.
+    """True if the robot was jogged from point to point of a circle instead of driving it.
 
-    Between jogged points the path leaves the circle. Other stops are the home position and the turning points of a
-    program.
+    Between jogged points the path leaves the circle. Other stops are the home position and turning points of a program.
     """
     places = distinct(bins.places[bins.stand_rows])
     if len(places) < 3 or path_circle is None:
@@ -95,11 +90,7 @@ def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
 
 
 def on_one_circle(places: Array) -> Mask:
-    """Mask of the places (m, 3) in mm on a common circle.
-
-    If there are several circles, the one with the most places, and then with the best fit, is selected. There must be
-    three or more places.
-    """
+    """Mask of the places (m, 3), three or more, on the circle with the most places, then the best fit."""
     triples = np.array(list(combinations(range(min(len(places), _MOST_STANDS)), 3)))
     centre, normal, radius = circles_through(places[triples])
     off = largest_deviations(places, centre, normal, radius)
@@ -109,10 +100,7 @@ def on_one_circle(places: Array) -> Mask:
 
 
 def circle_through_stands(arm: Arm, bins: Binned, where: str) -> JoggedCircle:
-    """Fit a circle to the stops, excluding a few stops elsewhere.
-
-    Raises FileError if the stops lie on a line or not on a circle.
-    """
+    """Fit a circle to the stops, excluding a few stops elsewhere."""
     q = np.array([stand.q for stand in bins.stands])
     T = forward(arm, q)
     together = on_one_circle(T[:, :3, 3])
@@ -147,11 +135,7 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> JoggedCircle:
 
 
 def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[str, ...]]:
-    """Scatter in mm of a coordinate, widened for few points, and a warning if there are no degrees of
-    freedom.
-
-    squares: sum of squared residuals in mm². free: degrees of freedom. within_mm: scatter within the stops in mm.
-    """
+    """Scatter in mm of a coordinate, widened for few points, and a warning without degrees of freedom."""
     if free <= 0:
         return within_mm, (
             "a fit to so few points has no residual: u includes only the scatter within the stops; add a point",
@@ -168,23 +152,18 @@ def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[s
 # each distance is corrected by the reading.
 
 _ROUNDS = 20
-"""Number of Gauss-Newton steps after the algebraic fit. A short cap of a sphere needs most of them."""
+"""Gauss-Newton steps after the algebraic fit. A short cap of a sphere needs most of them."""
 _OFF_BALL_MM = 10.0
 """Largest distance of a stop from the sphere: the errors of an arm bend a hemisphere by some mm."""
 _OTHERS_OF_BALL = 1 / 8
 """Largest share of stops elsewhere: the home position before and after the program."""
 _GAUGE_MM = 5.0
-"""Largest 2 u: the ball must be near the centre of the hemisphere, within the range of a gauge, about ±5 mm."""
+"""Largest 2 u: the ball must be near the centre of the hemisphere, in the range of a gauge."""
 
 
 @dataclass(frozen=True)
 class TouchedBall:
-    """A ball located by stops of the robot.
-
-    centre (3,) in mm, covariance (3, 3) in mm². radius_mm, u_radius_mm: sphere of the tool places. q (m, 6): angles of
-    the stands in rad. places (m, 3): places of the stops in mm. used: description of the data. doubts: warnings for the
-    user.
-    """
+    """A ball located by m stops of the robot, with the sphere of their places; lengths in mm, angles in rad."""
 
     centre: Array
     covariance: Array
@@ -201,7 +180,7 @@ class TouchedBall:
         return np.sqrt(np.diag(self.covariance))
 
     def values(self, rig: Rig) -> Values:
-        """Keys of tests.hemisphere: the centre, and all keys if the rig file has no hemisphere."""
+        """Keys of tests.hemisphere: the centre, and all keys if the rig file has none."""
         values: dict[str, float | list[float]] = {"centre_mm": [round(float(x), 3) for x in self.centre]}
         if rig.tests.hemisphere is None:
             pole = int((self.places - self.centre)[:, 2].argmax())  # the default normal points upwards
@@ -211,12 +190,9 @@ class TouchedBall:
 
 
 def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
-    """Locate the ball from the stops in all runs.
-
-    Raises FileError if there are fewer than four places or if they do not determine a sphere.
-    """
+    """Locate the ball from the stops in all runs, four or more."""
     where = ", ".join(str(run.path) for run in runs)
-    stands, doubts = zip(*(_read_stands(run, rig) for run in runs), strict=True)
+    stands, run_doubts = zip(*(_read_stands(run, rig) for run in runs), strict=True)
     q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
     places = forward(arm_of(rig.robot), q)[:, :3, 3]
     if (apart := len(distinct(places))) < 4:
@@ -244,24 +220,22 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
         )
         remedy = "record only stops at which the link or the ball fixed the tool"
         raise FileError(where, problem, remedy, code="ball.stop_off")
-    scatter_mm, of_scatter = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
+    scatter_mm, few = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
     used = f"{len(q)} stops on a sphere of {x[3]:.1f} mm"
     if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
         problem = f"the ball position from {used} has an uncertainty of {u_mm:.3g} mm (u), which is too large"
         remedy = "stop at places farther apart, all over the hemisphere"
         raise FileError(where, problem, remedy, code="ball.uncertain")
-    notes = tuple(doubt for of_run in doubts for doubt in of_run) + of_scatter
+    doubts = (*(doubt for of_run in run_doubts for doubt in of_run), *few)
     if off_sphere:
-        notes = (*notes, f"{off_sphere} stops are not used because they are off the sphere of the others")
-    return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), float(np.sqrt(covariance[3, 3])), q, places, used, notes)
+        doubts = (*doubts, f"{off_sphere} stops are not used because they are off the sphere of the others")
+    u_radius_mm = float(np.sqrt(covariance[3, 3]))
+    return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), u_radius_mm, q, places, used, doubts)
 
 
 def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
-    """Stops of a run: angles (m, 6) in rad, readings (m,) and scatter (m,) in mm.
-
-    The readings are 0 if there is no gauge.
-    """
+    """Angles (m, 6) in rad, readings (m,), 0 without a gauge, and scatter (m,) in mm of the stops of a run."""
     path, manifest = run.path, run.manifest
     if run.table is not None:
         table = table_from(run.table, manifest.test, manifest.direction, str(path))
@@ -288,47 +262,40 @@ def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[
 
 
 def _distance_from_sphere(places: Array, g_mm: Array, x: Array) -> Array:
-    """Distances (m,) of places (m, 3) in mm from the sphere x (4,)."""
     return np.asarray(np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3])
 
 
 def _sphere(places: Array, g_mm: Array) -> tuple[Array, Array]:
-    """Fit centre and radius (4,) in mm with |p - B| = R + g. Return them with the Jacobian (m, 4) of the distances."""
+    """Fit centre and radius (4,) with
+
+    p - B
+
+    = R + g, with the Jacobian (m, 4) of the distances.
+    """
     middle = places.mean(axis=0)
     from_middle = places - middle
     algebraic = np.column_stack([2 * from_middle, np.ones(len(places))])
     x = np.linalg.lstsq(algebraic, (from_middle**2).sum(axis=1), rcond=None)[0]
     x = np.append(middle + x[:3], np.sqrt(max(x[3] + x[:3] @ x[:3], 1.0)))
     for _ in range(_ROUNDS):
-        design, residual = _slopes(places, g_mm, x)
-        x = x + np.linalg.lstsq(design, residual, rcond=None)[0]
-    return x, _slopes(places, g_mm, x)[0]
-
-
-def _slopes(places: Array, g_mm: Array, x: Array) -> tuple[Array, Array]:
-    away = places - x[:3]
-    distance = np.linalg.norm(away, axis=1)
-    design = np.column_stack([away / np.maximum(distance, 1e-9)[:, None], np.ones(len(places))])
-    return design, distance - g_mm - x[3]
+        away = places - x[:3]
+        distance = np.linalg.norm(away, axis=1)
+        design = np.column_stack([away / np.maximum(distance, 1e-9)[:, None], np.ones(len(places))])
+        x = x + np.linalg.lstsq(design, distance - g_mm - x[3], rcond=None)[0]
+    return x, design
 
 
 REST_S = 1.5
 """Rest time before a touch is accepted: a hand-guided arm swings for some tenths of a second after release."""
 _MOVED_DEG = 3.0
-"""Minimum motion of a joint between touches.
-
-The ball may stay in the socket, but a repeated posture adds only scatter.
-"""
+"""Minimum motion of a joint between touches: a repeated posture adds only scatter."""
 _TURNED_DEG = 0.02
 """Motion of a joint beyond which it has reversed. Smaller changes are encoder flicker."""
 _SAME_MM = 30.0
-"""Largest distance of the ball from the first touch of the same socket, computed with the nominal arm.
-
-Errors of a nominal arm reach 10 mm.
-"""
+"""Largest distance of the ball from the first touch of a socket: a nominal arm is up to 10 mm wrong."""
 
 Seen = Literal["seated", "elsewhere", "same posture"]
-"""Observation at a standstill: a touch accepted, a position outside the socket, or a repeated posture."""
+"""A touch accepted, a position outside the socket, or a repeated posture."""
 
 
 def is_same_posture(q_deg: Array, other_deg: Array) -> bool:
@@ -345,7 +312,7 @@ class RestDetector:
         self._at, self._since_s, self._is_told = np.empty(0), 0.0, False
 
     def feed(self, t_s: float, q_deg: Array) -> bool:
-        """Process joint angles (axes,) in degrees. Return True once they have been at rest long enough for a touch."""
+        """True once joint angles (axes,) in degrees have been at rest long enough for a touch."""
         if not self._at.size:
             self.came_deg, self._furthest, self._way = q_deg.copy(), q_deg.copy(), np.zeros(len(q_deg))
         self._follow(q_deg)
@@ -392,12 +359,10 @@ class Touching:
 
     @property
     def count(self) -> int:
-        """Number of recorded touches."""
         return len(self._names)
 
     @property
     def table(self) -> TouchTable:
-        """The touches recorded; at least one is required."""
         return TouchTable(np.array(self._names), np.radians(self._q), np.radians(self._came))
 
     def take(self, q: Array, came: Array) -> Seen:

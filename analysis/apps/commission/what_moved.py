@@ -1,4 +1,4 @@
-"""Movement between a reference and new readings: result, its conversion to plain types, and the next posture."""
+"""Movement between a reference and new readings, and the next posture."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.commission.next_touch import (
-    Candidates,
     Lever,
     ReferencePosture,
     candidates_of,
@@ -64,7 +63,7 @@ class MovementResult:
     reference_movements: tuple[Movement, ...] = ()
 
     def alike(self, cause: Cause) -> Alike | None:
-        """Part with the same readings as a cause, or None."""
+        """Part with the same readings as a cause."""
         return look_alike(cause, len(self.zero_bounds_deg), of_tracker=self.of_tracker)
 
     def to_dict(self) -> dict[str, Any]:
@@ -94,10 +93,9 @@ class MovementResult:
 
 
 def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = False) -> MovementResult:
-    """Infer the movement between a reference and new runs of an arm, with touches split by socket.
+    """Movement between a reference and new runs, with the next posture if `plan` is set or no cause is named.
 
-    The result contains the next posture if `plan` is set or no cause is named. Raises FileError if the new readings
-    share no set-up with the reference.
+    Raises FileError if the new readings share no set-up with the reference.
     """
     known = {run.setup for run in reference.runs}
     shared = [run for run in new if run.setup in known]
@@ -122,54 +120,35 @@ def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = Fal
 def moved_of(
     reference: Reference, compared: ReferenceComparison | None, *, plan: bool = False, doubts: tuple[str, ...] = ()
 ) -> MovementResult:
-    """Result of a comparison, or of a plan before the first reading."""
     causes = [] if compared is None else causes_by_odds(reference, compared)
     named = causes[0] if compared is not None and compared.identified_cause is not None else None
     rivals = () if named else tuple(cause for cause in causes if cause.posterior > 1 - NAMED)
     candidates = candidates_of(reference)
     hidden = tuple(hidden_causes(reference, candidates))
+    invisible = {NOTHING, *(lever.cause for lever in hidden)}
+    is_hopeless = bool(rivals) and all(rival.cause in invisible for rival in rivals)
     step = None
-    if (plan or compared is not None) and named is None:
-        step = _next(reference, candidates, compared, rivals, hidden)
+    if named is None and ((compared is None and plan) or (compared and not (is_hopeless and compared.can_clear))):
+        step = next_posture(reference, candidates, compared)
     wild = None if compared is None or compared.posterior.wild is None else compared.posterior.wild + 1
+    zero_bounds_deg = tuple(
+        float(np.degrees(abs(estimate.mean[0]) + 2 * np.sqrt(estimate.cov[0, 0])))
+        for cause, estimate in (compared.posterior.estimates.items() if compared else ())
+        if cause.what == "zero"
+    )
     return MovementResult(
         tuple(causes), named, rivals, step, hidden,
         compared.count if compared else 0, sum(len(run.rows) for run in reference.runs),
         reference.scatter_mm, vector_of(reference.place.centre_mm), wild,
-        any(facts_of(run.table.test).of_tracker for run in reference.runs), _zero_bounds(compared),
+        any(facts_of(run.table.test).of_tracker for run in reference.runs), zero_bounds_deg,
         (*reference.doubts, *doubts), reference.names, reference.movements,
     )  # fmt: skip
 
 
-def _zero_bounds(compared: ReferenceComparison | None) -> tuple[float, ...]:
-    """Largest error in degrees of each zero that is compatible with the readings."""
-    estimates = compared.posterior.estimates.items() if compared else ()
-    return tuple(
-        float(np.degrees(abs(estimate.mean[0]) + 2 * np.sqrt(estimate.cov[0, 0])))
-        for cause, estimate in estimates
-        if cause.what == "zero"
-    )
-
-
-def _next(
-    reference: Reference,
-    candidates: Candidates,
-    compared: ReferenceComparison | None,
-    rivals: tuple[CauseOdds, ...],
-    hidden: tuple[Lever, ...],
-) -> ReferencePosture | None:
-    """Next posture; None if only causes remain that no posture shows."""
-    invisible = {lever.cause for lever in hidden}
-    is_hopeless = bool(rivals) and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals)
-    if is_hopeless and compared is not None and compared.can_clear:
-        return None
-    return next_posture(reference, candidates, compared)
-
-
 def study_runs(rig: Rig, runs: Sequence[Measured]) -> Reference:
-    """Reference of runs before a possible movement: their latest state, if they show several. rig: model of the arm.
+    """Reference of runs before a possible movement: their latest state, if they show several.
 
-    Raises FileError if the runs have no joint angles, or too few readings in this state.
+    rig: model of the arm.
     """
     kept, movements, doubts = without_moved(rig, runs, latest=True)
     before = observed(rig, kept)
@@ -195,19 +174,16 @@ def study_runs(rig: Rig, runs: Sequence[Measured]) -> Reference:
 def what_moved_in(
     rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False
 ) -> MovementResult:
-    """Infer the movement between reference runs and new runs.
+    """Movement between reference runs and new runs.
 
-    If all new runs have a different placement name, it is treated as that of the reference. Raises FileError for a
-    reference without joint angles, or with too few readings.
+    If all new runs have a different placement name, it is treated as that of the reference.
     """
     before, after = study_runs(rig, reference), observed(rig, new)
     places = {run.run.manifest.placement for run in reference}
     others = {run.run.manifest.placement for run in new}
     if len(places) == len(others) == 1 and places != others:
-        after = _renamed(after, others.pop(), places.pop())
+        old, becomes = (f" at {place}" if place else "" for place in (others.pop(), places.pop()))
+        after = [
+            replace(run, setup=run.table.test + becomes + run.setup.removeprefix(run.table.test + old)) for run in after
+        ]
     return what_moved(before, after, plan=plan)
-
-
-def _renamed(runs: Sequence[ObservedRun], old: str, new: str) -> list[ObservedRun]:
-    was, becomes = f" at {old}" if old else "", f" at {new}" if new else ""
-    return [replace(run, setup=run.table.test + becomes + run.setup.removeprefix(run.table.test + was)) for run in runs]

@@ -1,10 +1,7 @@
-"""Grid of character cells with the exact size of the terminal. Drawing outside of it is clipped.
+"""Grid of character cells with the size of the terminal. Drawing outside of it is clipped.
 
-Text is sanitised by `rigs.text`. A wide character takes two cells; zero-width characters are dropped.
-
-Braille patterns provide two by four dots per cell for finer drawing. Colours are pairs of the sixteen terminal colours
-that colour-blind users can distinguish. Large numbers, readable from a distance, consist of half-block cells in
-multiples of a small size.
+A wide character takes two cells; zero-width characters are dropped. Braille patterns provide two by four dots per cell
+for finer drawing. Colours are pairs of the sixteen terminal colours that colour-blind users can distinguish.
 """
 
 from __future__ import annotations
@@ -33,11 +30,9 @@ class Canvas:
         self._cells: list[list[_Cell]] = [[(" ", "")] * width for _ in range(height)]
 
     def area(self) -> Area:
-        """Return the full area."""
         return Area(self, 0, 0, self.width, self.height)
 
     def lines(self) -> list[str]:
-        """Return the text of each row."""
         return ["".join(character for character, _ in row) for row in self._cells]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -48,7 +43,6 @@ class Canvas:
                 yield Segment("".join(character for character, _ in cells), Style.parse(style) if style else None)
 
     def at(self, row: int, column: int) -> str:
-        """Return the character of a cell."""
         return self._cells[row][column][0]
 
     def put(self, row: int, column: int, character: str, style: str) -> None:
@@ -66,7 +60,7 @@ class Canvas:
             cells[column + 1] = ("", style)
 
     def dim(self, row: int, column: int) -> None:
-        """Make a cell dim and remove the colour."""
+        """Make a cell dim and remove its colour."""
         self._cells[row][column] = (self.at(row, column), "dim")
 
 
@@ -81,7 +75,7 @@ class Area:
     height: int
 
     def put(self, row: int, column: int, text: str, style: str = "") -> int:
-        """Write clipped text from a cell on and return the next column."""
+        """Write clipped text from a cell on. Returns the next column."""
         for character in plain(text):
             size = get_character_cell_size(character)
             if size and 0 <= row < self.height and column >= 0 and column + size <= self.width:
@@ -90,24 +84,24 @@ class Area:
         return column
 
     def dim(self) -> None:
-        """Make the existing content dim and remove the colours."""
+        """Make the content dim and remove its colours."""
         for row in range(self.height):
             for column in range(self.width):
                 self.canvas.dim(self.top + row, self.left + column)
 
     def part(self, top: int, left: int, width: int, height: int) -> Area:
-        """Return a clipped rectangle within this area."""
+        """Clipped rectangle within this area."""
         top, left = min(max(top, 0), self.height), min(max(left, 0), self.width)
         width, height = max(0, min(width, self.width - left)), max(0, min(height, self.height - top))
         return Area(self.canvas, self.top + top, self.left + left, width, height)
 
     def rows(self, *heights: int) -> list[Area]:
-        """Split into rectangles below each other."""
+        """Rectangles below each other."""
         tops = [sum(heights[:k]) for k in range(len(heights))]
         return [self.part(top, 0, self.width, height) for top, height in zip(tops, heights, strict=True)]
 
     def columns(self, *widths: int) -> list[Area]:
-        """Split into rectangles next to each other."""
+        """Rectangles next to each other."""
         lefts = [sum(widths[:k]) for k in range(len(widths))]
         return [self.part(0, column, width, self.height) for column, width in zip(lefts, widths, strict=True)]
 
@@ -137,7 +131,7 @@ class Dots:
         self.points(np.interp(at, along, x)[::every], np.interp(at, along, y)[::every], style)
 
     def points(self, x: Array, y: Array, style: str) -> None:
-        """Draw points (n,), in the unit of each axis, as dots over the existing content. Points outside are dropped."""
+        """Draw points (n,) in dots over the existing content. Points outside are dropped."""
         if not self.width_dots or not self.height_dots:
             return
         finite = np.isfinite(x) & np.isfinite(y)
@@ -160,7 +154,7 @@ ACW_COLOUR, CW_COLOUR = "bright_green", "bright_magenta"
 
 
 def direction_colour(sense: float) -> str:
-    """Return the colour of a direction. sense: 1 for acw, -1 for cw, 0 if unknown."""
+    """Colour of a direction: 1 for acw, -1 for cw, 0 if unknown."""
     return {1: ACW_COLOUR, -1: CW_COLOUR}.get(int(sense), "")
 
 
@@ -185,17 +179,17 @@ _HALVES = {(False, False): " ", (True, False): "▀", (False, True): "▄", (Tru
 
 
 def width_of(text: str, scale: int) -> int:
-    """Return the width of a number in columns."""
+    """Columns of a large number."""
     return scale * (sum(len(_SHAPES[character][0]) + 1 for character in text) - 1)
 
 
 def height_of(scale: int) -> int:
-    """Return the height of a number in rows."""
+    """Rows of a large number."""
     return (_PIXEL_ROWS * scale + 1) // 2
 
 
 def put_large(area: Area, row: int, column: int, text: str, scale: int, style: str) -> None:
-    """Draw a number with the upper left corner at a cell. It may contain digits, a sign, a point and spaces."""
+    """Draw a large number of digits, a sign, a point and spaces, from its upper left corner."""
     for character in text:
         shape = _SHAPES[character]
         pixels = [line for line in shape for _ in range(scale)]

@@ -18,7 +18,7 @@ _LONGEST_PROMPT = 200
 
 @dataclass(frozen=True)
 class Units:
-    """Unit of length. decimals: decimals of a reading, with a resolution of up to 0.1 µm."""
+    """Unit of length with the decimals of a reading, for a resolution of up to 0.1 µm."""
 
     name: str
     per_mm: float
@@ -45,15 +45,13 @@ _REMEDY = f"type for example: monday yaw acw; tests: {', '.join(_TESTS)}"
 
 @dataclass(frozen=True)
 class RecordingLabel:
-    """Name and test of a recording."""
-
     name: str
     test: str
     direction: Direction | None
 
     @classmethod
     def typed(cls, text: str) -> RecordingLabel:
-        """Parse a typed label. Raises UseError if it is invalid. The daemon checks the name."""
+        """Parse a typed label. The daemon checks the name."""
         name, test, direction, *more = [*text.split(), "", "", ""]
         if not test or test not in _TESTS:
             raise UseError("label", f"{text!r} is not NAME TEST [acw or cw]", _REMEDY, code="live.label")
@@ -64,7 +62,7 @@ class RecordingLabel:
         return cls(name, test, way)
 
     def fields(self) -> dict[str, str | None]:
-        """Return the label as fields of a request."""
+        """Fields of a request."""
         return {"name": self.name, "test": self.test, "direction": self.direction}
 
     def __str__(self) -> str:
@@ -73,13 +71,12 @@ class RecordingLabel:
 
 @dataclass(frozen=True)
 class StartRecording:
-    """Start a recording, with the zero offsets of the view if there are any."""
+    """Start a recording, with the zero offsets of the view."""
 
     label: RecordingLabel
     zero_mm: tuple[float, float] = (0.0, 0.0)
 
     def request(self) -> dict[str, object]:
-        """Return the request for the daemon."""
         return {**self.label.fields(), **({"view_zero_mm": self.zero_mm} if any(self.zero_mm) else {})}
 
 
@@ -97,8 +94,6 @@ _ACTIONS: dict[str, Action] = {
 
 @dataclass(frozen=True)
 class LiveControls:
-    """State of the controls."""
-
     units: Units = UNITS[0]
     zero_mm: tuple[float, float] = (0.0, 0.0)
     shows_help: bool = False
@@ -110,7 +105,7 @@ class LiveControls:
     message: str = ""
 
     def pressed(self, key: str, readings: Mapping[str, GaugeReading]) -> tuple[LiveControls, Action | None]:
-        """Return the controls after a key, and the action."""
+        """Controls after a key, and the action."""
         if self.prompt is not None:
             return self._typed(key, self.prompt)
         controls = replace(self, message="", shows_help=False)
@@ -131,10 +126,10 @@ class LiveControls:
         return controls, _ACTIONS.get(key)
 
     def with_notice(self, notice: str, before: LiveView, view: LiveView) -> LiveControls:
-        """Return the controls with a notice as the message.
+        """Controls with a notice as the message.
 
-        If there is no notice, an outdated message is dropped: when the daemon disappears or returns, or a recording
-        starts or stops.
+        Without a notice, an outdated message is dropped: when the daemon disappears or returns, or a recording starts
+        or stops.
         """
         if notice:
             return replace(self, message=notice)

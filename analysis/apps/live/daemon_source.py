@@ -1,8 +1,7 @@
-"""Poll a running daemon ten times a second in a thread, so that keys and screen never wait. Also collect joint angles
-until Ctrl-C while the operator jogs or guides the robot.
+"""Poll a running daemon ten times a second in a thread, so that keys and screen never wait.
 
-A lost daemon is polled until it returns. Only the daemon talks to the robot, and polling hardly affects the readers:
-responses are limited in size (`daq.service.daemon`), and the full status is requested only twice a second.
+A lost daemon is polled until it returns. Polling hardly affects the readers: responses are limited in size
+(`daq.service.daemon`), and the full status is requested only twice a second.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from analysis.apps.live.controls import Action, StartRecording
 from analysis.apps.live.live_rows import GAUGES, NO_TRACKS, ROBOT, Joiner, LiveTrack, cell_of
 from analysis.apps.live.view import GaugeReading, Update
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.loading import RobotMotion
 from daq.service.client import Client
 from rigs.errors import CellError, RigError
 from rigs.load import parse
@@ -30,7 +28,7 @@ from rigs.schema.vocabulary import FURTHER
 _ASK_S, _STATE_S = 0.1, 0.5
 _RETRY_S = 0.5
 _MOST_WAITING = 100
-"""Maximum number of queued updates while the screen is blocked."""
+"""Queued updates while the screen is blocked."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 
@@ -48,7 +46,7 @@ class Asking:
         self._state_due_s = 0.0
 
     def update(self, now_s: float) -> Update:
-        """Poll and return the new data. Raises CellError if the daemon does not respond."""
+        """Poll once. Raises CellError if the daemon does not respond."""
         answer = self._client.ask("samples", after=self._after, rig=not self._knows_rig)
         self._after = {name: stream["newest"] for name, stream in answer["streams"].items()}
         cell, notice = None, ""
@@ -94,7 +92,7 @@ class DaemonSource:
         self._heard_s = time.monotonic()
 
     def __enter__(self) -> DaemonSource:
-        """Start polling. Raises CellError if the daemon does not respond now."""
+        """Start polling, if the daemon responds now."""
         with Client(self._find()):
             pass
         return self.begun()
@@ -108,11 +106,10 @@ class DaemonSource:
         return self
 
     def end(self) -> None:
-        """Stop polling."""
         self._ended.set()
 
     def updates(self) -> list[Update]:
-        """Return the data since the last call. After some seconds of silence, report it."""
+        """Data since the last call, or a report of some seconds of silence."""
         updates: list[Update] = []
         with suppress(Empty):
             while True:
@@ -165,7 +162,7 @@ class DaemonSource:
 
 
 def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict[str, LiveTrack]:
-    """Return the samples of a `samples` response by instrument, in mm and rad.
+    """Samples of a `samples` response by instrument, in mm and rad.
 
     signs: signs that make the gauge readings increase with the distance from the ball.
     """
@@ -186,53 +183,3 @@ def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict
 def _track(t_ns: Array, values: Array) -> LiveTrack:
     complete = np.isfinite(values).all(axis=1)
     return LiveTrack(t_ns[complete] / 1e9, values[complete])
-
-
-_SHOW_S = 2.0
-_SILENT_DAEMON_S = 5.0
-
-
-def watched_motion(client: Client, where: str, show: Callable[[RobotMotion], None]) -> RobotMotion:
-    """Record the motion of the robot until Ctrl-C. show: called every two seconds with the data.
-
-    Raises CellError if the daemon disappears or the robot sends no joint angles.
-    """
-    times: list[Array] = []
-    angles: list[Array] = []
-    after: dict[str, int] = {name: stream["newest"] for name, stream in _samples(client, {}).items()}
-    begun_s = heard_s = shown_s = time.monotonic()
-    try:
-        while True:
-            time.sleep(_ASK_S)
-            streams = _samples(client, after)
-            after = {name: stream["newest"] for name, stream in streams.items()}
-            now_s = time.monotonic()
-            if track := tracks_of(streams).get(ROBOT):
-                times.append(track.t_s)
-                angles.append(track.values)
-                heard_s = now_s
-            if now_s - heard_s > _SILENT_DAEMON_S:
-                problem = f"the robot has sent no joint angles for {now_s - heard_s:.0f} s"
-                raise CellError(
-                    where, problem, "check the connection with rig status, and restart", code="robot.no_joints"
-                )
-            if now_s - shown_s > _SHOW_S and times:
-                shown_s = now_s
-                show(_motion(times, angles, where))
-    except KeyboardInterrupt:
-        if not times:
-            problem = f"joint angles did not arrive within {time.monotonic() - begun_s:.0f} s"
-            raise CellError(
-                where, problem, "check the robot's connection with rig status", code="robot.no_joints"
-            ) from None
-        return _motion(times, angles, where)
-
-
-def _samples(client: Client, after: dict[str, int]) -> dict[str, Any]:
-    streams: dict[str, Any] = client.ask("samples", after=after, rig=False)["streams"]
-    return streams
-
-
-def _motion(times: list[Array], angles: list[Array], where: str) -> RobotMotion:
-    t_s, first = np.unique(np.concatenate(times), return_index=True)
-    return RobotMotion(where, t_s - t_s[0], np.concatenate(angles)[first])

@@ -1,7 +1,6 @@
-"""Curve panels in braille dots: the error around the circle and over the circle angle, and gauge readings over time.
+"""Curve panels in braille dots: the error around the circle and over its angle, and readings over time.
 
-The view of the circle is against the normal. phi = 0 is on the right and increases anticlockwise, as in
-docs/conventions.md. The magnified error grows around the circle during the lap, with acw and cw superimposed.
+The circle is viewed against its normal: phi = 0 is on the right and increases anticlockwise (docs/conventions.md).
 """
 
 from __future__ import annotations
@@ -23,21 +22,21 @@ _OUTSIDE = 1.1
 _INSIDE = 0.3
 """Position of the lap start mark."""
 _MARKS = 24
-"""Number of reversal marks: the most recent, from about two laps."""
+"""Reversal marks, from about the last two laps."""
 _SCALES = (1.0, 2.0, 5.0)
 _SMALLEST = 1e-4
 """Smallest scale, in degrees or mm: the resolution of a gauge."""
 
 
 def scale_of(curves: tuple[ErrorCurve, ErrorCurve]) -> float:
-    """Return the error at full scale: 1, 2 or 5 times a power of ten, above the largest error."""
+    """Error at full scale: 1, 2 or 5 times a power of ten, above the largest error."""
     largest = max((float(np.abs(curve.error).max()) for curve in curves if len(curve.error)), default=0.0)
     power = 10.0 ** math.floor(math.log10(max(largest, _SMALLEST)))
     return next(scale * power for scale in (*_SCALES, 10.0) if scale * power >= largest)
 
 
 def unit_of(view: LiveView, controls: LiveControls) -> tuple[str, float]:
-    """Return the displayed unit of the error, and the factor from degrees or mm."""
+    """Displayed unit of the error, and the factor from degrees or mm."""
     if view.cell is not None and view.cell.has_angle:
         return "°", 1.0
     return f" {controls.units.name}", controls.units.per_mm
@@ -83,7 +82,7 @@ def draw_circle(area: Area, view: LiveView, controls: LiveControls, curves: tupl
 
 
 def _legend(view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve], scale: float) -> list[str]:
-    """Return the error bands and the scale, shortened to the width of the circle."""
+    """Error bands and scale."""
     unit, factor = unit_of(view, controls)
     words = []
     for name, curve in zip(("acw", "cw"), curves, strict=True):
@@ -104,7 +103,7 @@ _QUARTERS = 4
 
 
 def draw_trace(area: Area, view: LiveView, controls: LiveControls) -> None:
-    """Draw the readings of the last seconds. Each gauge is relative to the mean, on a common scale."""
+    """Draw the last readings of each gauge relative to their mean, on a common scale."""
     plot = area.part(0, _LABEL, area.width - _LABEL, area.height)
     seconds = max(5.0, plot.width * _SECONDS_A_COLUMN)
     recent, units = view.since(seconds), controls.units
@@ -128,7 +127,7 @@ def draw_trace(area: Area, view: LiveView, controls: LiveControls) -> None:
 
 
 def draw_straight(area: Area, view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
-    """Draw the errors acw and cw over the circle angle on the scale of the circle."""
+    """Draw the errors over the circle angle on the scale of the circle."""
     unit, factor = unit_of(view, controls)
     scale = scale_of(curves)
     words = "error over φ"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +19,7 @@ OLD_S = 2.0
 
 
 def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> float | None:
-    """Return the angle between link and tool from the last readings and zeros; None if it is unavailable."""
+    """Angle between link and tool from the last readings and zeros; None if unavailable."""
     if view.cell is None or not view.cell.has_angle or not {"g1", "g2"} <= view.readings.keys():
         return None
     g1, g2 = (np.array(view.readings[name].mm - zero) for name, zero in zip(("g1", "g2"), zero_mm, strict=True))
@@ -27,27 +27,23 @@ def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> floa
 
 
 def angle_name(view: LiveView) -> str:
-    """Return the name of the angle: yaw or roll during such a test."""
+    """Yaw or roll during such a test."""
     return view.test if view.test in CIRCLES else "angle"
 
 
 def phi_deg(view: LiveView) -> float | None:
-    """Return the current circle angle; None if the tool is off the circle."""
+    """Current circle angle; None if the tool is off the circle."""
     return None if not len(view.phi) or math.isnan(view.phi[-1]) else math.degrees(view.phi[-1])
 
 
 def lap_share(view: LiveView) -> float | None:
-    """Return the completed share of the current lap; None if there is no motion along the circle."""
+    """Completed share of the current lap; None without motion along the circle."""
     return None if view.cell is None else view.lap.share(view.cell.start_rad, view.cell.lead_rad)
 
 
 @dataclass(frozen=True)
 class LapState:
-    """Position in the laps.
-
-    place: `lap` and `lead_in` come with the lap number, from 1, and the completed share. `stands`: at rest on the
-    circle. `off`: not on the circle.
-    """
+    """Position in the laps: `lap` and `lead_in` with the lap number, from 1, and the completed share."""
 
     place: Literal["no_circle", "off", "stands", "way_back", "lead_in", "lap", "lead_out"]
     number: int = 0
@@ -55,7 +51,6 @@ class LapState:
 
 
 def lap_state(view: LiveView) -> LapState:
-    """Return the position in the laps."""
     if view.cell is None or view.cell.frame is None:
         return LapState("no_circle")
     if phi_deg(view) is None:
@@ -73,31 +68,22 @@ def lap_state(view: LiveView) -> LapState:
 
 
 def shown_curves(view: LiveView) -> tuple[ErrorCurve, ErrorCurve]:
-    """Return the error curves acw and cw in degrees, or in mm for a single gauge."""
+    """Error curves acw and cw in degrees, or in mm for a single gauge."""
     per = math.degrees(1.0) if view.cell is not None and view.cell.has_angle else 1.0
-    curves = [sweep.curve() for sweep in (view.acw, view.cw)]
     acw, cw = (
-        ErrorCurve(
-            sweep_curve.phi,
-            sweep_curve.error * per,
-            sweep_curve.is_whole,
-            sweep_curve.less_sine,
-            sweep_curve.band * per,
-        )
-        for sweep_curve in curves
+        replace(curve, error=curve.error * per, band=curve.band * per) for curve in (view.acw.curve(), view.cw.curve())
     )
     return acw, cw
 
 
 def figures(view: LiveView) -> dict[str, Any]:
-    """Return the current figures; None for unavailable figures."""
+    """Current figures; None for unavailable ones."""
     state, gauges = view.state, {}
     for k, name in enumerate(("g1", "g2")):
         if name in view.readings:
-            reading, extremes = view.readings[name], view.extremes_mm
-            low, high = (
-                (None, None) if extremes is None else (_finite_or_none(extremes[k, 0]), _finite_or_none(extremes[k, 1]))
-            )
+            reading = view.readings[name]
+            extremes = np.full(2, np.nan) if view.extremes_mm is None else view.extremes_mm[k]
+            low, high = map(_finite_or_none, extremes.tolist())
             gauges[name] = {
                 "mm": reading.mm,
                 "age_s": round(reading.age_s, 3),
@@ -134,7 +120,7 @@ def figures(view: LiveView) -> dict[str, Any]:
 
 
 def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0, 0.0)) -> str:
-    """Format the current figures for a screen reader or log, relative to the zeros of both gauges in mm."""
+    """Current figures for a screen reader or log, relative to the zeros of both gauges in mm."""
     if view.lost:
         return view.lost
     parts = [f"at {view.played.at_s:.1f} s"] if view.played else []

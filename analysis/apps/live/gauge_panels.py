@@ -78,7 +78,7 @@ def draw_angle(area: Area, view: LiveView, controls: LiveControls, scale: int) -
 
 
 def draw_lap(area: Area, view: LiveView) -> None:
-    """Draw the circle angle and the progress of the lap in a row, or the reason for not showing them."""
+    """Draw the circle angle and the progress of the lap in a row, or why they are missing."""
     phi, lap = phi_deg(view), lap_state(view)
     if view.cell is None or lap.place == "no_circle":
         area.put(0, 1, "the rig file has no circle test" if view.cell else "", "dim")
@@ -105,7 +105,7 @@ def draw_lap(area: Area, view: LiveView) -> None:
 
 
 def _text(view: LiveView, controls: LiveControls, k: int, mm: float) -> str:
-    """Format a reading with the width of the largest previous reading, which keeps the figures in place."""
+    """Reading with the width of the largest previous one, which keeps the figures in place."""
     units = controls.units
     widest = f"{-abs(_widest(view, controls, k) - controls.zero_mm[k]) * units.per_mm:.{units.decimals}f}"
     return f"{(mm - controls.zero_mm[k]) * units.per_mm:{len(widest)}.{units.decimals}f}"
@@ -119,7 +119,7 @@ def _widest(view: LiveView, controls: LiveControls, k: int) -> float:
 
 
 def _range(area: Area, view: LiveView, controls: LiveControls, k: int) -> None:
-    """Draw the range bar: the calibrated range if known, otherwise the observed range."""
+    """Draw the calibrated range if known, otherwise the observed range."""
     if view.extremes_mm is None or not np.isfinite(view.extremes_mm[k]).all():
         return
     low, high = (float(mm) for mm in view.extremes_mm[k])

@@ -38,21 +38,21 @@ _WHOLE_RAD = _TURN - math.radians(2.0)
 
 @dataclass(frozen=True)
 class LapProgress:
-    """Progress of the laps.
-
-    phi_rad: unwrapped circle angle of the last row; nan off the circle. sense: 1 acw, -1 cw, 0 unknown. extreme_rad:
-    furthest angle in this sense. from_rad: start of the motion in this sense. acw, cw: completed laps. forward: sense
-    of the first complete lap since the tool reached the circle; 0 before. origin_rad: start of this lap.
-    """
+    """Progress of the laps. A sense is 1 for acw, -1 for cw, 0 if unknown."""
 
     phi_rad: float = math.nan
+    """Unwrapped circle angle of the last row; nan off the circle."""
     sense: int = 0
     extreme_rad: float = math.nan
+    """Furthest angle in this sense."""
     from_rad: float = math.nan
+    """Start of the motion in this sense."""
     acw: int = 0
     cw: int = 0
     forward: int = 0
+    """Sense of the first complete lap since the tool reached the circle; 0 before."""
     origin_rad: float = math.nan
+    """Start of this lap."""
 
     @property
     def goes_back(self) -> bool:
@@ -61,10 +61,10 @@ class LapProgress:
         return unwinds and self.forward * (self.phi_rad - self.origin_rad) > 0
 
     def after(self, phi: Array, start_rad: float, lead_rad: float) -> tuple[LapProgress, Array, Array]:
-        """Process rows at circle angles phi (n,) in rad.
+        """Process rows at circle angles phi (n,).
 
-        Return the progress, the sense (n,) and the completed share (n,) of the lap. The share is nan if there is no
-        motion along the circle.
+        Returns the progress, the sense (n,) and the completed share (n,) of the lap, nan without motion along the
+        circle.
         """
         state, senses, shares = self, [], []
         for angle in phi.tolist():
@@ -75,9 +75,9 @@ class LapProgress:
         return state, np.array(senses, dtype=float), np.array(shares)
 
     def share(self, start_rad: float, lead_rad: float) -> float | None:
-        """Return the completed share of the current lap, below 0 in the lead-in and above 1 after the lap.
+        """Completed share of the current lap, below 0 in the lead-in and above 1 after the lap.
 
-        None during a return, or if there is no motion along the circle.
+        None during a return, or without motion along the circle.
         """
         if self.sense == 0 or math.isnan(self.phi_rad) or self.goes_back:
             return None
@@ -103,11 +103,11 @@ class LapProgress:
 
     @property
     def _begun_rad(self) -> float:
-        """Return the start of a lap in the current sense: the start of the motion, or the end of the return."""
+        """Start of a lap in the current sense: of the motion, or the end of the return."""
         return self.origin_rad if self.forward and self.sense == -self.forward else self.from_rad
 
     def counted(self) -> LapProgress:
-        """Return the progress including the complete laps of the motion that ends now."""
+        """Progress including the complete laps of the motion that ends now."""
         driven_rad = max(0.0, self.sense * (self.extreme_rad - self._begun_rad)) if self.sense else 0.0
         laps = int((driven_rad + _TURN - _WHOLE_RAD) / _TURN)
         counted = replace(self, acw=self.acw + laps * (self.sense > 0), cw=self.cw + laps * (self.sense < 0))
@@ -116,39 +116,34 @@ class LapProgress:
         return counted
 
     def ended(self) -> LapProgress:
-        """Return the progress after leaving the circle."""
+        """Progress after leaving the circle."""
         off = replace(self.counted(), phi_rad=math.nan, sense=0, extreme_rad=math.nan, from_rad=math.nan)
         return replace(off, forward=0, origin_rad=math.nan)
 
 
 _MOVES_RAD_S = float(np.radians(0.05))
-"""Minimum speed of a moving joint. Chosen: feedback noise of 0.01° over a third of a second."""
+"""Minimum speed of a moving joint: feedback noise of 0.01° over a third of a second."""
 _SPEED_S = 0.35
 """Time span for measuring a speed."""
 
 
 @dataclass(frozen=True)
 class LiveReversal:
-    """Reversal of a joint (1 … 6) at t_s.
-
-    phi_rad: circle angle; nan off the circle. upper: True from rising to falling. sense: sense of the lap, 1 acw, -1
-    cw, 0 unknown.
-    """
+    """Reversal of a joint (1 … 6)."""
 
     axis: int
     t_s: float
     phi_rad: float
+    """Circle angle; nan off the circle."""
     upper: bool
+    """True from rising to falling."""
     sense: int
+    """Sense of the lap: 1 acw, -1 cw, 0 unknown."""
 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Motion of the joints so far.
-
-    sense (6,): 1 rising, -1 falling, 0 unknown. extreme (6,): furthest angle in rad in that sense, with the time
-    extreme_t_s (6,) and the circle angle extreme_phi (6,) in rad.
-    """
+    """Sense (6,) of each joint, 0 if unknown, and its furthest angle in that sense, with time and circle angle."""
 
     sense: Array = field(default_factory=lambda: np.zeros(6))
     extreme: Array = field(default_factory=lambda: np.full(6, np.nan))
@@ -156,10 +151,7 @@ class JointMotion:
     extreme_phi: Array = field(default_factory=lambda: np.full(6, np.nan))
 
     def after(self, rows: LiveRows, phi: Array, senses: Array) -> tuple[JointMotion, list[LiveReversal]]:
-        """Process rows at circle angles phi (n,) in rad and lap senses (n,).
-
-        Return the motion and the joint reversals.
-        """
+        """Process rows at circle angles phi (n,) and lap senses (n,)."""
         sense, extreme = self.sense.copy(), self.extreme.copy()
         at_t_s, at_phi = self.extreme_t_s.copy(), self.extreme_phi.copy()
         reversals: list[LiveReversal] = []
@@ -182,7 +174,7 @@ class JointMotion:
 
 
 def speeds(rows: LiveRows) -> Array:
-    """Return the speed (6,) of each joint in rad/s over the last rows; nan if unknown."""
+    """Speed (6,) of each joint in rad/s over the last rows; nan if unknown."""
     if not len(rows):
         return np.full(6, np.nan)
     recent = rows.select_rows(slice(int(np.searchsorted(rows.t_s, rows.t_s[-1] - _SPEED_S)) - 1, None))
@@ -193,7 +185,7 @@ def speeds(rows: LiveRows) -> Array:
 
 
 def moves(speed_rad_s: float) -> int:
-    """Return 1 for a rising joint, -1 for a falling joint, 0 for a joint at rest."""
+    """1 for a rising joint, -1 for a falling joint, 0 at rest."""
     return 0 if not abs(speed_rad_s) > _MOVES_RAD_S else int(math.copysign(1, speed_rad_s))
 
 
@@ -204,17 +196,16 @@ _HALF = np.pi
 
 @dataclass(frozen=True)
 class ErrorCurve:
-    """Error curve: ordered circle angles phi (n,) in rad, and the error (n,) in rad or mm.
-
-    is_whole: the curve covers a complete lap at the specified resolution. less_sine: the sine is removed; otherwise
-    only the mean. band: largest minus smallest error; 0 if empty.
-    """
+    """Error (n,) in rad or mm over circle angles phi (n,) in rad."""
 
     phi: Array
     error: Array
     is_whole: bool
+    """True if the curve covers a complete lap at the specified resolution."""
     less_sine: bool
+    """True if the sine is removed; otherwise only the mean."""
     band: float
+    """Largest minus smallest error; 0 if empty."""
 
 
 NO_CURVE = ErrorCurve(np.empty(0), np.empty(0), False, False, 0.0)
@@ -227,7 +218,7 @@ class Sweep:
     last: Array = field(default_factory=lambda: np.full(NODES, np.nan))
 
     def after(self, phi: Array, values: Array) -> Sweep:
-        """Return the sweep with newer values (n,) at circle angles phi (n,) in rad, which replace older values."""
+        """Sweep with newer values (n,) at circle angles phi (n,), which replace older values."""
         good: Mask = np.isfinite(phi) & np.isfinite(values)
         if not good.any():
             return self
@@ -236,7 +227,6 @@ class Sweep:
         return replace(self, last=last)
 
     def curve(self) -> ErrorCurve:
-        """Return the error over the measured circle angles."""
         measured = np.isfinite(self.last)
         if measured.sum() < 2:
             return NO_CURVE
@@ -254,7 +244,7 @@ class Sweep:
 
 
 def pieces(curve: ErrorCurve) -> list[slice]:
-    """Return the continuous sections of a curve in order. A section across phi = 0 is split."""
+    """Continuous sections of a curve in order. A section across phi = 0 is split."""
     ends = [*(np.flatnonzero(np.diff(curve.phi) > _WIDEST_RAD) + 1).tolist(), len(curve.phi)]
     begins = [0, *ends[:-1]]
     return [slice(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1]

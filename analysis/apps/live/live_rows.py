@@ -1,10 +1,7 @@
-"""Rows of a live view: both gauges and the joints at the times of gauge 1, joined from several streams on arrival.
-
-Also the cell of the rig file: the position of the tool on the circle and the meaning of the gauges.
+"""Rows of a live view: gauges and joints at the times of gauge 1, joined from several streams on arrival.
 
 `analysis.runs.align` does the same for a complete run with fitted clocks. Here the time of a sample is the arrival of
-the first byte, which is sufficient for a display. The view does not wait for silent streams; their values are nan.
-Position and angle use the functions of `rig analyse`.
+its first byte. The view does not wait for silent streams; their values are nan.
 """
 
 from __future__ import annotations
@@ -18,14 +15,13 @@ from analysis.robot.geometry.circle import CircleFrame, frame_of, link_angle
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.runs.laps import is_on_circle
 from rigs.rig import Rig
-from rigs.schema.gauges import Gauge
 
 GAUGES = ("g1", "g2")
 ROBOT = "robot"
 _SILENT_S = 1.0
 """Delay after which the view stops waiting for a stream. Polled instruments answer several times a second."""
 _GAP_S = 0.5
-"""Longest interval for interpolation between samples: values across a longer gap are not measurements."""
+"""Longest interval for interpolation: values across a longer gap are not measurements."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +36,10 @@ class LiveRows:
         return len(self.t_s)
 
     def select_rows(self, rows: slice) -> LiveRows:
-        """Return a slice of the rows."""
         return LiveRows(self.t_s[rows], self.g_mm[rows], self.q[rows])
 
     def followed_by(self, newer: LiveRows, most: int) -> LiveRows:
-        """Return the rows followed by newer rows, limited to the last `most`."""
+        """Rows followed by newer rows, limited to the last `most`."""
         if not len(newer):
             return self
         parts = ((self.t_s, newer.t_s), (self.g_mm, newer.g_mm), (self.q, newer.q))
@@ -64,13 +59,13 @@ class LiveTrack:
 
 @dataclass(frozen=True)
 class Joiner:
-    """Samples of each instrument waiting for the other instruments. until_s: time of the last joined row."""
+    """Samples of each instrument that wait for the others. until_s: time of the last joined row."""
 
     tracks: Mapping[str, LiveTrack]
     until_s: float = -np.inf
 
     def joined(self, new: Mapping[str, LiveTrack]) -> tuple[Joiner, LiveRows]:
-        """Add new samples. Return the joiner and the completed rows."""
+        """Add new samples. Returns the joiner and the completed rows."""
         tracks = {**self.tracks, **new}
         for name, newer in new.items():
             if (track := self.tracks.get(name)) is not None and len(track.t_s):
@@ -100,7 +95,7 @@ NO_TRACKS = Joiner({})
 
 
 def _at(t_s: Array, track: LiveTrack | None, count: int) -> Array:
-    """Return values (n, count) at times t_s (n,). They are nan outside a track and in gaps."""
+    """Values (n, count) at times t_s (n,); nan outside a track and in gaps."""
     if track is None:
         return np.full((len(t_s), count), np.nan)
     values = np.stack([np.interp(t_s, track.t_s, column) for column in track.values.T], axis=1)
@@ -113,26 +108,25 @@ def _at(t_s: Array, track: LiveTrack | None, count: int) -> Array:
 
 @dataclass(frozen=True)
 class LiveCell:
-    """The cell in the view.
-
-    name: name of the rig. axes: names of the joints. baseline_mm: 0 for a single gauge. frame, start_rad, lead_rad,
-    laps: the circle test; frame is None if there is no circle. range_mm: certified range of each gauge, or None. signs:
-    signs that make the readings increase with the distance from the ball.
-    """
+    """The cell in the view, with its circle test, if any."""
 
     name: str
     arm: Arm
     axes: tuple[str, ...]
+    """Names of the joints."""
     baseline_mm: float
+    """0 for a single gauge."""
     frame: CircleFrame | None
     start_rad: float
     lead_rad: float
     laps: int
     range_mm: tuple[tuple[float, float] | None, ...]
+    """Certified range of each gauge."""
     signs: tuple[int, ...]
+    """Signs that make the readings increase with the distance from the ball."""
 
     def phi(self, q: Array) -> Array:
-        """Return circle angles (n,) in rad, 0 … 2 pi, of joint angles q (n, 6) in rad; nan off the circle."""
+        """Circle angles (n,), 0 … 2 pi, of joint angles q (n, 6) in rad; nan off the circle."""
         phi = np.full(len(q), np.nan)
         known_rows = np.isfinite(q).all(axis=1)
         if self.frame is not None and known_rows.any():
@@ -141,21 +135,20 @@ class LiveCell:
         return phi
 
     def error_source(self, g_mm: Array) -> Array:
-        """Return the values (n,) drawn around the circle for readings (n, 2) in mm.
-
-        The values are angles in rad for two gauges, otherwise distances in mm.
-        """
+        """Values (n,) drawn around the circle: angles in rad for two gauges, otherwise distances in mm."""
         return link_angle(g_mm[:, 0], g_mm[:, 1], self.baseline_mm) if self.has_angle else g_mm[:, 0]
 
     @property
     def has_angle(self) -> bool:
-        """True if the rig has two gauges, which an angle requires."""
         return self.baseline_mm != 0
 
 
 def cell_of(rig: Rig) -> LiveCell:
-    """Return the cell of a rig file."""
-    circle = rig.tests.circle
+    circle, ranges = rig.tests.circle, list[tuple[float, float] | None]()
+    for _, gauge in rig.gauges:
+        certified = gauge.certificate and gauge.certificate.valid_mm
+        low, high = sorted(gauge.sign * end for end in certified or (0.0, 0.0))
+        ranges.append((low, high) if certified else None)
     return LiveCell(
         rig.name,
         arm_of(rig.robot),
@@ -165,14 +158,6 @@ def cell_of(rig: Rig) -> LiveCell:
         float(np.radians(circle.start_deg)) if circle else 0.0,
         float(np.radians(circle.lead_deg)) if circle else 0.0,
         circle.laps if circle else 0,
-        tuple(_range_mm(gauge) for _, gauge in rig.gauges),
+        tuple(ranges),
         tuple(gauge.sign for _, gauge in rig.gauges),
     )
-
-
-def _range_mm(gauge: Gauge) -> tuple[float, float] | None:
-    """Return the certified range of a gauge for readings that increase with the distance from the ball."""
-    if gauge.certificate is None or gauge.certificate.valid_mm is None:
-        return None
-    low, high = sorted(gauge.sign * end for end in gauge.certificate.valid_mm)
-    return low, high

@@ -14,7 +14,7 @@ from typing import Protocol
 
 from analysis.apps.live.controls import Action, LiveControls
 from analysis.apps.live.figures import figures, plain_line
-from analysis.apps.live.played_run import PlayedRun
+from analysis.apps.live.played_run import SPEEDS, PlayedRun
 from analysis.apps.live.screen import screen
 from analysis.apps.live.terminal import Painter, keys_of, size_of
 from analysis.apps.live.view import LiveView, Update
@@ -24,11 +24,9 @@ _LINE_S = 1.0
 
 
 class LiveSource(Protocol):
-    """Source of updates and receiver of user actions."""
-
     def updates(self) -> Sequence[Update]: ...
     def handle_action(self, action: Action) -> str:
-        """Execute the action of a key and return a notice."""
+        """Execute the action of a key. Returns a notice."""
 
     @property
     def ended(self) -> bool: ...
@@ -44,11 +42,9 @@ class RunPlayer:
 
     @property
     def ended(self) -> bool:
-        """True if all runs have been shown."""
         return self._run.ended and not self._next
 
     def updates(self) -> Sequence[Update]:
-        """Return the updates since the last call."""
         now_s = self._clock()
         begun: list[Update] = []
         if self._run.ended and self._next:
@@ -59,12 +55,12 @@ class RunPlayer:
         return [*begun, update]
 
     def handle_action(self, action: Action) -> str:
-        """Pause, continue or change the speed."""
         match action:
             case "pause":
                 self._run = replace(self._run, paused=not self._run.paused)
             case "faster" | "slower":
-                self._run = self._run.sped(2.0 if action == "faster" else 0.5)
+                speed = self._run.speed * (2.0 if action == "faster" else 0.5)
+                self._run = replace(self._run, speed=min(max(speed, SPEEDS[0]), SPEEDS[1]))
             case _:
                 return "a played run cannot be recorded"
         return ""

@@ -1,4 +1,4 @@
-"""Playback of a recorded run: shows the rows, aligned as in `rig analyse`, up to an increasing time."""
+"""Playback of a recorded run, aligned as in `rig analyse`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rigs.load import parse
 from rigs.schema.vocabulary import Direction, TestName
 
 _MOST_HZ = 100.0
-"""Maximum number of rows shown per second. A screen shows ten."""
+"""Rows shown per second. A screen shows ten."""
 _BETWEEN_S = 1.0
 """Pause between two runs in the view."""
 SPEEDS = (0.125, 64.0)
@@ -27,32 +27,32 @@ SPEEDS = (0.125, 64.0)
 
 @dataclass(frozen=True)
 class PlayedRun:
-    """A run and the playback position.
-
-    rig_sha256: digest of the rig file. zero_mm: zero offsets of the recording view. at_s: time since the first row.
-    shown: number of rows shown. begins_s: time of the first row in the view.
-    """
+    """A run and the playback position."""
 
     name: str
     test: TestName
     direction: Direction | None
     cell: LiveCell
     rig_sha256: str
+    """Digest of the rig file."""
     rows: LiveRows
     speed: float
     zero_mm: tuple[float, float] = (0.0, 0.0)
+    """Zero offsets of the recording view."""
     begins_s: float = 0.0
+    """Time of the first row in the view."""
     at_s: float = 0.0
+    """Time since the first row."""
     shown: int = 0
+    """Number of rows shown."""
     paused: bool = False
 
     @property
     def ended(self) -> bool:
-        """True if all rows have been shown."""
         return self.shown >= len(self.rows)
 
     def followed_by(self, following: PlayedRun) -> tuple[PlayedRun, Update]:
-        """Switch to a different run at the same time, speed and pause. Return the run and the update."""
+        """Switch to another run at the same time, speed and pause."""
         begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
         cell = following.cell if following.rig_sha256 != self.rig_sha256 else None
         label = (following.name, following.test, following.direction)
@@ -61,11 +61,11 @@ class PlayedRun:
         )
 
     def begun(self) -> LiveView:
-        """Return the view before the first row."""
+        """View before the first row."""
         return LiveView(self.cell).labelled(self.name, self.test, self.direction)
 
     def after(self, seconds: float) -> tuple[PlayedRun, Update]:
-        """Advance the playback by a number of seconds. Return the run and the update."""
+        """Advance the playback by some seconds."""
         at_s = self.at_s if self.paused or self.ended else self.at_s + self.speed * seconds
         until = int(np.searchsorted(self.rows.t_s, at_s, side="right"))
         at_s = min(at_s, float(self.rows.t_s[-1]))
@@ -77,13 +77,9 @@ class PlayedRun:
         readings = {f"g{k}": GaugeReading(float(mm), 0.0) for k, mm in enumerate(last, start=1) if np.isfinite(mm)}
         return run, Update(rows=new, readings=readings, played=played)
 
-    def sped(self, factor: float) -> PlayedRun:
-        """Return the run with a multiplied speed, limited to `SPEEDS`."""
-        return replace(self, speed=float(np.clip(self.speed * factor, *SPEEDS)))
-
 
 def played_run(path: Path, speed: float) -> PlayedRun:
-    """Read a run for playback. Raises FileError if it is unreadable or contains no times."""
+    """Read a run for playback. Refuses a run without motion."""
     run = read_run(path)
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
     if run.table is None:

@@ -11,7 +11,7 @@ from analysis.apps.live.text_panels import draw_events, draw_foot, draw_head, dr
 from analysis.apps.live.view import LiveView
 
 _LEAST_WIDTH, _LEAST_HEIGHT = 60, 18
-"""Minimum size of the terminal for panels. A smaller terminal shows only figures."""
+"""Minimum size of the terminal for panels. A smaller one shows only figures."""
 _THREE_WIDE = 150
 """Minimum width for large figures of the angle next to the gauges."""
 _STRAIGHT = 170
@@ -19,7 +19,6 @@ _STRAIGHT = 170
 
 
 def screen(view: LiveView, controls: LiveControls, width: int, height: int) -> Canvas:
-    """Return the content for a terminal of this size."""
     canvas = Canvas(max(1, width), max(1, height))
     area = canvas.area()
     if width < _LEAST_WIDTH or height < _LEAST_HEIGHT:
@@ -56,7 +55,6 @@ def screen(view: LiveView, controls: LiveControls, width: int, height: int) -> C
 
 
 def _middle(area: Area, view: LiveView, controls: LiveControls, *, with_angle: bool) -> None:
-    """Draw the circle next to the panels with the figures."""
     curves = shown_curves(view)
     side = min(2 * area.height + 2, area.width // 2)
     circle, right = area.columns(side, area.width - side)

@@ -1,8 +1,7 @@
 """Access to the terminal: size, alternate screen with flicker-free drawing, and keys.
 
-Only changed rows are sent, to save bandwidth over ssh. After a change of size the entire screen is sent. A terminal
-smaller than the drawing clips long lines. On systems that lack POSIX terminals there are no keys, and Ctrl-C ends the
-program.
+Only changed rows are sent, to save bandwidth over ssh. Systems without POSIX terminals have no keys, and Ctrl-C ends
+the program.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ class Painter:
             self._out.flush()
 
     def paint(self, canvas: Canvas) -> None:
-        """Draw a canvas, sending only the changes."""
+        """Send the changes since the last canvas."""
         console = PlainConsole(width=canvas.width)
         with console.capture() as captured:
             console.print(canvas, end="", crop=False, soft_wrap=True)
@@ -68,12 +67,11 @@ class Painter:
         self._shown, self._size = lines, size
 
     def invalidate_screen(self) -> None:
-        """Send the entire screen with the next picture."""
+        """Send the entire screen next time."""
         self._size = (0, 0)
 
 
 def size_of(out: TextIO) -> tuple[int, int]:
-    """Return the current columns and rows of a terminal."""
     try:
         size = os.get_terminal_size(out.fileno())
     except (OSError, ValueError):
@@ -82,13 +80,13 @@ def size_of(out: TextIO) -> tuple[int, int]:
 
 
 class Keys:
-    """Keys pressed. descriptor: file descriptor of a terminal in unbuffered mode; None if there is no terminal."""
+    """Keys of a terminal in unbuffered mode, by its file descriptor; None if there is none."""
 
     def __init__(self, descriptor: int | None) -> None:
         self._descriptor = descriptor
 
     def read_keys(self, seconds: float) -> list[str]:
-        """Wait for keys for a time and return them. Arrow and similar keys are ignored."""
+        """Keys typed within a time. Arrow and similar keys are ignored."""
         if self._descriptor is None:
             time.sleep(seconds)
             return []
@@ -102,10 +100,7 @@ class Keys:
 
 @contextmanager
 def keys_of(terminal: TextIO) -> Iterator[Keys]:
-    """Provide the keys of a terminal and restore it afterwards.
-
-    On systems that lack POSIX terminals there are no keys.
-    """
+    """Provide the keys of a terminal and restore it afterwards."""
     try:
         import termios  # noqa: PLC0415 - Windows lacks it
         import tty  # noqa: PLC0415
@@ -128,5 +123,4 @@ def keys_of(terminal: TextIO) -> Iterator[Keys]:
 
 
 def is_terminal() -> bool:
-    """Return whether standard output is a terminal suitable for drawing."""
     return sys.stdout.isatty() and os.environ.get("TERM") != "dumb"

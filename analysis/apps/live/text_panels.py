@@ -20,11 +20,11 @@ from rigs.text import plain
 _LITTLE_DISK = 0.05
 """Share of free disk space below which a warning is shown."""
 _LATE_DRIFT_PPM = 500.0
-"""Drift from which a clock is marked. Instrument clocks are within about 100 ppm of the host clock."""
+"""Drift from which a clock is marked: instrument clocks are within about 100 ppm of the host."""
 
 
 def draw_head(area: Area, view: LiveView) -> None:
-    """Draw a row with the rig, the recorded or played run, and the connection to the daemon."""
+    """Draw the rig, the recorded or played run, and the connection to the daemon."""
     column = area.put(0, 1, view.cell.name if view.cell else (view.state or {}).get("rig", "rig live"), "bold") + 2
     if view.lost:
         area.put(0, column, view.lost, "bold red")
@@ -79,7 +79,7 @@ def draw_joints(area: Area, view: LiveView) -> None:
 
 
 def draw_events(area: Area, view: LiveView) -> None:
-    """Draw the events, newest first: reversals, faults, and state changes of daemon and recording."""
+    """Draw the events, newest first."""
     area.put(0, 1, "what happened", "bold")
     now_s = float(view.rows.t_s[-1]) if len(view.rows) else 0.0
     for row, event in enumerate(reversed(view.events[-max(0, area.height - 1) :] if area.height > 1 else ()), start=1):
@@ -92,10 +92,7 @@ def draw_events(area: Area, view: LiveView) -> None:
 
 
 def draw_links(area: Area, view: LiveView) -> None:
-    """Draw a row for each stream with connection, rate, clock and faults, and a row for disk and recording.
-
-    For a lost daemon the last known values are drawn.
-    """
+    """Draw a row for each stream with connection, rate, clock and faults, and a row for disk and recording."""
     state = view.state
     if state is None:
         return
@@ -135,10 +132,7 @@ def draw_links(area: Area, view: LiveView) -> None:
 
 
 def draw_foot(area: Area, view: LiveView, controls: LiveControls) -> None:
-    """Draw the typed label or the keys in the last row, and a message above.
-
-    In a single row the message replaces the keys.
-    """
+    """Draw the typed label or the keys in the last row, and a message above or, in a single row, instead."""
     row = area.height - 1
     if controls.prompt is not None:
         column = area.put(row, 1, "label (name test direction, Esc to leave): ", "bold")
@@ -155,7 +149,6 @@ def draw_foot(area: Area, view: LiveView, controls: LiveControls) -> None:
 
 
 def draw_help(area: Area) -> None:
-    """Draw the keys in a frame over the middle of the screen."""
     width = min(area.width, 72)
     box = area.part((area.height - len(KEYS) - 2) // 2, (area.width - width) // 2, width, len(KEYS) + 2)
     for row in range(box.height):
@@ -178,7 +171,6 @@ def _clock(area: Area, row: int, column: int, clock: dict[str, Any] | None) -> i
 
 
 def event_words(event: LiveEvent, view: LiveView) -> str:
-    """Describe an event."""
     if event.reversal is None:
         return event.words
     reversal = event.reversal
@@ -187,7 +179,7 @@ def event_words(event: LiveEvent, view: LiveView) -> str:
 
 
 def _place(reversal: LiveReversal) -> str:
-    """Describe position and direction of a joint reversal. Upper means from rising to falling in time."""
+    """Position and direction of a joint reversal; upper is from rising to falling."""
     return (f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else "") + (
         "▲▼" if reversal.upper else "▼▲"
     )

@@ -31,7 +31,7 @@ class GaugeReading:
 
 @dataclass(frozen=True)
 class Played:
-    """Playback of a recorded run. The time and length are in s."""
+    """Playback of a recorded run."""
 
     name: str
     at_s: float
@@ -43,19 +43,20 @@ class Played:
 
 @dataclass(frozen=True)
 class Update:
-    """Changes since the previous update. None and empty fields mean no change.
-
-    state: response to `status`. cell: cell of a new rig file. lost: reason for missing data. notice: message to show
-    once. label: name, test and direction of the run played from now on.
-    """
+    """Changes since the previous update. None and empty fields mean no change."""
 
     rows: LiveRows = NO_ROWS
     readings: Mapping[str, GaugeReading] | None = None
     state: dict[str, Any] | None = None
+    """Response to `status`."""
     cell: LiveCell | None = None
+    """Cell of a new rig file."""
     lost: str = ""
+    """Reason for missing data."""
     notice: str = ""
+    """Message to show once."""
     label: tuple[str, TestName, Direction | None] | None = None
+    """Name, test and direction of the run played from now on."""
     played: Played | None = None
 
 
@@ -70,37 +71,36 @@ class LiveEvent:
 
 @dataclass(frozen=True)
 class LiveView:
-    """The complete displayed state.
-
-    extremes_mm (2, 2): smallest and largest reading of each gauge; nan before the first. test, direction and name
-    belong to the recording or the played run, shown_test to the curves. reversal_counts: per joint since the start of
-    the view, including dropped events. last_reversals: by joint (1 … 6). cut: message about a recording interrupted by
-    the loss of the daemon, until the next recording starts.
-    """
+    """The complete displayed state. Name, test and direction belong to the recording or the played run."""
 
     cell: LiveCell | None = None
     rows: LiveRows = NO_ROWS
     phi: Array = field(default_factory=lambda: np.empty(0))
     readings: Mapping[str, GaugeReading] = field(default_factory=dict)
     extremes_mm: Array | None = None
+    """Smallest and largest reading of each gauge (2, 2); nan before the first."""
     lap: LapProgress = field(default_factory=LapProgress)
     acw: Sweep = field(default_factory=Sweep)
     cw: Sweep = field(default_factory=Sweep)
     joints: JointMotion = field(default_factory=JointMotion)
     events: tuple[LiveEvent, ...] = ()
     reversal_counts: tuple[int, ...] = (0,) * 6
+    """Per joint since the start of the view, including dropped events."""
     last_reversals: Mapping[int, LiveReversal] = field(default_factory=dict)
+    """By joint (1 … 6)."""
     state: dict[str, Any] | None = None
     lost: str = ""
     cut: str = ""
+    """Message about a recording interrupted by the loss of the daemon, until the next recording starts."""
     played: Played | None = None
     name: str | None = None
     test: str | None = None
     direction: Direction | None = None
     shown_test: str | None = None
+    """Test of the curves."""
 
     def after(self, update: Update) -> LiveView:
-        """Return the view after an update."""
+        """View after an update."""
         # Only data proves that the daemon has returned: refused requests also arrive while it is lost.
         lost = self.lost if not update.lost and update.readings is None else update.lost
         view = replace(self, lost=lost, played=update.played)
@@ -123,7 +123,7 @@ class LiveView:
         return view._with_rows(update.rows) if len(update.rows) else view
 
     def labelled(self, name: str | None, test: str | None, direction: Direction | None) -> LiveView:
-        """Return the view of a new recording.
+        """View of a new recording.
 
         Laps are counted from now, and the new curve replaces the last in this direction.
         """
@@ -143,22 +143,14 @@ class LiveView:
         )
 
     def restarted(self) -> LiveView:
-        """Return the view with reset extremes, curves and counts; rows and state remain."""
-        return replace(
-            self,
-            extremes_mm=None,
-            lap=LapProgress(),
-            acw=Sweep(),
-            cw=Sweep(),
-            joints=JointMotion(),
-            events=(),
-            reversal_counts=(0,) * 6,
-            last_reversals={},
-        )
+        """View with reset extremes, curves and counts; rows and state remain."""
+        reset = ("extremes_mm", "lap", "acw", "cw", "joints", "events", "reversal_counts", "last_reversals")
+        fresh = LiveView()
+        return replace(self, **{name: getattr(fresh, name) for name in reset})
 
     @property
     def trends_mm_s(self) -> Array:
-        """Least-squares slope (2,) in mm/s of each gauge over the last two seconds; nan if unknown."""
+        """Slope (2,) of each gauge over the last two seconds; nan if unknown."""
         recent = self.since(_TREND_S)
         slopes = np.full(2, np.nan)
         for k in range(2):
@@ -169,14 +161,12 @@ class LiveView:
         return slopes
 
     def since(self, seconds: float) -> LiveRows:
-        """Return the rows of the last seconds."""
         if not len(self.rows):
             return self.rows
         return self.rows.select_rows(slice(int(np.searchsorted(self.rows.t_s, self.rows.t_s[-1] - seconds)), None))
 
     @property
     def reversals(self) -> list[LiveReversal]:
-        """Reversals among the events, in order."""
         return [event.reversal for event in self.events if event.reversal]
 
     def _with_events(self, events: Iterable[LiveEvent]) -> LiveView:
@@ -224,7 +214,6 @@ class LiveView:
 
 
 def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
-    """Describe changes of the recording."""
     if before is None or _run_of(before) == _run_of(state):
         return []
     words = []
@@ -237,20 +226,20 @@ def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> 
 
 
 def _cut(before: dict[str, Any] | None, state: dict[str, Any]) -> str:
-    """Describe a recording lost with the daemon. If the new daemon does not know it, that daemon was started later."""
+    """A recording lost with the daemon: a new daemon that does not know it was started later."""
     if before is None or not before["recording"] or state["recording"] or state["last_end"]:
         return ""
     return f"recording {before['recording']} was interrupted: rigd was restarted"
 
 
 def _run_of(state: dict[str, Any]) -> str | None:
-    """Return the directory of the recording, which differs for recordings of the same name."""
+    """Directory of the recording, which differs for recordings of the same name."""
     run: str | None = state.get("run", state["recording"])
     return run
 
 
 def _new_faults(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
-    """Describe the faults counted since the last state."""
+    """Faults counted since the last state."""
     if before is None:
         return []
     words = []

@@ -44,23 +44,19 @@ class PairArm:
 
     @cached_property
     def model(self) -> Model:
-        """Model of the rig file."""
         return model_of(self.rig)
 
     @property
     def axes(self) -> int:
-        """Number of axes."""
         return self.model.arm.axes
 
     def poses(self, q: Array, times: Array) -> Array:
-        """Return the poses (n, 4, 4) of the tool in the world at reported angles q (n, axes) rad, for multiples
-        (terms,) of the terms."""
+        """Tool poses (n, 4, 4) in the world at reported angles q (n, axes) rad, for multiples (terms,) of the terms."""
         added = effects_of([(term.effect, value) for term, value in zip(self.terms, times.tolist(), strict=True)])
         return moved(replace(self.model, effects=(*self.model.effects, *added)), visits(q)).T
 
     def slopes(self, q: Array, times: Array, point_mm: Array) -> Array:
-        """Return the change (n, 3, terms) mm in the world of a point (n, 3) mm on the tool, for one prior standard
-        deviation of each term.
+        """Change (n, 3, terms) of points (n, 3) on the tool, in mm, for one prior standard deviation of each term.
 
         times (terms,): multiples of the terms at which the derivatives are taken.
         """
@@ -74,13 +70,13 @@ class PairArm:
 
 
 def tool_points(T: Array, point_mm: Array) -> Array:
-    """Return the places (n, 3) mm in the world of points (n, 3) or (3,) mm of a tool at poses T (n, 4, 4)."""
+    """Places (n, 3) in the world of points (n, 3) or (3,) of a tool at poses T (n, 4, 4), in mm."""
     points: Array = T[:, :3, 3] + np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(point_mm, (len(T), 3)))
     return points
 
 
 def arm_terms(rig: Rig) -> tuple[Term, ...]:
-    """Return the unknown terms of an arm: zeros, link constants, compliance, and curves of each joint.
+    """Unknown terms of an arm: zeros, link constants, compliance, and curves of each joint.
 
     Constants that change only the base frame or the ball position are omitted: all of axis 1, and zero and d of the
     last axis.
@@ -93,14 +89,12 @@ def arm_terms(rig: Rig) -> tuple[Term, ...]:
     return tuple(
         Term(sine, group)
         for group, effect in usual
-        for sine in (phases(scaled(effect, _CURVE / _order(effect))) if group == "curves" else (effect,))
+        for sine in (phases(scaled(effect, _CURVE / sine_of(effect)[1])) if group == "curves" else (effect,))
     )
 
 
 def _group_of(form: Effect, rig: Rig) -> Group | None:
-    """Return the group of a form; None if touches of two arms do not reveal it, or if its shape would have to be
-    fitted.
-    """
+    """Group of a form; None if touches of two arms do not reveal it, or if its shape would have to be fitted."""
     if form.STAGE not in ("arm", "joint") or (form.STRETCHED and not is_sine(form)):
         return None
     if constant := form.compensation().constant:
@@ -108,17 +102,13 @@ def _group_of(form: Effect, rig: Rig) -> Group | None:
         is_of_a_frame = axis == 1 or (axis == len(rig.robot.axes) and key in _OF_THE_BALL)
         return None if is_of_a_frame else "constants"
     if is_sine(form):
-        return "curves" if _order(form) in _ORDERS else None
+        return "curves" if sine_of(form)[1] in _ORDERS else None
     has_masses = rig.robot.payload_kg > 0 or any(joint.mass_kg for joint in rig.robot.axes)
     return "gravity" if form.STAGE == "joint" and form.part == "gravity" and has_masses else None
 
 
-def _order(form: Effect) -> float:
-    return sine_of(form)[1]
-
-
 def scale_shares(arm: PairArm) -> Array:
-    """Return the multiples (terms,) of the terms that increase all lengths of an arm, in mm, by one thousandth."""
+    """Multiples (terms,) of the terms that increase all lengths of an arm by one thousandth."""
     shares = np.zeros(len(arm.terms))
     for k, term in enumerate(arm.terms):
         constant = term.effect.compensation().constant

@@ -36,7 +36,7 @@ _DIGITS = 6
 
 
 def calibrations(fit: FittedPair, result: PairResult, table: Path) -> tuple[CalibratedModel, CalibratedModel]:
-    """Return the calibrated model of each arm: its terms with their marginal posterior."""
+    """Calibrated model of each arm: its terms with their marginal posterior."""
     run = CalibratedRun(name=table.name, sha256=hashlib.sha256(table.read_bytes()).hexdigest())
     before_um = 1000 * result.before_mm
     judged = [
@@ -82,9 +82,7 @@ def _calibration(
 
 
 def placed_texts(fit: FittedPair, texts: tuple[str, str]) -> tuple[str, str]:
-    """Return the texts of both rig files with the fitted positions of ball and socket, and with the fitted base of
-    the second arm in the world of the first. Raises FileError if a text cannot be changed in place.
-    """
+    """Both rig files with the fitted ball and socket, and with the base of the second arm in the world of the first."""
     socket = fit.state.sockets_mm[fit.pair.table.socket[fit.pair.table.is_mounted][0]]
     T = fit.state.T_first_second @ fit.pair.second.model.arm.T_world_base
     base = Pose(xyz_mm=_rounded(T[:3, 3]), rpy_deg=_rounded(np.degrees(roll_pitch_yaw(T))))
@@ -93,7 +91,6 @@ def placed_texts(fit: FittedPair, texts: tuple[str, str]) -> tuple[str, str]:
 
 
 def _placed(text: str, rig: Rig, point_mm: Array, base: Pose | None) -> str:
-    """Return the text of a rig file with a new position of ball or socket, and a new base."""
     changes: dict[Keys, Value] = {}
     expected = rig
     if rig.tests.touch is not None:

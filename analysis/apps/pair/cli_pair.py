@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from analysis.apps.pair.plan_touches import PlannedTouches
     from analysis.apps.report.texts import Language
     from rigs.rig import Rig
-    from rigs.schema.robot import Pose
 
 _BASE_NUMBERS = (3, 6)
 
@@ -99,7 +98,7 @@ def pair(
 
 
 def _two_rigs(first_file: str, second_file: str) -> tuple[tuple[Rig, str], tuple[Rig, str]]:
-    """Return both rigs with their texts. Raises FileError if they have the same name."""
+    """Both rigs with their texts. They have different names."""
     from rigs.load import load
 
     first, second = load(first_file), load(second_file)
@@ -112,7 +111,7 @@ def _two_rigs(first_file: str, second_file: str) -> tuple[tuple[Rig, str], tuple
 def fit_two_arms(
     first_file: str, second_file: str, table: Path, output: Path | None, lang: Language, *, as_json: bool
 ) -> None:
-    """Calibrate two arms by a table of touches, print the result, and write a page, or a directory. Raises RigError."""
+    """Calibrate two arms by a table of touches, print the result, and write a page, or a directory."""
     from analysis.apps.pair import pair_report
     from analysis.apps.pair.fit_pair import fit_pair, pair_of
     from analysis.apps.pair.pair_table import read_pair_table
@@ -165,14 +164,19 @@ def _plan(
     from analysis.apps.pair.plan_touches import plan_touches
     from analysis.apps.report.blocks import say_answer
     from analysis.runs.written_files import holding, refuse_existing, write_all_new
+    from rigs.schema.robot import Pose
 
     if seed is not None and output is None:
         raise UseError("--simulate", "needs a table to write to", "add -o touches.csv", code="pair.simulate")
     if output:
         refuse_existing(output)
     if base is not None:
-        robot = second.robot.model_copy(update={"base": _pose(base)})
-        second = second.model_copy(update={"robot": robot})
+        values = numbers_in(base)
+        if len(values) not in _BASE_NUMBERS:
+            remedy = "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180"
+            raise UseError("--base", f"{base!r} is not a pose", remedy, code="pair.base")
+        pose = Pose.model_validate({"xyz_mm": values[:3], "rpy_deg": values[3:] or (0.0, 0.0, 0.0)})
+        second = second.model_copy(update={"robot": second.robot.model_copy(update={"base": pose})})
     if first.robot.base == second.robot.base:
         problem = "has its base at the same place as the first arm"
         raise FileError(
@@ -194,26 +198,10 @@ def _plan(
 
 
 def _simulated(first: Rig, second: Rig, planned: PlannedTouches, seed: int) -> str:
-    """Return the table of drawn arms, and print where they have their bases."""
+    """Table of drawn arms. Also prints where they have their bases."""
     from analysis.apps.pair.simulated import base_of, simulated_touches
 
     touches, state = simulated_touches(first, second, planned.table, seed)
     place = ", ".join(f"{value:z.3f}" for value in base_of(first, second, state))
     say(f"drawn: base of {second.name} in {first.name} at {place} mm", err=True)
     return type(planned)(touches, planned.expected).csv()
-
-
-def _pose(text: str) -> Pose:
-    """Return a pose written as x,y,z or x,y,z,roll,pitch,yaw. Raises UseError."""
-    from rigs.schema.robot import Pose
-
-    values = numbers_in(text)
-    if len(values) not in _BASE_NUMBERS:
-        raise UseError(
-            "--base",
-            f"{text!r} is not a pose",
-            "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, such as 1500,0,0,0,0,180",
-            code="pair.base",
-        )
-    xyz, rpy = (*values, 0.0, 0.0, 0.0)[:3], (*values, 0.0, 0.0, 0.0)[3:6]
-    return Pose.model_validate({"xyz_mm": xyz, "rpy_deg": rpy})

@@ -1,6 +1,4 @@
-"""Fit two arms to their touches: initial fit without a prior, repeated linearisation at the posterior, and removal
-of outliers.
-"""
+"""Fit two arms to their touches: without a prior first, then linearised at the posterior, without outliers."""
 
 from __future__ import annotations
 
@@ -21,47 +19,36 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Touch
 
 _ROUNDS = 3
-"""Number of linearisations. Measured on two simulated cells: the mean after three differs from that after two by at
-most 0.001 u.
-"""
+"""Linearisations: the mean after three differs from that after two by at most 0.001 u."""
 _LARGEST_GAP_MM = 50.0
-"""Rms gap of nominal arms with a fitted set-up above which the table is refused. An error of 0.5° of each joint
-gives 20 mm for an arm with a reach of one metre.
-"""
+"""Rms gap of nominal arms above which the table is refused: 0.5° of each joint give 20 mm at a metre."""
 _OUTLIER_CHI2 = 35.0
-"""Chi-square of the three coordinates of a touch, given all others, above which it is an outlier: probability 1e-7."""
+"""Chi-square of the three coordinates of a touch, given all others: probability 1e-7."""
 _MOST_OUTLIERS_SHARE = 0.1
-"""Largest share of outliers."""
 
 
 @dataclass(frozen=True)
 class FittedPair:
-    """Result of a fit.
-
-    pair: the touches without outliers.
-    gaps: the last linearisation.
-    posterior: the last posterior.
-    state: values of the unknowns at the posterior mean.
-    odd: excluded rows of the table, each with its distance in mm.
-    nominal_rms_mm: rms of a coordinate of the gap with nominal arms.
-    """
+    """Result of a fit."""
 
     pair: Pair
+    """The touches without outliers."""
     gaps: LinearGaps
     posterior: PairPosterior
     state: PairState
+    """Values of the unknowns at the posterior mean."""
     odd: tuple[tuple[int, float], ...]
+    """Excluded rows of the table, each with its distance in mm."""
     nominal_rms_mm: float
+    """Rms of a coordinate of the gap with nominal arms."""
 
 
 _NOMINAL_MM = 0.01
-"""Residual of nominal arms below which the joints were computed. Chosen: a seated ball scatters by more, and the
-rounding of a plan to 0.0001° causes 0.002 mm.
-"""
+"""Residual of nominal arms below which the joints were computed: a seated ball scatters by more."""
 
 
 def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
-    """Return the pair of two rigs with their touches. Raises FileError for a rail or an existing calibration."""
+    """Two rigs with their touches. Refuses a rail and an existing calibration."""
     for rig in (first, second):
         if rig.robot.rail is not None:
             raise FileError(
@@ -83,7 +70,7 @@ def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
 def fit_pair(pair: Pair) -> FittedPair:
     """Fit two arms to their touches.
 
-    Raises FileError for planned joints, if no set-up explains the touches, or if there are too many outliers.
+    Refuses planned joints, touches that no set-up explains, and too many outliers.
     """
     state, nominal_rms = start(pair)
     if nominal_rms < _NOMINAL_MM:
@@ -102,7 +89,9 @@ def fit_pair(pair: Pair) -> FittedPair:
             gaps = linearise(pair, state)
             levels = fitted_levels(gaps, None if levels is None else levels.log)
             at_levels = posterior(gaps, levels)
-            state = _at_mean(gaps, at_levels)
+            step = at_levels.mean.copy()  # its terms are absolute, and the set-up is relative to the linearisation
+            step[gaps.group >= 0] -= np.concatenate(gaps.state.times)
+            state = gaps.state.moved(step, gaps.centre_mm)
         worst = int(np.argmax(at_levels.odd))
         if at_levels.odd[worst] < _OUTLIER_CHI2:
             return FittedPair(pair, gaps, at_levels, state, tuple(odd), nominal_rms)
@@ -112,53 +101,32 @@ def fit_pair(pair: Pair) -> FittedPair:
             problem = (
                 f"more than {allowed} of {len(pair.table.q) + len(odd) - 1} touches do not fit the others ({rows} …)"
             )
-            raise FileError(
-                pair.where,
-                problem,
-                "check that the ball was seated and the joints of both arms were read",
-                code="pair.outliers",
-            )
-        keep = np.arange(len(pair.table.q)) != worst
-        pair, levels = pair.rows(keep), None
-        _check_enough(pair)
-
-
-def _check_enough(pair: Pair) -> None:
-    if len(pair.table.q) < FEWEST or set(pair.names) > set(pair.table.socket.tolist()):
-        raise FileError(
-            pair.where,
-            "has too few touches after the removal of outliers",
-            "touch in more postures",
-            code="pair.few_touches",
-        )
-
-
-def _at_mean(gaps: LinearGaps, at_levels: PairPosterior) -> PairState:
-    """Return the state at a posterior mean. Its terms are absolute, and the set-up is relative to the linearisation."""
-    terms = int((gaps.group >= 0).sum())
-    step = at_levels.mean.copy()
-    step[:terms] -= np.concatenate(gaps.state.times)
-    return gaps.state.moved(step, gaps.centre_mm)
+            remedy = "check that the ball was seated and the joints of both arms were read"
+            raise FileError(pair.where, problem, remedy, code="pair.outliers")
+        pair, levels = pair.rows(np.arange(len(pair.table.q)) != worst), None
+        if len(pair.table.q) < FEWEST or set(pair.names) > set(pair.table.socket.tolist()):
+            problem = "has too few touches after the removal of outliers"
+            raise FileError(pair.where, problem, "touch in more postures", code="pair.few_touches")
 
 
 def ball_of(rig: Rig) -> Array:
-    """Return the approximate position (3,) mm of the ball or socket in the tool frame of a rig file."""
+    """Approximate position (3,) of the ball or socket in the tool frame of a rig file."""
     default = Touch.model_fields["ball_mm"].default
     return np.array(rig.tests.touch.ball_mm if rig.tests.touch else default, dtype=float)
 
 
 def start(pair: Pair) -> tuple[PairState, float]:
-    """Return the set-up that fits nominal arms best, and the rms gap per coordinate in mm.
-
-    Raises FileError if the gap is too large for rows of these arms.
-    """
+    """Set-up that fits nominal arms best, and the rms gap per coordinate in mm."""
     zeros = (np.zeros(len(pair.first.terms)), np.zeros(len(pair.second.terms)))
     T_first, T_second = pair.first.poses(pair.table.q, zeros[0]), pair.second.poses(pair.q_second, zeros[1])
     ball, mounted = ball_of(pair.first.rig), pair.table.is_mounted
     places = tool_points(T_first, ball)
     X = np.eye(4)
     if mounted.any():
-        X = _aligned(tool_points(T_second, ball_of(pair.second.rig))[mounted], places[mounted])
+        points, targets = tool_points(T_second, ball_of(pair.second.rig))[mounted], places[mounted]
+        centre, target = points.mean(axis=0), targets.mean(axis=0)
+        R = Rotation.align_vectors(targets - target, points - centre)[0].as_matrix()
+        X = frame(R, target - R @ centre)
     sockets = {
         name: ball_of(pair.second.rig) if mounted[rows].all() else places[rows].mean(axis=0)
         for name in pair.names
@@ -187,10 +155,3 @@ def start(pair: Pair) -> tuple[PairState, float]:
 
 _MEDIAN_OF_SQUARE = 0.455
 """Median of the square of a standard normal variable; it makes the rms insensitive to outliers."""
-
-
-def _aligned(points: Array, targets: Array) -> Array:
-    """Return the motion (4, 4) that brings points (n, 3) nearest to targets (n, 3)."""
-    centre, target = points.mean(axis=0), targets.mean(axis=0)
-    R = Rotation.align_vectors(targets - target, points - centre)[0].as_matrix()
-    return frame(R, target - R @ centre)

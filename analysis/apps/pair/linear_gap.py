@@ -25,10 +25,8 @@ SETUP = 9
 
 @dataclass(frozen=True)
 class PairState:
-    """Values of all unknowns.
-
-    They are multiples of the terms of both arms, the second world in the first (4, 4), the ball (3,) mm in the tool
-    frame of the first arm, and sockets (3,) mm by name, on the second tool or in the first world.
+    """Values of all unknowns: multiples of the terms of both arms, the second world in the first (4, 4), the ball (3,)
+    mm in the tool frame of the first arm, and sockets (3,) mm by name, on the second tool or in the first world.
     """
 
     times: tuple[Array, Array]
@@ -37,7 +35,7 @@ class PairState:
     sockets_mm: dict[str, Array]
 
     def moved(self, step: Array, centre_mm: Array) -> PairState:
-        """Return the state after a change (unknowns,) of all values; the rotation is about a centre (3,) mm."""
+        """State after a change (unknowns,) of all values; the rotation is about a centre (3,) mm."""
         counts = [len(times) for times in self.times]
         first, second, setup = np.split(step, np.cumsum(counts))
         R = Rotation.from_rotvec(setup[3:6]).as_matrix()
@@ -60,35 +58,31 @@ class Pair:
 
     @property
     def arms(self) -> tuple[PairArm, PairArm]:
-        """Both arms."""
         return self.first, self.second
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Socket names in order."""
         return tuple(np.unique(self.table.socket).tolist())
 
     @cached_property
     def socket(self) -> Integers:
-        """Position (n,) of each touch's socket in `names`, as an index."""
+        """Index (n,) in `names` of each touch's socket."""
         return np.searchsorted(np.array(self.names), self.table.socket)
 
     @cached_property
     def q_second(self) -> Array:
-        """Angles (n, axes) rad of the second arm; zero if the socket is fixed."""
+        """Angles (n, axes) of the second arm; zero if the socket is fixed."""
         return np.where(self.table.is_mounted[:, None], self.table.p, 0.0)
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns."""
         return len(self.first.terms) + len(self.second.terms) + SETUP + 3 * len(self.names)
 
     def rows(self, keep: Mask) -> Pair:
-        """Return the pair with the touches of a mask (n,)."""
         return replace(self, table=self.table.rows(keep))
 
     def gaps(self, state: PairState) -> tuple[Array, Array, Array]:
-        """Return the gap (n, 3) mm from ball to socket in the first world, and the positions (n, 3) mm of both."""
+        """Gap (n, 3) mm from ball to socket in the first world, and the positions (n, 3) mm of both."""
         ball = tool_points(self.first.poses(self.table.q, state.times[0]), state.ball_mm)
         at, X = self.sockets_at(state), state.T_first_second
         carried = tool_points(self.second.poses(self.q_second, state.times[1]), at) @ X[:3, :3].T + X[:3, 3]
@@ -96,27 +90,24 @@ class Pair:
         return socket - ball, ball, socket
 
     def sockets_at(self, state: PairState) -> Array:
-        """Return the socket position (n, 3) mm of each touch, on the second tool or in the first world."""
+        """Socket position (n, 3) of each touch, on the second tool or in the first world."""
         return np.stack([state.sockets_mm[name] for name in self.names])[self.socket]
 
 
 @dataclass(frozen=True)
 class LinearGaps:
-    """Gaps linearised at a state.
-
-    y (m,): value of each reading if all unknowns had their prior mean.
-    columns (m, k): derivative by each unknown.
-    known_var (m,): variance in mm² of readings with a stated u; 0 for touches.
-    near: correlation (m, m) of the unexplained part of each arm.
-    group (k,): index in `GROUPS` of a term, plus 3 for the second arm; -1 for the set-up.
-    state, centre_mm: state and centre of the linearisation.
-    """
+    """Gaps linearised at a state."""
 
     y: Array
+    """Value (m,) of each reading if all unknowns had their prior mean."""
     columns: Array
+    """Derivative (m, k) by each unknown."""
     known_var: Array
+    """Variance (m,) in mm² of readings with a stated u; 0 for touches."""
     near: tuple[Array, Array]
+    """Correlation (m, m) of the unexplained part of each arm."""
     group: Integers
+    """Index (k,) in `GROUPS` of a term, plus 3 for the second arm; -1 for the set-up."""
     state: PairState
     centre_mm: Array
 
@@ -127,7 +118,6 @@ class LinearGaps:
 
 
 def linearise(pair: Pair, state: PairState) -> LinearGaps:
-    """Linearise the gaps of a pair at a state."""
     gap, ball, socket = pair.gaps(state)
     centre = ball.mean(axis=0)
     mounted = pair.table.is_mounted
@@ -155,16 +145,12 @@ def linearise(pair: Pair, state: PairState) -> LinearGaps:
         _nearness(pair.table.q, np.ones(len(gap), dtype=bool), len(deviation)),
         _nearness(pair.q_second, mounted, len(deviation)),
     )
-    return LinearGaps(y, columns, known_var, near, _groups(pair, setup.shape[2]), state, centre)
-
-
-def _groups(pair: Pair, setups: int) -> Integers:
-    numbers = [GROUPS.index(term.group) + 3 * k for k, arm in enumerate(pair.arms) for term in arm.terms]
-    return np.array(numbers + [-1] * setups)
+    groups = [GROUPS.index(term.group) + 3 * k for k, arm in enumerate(pair.arms) for term in arm.terms]
+    return LinearGaps(y, columns, known_var, near, np.array(groups + [-1] * setup.shape[2]), state, centre)
 
 
 def _known_distances(pair: Pair, state: PairState) -> tuple[Array, Array, Array]:
-    """Return the known distances minus those of the state (d,) mm, derivatives (d, unknowns) and variances (d,) mm²."""
+    """Known distances minus those of the state (d,) mm, derivatives (d, unknowns) and variances (d,) mm²."""
     fixed = set(pair.table.socket[~pair.table.is_mounted])
     deviations, columns, variances = [], [], []
     for stated in pair.distances:
@@ -194,7 +180,7 @@ _NEAR_RAD = (0.6, 1.5)
 
 
 def _nearness(q: Array, has_part: Mask, others: int) -> Array:
-    """Return the correlation (m, m) of the unexplained part of an arm at angles q (n, axes) rad.
+    """Correlation (m, m) of the unexplained part of an arm at angles q (n, axes) rad.
 
     Coordinates are independent. The last `others` readings have no unexplained part.
     """

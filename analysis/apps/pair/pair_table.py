@@ -17,21 +17,20 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import MOST_AXES
 
 FEWEST = 12
-"""Minimum number of touches: 36 gaps for the 12 numbers of transform, ball and socket, and the largest constants."""
+"""36 gaps for the 12 numbers of transform, ball and socket, and the largest constants."""
 _LARGEST_DEG = 1000.0
 """Largest joint angle: no controller counts beyond three turns."""
 _FULL_TURN = 2 * np.pi
-"""Angles within a full turn in radians are assumed to be in radians, because in degrees the joints would hardly have
-moved.
-"""
+"""Angles within it are assumed to be in radians: in degrees the joints would hardly have moved."""
 _MOVED_RAD = float(np.radians(5.0))
-"""Largest joint range of an arm that did not move. Chosen: far above noise, far below any useful plan."""
+"""Joint range of an arm that did not move: far above noise, far below any useful plan."""
 
 
 @dataclass(frozen=True)
 class PairTable:
-    """Touches. q (n, axes) rad: first arm; p (n, axes) rad: second arm, NaN if the socket is fixed in the cell;
-    socket (n,): name; row (n,): row in the file, from 1.
+    """Touches with angles q (n, axes) of the first arm, and p of the second, NaN if the socket is fixed in the cell.
+
+    row (n,): row in the file, from 1.
     """
 
     q: Array
@@ -41,17 +40,15 @@ class PairTable:
 
     @property
     def is_mounted(self) -> Mask:
-        """Return a mask (n,) of the touches with a socket on the second arm."""
+        """Touches (n,) with a socket on the second arm."""
         return np.asarray(~np.isnan(self.p).any(axis=1), dtype=bool)
 
     def rows(self, keep: Mask) -> PairTable:
-        """Return the touches of a mask (n,)."""
         return PairTable(*(getattr(self, field.name)[keep] for field in fields(self)))
 
 
 def read_pair_table(path: Path, first: Rig, second: Rig) -> PairTable:
-    """Read a table of touches of two arms. Raises FileError for missing columns, radians, too few touches, an arm that
-    stood still, or a socket that is both fixed and mounted."""
+    """Read a table of touches of two arms."""
     where = str(path)
     lines, text_layout = text_of(read_whole(path), where)
     raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
@@ -64,7 +61,7 @@ def read_pair_table(path: Path, first: Rig, second: Rig) -> PairTable:
 
 
 def check_pair_table(table: PairTable, where: str, first: str, second: str) -> None:
-    """Raise FileError for too few touches, an arm that stood still, or a socket that is both fixed and mounted."""
+    """Refuse too few touches, an arm that stood still, or a socket that is both fixed and mounted."""
     mounted = table.is_mounted
     twofold = sorted(set(table.socket[mounted]) & set(table.socket[~mounted]))
     if twofold:
@@ -85,13 +82,13 @@ def check_pair_table(table: PairTable, where: str, first: str, second: str) -> N
 
 
 def _is_still(joints: Array) -> bool:
-    """Return whether no joint (n, axes) moved, in rad or in degrees misinterpreted as rad."""
+    """True if no joint (n, axes) moved, in rad or in degrees misinterpreted as rad."""
     moved = joints[~np.isnan(joints).any(axis=1)]
     return not len(moved) or bool(np.ptp(moved, axis=0).max() < _MOVED_RAD)
 
 
 def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_be_empty: bool) -> Array:
-    """Return the joint columns (n, axes) of an arm in degrees; NaN for empty rows if these are permitted."""
+    """Joint columns (n, axes) of an arm in degrees; NaN for empty rows if these are permitted."""
     present = [name for name in names if name in raw.names]
     needed = names[:axes]
     if missing := [name for name in needed if name not in present]:

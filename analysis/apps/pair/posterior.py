@@ -1,6 +1,4 @@
-"""Posterior of all unknowns of a pair, averaged over the uncertain levels of the groups, which are estimated from
-the evidence.
-"""
+"""Posterior of all unknowns of a pair, averaged over the uncertain levels of the groups."""
 
 from __future__ import annotations
 
@@ -20,17 +18,17 @@ _MEDIAN = np.log(np.array([1.0] * 6 + [0.03, 0.03, 0.05]))
 0.03 to 0.5 mm, and less with curves of six orders); scatter of a seated ball in mm.
 """
 _WIDTH = np.array([0.7] * 6 + [1.0, 1.0, 1.0])
-"""Prior standard deviations of the logarithms: effects of arms of one build differ by a factor of two, seats and
-unexplained parts by a factor of three. Chosen.
+"""Prior standard deviations of the logarithms: effects of arms of one build differ by a factor of two, the others by
+three.
 """
 _BOUND = 4.0
 """Limit of a search, in prior standard deviations (_WIDTH)."""
 _WIDE_MM, _WIDE_RAD = 30.0, 0.03
-"""Prior standard deviations of the set-up, wide enough to have no influence."""
+"""Prior standard deviations of the set-up, without influence."""
 _DRAWS, _SEED = 24, 20261127
-"""Number of draws of the levels from Laplace's approximation, and the seed."""
+"""Draws of the levels from Laplace's approximation, and the seed."""
 _STEP = 1e-3
-"""Step for derivatives of the gradient by the logarithms of the levels."""
+"""Step of derivatives by the logarithms of the levels."""
 
 
 @dataclass(frozen=True)
@@ -47,48 +45,41 @@ class Levels:
 
     @property
     def unexplained_mm(self) -> tuple[float, float]:
-        """Standard deviation of a coordinate in mm of the unexplained part of each arm."""
+        """Standard deviation of a coordinate of the unexplained part of each arm."""
         return float(np.exp(self.log[6])), float(np.exp(self.log[7]))
 
 
 @dataclass(frozen=True)
 class PairPosterior:
-    """Posterior of the unknowns.
-
-    mean (k,), cov (k, k): relative to the prior for terms, and to the linearisation for the set-up.
-    prior_sd (k,): prior standard deviations of the terms at the fitted levels.
-    levels: fitted levels.
-    odd (touches,): chi-square of each touch given all others.
-    left_mm (3 touches,): each coordinate of a gap minus its prediction from all other touches.
-    """
+    """Posterior of the k unknowns: terms relative to the prior, the set-up relative to the linearisation."""
 
     mean: Array
     cov: Array
     prior_sd: Array
+    """Prior standard deviations (k,) at the fitted levels."""
     levels: Levels
     odd: Array
+    """Chi-square (touches,) of each touch given all others."""
     left_mm: Array
+    """Each coordinate (3 touches,) of a gap minus its prediction from all other touches."""
 
 
 @dataclass(frozen=True)
 class _Solved:
-    """Readings at given levels.
+    """Readings at given levels, with the set-up by generalised least squares."""
 
-    inverse (m, m): inverse covariance without the set-up. gain (s, m), setup_cov (s, s): generalised least squares of
-    the set-up. without_setup (m, m): the inverse with the set-up projected out.
-    """
-
-    inverse: Array
     gain: Array
     setup_cov: Array
     without_setup: Array
+    """Inverse covariance (m, m) of the readings with the set-up projected out."""
     log_determinants: float
 
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Negative log evidence as a function of the levels. by_level (9, m, m): covariance of the readings for each
-    level at 1. setup (m, s): derivatives by the set-up.
+    """Negative log evidence as a function of the levels.
+
+    by_level (9, m, m): covariance of the readings for each level at 1. setup (m, s): derivatives by the set-up.
     """
 
     gaps: LinearGaps
@@ -96,7 +87,7 @@ class _Evidence:
     setup: Array
 
     def solved(self, log: Array) -> _Solved:
-        """Return the readings at logarithms (9,) of the levels, which are in mm or in prior standard deviations."""
+        """Readings at logarithms (9,) of the levels."""
         cov = np.diag(self.gaps.known_var)
         for value, matrix in zip(log.tolist(), self.by_level, strict=True):
             cov = cov + np.exp(2 * value) * matrix
@@ -107,10 +98,10 @@ class _Evidence:
         setup_cov = np.asarray(np.linalg.inv(information), dtype=float)
         gain = np.asarray(setup_cov @ projected.T, dtype=float)
         determinants = float(np.log(np.diag(factor[0])).sum() + 0.5 * np.linalg.slogdet(information)[1])
-        return _Solved(inverse, gain, setup_cov, inverse - projected @ gain, determinants)
+        return _Solved(gain, setup_cov, inverse - projected @ gain, determinants)
 
     def value_and_slope(self, log: Array) -> tuple[float, Array]:
-        """Return the negative log evidence including the prior of the levels, and its gradient (9,)."""
+        """Negative log evidence including the prior of the levels, and its gradient (9,)."""
         solved = self.solved(log)
         weighted = solved.without_setup @ self.gaps.y
         away = (log - _MEDIAN) / _WIDTH
@@ -123,7 +114,6 @@ class _Evidence:
 
 
 def _evidence_of(gaps: LinearGaps) -> _Evidence:
-    """Return the evidence of gaps, with all parts independent of the levels precomputed."""
     columns = [gaps.columns[:, gaps.group == number] for number in range(LEVELS)]
     scatter = np.diag((gaps.known_var == 0).astype(float))
     return _Evidence(
@@ -132,16 +122,14 @@ def _evidence_of(gaps: LinearGaps) -> _Evidence:
 
 
 def setup_sds(gaps: LinearGaps) -> Array:
-    """Return the prior standard deviations (s,) of the set-up unknowns in mm and rad."""
+    """Prior standard deviations (s,) of the set-up in mm and rad."""
     sds = np.full(int((gaps.group < 0).sum()), _WIDE_MM)
     sds[3:6] = _WIDE_RAD
     return sds
 
 
 def fitted_levels(gaps: LinearGaps, start: Array | None = None) -> Levels:
-    """Return the most likely levels, searched from initial logarithms (9,), and their covariance by Laplace's
-    approximation.
-    """
+    """Most likely levels, searched from logarithms (9,), with covariance by Laplace's approximation."""
     evidence = _evidence_of(gaps)
     bounds = list(zip(_MEDIAN - _BOUND * _WIDTH, _MEDIAN + _BOUND * _WIDTH, strict=True))
     optimum = minimize(
@@ -159,7 +147,7 @@ def fitted_levels(gaps: LinearGaps, start: Array | None = None) -> Levels:
 
 
 def posterior(gaps: LinearGaps, levels: Levels) -> PairPosterior:
-    """Return the posterior of all unknowns, averaged over the levels."""
+    """Posterior averaged over the levels."""
     evidence = _evidence_of(gaps)
     rng = np.random.default_rng(_SEED)
     root = np.linalg.cholesky(levels.cov)
@@ -175,7 +163,7 @@ def posterior(gaps: LinearGaps, levels: Levels) -> PairPosterior:
 
 
 def expected_posterior(gaps: LinearGaps) -> PairPosterior:
-    """Return the expected posterior of planned readings, at the prior medians of the levels."""
+    """Posterior of planned readings, at the prior medians of the levels."""
     levels = Levels(_MEDIAN, np.zeros((len(_MEDIAN),) * 2))
     _, cov = _moments(_evidence_of(gaps), levels.log)
     nothing = np.zeros(gaps.touches)
@@ -185,7 +173,6 @@ def expected_posterior(gaps: LinearGaps) -> PairPosterior:
 
 
 def _prior_sds(gaps: LinearGaps, log: Array) -> Array:
-    """Return the prior standard deviations (k,) of all unknowns at given levels."""
     sds = np.empty(len(gaps.group))
     terms = gaps.group >= 0
     sds[terms] = np.exp(log[gaps.group[terms]])
@@ -194,7 +181,7 @@ def _prior_sds(gaps: LinearGaps, log: Array) -> Array:
 
 
 def _moments(evidence: _Evidence, log: Array) -> tuple[Array, Array]:
-    """Return mean (k,) and covariance (k, k) of the unknowns at given levels."""
+    """Mean (k,) and covariance (k, k) at given levels."""
     gaps, solved = evidence.gaps, evidence.solved(log)
     terms = gaps.group >= 0
     prior_sd = _prior_sds(gaps, log)[terms]
@@ -211,9 +198,7 @@ def _moments(evidence: _Evidence, log: Array) -> tuple[Array, Array]:
 
 
 def _left_out(gaps: LinearGaps, inverse: Array) -> tuple[Array, Array]:
-    """Return the chi-square (touches,) of each touch given all others, and its gap minus the prediction. inverse (m,
-    m): inverse covariance of the readings with the set-up projected out.
-    """
+    """Chi-square (touches,) of each touch given all others, and its gap minus the prediction."""
     weighted = inverse @ gaps.y
     count = gaps.touches
     odd, left_mm = np.empty(count), np.empty((count, 3))

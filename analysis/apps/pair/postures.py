@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from analysis.apps.pair.arm_terms import tool_points
@@ -11,43 +9,36 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, forward_and_jacobian
 from rigs.errors import FileError
 
 _FACING = float(np.cos(np.radians(60)))
-"""Cosine of the largest angle between the tool axes. A socket that encloses less than half of its ball lets the stem
-tilt by 60°.
-"""
+"""Cosine of the largest angle between the tool axes: a socket of less than half a ball lets the stem tilt by 60°."""
 _CLEAR_MM = 150.0
-"""Minimum distance between the centre lines of both arms, except their last links. Chosen: links of arms with a
-reach of one metre are 60 to 150 mm thick, so an operator must watch the first run.
+"""Minimum distance between the centre lines of both arms, except their last links.
+
+Links of arms with a reach of one metre are 60 to 150 mm thick, so an operator must watch the first run.
 """
 _UPRIGHT = 0.5
-"""Cosine of the tilt below which a base is mounted on a ceiling or wall, so the floor is not below it."""
+"""Below this cosine a base is on a ceiling or wall, so the floor is not below it."""
 _ROUNDS, _STEP_RAD, _DAMPING_MM = 30, 0.3, 1.0
 _SEATED_MM = 1e-3
 _TRIES, _BATCH = 60, 2000
-"""Number of batches of random postures, and postures per batch."""
+"""Batches of random postures, and postures per batch."""
 _POINTS = 6
-"""Number of points on each link for computing the distance between arms."""
-
-
-@dataclass(frozen=True)
-class Postures:
-    """Postures q, p (n, axes) rad of both arms with the ball in the socket."""
-
-    q: Array
-    p: Array
+"""Points on each link for the distance between arms."""
 
 
 def common_postures(
     arms: tuple[Arm, Arm], points_mm: tuple[Array, Array], count: int, rng: np.random.Generator, where: str
-) -> Postures:
-    """Return random postures of both arms with the ball (3,) mm of one in the socket (3,) mm of the other.
+) -> tuple[Array, Array]:
+    """Random postures (n, axes) of both arms with the ball (3,) mm of one in the socket (3,) mm of the other.
 
-    They are within limits, face each other, and are clear of each other and of the floor. Raises FileError if hardly
-    any exist.
+    They are within limits, face each other, and are clear of each other and of the floor.
     """
     first, second = arms
-    qs, ps, reached = [], [], 0
+    qs, ps, reached, ranges = [], [], 0, []
+    for low, high in (arm.limits.T for arm in arms):  # reduced to one turn, which winds up no cables
+        at_least, at_most = np.minimum(-np.pi, high - 2 * np.pi), np.maximum(np.pi, low + 2 * np.pi)
+        ranges.append((np.maximum(low, at_least), np.minimum(high, at_most)))
     for _ in range(_TRIES):
-        q, p = (rng.uniform(*_within_a_turn(arm), size=(_BATCH, arm.axes)) for arm in arms)
+        q, p = (rng.uniform(*ends, size=(_BATCH, len(ends[0]))) for ends in ranges)
         T, _ = forward_and_jacobian(first, q)
         goal = tool_points(T, points_mm[0])
         near = np.linalg.norm(goal - second.T_world_base[:3, 3], axis=1) < _reach_mm(second, points_mm[1])
@@ -73,13 +64,7 @@ def common_postures(
         problem = f"ball and socket meet in only {count_clear} {postures}, with the bases {apart:.0f} mm apart"
         remedy = "give the base of the second arm with --base, or move the arms closer together"
         raise FileError(where, problem, remedy, code="pair.out_of_reach")
-    return Postures(np.concatenate(qs)[:count], np.concatenate(ps)[:count])
-
-
-def _within_a_turn(arm: Arm) -> tuple[Array, Array]:
-    """Return the limits (axes,) rad of the joints, reduced to one turn to avoid winding up cables."""
-    low, high = arm.limits.T
-    return np.maximum(low, np.minimum(-np.pi, high - 2 * np.pi)), np.minimum(high, np.maximum(np.pi, low + 2 * np.pi))
+    return np.concatenate(qs)[:count], np.concatenate(ps)[:count]
 
 
 def _reach_mm(arm: Arm, point_mm: Array) -> float:
@@ -88,9 +73,7 @@ def _reach_mm(arm: Arm, point_mm: Array) -> float:
 
 
 def seated(arm: Arm, q: Array, point_mm: Array, goal: Array) -> Array:
-    """Return angles (n, axes) rad near q that move a point (3,) mm of the tool as close as possible to goals (n, 3)
-    mm in the world, by damped least squares on the position.
-    """
+    """Angles (n, axes) near q that move a point (3,) of the tool to goals (n, 3) in mm, by damped least squares."""
     q = q.copy()
     for _ in range(_ROUNDS):
         T, J = forward_and_jacobian(arm, q)
@@ -103,9 +86,7 @@ def seated(arm: Arm, q: Array, point_mm: Array, goal: Array) -> Array:
 
 
 def is_clear(arms: tuple[Arm, Arm], q: Array, p: Array, ball: Array) -> Mask:
-    """Return a mask (n,) of the postures in which both arms are clear of each other and above the floor. ball (n,
-    3): mm in the world.
-    """
+    """Postures (n,) in which both arms are clear of each other and above the floor. ball (n, 3): in the world."""
     lines = [_middle_lines(arm, angles) for arm, angles in zip(arms, (q, p), strict=True)]
     stand = all(arm.T_world_base[2, 2] > _UPRIGHT for arm in arms)
     floor = min(arm.T_world_base[2, 3] for arm in arms) if stand else -np.inf
@@ -120,7 +101,7 @@ def is_clear(arms: tuple[Arm, Arm], q: Array, p: Array, ball: Array) -> Mask:
 
 
 def _middle_lines(arm: Arm, q: Array) -> Array:
-    """Return points (n, k, 3) mm on the lines between the joints of an arm."""
+    """Points (n, k, 3) on the lines between the joints of an arm."""
     base = np.broadcast_to(arm.T_world_base[:3, 3], (len(q), 1, 3))
     joints = np.concatenate([base, link_frames(arm, q)[:, :, :3, 3]], axis=1)
     along = np.linspace(0.0, 1.0, _POINTS)[:, None]

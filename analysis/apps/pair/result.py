@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from analysis.apps.pair.arm_terms import scale_shares
 from analysis.apps.pair.fit_pair import FittedPair
-from analysis.apps.pair.linear_gap import LinearGaps, Pair, PairState
-from analysis.apps.pair.posterior import PairPosterior
 from analysis.robot.kinematics.arm import Array, roll_pitch_yaw
 from rigs.schema.effect import size_field
 from rigs.schema.part import Vector
 
 _SHOWN = 0.5
-"""Share of the prior standard deviation below which the u of a constant counts as measured. Chosen: the readings then
-contribute three quarters of the information."""
+"""Share of the prior below which u counts as measured: the readings then give three quarters of the information."""
 _RIG_DIGITS = 6
 
 
 @dataclass(frozen=True)
 class PairConstant:
-    """Correction of a constant: nominal + value ± u, in the unit of its key in the rig file. is_shown: False if u is
-    mostly that of the prior.
-    """
+    """Correction of a constant: nominal + value ± u, in the unit of its key in the rig file."""
 
     arm: str
     axis: int
@@ -35,20 +30,16 @@ class PairConstant:
     value: float
     u: float
     is_shown: bool
+    """False if u is mostly that of the prior."""
 
     @property
     def unit(self) -> str:
-        """Unit: mm or °."""
         return "mm" if self.key.endswith("_mm") else "°"
 
 
 @dataclass(frozen=True)
 class BaseTransform:
-    """Base of the second arm in that of the first: position, fixed-axis roll, pitch and yaw, with standard
-    uncertainties.
-
-    work_mm: centre of the touches in the first base. u_work_mm: standard uncertainty of the second arm's frame there.
-    """
+    """Base of the second arm in that of the first, with fixed-axis roll, pitch and yaw."""
 
     xyz_mm: Vector
     rpy_deg: Vector
@@ -57,12 +48,14 @@ class BaseTransform:
     distance_mm: float
     u_distance_mm: float
     work_mm: Vector
+    """Centre of the touches in the first base."""
     u_work_mm: Vector
+    """Standard uncertainty of the second arm's frame there."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Common scale of all lengths in ppm, with its standard uncertainty and that of the nominal lengths alone."""
+    """Common scale of all lengths, with its standard uncertainty and that of the nominal lengths alone."""
 
     ppm: float
     u_ppm: float
@@ -81,16 +74,14 @@ class NotTestable:
 
 @dataclass(frozen=True)
 class PairResult:
-    """Result of a pair.
-
-    before_mm, left_mm: rms of a coordinate of the gap with nominal arms, and at touches predicted from all others. odd:
-    excluded rows, each with its distance in mm.
-    """
+    """Result of a pair."""
 
     names: tuple[str, str]
     touches: int
     before_mm: float
+    """Rms of a coordinate of the gap with nominal arms."""
     left_mm: float
+    """The same at touches predicted from all others."""
     scatter_mm: float
     unexplained_mm: tuple[float, float]
     base: BaseTransform
@@ -101,20 +92,15 @@ class PairResult:
     sockets: dict[str, tuple[Vector, Vector]]
     not_testable: tuple[NotTestable, ...]
     odd: tuple[tuple[int, float], ...]
+    """Excluded rows, each with its distance in mm."""
     doubts: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types for JSON."""
-        base = self.base
         return {
             "first": self.names[0], "second": self.names[1], "touches": self.touches, "before_mm": self.before_mm,
             "left_mm": self.left_mm, "scatter_mm": self.scatter_mm,
             "unexplained_mm": dict(zip(self.names, self.unexplained_mm, strict=True)),
-            "base": {
-                "xyz_mm": list(base.xyz_mm), "rpy_deg": list(base.rpy_deg), "u_xyz_mm": list(base.u_xyz_mm),
-                "u_rotation_deg": list(base.u_rotation_deg), "distance_mm": base.distance_mm,
-                "u_distance_mm": base.u_distance_mm, "work_mm": list(base.work_mm), "u_work_mm": list(base.u_work_mm),
-            },
+            "base": asdict(self.base),
             "scale": {
                 "ppm": self.scale.ppm, "u_ppm": self.scale.u_ppm, "nominal_u_ppm": self.scale.prior_u_ppm,
                 "known": self.scale.is_known,
@@ -134,7 +120,6 @@ class PairResult:
 
 
 def result_of(fit: FittedPair) -> PairResult:
-    """Return the result of a fit."""
     pair, result = fit.pair, fit.posterior
     sd = np.sqrt(np.diag(result.cov))
     terms = sum(len(arm.terms) for arm in pair.arms)
@@ -151,11 +136,6 @@ def result_of(fit: FittedPair) -> PairResult:
         _base(fit), scale, constants, _vector(fit.state.ball_mm), _vector(sd[terms + 6 : terms + 9]), sockets,
         tuple(_not_testable(fit, constants, scale)), fit.odd, tuple(_doubts(fit, left_mm)),
     )  # fmt: skip
-
-
-def result_of_plan(pair: Pair, gaps: LinearGaps, state: PairState, expected: PairPosterior) -> PairResult:
-    """Return the expected result of planned touches."""
-    return result_of(FittedPair(pair, gaps, expected, state, (), 0.0))
 
 
 def _constants(fit: FittedPair, sd: Array) -> Iterator[PairConstant]:
@@ -197,7 +177,7 @@ def _base(fit: FittedPair) -> BaseTransform:
 
 
 def _scale(fit: FittedPair) -> Scale:
-    """Return the common scale: the mean of all lengths, weighted by their priors."""
+    """Mean of all lengths, weighted by their priors."""
     shares = np.concatenate([scale_shares(arm) for arm in fit.pair.arms])
     count = len(shares)
     prior = fit.posterior.prior_sd[:count]
@@ -244,9 +224,7 @@ def _doubts(fit: FittedPair, left_mm: float) -> Iterator[str]:
 
 
 _STILL_RAD = float(np.radians(20.0))
-"""Range of an axis below which it hardly moved. Chosen: a third of a radian changes the lever arm of an error by a
-few percent.
-"""
+"""Range of an axis that hardly moved: it changes the lever arm of an error by a few percent."""
 
 
 def _vector(values: Array) -> Vector:

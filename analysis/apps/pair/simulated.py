@@ -16,14 +16,12 @@ from analysis.runs.noise.cell_noise import SEAT_MM
 from rigs.rig import Rig
 
 _BASE_MM, _BASE_RAD, _BALL_MM = 5.0, 0.003, 2.0
-"""Standard deviations of the second base relative to its rig file, and of ball and socket. Chosen: as placed by tape
-measure.
-"""
+"""Standard deviations of the second base, ball and socket, as placed by tape measure."""
 _ROUNDS = 8
 
 
 def simulated_touches(first: Rig, second: Rig, planned: PairTable, seed: int) -> tuple[PairTable, PairState]:
-    """Return the touches of two random arms near planned postures, and their true state."""
+    """Touches of two random arms near planned postures, and their true state."""
     rng = np.random.default_rng(seed)
     pair = pair_of(first, second, planned, "simulated touches")
     times = [rng.standard_normal(len(arm_terms(rig))) for rig in (first, second)]
@@ -46,11 +44,10 @@ def simulated_touches(first: Rig, second: Rig, planned: PairTable, seed: int) ->
 
 
 def _drawn_point(rig: Rig, rng: np.random.Generator) -> Array:
-    """Return a random ball or socket position (3,) mm near that of a rig file."""
     return np.asarray(ball_of(rig) + _BALL_MM * rng.standard_normal(3))
 
 
 def base_of(first: Rig, second: Rig, state: PairState) -> Array:
-    """Return the position (3,) mm of the second base in the first, for a state."""
+    """Position (3,) of the second base in the first."""
     bases = [model_of(rig).arm.T_world_base for rig in (first, second)]
     return np.asarray((np.linalg.inv(bases[0]) @ state.T_first_second @ bases[1])[:3, 3])

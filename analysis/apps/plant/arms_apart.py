@@ -12,41 +12,44 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.interchange.exported_arm import joint_traits
+from analysis.apps.report.blocks import Block, Heading, Sentence, Table
 from analysis.correction.calibrated_arm import CalibratedArm
 from analysis.correction.work import rest_mm
 from analysis.robot.kinematics.arm import Array, pose_error
 from analysis.robot.model.predict import geometric_arm, model_of
 from analysis.runs.noise.readings import rms
+from analysis.runs.tabular import for_json
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.robot import Pose
+from rigs.text import plain
 
 _POSTURES = 200
-"""Number of postures. Chosen: it determines an rms to 5 %."""
+"""Chosen: it determines an rms to 5 %."""
 _OTHER_MODEL_MM = 20.0
-"""Smallest difference in mm that indicates a different model. Arms of the same model, calibrated or not, agree
-within some mm.
-"""
+"""Arms of the same model, calibrated or not, agree within some mm."""
+_SHOWN = 5e-5
+"""Smallest difference between two constants that is shown: it is below the last digit."""
 _CONSTANTS = (("zero_deg", "offset"), ("a_mm", "a"), ("d_mm", "d"), ("alpha_deg", "alpha"), ("beta_deg", "beta"))
 
 
 @dataclass(frozen=True)
 class ArmsApart:
-    """Tool of `other` minus tool of `rig` in the bases of the arms, with the tool of `rig` on both.
-
-    q_deg (n, axes): postures within the limits of both arms, and within the joint angles of their runs if known.
-    apart_mm (n, 3), turned_deg (n,): differences of position and orientation. taught_mm (n,): remaining position
-    difference with frame and tool taught. u_mm (n,): standard uncertainty of the difference, NaN if unknown for an arm.
-    constants: differing constants by axis. doubts: as text.
-    """
+    """Tool of the second arm minus tool of the first in the bases of the arms, with the tool of the first on both."""
 
     names: tuple[str, str]
     q_deg: Array
+    """Postures (n, axes) within the limits of both arms, and within the joint angles of their runs if known."""
     apart_mm: Array
+    """Difference of position (n, 3)."""
     turned_deg: Array
+    """Difference of orientation (n,)."""
     taught_mm: Array
+    """Remaining difference of position (n,) with frame and tool taught."""
     u_mm: Array
+    """Standard uncertainty (n,) of the difference, NaN if unknown for an arm."""
     constants: tuple[dict[str, float], ...]
+    """Differing constants by axis."""
     play_deg: tuple[dict[int, float], dict[int, float]]
     doubts: tuple[str, ...]
 
@@ -57,8 +60,10 @@ class ArmsApart:
         return distance
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types, None for unknown values."""
-        return {
+        poses = {"q_deg": self.q_deg, "apart_mm": self.apart_mm, "turned_deg": self.turned_deg}
+        poses |= {"taught_mm": self.taught_mm, "u_mm": self.u_mm}
+        rows = zip(*(values.tolist() for values in poses.values()), strict=True)
+        plain: dict[str, Any] = {
             "arms": list(self.names),
             "rms_mm": rms(self.distance_mm),
             "max_mm": float(self.distance_mm.max()),
@@ -68,36 +73,18 @@ class ArmsApart:
             "constants": [dict(of_axis) for of_axis in self.constants],
             "play_deg": [{str(axis): width for axis, width in of_arm.items()} for of_arm in self.play_deg],
             "doubts": list(self.doubts),
-            "poses": [
-                {
-                    "q_deg": q,
-                    "apart_mm": apart,
-                    "turned_deg": turned,
-                    "taught_mm": taught,
-                    "u_mm": None if np.isnan(u) else float(u),
-                }
-                for q, apart, turned, taught, u in zip(
-                    self.q_deg.tolist(),
-                    self.apart_mm.tolist(),
-                    self.turned_deg.tolist(),
-                    self.taught_mm.tolist(),
-                    self.u_mm,
-                    strict=True,
-                )
-            ],
+            "poses": for_json([dict(zip(poses, row, strict=True)) for row in rows]),
         }
+        return plain
 
 
 def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
-    """Return the difference between two arms of the same model. Raises FileError for different models."""
-
-    def mounted(robot_of: Rig) -> CalibratedArm:
-        """Return an arm at the origin with the tool of the first arm, to compare both relative to their bases."""
-        bare = {"base": Pose(), "tool": rig.robot.tool, "rail": None}
-        robot = robot_of.robot.model_copy(update=bare)
-        return CalibratedArm(robot_of.model_copy(update={"robot": robot}))
-
-    arms = mounted(rig), mounted(second)
+    """Difference between two arms of the same model. Raises FileError for different models."""
+    bare = {"base": Pose(), "tool": rig.robot.tool, "rail": None}
+    first, other = (
+        CalibratedArm(of.model_copy(update={"robot": of.robot.model_copy(update=bare)})) for of in (rig, second)
+    )
+    arms = first, other
     q_deg = _postures(*arms)
     nominal = [CalibratedArm(arm.rig.model_copy(update={"effects": (), "calibrated": None})) for arm in arms]
     places = [arm.forward(q_deg).T[:, :3, 3] for arm in nominal]
@@ -132,7 +119,7 @@ def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
 
 
 def _postures(*arms: CalibratedArm) -> Array:
-    """Return postures (n, axes) in degrees possible for all arms. Raises FileError if none exist."""
+    """Postures (n, axes) in degrees possible for all arms."""
     robots = [arm.rig.robot for arm in arms]
     if len({len(robot.axes) for robot in robots}) > 1:
         problem = f"the arm has {len(robots[1].axes)} axes, that of {arms[0].rig.name} has {len(robots[0].axes)}"
@@ -150,14 +137,34 @@ def _postures(*arms: CalibratedArm) -> Array:
 
 
 def _constants(*rigs: Rig) -> tuple[dict[str, float], ...]:
-    """Return the differences of the constants by axis, second arm minus first: angles in degrees, lengths in mm."""
-    arms = [geometric_arm(model_of(rig)) for rig in rigs]
-    by_axis = []
-    for axis in range(arms[0].axes):
-        differences = {
-            name: float(getattr(arms[1], key)[axis] - getattr(arms[0], key)[axis]) for name, key in _CONSTANTS
-        }
-        by_axis.append(
-            {name: np.degrees(value) if name.endswith("deg") else value for name, value in differences.items()}
-        )
-    return tuple(by_axis)
+    """Differences of the constants by axis, second arm minus first: angles in degrees, lengths in mm."""
+    first, second = (geometric_arm(model_of(rig)) for rig in rigs)
+    columns = {name: getattr(second, key) - getattr(first, key) for name, key in _CONSTANTS}
+    columns |= {name: np.degrees(column) for name, column in columns.items() if name.endswith("deg")}
+    return tuple({name: float(column[axis]) for name, column in columns.items()} for axis in range(first.axes))
+
+
+def answer_of(apart: ArmsApart) -> list[Block]:
+    """Distance of the tools, and a table of the constants and plays that differ, by axis."""
+    seen = apart.to_dict()
+    first, second = map(plain, apart.names)
+    u = "" if seen["u_rms_mm"] is None else f", known to {seen['u_rms_mm']:.3f} mm (u)"
+    head = (
+        f"The tool of {second} is {seen['rms_mm']:.3f} mm rms from that of {first} at the same joint angles, at most "
+        f"{seen['max_mm']:.3f} mm{u}. With frame and tool taught on each arm, {seen['taught_rms_mm']:.3f} mm rms "
+        "are left."
+    )
+    place = ", ".join(f"{angle:z.0f}" for angle in apart.q_deg[int(np.argmax(apart.distance_mm))])
+    columns = ("axis", "zero °", "a mm", "d mm", "alpha °", "beta °", f"play {first} °", f"play {second} °")
+    rows = []
+    for axis, constants in enumerate(apart.constants, start=1):
+        differences = [f"{value:+z.4f}" if abs(value) > _SHOWN else "" for value in constants.values()]
+        plays = [f"{width[axis]:z.4f}" if axis in width else "" for width in apart.play_deg]
+        rows.append((f"{axis}", *differences, *plays))
+    return [
+        Sentence(head),
+        Sentence(f"Farthest apart at joint angles {place} °."),
+        Heading(f"{second} less {first}", 3),
+        Table(columns, tuple(rows), frozenset(range(len(columns)))),
+        *(Sentence(doubt, "doubt") for doubt in apart.doubts),
+    ]

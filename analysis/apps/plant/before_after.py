@@ -1,9 +1,8 @@
-"""Comparison of runs after a repair with runs before: the difference of each figure, and the significance.
+"""Comparison of runs after a repair with runs before: the difference of each figure, and its significance.
 
-The spread between runs is pooled over both sides and, if the runs belong to a history, with the spread of the robot's
-history: two runs per side hardly determine a spread. The difference then follows Student's distribution, and 2 u
-contain 95.45 %. Because many figures are compared, the probability of a false finding is divided among them
-(Bonferroni).
+The spread between runs is pooled over both sides and with that of the robot's history: two runs per side hardly
+determine a spread. The difference then follows Student's distribution, and 2 u contain 95.45 %. The probability of a
+false finding is divided among the figures (Bonferroni).
 """
 
 from __future__ import annotations
@@ -34,57 +33,47 @@ Key = tuple[str, str, str, str]
 
 @dataclass(frozen=True)
 class Difference:
-    """The difference of a figure before and after.
-
-    difference: after minus before, with infinite u if no spread is known. explained: largest difference explained by
-    the spread between runs, infinite if unknown. runs_before, runs_after: numbers of runs.
-    """
+    """A figure before and after."""
 
     title: str
     figure: str
     before: float
     after: float
     difference: Quantity
+    """After minus before, with infinite u if no spread is known."""
     explained: float
+    """Largest difference explained by the spread between runs, infinite if unknown."""
     runs_before: int
     runs_after: int
 
     @property
     def is_larger(self) -> bool:
-        """True if the difference exceeds the spread between runs."""
         return abs(self.difference.value) > self.explained
 
     @property
     def sentence(self) -> str:
-        """A sentence on the change, stating whether it exceeds the spread."""
-        change = self.difference
-        if not np.isfinite(change.u):
-            return (
-                f"{self._what} went from {change.rounded(self.before)} to {change.rounded(self.after)} {change.sign}; "
-                + ("repeat the runs: a single run per side does not show the spread.")
-            )
-        verb = "rose" if change.value > 0 else "fell"
+        change, label = self.difference, label_of(self.figure)
+        is_known = bool(np.isfinite(change.u))
+        verb = "went" if not is_known else "rose" if change.value > 0 else "fell"
+        moved = (
+            f"{label[0].upper()}{label[1:]} of {self.title} {verb} from {change.rounded(self.before)} to "
+            f"{change.rounded(self.after)} {change.sign}"
+        )
+        if not is_known:
+            return f"{moved}; repeat the runs: a single run per side does not show the spread."
         than = "more than" if self.is_larger else "within"
         return (
-            f"{self._what} {verb} from {change.rounded(self.before)} to {change.rounded(self.after)} {change.sign}, "
-            f"by {change.rounded(abs(change.value))} ± {change.rounded_u} {change.sign}: {than} the "
+            f"{moved}, by {change.rounded(abs(change.value))} ± {change.rounded_u} {change.sign}: {than} the "
             f"{change.rounded(self.explained)} {change.sign} that the spread between runs explains."
         )
 
-    @property
-    def _what(self) -> str:
-        words = label_of(self.figure)
-        return f"{words[0].upper()}{words[1:]} of {self.title}"
-
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values and the sentence. u is null if no spread is known."""
         plain: dict[str, Any] = for_json(asdict(self) | {"is_larger": self.is_larger, "sentence": self.sentence})
         return plain
 
 
 def headlines(compared: Sequence[Difference]) -> list[str]:
-    """Return the leading sentences: a sentence per changed figure, or a statement that there is none, and the
-    unknown cases."""
+    """A sentence per changed figure, or a statement that there is none, and the unknown cases."""
     larger = [difference.sentence for difference in compared if difference.is_larger]
     unknown = sum(not np.isfinite(difference.difference.u) for difference in compared)
     repeat = "record two or more runs on at least one side."
@@ -96,16 +85,10 @@ def headlines(compared: Sequence[Difference]) -> list[str]:
 
 
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:
-    """Return the differences of all figures available on both sides, by test and program.
-
-    Raises FileError for a run that has no figures, for repeated readings, for different robots, and if the sides have
-    no test in common.
-    """
-    both = {run.resolve() for run in after} & {run.resolve() for run in before}
-    for shared in sorted(both):
-        raise FileError(
-            str(shared), "is on both sides", "give the run either before or after --against", code="compare.both_sides"
-        )
+    """Differences of all figures available on both sides, by test and program."""
+    if both := {run.resolve() for run in after} & {run.resolve() for run in before}:
+        remedy = "give the run either before or after --against"
+        raise FileError(str(min(both)), "is on both sides", remedy, code="compare.both_sides")
     directories = {Path(run).parent.resolve() for run in (*before, *after)}
     histories = {directory: read_records(directory / FILE) for directory in directories}
     now, then = ([_record(run, histories) for run in side] for side in (after, before))
@@ -128,15 +111,14 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
 
 
 def _record(run: Path, histories: dict[Path, dict[str, RunRecord]]) -> RunRecord:
-    """Return the record of a run, from an up-to-date history in the same directory if possible."""
+    """Record of a run, from an up-to-date history in the same directory if possible."""
     path = run.resolve()
     manifest = load_manifest(path)
     try:
         fingerprint = fingerprint_of(path)
     except OSError as error:
-        raise FileError(
-            str(path), error.strerror or str(error), "check the disk and the permissions", code="file.unreadable"
-        ) from None
+        remedy = "check the disk and the permissions"
+        raise FileError(str(path), error.strerror or str(error), remedy, code="file.unreadable") from None
     record = histories.get(path.parent, {}).get(path.name)
     if record is None or record.fingerprint != fingerprint:
         record = record_of(path, manifest, fingerprint)
@@ -180,8 +162,7 @@ def _difference(
 
 
 def _spread_of_history(key: Key, figure: str, histories: dict[Path, dict[str, RunRecord]]) -> tuple[float, float]:
-    """Return the standard deviation between runs in the longest history, and the degrees of freedom; 0 and 0 if
-    there is none."""
+    """Standard deviation between runs in the longest history, and the degrees of freedom; 0 and 0 without one."""
     best: list[RunRecord] = []
     for records in histories.values():
         series = [

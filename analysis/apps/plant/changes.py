@@ -24,12 +24,11 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 FEWEST = 4
-"""Minimum number of runs on either side of a step: fewer may be a burst of outliers, or a single set-up."""
+"""Minimum number of runs on either side: fewer may be a burst of outliers, or a single set-up."""
 _STARTS = 100
-"""Number of positions of a change in the first search, evenly over the series. The best position is refined to
-single runs."""
+"""Positions of a change in the first search. The best is refined to single runs."""
 _ENDS = 25
-"""Number of positions of each end of a ramp in the refinement."""
+"""Positions of each end of a ramp in the refinement."""
 _SHARES = (0.25, 0.5, 0.75, 0.9, 0.97)
 _LENGTHS = (1.5, 5.0, 15.0, 50.0)
 """Shares of the slow part in the variance, and correlation lengths in runs."""
@@ -37,10 +36,7 @@ _LENGTHS = (1.5, 5.0, 15.0, 50.0)
 
 @dataclass(frozen=True)
 class Whitening:
-    """A noise model. rows (n, n): whiten it to variance 1, relative to the variance of a run.
-
-    half_log_det: half the log determinant. level (n,): whitened constant of length 1.
-    """
+    """A noise model that whitens to variance 1, relative to the variance of a run."""
 
     rows: Array
     half_log_det: float
@@ -48,14 +44,14 @@ class Whitening:
 
     @classmethod
     def of(cls, covariance: Array) -> Whitening:
-        """Return the whitening of a covariance (n, n) relative to the variance of a run, in any unit."""
+        """Whitening of a covariance (n, n)."""
         lower = np.linalg.cholesky(covariance)
         rows = np.linalg.inv(lower)
         level = rows @ np.ones(len(rows))
         return cls(rows, float(np.log(np.diag(lower)).sum()), level / np.linalg.norm(level))
 
     def without_level(self, values: Array) -> Array:
-        """Return whitened values (n, m), in any unit, with their least-squares constant removed."""
+        """Whitened values (n, m) with their least-squares constant removed."""
         white = self.rows @ values
         without: Array = white - np.outer(self.level, self.level @ white)
         return without
@@ -63,10 +59,7 @@ class Whitening:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Ramps between the runs first (c,) and last (c,), as indices.
-
-    directions: for each noise model the whitened ramps (n, c) of length 1.
-    """
+    """Ramps between the runs first (c,) and last (c,), whitened for each noise model to length 1 (n, c)."""
 
     first: Integers
     last: Integers
@@ -76,7 +69,6 @@ class Shapes:
 
 @lru_cache(maxsize=3)  # About 80 MB each for the longest series
 def shapes_of(count: int) -> Shapes:
-    """Return the shapes for a series of `count` runs."""
     stride = max(1, count // _STARTS)
     widths = [1]
     while widths[-1] * 2 < count:
@@ -89,7 +81,7 @@ def shapes_of(count: int) -> Shapes:
 
 
 def refined(count: int, first: int, last: int) -> tuple[Integers, Integers]:
-    """Return ramps near a ramp of `shapes_of`, refined to single runs, as indices of first (c,) and last (c,) run."""
+    """Ramps near a ramp of `shapes_of`: indices of the first (c,) and last (c,) run."""
     reach = 2 * max(1, count // _STARTS) + (last - first) // 2
     near = [np.arange(max(0, at - reach), min(count, at + reach + 1)) for at in (first, last)]
     if len(near[0]) > _ENDS:  # A long ramp: noise hides the ends anyway
@@ -99,13 +91,13 @@ def refined(count: int, first: int, last: int) -> tuple[Integers, Integers]:
 
 
 def rises(count: int, first: Integers, last: Integers) -> Array:
-    """Return shapes (count, c), relative: 0 up to run first (c,), 1 from run last (c,) on, linear in between."""
+    """Shapes (count, c): 0 up to run first (c,), 1 from run last (c,) on, linear in between."""
     shape: Array = np.clip((np.arange(count)[:, None] - first) / (last - first), 0.0, 1.0)
     return shape
 
 
 def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
-    """Return whitened ramps (n, c) from the runs first (c,) to last (c,), as indices, normalised to length 1."""
+    """Ramps (n, c) between runs, whitened and of length 1."""
     white = noise.without_level(rises(len(noise.level), first, last))
     lengths = np.linalg.norm(white, axis=0)
     unit: Array = white / np.where(lengths > 1e-9, lengths, np.inf)
@@ -113,7 +105,7 @@ def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
 
 
 def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
-    """Return the ramps with enough runs on either side. The runs within a long ramp are counted on both sides."""
+    """Ramps with enough runs on either side; those within a long ramp count on both sides."""
     first, last = pairs.T
     within = (last - first - 1) // 2
     enough = (first + 1 + within >= FEWEST) & (count - last + within >= FEWEST)
@@ -122,7 +114,7 @@ def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
 
 @lru_cache(maxsize=3)  # About 80 MB each for the longest series
 def whitenings(count: int) -> tuple[Whitening, ...]:
-    """Return the noise models for `count` runs: white noise, and each kind with a slow part."""
+    """White noise, and each kind with a slow part."""
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     kinds = [np.eye(count)]
     kinds += [share * np.exp(-apart / length) + (1 - share) * np.eye(count) for share in _SHARES for length in _LENGTHS]
@@ -147,10 +139,10 @@ _TO_SD, _MEAN_TO_SD = 1.4826, 1.2533
 
 @dataclass(frozen=True)
 class Change:
-    """A change of a figure from `before` to `after`, in its unit, between the runs first and last (indices).
+    """A change of a figure in its unit between two runs, by index.
 
-    u: standard uncertainty of the difference by the scatter of the runs. chance: probability of such a series if
-    nothing changes, over all figures of the robot. is_last: the ramp reaches the last run and may continue.
+    u: by the scatter of the runs. chance: probability of such a series if nothing changes, over all figures of the
+    robot. is_last: the ramp reaches the last run and may continue.
     """
 
     first: int
@@ -164,10 +156,10 @@ class Change:
 
 @dataclass(frozen=True)
 class Trend:
-    """The result for a series.
+    """Changes in order of time, outliers (n,), and spread.
 
-    changes: in order of time. wild (n,): mask of outliers. spread: standard deviation between runs in the unit of the
-    figure, excluding changes and outliers; zero if most runs repeat a value, NaN for a single run.
+    spread: standard deviation between runs, excluding changes and outliers; zero if most runs repeat a value, NaN for a
+    single run.
     """
 
     changes: tuple[Change, ...]
@@ -184,7 +176,7 @@ class _Best:
 
 
 def trend_of(values: Array, u: Array, series: int) -> Trend:
-    """Return the changes in values (n,) with standard uncertainties u (n,), in the same unit, in order of time.
+    """Changes in values (n,) with standard uncertainties u (n,).
 
     series: number of series searched for the robot.
     """
@@ -204,8 +196,7 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
 
 
 def outlying_runs(values: Array, u: Array) -> Mask:
-    """Return a mask (n,) of runs that differ from their neighbours beyond the scatter; values and u (n,) in the same
-    unit."""
+    """Runs (n,) that differ from their neighbours beyond the scatter."""
     count = len(values)
     if count < _WINDOW:
         return np.zeros(count, dtype=np.bool_)
@@ -251,7 +242,7 @@ def _changes(values: Array, series: int) -> list[Change]:
 
 
 def _best(values: Array) -> tuple[_Best, _Best]:
-    """Return the step and the longer ramp with the highest scores, each with the best noise."""
+    """Step and longer ramp with the highest scores, each with its best noise."""
     shapes = shapes_of(len(values))
     without, scores = -np.inf, []
     for noise, unit in zip(shapes.noises, shapes.directions, strict=True):
@@ -269,7 +260,7 @@ def _best(values: Array) -> tuple[_Best, _Best]:
 
 
 def _refined(values: Array, best: _Best) -> _Best:
-    """Return the shape refined to single runs. The false alarm probability ignores the increase of the score."""
+    """Shape refined to single runs. The false alarm probability ignores the increase of the score."""
     first, last = refined(len(values), best.first, best.last)
     is_alike = (last - first == 1) == (best.last - best.first == 1)
     first, last = first[is_alike], last[is_alike]
@@ -280,7 +271,7 @@ def _refined(values: Array, best: _Best) -> _Best:
 
 
 def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, Array]:
-    """Return the log-likelihood for no change, and of each whitened shape (n, c), maximised over noise and size."""
+    """Log-likelihood for no change, and of each whitened shape (n, c), maximised over noise and size."""
     count = len(values)
     white = noise.without_level(values[:, None])[:, 0]
     total = float(white @ white)

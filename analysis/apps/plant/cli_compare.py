@@ -22,7 +22,6 @@ from rigs.errors import FileError, UseError
 if TYPE_CHECKING:
     from analysis.runs.loading import Measured
     from rigs.rig import Rig
-    from rigs.schema.robot import Robot
 
 _ARMS = 2
 _ARM_FILES = (".yaml", ".yml", ".urdf")
@@ -67,12 +66,10 @@ def compare(
         if against or rig_file or plot or unseen:
             raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options", code="compare.option")
         arms, runs = runs[:_ARMS], runs[_ARMS:]
-        table_arm = str(arms[0])
-        (
-            _which_fits(arms, runs_below(with_tables(runs, table_arm)), as_json)
-            if runs
-            else _arms(arms[0], arms[1], as_json)
-        )
+        if runs:
+            _which_fits(arms, runs_below(with_tables(runs, str(arms[0]))), as_json)
+        else:
+            _arms(arms[0], arms[1], as_json)
         return
     runs = runs_below(with_tables(runs, rig_file))
     if against:
@@ -107,7 +104,6 @@ def compare(
 
 
 def _is_arm(path: Path) -> bool:
-    """Return whether an argument is a rig file, a URDF, or the name of an arm of the library."""
     from rigs.arms import arm_names
 
     return (path.suffix in _ARM_FILES and path.is_file()) or (not path.exists() and str(path) in arm_names())
@@ -129,10 +125,9 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bo
 
 
 def _arms(first: Path, second: Path, as_json: bool) -> None:
-    from analysis.apps.plant.arms_apart import arms_apart
-    from analysis.apps.plant.arms_compared import arms_apart_tables
+    from analysis.apps.plant.arms_apart import answer_of, arms_apart
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
-    from analysis.cli.plain_console import PlainConsole
     from rigs.load import load
 
     with progress_of("comparing the arms"):
@@ -140,15 +135,14 @@ def _arms(first: Path, second: Path, as_json: bool) -> None:
     if as_json:
         say_json(apart.to_dict())
     else:
-        PlainConsole().print(arms_apart_tables(apart))
+        say_answer(answer_of(apart))
 
 
 def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> None:
     import analysis
-    from analysis.apps.plant.arms_compared import fitting_arm_table
-    from analysis.apps.plant.fitting_arm import fitting_arm
+    from analysis.apps.plant.fitting_arm import answer_of, fitting_arm
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
-    from analysis.cli.plain_console import PlainConsole
 
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]
@@ -157,14 +151,13 @@ def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> No
     if as_json:
         say_json(fitting.to_dict())
     else:
-        PlainConsole().print(fitting_arm_table(fitting))
+        say_answer(answer_of(fitting))
 
 
 def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
-    """Return the rig file of an arm. For a URDF, or a file with only the section robot, it is the rig file of the runs
-    with this robot.
+    """Rig file of an arm; for a URDF, or a file with only the section robot, that of the runs with this robot.
 
-    Raises FileError for such a file with runs of gauges: the position of the ball link on the flange is unknown.
+    Runs of gauges need a rig file: the position of the ball link on the flange is unknown.
     """
     from analysis.apps.commission.rig_file_text import chosen_arm
     from analysis.apps.interchange.urdf import import_urdf
@@ -182,11 +175,7 @@ def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
             code="compare.no_tool",
         )
     if is_of_library:
-        return _with_robot_of(runs[0].rig, load(arm)[0].robot)
-    robot = import_urdf(arm).section.robot if is_urdf else chosen_arm(str(arm), "tracker").robot
-    return _with_robot_of(runs[0].rig, robot)
-
-
-def _with_robot_of(rig: Rig, robot: Robot) -> Rig:
-    """Return a rig file with another robot and without effects."""
-    return rig.model_copy(update={"robot": robot, "effects": ()}).with_calibration(None, None)
+        robot = load(arm)[0].robot
+    else:
+        robot = import_urdf(arm).section.robot if is_urdf else chosen_arm(str(arm), "tracker").robot
+    return runs[0].rig.model_copy(update={"robot": robot, "effects": ()}).with_calibration(None, None)

@@ -48,6 +48,7 @@ def fleet(
 
     Runs in the same directory with the same rig name belong to one robot. The
     figures are stored in a catalogue, so unchanged runs are read only once."""
+    from analysis.apps.plant import fleet_screen as screen
     from analysis.apps.plant import store
     from analysis.apps.plant.collect import Workers
 
@@ -59,11 +60,8 @@ def fleet(
         from analysis.runs.written_files import refuse_foreign
 
         refuse_foreign(parquet, "--parquet")
-    workers = Workers(jobs, scheduler)
-    with store.usable(catalogue or store.default_path(directory), is_required=bool(catalogue)) as (file, notes):
-        plant = store.rebuilt_if_damaged(file, notes, partial(_gathered, directory, workers, output, parquet))
-    from analysis.apps.plant import fleet_screen as screen
-
+    work = partial(_gathered, directory, Workers(jobs, scheduler), output, parquet)
+    plant = store.work_with(catalogue or store.default_path(directory), work, is_required=bool(catalogue))
     if as_json:
         say_json(screen.as_object(plant))
     else:
@@ -75,7 +73,6 @@ def fleet(
 def _gathered(
     directory: Path, workers: Workers, output: Path | None, parquet: Path | None, file: Path, notes: tuple[str, ...]
 ) -> Fleet:
-    """Read the plant and write the requested files."""
     from analysis.apps.plant.gather import gather
 
     with (progress := CountedProgress()):

@@ -31,7 +31,7 @@ from analysis.runs.remote import (
     restore_run_path,
     run_directories,
 )
-from daq.store import MovementCheck, RunInfo
+from daq.store import MovementCheck
 from daq.store.manifest import load_manifest
 from daq.store.marks import load_marks
 from daq.store.retention import look
@@ -42,9 +42,9 @@ from rigs.schema.limits import Limits
 
 T = TypeVar("T")
 Progress = Callable[[str, int, int], None]
-"""A function called with the current task, the finished number and the total."""
+"""Called with the current task, the finished number and the total."""
 _FEW = 4
-"""Number of runs up to which they are evaluated in this process, unless jobs are specified."""
+"""Up to so many runs are evaluated in this process, unless jobs are specified."""
 _SAVED_EVERY_S = 5.0
 """Interval between saves, which limits the loss by an interruption."""
 REASONS = {
@@ -57,7 +57,7 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Workers:
-    """The execution of evaluations, see `analysis.runs.batch`."""
+    """Execution of evaluations (`analysis.runs.batch`)."""
 
     jobs: int = 0
     scheduler: str | None = None
@@ -95,15 +95,10 @@ class Collected:
 
 
 def collect(directory: Path, robot: str, workers: Workers, progress: Progress) -> Collected:
-    """Collect the runs of a robot in or below a directory, by the name of the rig file or of the robot.
-
-    Raises FileError if the directory does not exist or contains no run of the robot.
-    """
+    """Runs of a robot in or below a directory, by the name of the rig file or of the robot."""
     seen = runs_below(directory)
     path = store.default_path(directory) if isinstance(directory, RemotePath) else directory / store.FILE
-    with store.usable(path) as (file, notes):
-        work = partial(_collected, directory, robot, seen, workers, progress)
-        return store.rebuilt_if_damaged(file, notes, work)
+    return store.work_with(path, partial(_collected, directory, robot, seen, workers, progress))
 
 
 def _collected(
@@ -172,7 +167,7 @@ def collected_of(
 
 
 def _checks_of(directory: Path, records: Iterable[RunRecord]) -> tuple[MarkedCheck, ...]:
-    """Movement checks of runs in order of time, a check of several runs once, with its first run."""
+    """Movement checks in order of time; a check of several runs once, with its first run."""
     marked = []
     for record in records:
         with suppress(FileError, OSError, ValueError):  # of a damaged run, which is listed as such
@@ -185,7 +180,6 @@ def _checks_of(directory: Path, records: Iterable[RunRecord]) -> tuple[MarkedChe
 
 
 def _is_of(rig_name: str, rig_text: str, robot: str) -> bool:
-    """Return whether a run belongs to a robot, by the name of its rig file or robot."""
     if robot == rig_name:
         return True
     rig = _rig_of(rig_text)
@@ -212,16 +206,13 @@ class RunOnDisk:
 
 
 def runs_below(directory: Path) -> list[RunOnDisk]:
-    """List the runs below a directory in order of path.
-
-    Raises FileError if there are none, and CellError if a store does not respond.
-    """
+    """Runs below a directory in order of path. Raises FileError if there are none."""
+    remedy = "give the directory with the plant's runs"
     if not isinstance(directory, RemotePath) and not directory.is_dir():
-        remedy = "give the directory with the plant's runs"
         raise FileError(str(directory), "no such directory", remedy, code="file.missing")
     if seen := list(_seen(directory)):
         return seen
-    raise FileError(str(directory), "contains no runs", "give the directory with the plant's runs", code="run.none")
+    raise FileError(str(directory), "contains no runs", remedy, code="run.none")
 
 
 def _seen(directory: Path) -> Iterator[RunOnDisk]:
@@ -255,8 +246,8 @@ def update(
 ) -> tuple[dict[str, Entry], int, int]:
     """Examine and store the new and changed runs, and forget deleted runs.
 
-    Return all stored runs by path, and the numbers of runs examined and forgotten. is_wanted: whether a new run is to
-    be examined. Raises store.Damaged, and StoreLost if a remote store stops responding: previous results are saved.
+    Returns all stored runs by path, and the numbers of runs examined and forgotten. is_wanted: whether a new run is to
+    be examined. If a remote store stops responding, the previous results are saved.
     """
     known = store.entries(file)
     changed = [
@@ -279,8 +270,17 @@ def update(
             [(run.run, run.signature if one.is_evaluated else "", one.record, one.rig_text) for run, one in stored],
         )
 
+    def examined_in(outcome: Outcome[Path, Examined | None]) -> Examined | None:
+        if not isinstance(outcome, FailedItem):
+            return outcome.value
+        if isinstance(outcome.error, StoreLost):
+            raise outcome.error
+        # Repeat a run that killed a process or exhausted the memory.
+        failed = record_without_figures(outcome.item.name, None, outcome.error.what)
+        return Examined(failed, is_evaluated=False)
+
     with closing(each(examine, paths, jobs=jobs, scheduler=workers.scheduler)) as outcomes:
-        examined = ((run, _examined_in(outcome)) for run, outcome in zip(fresh, outcomes, strict=True))
+        examined = ((run, examined_in(outcome)) for run, outcome in zip(fresh, outcomes, strict=True))
         save_periodically(examined, save, lambda done: progress("reading runs", done, len(fresh)))
     return store.entries(file), len(fresh), len(gone)
 
@@ -307,22 +307,13 @@ class Examined:
     record: RunRecord
     rig_text: str = ""
     is_evaluated: bool = True
-    """Whether only a change requires a new examination."""
-
-
-def _examined_in(outcome: Outcome[Path, Examined | None]) -> Examined | None:
-    """The examination of a run, to be repeated if it killed a process or exhausted the memory. Raises StoreLost."""
-    if isinstance(outcome, FailedItem):
-        if isinstance(outcome.error, StoreLost):
-            raise outcome.error
-        return Examined(RunRecord(outcome.item.name, "", "", "", "", "", "", problem=outcome.error.what), "", False)
-    return outcome.value
+    """False if the run is to be examined again even without a change."""
 
 
 def examine(path: Path) -> Examined | None:
-    """Evaluate a run, and return the record with figures or the reason for failure; None if the run is gone.
+    """Record with figures or the reason for failure; None if the run is gone.
 
-    Never raises for a bad run. Raises RigError for a remote run that cannot be fetched.
+    Never raises for a bad run, only for a remote run that cannot be fetched.
     """
     with fetched(path) as directory:
         examined = _examine(directory)
@@ -338,13 +329,12 @@ def _examine(path: Path) -> Examined | None:
     except OSError as error:
         if isinstance(error, FileNotFoundError) and not os.path.lexists(path):
             return None
-        unreadable = RunInfo(path, None, None, "damaged", 0, 0.0)
-        return Examined(record_without_figures(unreadable, error.strerror or str(error)), is_evaluated=False)
+        return Examined(record_without_figures(path.name, None, error.strerror or str(error)), is_evaluated=False)
     rig_text = run.manifest.rig_text if run.manifest else ""
-    if run.manifest is None or run.status in REASONS:
-        return Examined(record_without_figures(run, REASONS[run.status]), rig_text, is_evaluated=False)
-    try:
-        fingerprint = fingerprint_of(run.path)
-    except (OSError, FileError) as error:
-        return Examined(record_without_figures(run, str(error)), rig_text, is_evaluated=False)
-    return Examined(record_of(run.path, run.manifest, fingerprint), rig_text)
+    problem = REASONS.get(run.status, "")
+    if run.manifest and not problem:
+        try:
+            return Examined(record_of(path, run.manifest, fingerprint_of(path)), rig_text)
+        except (OSError, FileError) as error:
+            problem = str(error)
+    return Examined(record_without_figures(path.name, run.manifest, problem), rig_text, is_evaluated=False)

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from analysis.apps.report.blocks import Block, Sentence, Table
+from analysis.apps.report.diagnosis_words import micrometres
 from analysis.diagnosis.evidence.observation import by_socket, rms
 from analysis.diagnosis.evidence.placements import observe_runs, split_by_frame, split_by_target
 from analysis.diagnosis.evidence.setups import fit_run_setups
@@ -18,13 +20,12 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _CLEARLY = 0.97
-"""Ratio of the residuals below which an arm fits better: 3 % of the rms is more than a fitted set-up gains by
-chance."""
+"""An arm fits better below this ratio: 3 % of the rms is more than a fitted set-up gains by chance."""
 
 
 @dataclass(frozen=True)
 class ArmFit:
-    """Residual of runs for an arm, µm of the readings: root mean square and maximum. `file` is the file of the arm."""
+    """Residual of runs for an arm, in µm of the readings."""
 
     file: str
     rms_um: float
@@ -33,7 +34,7 @@ class ArmFit:
 
 @dataclass(frozen=True)
 class FittingArm(Tabular):
-    """Two arms compared with the same runs, and doubts as text."""
+    """Two arms compared with the same runs."""
 
     fits: tuple[ArmFit, ArmFit]
     runs: tuple[str, ...]
@@ -47,16 +48,14 @@ class FittingArm(Tabular):
 
     @property
     def times(self) -> float:
-        """Ratio of the residual of the worse arm to that of the better arm."""
+        """Ratio of the larger residual to the smaller."""
         best, worse = sorted(fit.rms_um for fit in self.fits)
         return worse / best if best > 0 else np.inf
 
     def to_table(self) -> pa.Table:
-        """Return a row for each arm: file, rms_um, largest_um."""
         return table_of_rows(("file", "rms_um", "largest_um"), [asdict(fit) for fit in self.fits])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types: the output of `rig compare ARM ARM RUN… --json`."""
         plain: dict[str, Any] = for_json(
             {
                 "fits": [asdict(fit) for fit in self.fits],
@@ -70,16 +69,27 @@ class FittingArm(Tabular):
 
 
 def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> FittingArm:
-    """Compare the residual error of runs between two arms, given with file names.
-
-    Raises FileError for an arm whose number of axes differs from the runs.
-    """
+    """Compare the residual of runs between two arms, given with file names."""
     first, second = (_fit(runs, file, rig) for file, rig in arms)
     return FittingArm((first[0], second[0]), tuple(run.run.manifest.name for run in runs), first[1])
 
 
+def answer_of(fitting: FittingArm) -> list[Block]:
+    """The better arm, and a table of the residuals of both arms."""
+    better, head = fitting.better, "These runs do not distinguish the two arms."
+    if better is not None:
+        (worse,) = (fit for fit in fitting.fits if fit is not better)
+        head = (
+            f"{better.file} fits: it leaves {micrometres(better.rms_um)} rms of the readings, and {worse.file} "
+            f"{micrometres(worse.rms_um)} rms, {fitting.times:.3g} times as much."
+        )
+    rows = tuple((fit.file, f"{fit.rms_um:.1f}", f"{fit.largest_um:.1f}") for fit in fitting.fits)
+    table = Table(("arm", "µm rms left", "at most"), rows, frozenset({1, 2}))
+    return [Sentence(head), table, *(Sentence(doubt, "doubt") for doubt in fitting.doubts)]
+
+
 def _fit(runs: Sequence[Measured], file: str, rig: Rig) -> tuple[ArmFit, tuple[str, ...]]:
-    """Return the residual error of runs for an arm, and messages about the positions of base, ball and tool."""
+    """Residual of runs for an arm, and messages about the positions of base, ball and tool."""
     axes = len(rig.robot.axes)
     for run in runs:
         if (count := len(run.rig.robot.axes)) != axes:

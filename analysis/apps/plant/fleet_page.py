@@ -1,4 +1,4 @@
-"""Page of a plant with a row per robot, linked to the history page of each robot."""
+"""Page of a plant with a row per robot, linked to the history page of each."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from analysis.runs.batch import each
 from analysis.runs.processes import FailedItem
 
 _HEAD_BYTES = 2000
-"""Range at the start of a page that contains the digest of the inputs."""
+"""Start of a page, with the digest of its inputs."""
 
 
 @dataclass(frozen=True)
 class _Page:
-    """A page of a robot to be written: catalogue and key, inputs, and the page of the plant."""
+    """A page of a robot to be written: catalogue and key, digest of its inputs, and the page of the plant."""
 
     path: Path
     catalogue: Path
@@ -37,8 +37,7 @@ class _Page:
 def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) -> list[str]:
     """Write the page of the plant, and the outdated history pages of the robots.
 
-    Returns a line for each robot page that could not be written. Raises FileError if the page of the plant cannot be
-    written or the catalogue cannot be read.
+    Returns a line for each page of a robot that could not be written.
     """
     folder = path.with_name(f"{path.stem}-robots")
     pages = [_page(fleet, state, folder, path) for state in fleet.robots if state.runs]

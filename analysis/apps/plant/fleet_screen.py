@@ -1,7 +1,4 @@
-"""Robots of a plant on a terminal and as JSON, and all figures as a Parquet file for DuckDB, pandas and Power BI.
-
-The Parquet file has a row per figure.
-"""
+"""Robots of a plant on a terminal and as JSON, and all figures as a Parquet file for DuckDB, pandas and Power BI."""
 
 from __future__ import annotations
 
@@ -17,14 +14,14 @@ from analysis.apps.plant.collect import Collected
 from analysis.apps.plant.gather import Fleet, collected_in
 from analysis.apps.plant.history_words import simulated_runs, without_figures
 from analysis.apps.plant.records import RunRecord
-from analysis.apps.plant.robot_state import ORDER, Attention, FleetRobot
+from analysis.apps.plant.robot_state import ORDER, Attention
 from analysis.apps.plant.store import Key
 from analysis.apps.report.blocks import Block, Cell, Sentence, Table, Tone
 from analysis.runs.tabular import for_json
 from daq.store import durable
 from daq.store.chunk import storable
 from rigs.errors import FileError
-from rigs.text import plain
+from rigs.text import counted, plain
 
 WORDS: dict[Attention, str] = {
     "beyond": "beyond a limit",
@@ -47,67 +44,36 @@ def answer_of(fleet: Fleet, links: Mapping[Key, str] | None = None, failed: Sequ
 
     links: addresses of the pages of robots. failed: pages that could not be written.
     """
-    rows = []
-    for state, name in zip(fleet.robots, names_of(fleet), strict=True):
+    robots = fleet.robots
+    counts = Counter(state.attention for state in robots)
+    states = ", ".join(f"{counts[reason]} {WORDS[reason]}" for reason in ORDER if counts[reason])
+    times, rows = Counter(state.robot for state in robots), []
+    for state in robots:
         tone = _TONES.get(state.attention, "plain" if state.attention == "unlimited" else "pass")
-        # Figure closest to its limit, the tests, and doubts, one per line
-        below = (", ".join(state.tests), plain(", ".join(state.doubts)))
-        shares = tuple(filter(None, [simulated_share(state)]))
-        robot = Cell(name, shares, link=(links or {}).get((state.folder, state.robot), ""))
-        worst = Cell(state.worst, tuple(filter(None, below)))
+        some = "" if state.simulated == state.runs else f"{state.simulated} of {state.runs} "
+        simulated = (f"{some}simulated",) if state.simulated else ()
+        name = plain(state.robot if times[state.robot] == 1 else f"{state.robot} in {state.folder}")
+        robot = Cell(name, simulated, link=(links or {}).get((state.folder, state.robot), ""))
+        worst = Cell(state.worst, tuple(filter(None, (", ".join(state.tests), plain(", ".join(state.doubts))))))
         standing = Cell(WORDS[state.attention], tone=tone)
         rows.append((robot, standing, worst, state.trend, state.last[:10], f"{state.runs}"))
     heads = ("robot", "state", "figure closest to its limit", "what changed", "last run", "runs")
-    return [
-        Sentence(summary(fleet), "strong"),
-        *(Sentence(line, "doubt") for line in (origin(fleet), *doubts_of(fleet), *failed) if line),
-        Table(heads, tuple(rows), frozenset({5}), key="stack"),
-        Sentence(f"{_ORDER} {reading(fleet)}", "note"),
-    ]
-
-
-def origin(fleet: Fleet) -> str:
-    """Return a statement on simulated runs, empty if there are none."""
-    return simulated_runs(sum(state.simulated for state in fleet.robots), sum(state.runs for state in fleet.robots))
-
-
-def simulated_share(state: FleetRobot) -> str:
-    """Return the number of simulated runs of a robot for display with the name, empty if there are none."""
-    if not state.simulated:
-        return ""
-    return "simulated" if state.simulated == state.runs else f"{state.simulated} of {state.runs} simulated"
-
-
-def summary(fleet: Fleet) -> str:
-    """Return the number of robots by state."""
-    counts = [(sum(state.attention == reason for state in fleet.robots), WORDS[reason]) for reason in ORDER]
-    words = ", ".join(f"{count} {word}" for count, word in counts if count)
-    return f"{len(fleet.robots)} {'robot' if len(fleet.robots) == 1 else 'robots'}: {words or 'none found'}."
-
-
-def reading(fleet: Fleet) -> str:
-    """Return a sentence with the number of runs, and of runs read."""
-    gone = f", {fleet.gone} gone" if fleet.gone else ""
-    return f"{fleet.runs} runs, {fleet.examined} of them read (new, changed, or unreadable the last time){gone}"
-
-
-def doubts_of(fleet: Fleet) -> list[str]:
-    """Return notes about the catalogue, and omitted runs: first of unknown robots, then of each robot."""
+    # The omitted runs of unknown robots come first.
     left_out = [*fleet.strays]
-    left_out += [(str(Path(state.folder, run)), why) for state in fleet.robots for run, why in state.without_figures]
-    return [*fleet.notes, *without_figures(left_out)]
-
-
-def names_of(fleet: Fleet) -> list[str]:
-    """Return the names of the robots in order, with the directory if a name is ambiguous."""
-    times = Counter(state.robot for state in fleet.robots)
+    left_out += [(str(Path(state.folder, run)), why) for state in robots for run, why in state.without_figures]
+    origin = simulated_runs(sum(state.simulated for state in robots), sum(state.runs for state in robots))
+    gone = f", {fleet.gone} gone" if fleet.gone else ""
+    read = f"{fleet.runs} runs, {fleet.examined} of them read (new, changed, or unreadable the last time){gone}"
     return [
-        plain(state.robot if times[state.robot] == 1 else f"{state.robot} in {state.folder}") for state in fleet.robots
+        Sentence(f"{counted(len(robots), 'robot')}: {states or 'none found'}.", "strong"),
+        *(Sentence(line, "doubt") for line in (origin, *fleet.notes, *without_figures(left_out), *failed) if line),
+        Table(heads, tuple(rows), frozenset({5}), key="stack"),
+        Sentence(f"{_ORDER} {read}", "note"),
     ]
 
 
 def as_object(fleet: Fleet) -> dict[str, Any]:
-    """Return plain values for scripts, with every omitted run and the reason."""
+    """Plain values for scripts, with every omitted run and the reason."""
     plain: dict[str, Any] = for_json(
         {
             "directory": str(fleet.directory),
@@ -127,9 +93,9 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
 
 
 def write_figures(fleet: Fleet, path: Path) -> None:
-    """Write the table, atomically replacing an existing file, with a single robot in memory at a time.
+    """Write a row per figure, atomically, with a single robot in memory at a time.
 
-    A run with no figures has a row with the `problem`. Raises FileError if the file cannot be written.
+    A run with no figures has a row with the `problem`.
     """
     import pyarrow as pa  # noqa: PLC0415 - slow to import, needed for Parquet only
     import pyarrow.parquet as pq  # noqa: PLC0415
@@ -167,20 +133,11 @@ def _rows(key: Key, collected: Collected) -> Iterator[dict[str, Any]]:
     for record in collected.runs:
         label = _label(robot, folder, record.name) | _of_run(record)
         for name, quantity in record.figures.items():
-            figure = {
-                "value": quantity.value,
-                "u": quantity.u,
-                "unit": quantity.unit,
-                "samples": quantity.samples,
-                "noise": quantity.noise,
-            }
-            limit = collected.limits.of(record.test, name)
-            limited = (
-                {"watch": limit.watch, "fail": limit.fail, "standing": limit.standing(quantity.value, quantity.u)}
-                if limit
-                else {}
-            )
-            yield label | {"figure": name} | figure | limited
+            row = label | {"figure": name} | asdict(quantity)
+            if limit := collected.limits.of(record.test, name):
+                standing = limit.standing(quantity.value, quantity.u)
+                row |= {"watch": limit.watch, "fail": limit.fail, "standing": standing}
+            yield row
 
 
 def _label(robot: str, folder: str, run: str) -> dict[str, Any]:
@@ -191,9 +148,5 @@ def _of_run(record: RunRecord) -> dict[str, Any]:
     started = None
     with suppress(ValueError):
         started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB needs pytz for times with a zone.
-    places = {"test": record.test, "direction": record.direction}
-    return (
-        {"started_utc": started}
-        | places
-        | {"placement": record.placement, "program": record.program, "corrected": record.corrected}
-    )
+    names = ("test", "direction", "placement", "program", "corrected")
+    return {"started_utc": started} | {name: getattr(record, name) for name in names}

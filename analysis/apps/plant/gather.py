@@ -40,16 +40,15 @@ class Fleet:
     """Digest of all inputs of the state of each robot."""
     runs: int
     examined: int
-    """Number of runs that were read, and of those that were deleted since the last time."""
+    """Number of runs that were read."""
     gone: int
 
 
 def gather(directory: Path, file: Path, notes: tuple[str, ...], workers: Workers, progress: Progress) -> Fleet:
     """Find the robots of the runs below a directory.
 
-    file: the catalogue, and notes about it (`store.usable`). workers: for reading runs. Only local processes compute
-    the states of robots, because they need the catalogue. Raises FileError if the directory does not exist or contains
-    no run, store.Damaged, and CellError if the catalogue cannot be written.
+    file: the catalogue, with notes about it (`store.work_with`). workers: for reading runs; the states of robots are
+    computed by local processes, because they need the catalogue.
     """
     seen = runs_below(directory)
     known, examined, gone = update(file, seen, workers, progress)
@@ -71,38 +70,31 @@ def gather(directory: Path, file: Path, notes: tuple[str, ...], workers: Workers
     fresh = [key for key in digests if key not in states]
     if gone_robots := before.keys() - digests.keys():
         store.save_states(file, (), gone_robots)
-    judged = (
-        _judged(outcome, digests, states) for outcome in each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
-    )
-    save_periodically(
-        judged, partial(store.save_states, file), lambda done: progress("judging robots", done, len(fresh))
-    )
+
+    def judged(outcome: Outcome[tuple[Path, Key], FleetRobot]) -> tuple[Key, str, str]:
+        """Keep the state of a robot, with its digest unless it failed and is to be repeated."""
+        _, key = outcome.item
+        if not isinstance(outcome, FailedItem):
+            states[key] = outcome.value
+            return key, digests[key], as_json(states[key])
+        if isinstance(outcome.error, Damaged):
+            raise outcome.error
+        states[key] = FleetRobot(*key, problem=outcome.error.what)
+        return key, "", as_json(states[key])
+
+    outcomes = each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
+    save = partial(store.save_states, file)
+    save_periodically(map(judged, outcomes), save, lambda done: progress("judging robots", done, len(fresh)))
     strays = tuple((entry.run, entry.problem) for entry in known.values() if not entry.key[1])
     robots = tuple(in_order(list(states.values())))
     return Fleet(directory, file, robots, strays, notes, digests, len(known), examined, gone)
 
 
-def _judged(
-    outcome: Outcome[tuple[Path, Key], FleetRobot], digests: Mapping[Key, str], states: dict[Key, FleetRobot]
-) -> tuple[Key, str, str]:
-    """Add the state of a robot to the states, and return it for storage. A failed state is repeated later."""
-    _, key = outcome.item
-    if isinstance(outcome, FailedItem):
-        if isinstance(outcome.error, Damaged):
-            raise outcome.error
-        states[key] = FleetRobot(*key, problem=outcome.error.what)
-        return key, "", as_json(states[key])
-    states[key] = outcome.value
-    return key, digests[key], as_json(outcome.value)
-
-
 def judge(item: tuple[Path, Key]) -> FleetRobot:
-    """Compute the state of a robot from its records in a catalogue."""
     file, (folder, robot) = item
     return state_of(folder, collected_in(file, (folder, robot)))
 
 
 def collected_in(file: Path, key: Key) -> Collected:
-    """The runs of a robot in a catalogue. Raises CellError."""
     records, rig_texts = store.records_of(file, key)
     return collected_of(key[1], records, (), rig_texts)

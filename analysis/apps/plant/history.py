@@ -1,10 +1,9 @@
 """History of a robot: each figure of each test over the runs, with dated changes and the standing against the limit.
 
-Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`) with its uncertainty. The standing of a
-series is the standing of the newest run. A series crosses a bound at the first run proven beyond it after the last run
-proven within, and vice versa: a run with an uncertainty that contains the bound moves no date. Outliers are excluded,
-as in the search for changes, except in the newest runs: sudden damage looks like an outlier until it has lasted for
-some runs.
+Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`). A series stands like its newest run.
+It crosses a bound at the first run proven beyond it after the last run proven within, and vice versa: a run whose
+uncertainty contains the bound moves no date. Outliers are excluded, as in the search for changes, except in the newest
+runs: sudden damage looks like an outlier until it has lasted for some runs.
 """
 
 from __future__ import annotations
@@ -35,14 +34,14 @@ WATCHED = (
 )
 """A characteristic figure of each kind. The others repeat these, or depend on the mounting of ball and gauges."""
 CORRECTED = {"targets": "corrected programs", "entries": "with values entered"}
-"""Names for series measured with a correction; the arm itself is unchanged."""
+"""Names of series measured with a correction; the arm itself is unchanged."""
 _OF_AN_AXIS = {"play_j": "play", "temperature_j": "mean temperature", "warming_j": "warming within a run"}
-"""Names of axis figures, followed by the axis number."""
+"""Names of figures that an axis number follows."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """A figure of a test and program over the runs (n), in order of time. limit: from the rig file, if any."""
+    """A figure of a test and program over the runs (n), in order of time."""
 
     title: str
     figure: str
@@ -52,27 +51,23 @@ class Series:
 
     @property
     def corrected(self) -> str:
-        """Correction of the arm during the runs, according to the manifests; empty if there is none."""
+        """Correction of the arm during the runs; empty if there is none."""
         return self.runs[0].corrected
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """The figure of each run."""
         return tuple(run.figures[self.figure] for run in self.runs)
 
     @property
     def values(self) -> Array:
-        """The figure (n,) in its unit."""
         return np.array([quantity.value for quantity in self.quantities])
 
     @property
     def unit(self) -> str:
-        """The unit for display."""
         return self.quantities[0].sign
 
     @property
     def label(self) -> str:
-        """The name for display."""
         return label_of(self.figure)
 
 
@@ -85,7 +80,6 @@ class History:
 
     @property
     def robot(self) -> str:
-        """The requested name of the robot."""
         return self.collected.robot
 
     @property
@@ -96,7 +90,7 @@ class History:
 
 
 def label_of(figure: str) -> str:
-    """Return the displayed name of a figure, such as `play of axis 2`."""
+    """Displayed name of a figure, such as `play of axis 2`."""
     for prefix, words in _OF_AN_AXIS.items():
         if figure.startswith(prefix):
             return f"{words} of axis {figure[len(prefix)]}"
@@ -106,10 +100,9 @@ def label_of(figure: str) -> str:
 def history_of(
     collected: Collected, figure: str | None = None, since: date | None = None, limits: Limits | None = None
 ) -> History:
-    """Return the series of a robot's runs with changes.
+    """Series of a robot's runs with changes.
 
-    figure: only this figure, by the name in docs/figures.md. since: first day. limits: replace the limits of the newest
-    run. Raises UseError for an unknown figure, and FileError if no series remains.
+    figure: only this figure. since: first day. limits: replace the limits of the newest run.
     """
     runs = [run for run in collected.runs if since is None or run.when.date() >= since]
     names = {name for run in runs for name in run.figures}
@@ -148,13 +141,13 @@ def history_of(
 
 
 def title_of(test: str, placement: str, corrected: str) -> str:
-    """Return the title of a group of runs: `yaw acw, placement left, corrected programs`."""
+    """Title of a group of runs: `yaw acw, placement left, corrected programs`."""
     qualifiers = (f"placement {placement}" if placement else "", CORRECTED.get(corrected, ""))
     return ", ".join([test, *filter(None, qualifiers)])
 
 
 def _programs(runs: Iterable[RunRecord]) -> list[tuple[str, list[RunRecord]]]:
-    """Group runs by test, direction, placement, program and correction, each group with a title.
+    """Runs by test, direction, placement, program and correction, each group with a title.
 
     Runs of a corrected program show the correction, not the state of the arm.
     """
@@ -175,31 +168,32 @@ _CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
     "watch": (("watch", "fail"), "pass"),
     "fail": (("fail",), "pass"),
 }
-"""Rule for the date of a crossing, for each standing of the newest run.
+"""Dating of a crossing, by the standing of the newest run.
 
-It contains the standing of the first run after the crossing and of the last run before it, and the deciding bound.
+Standings of the first run after the crossing, the standing of the last before it, by the deciding bound.
 """
 
 
 @dataclass(frozen=True)
 class JudgedSeries:
-    """A series judged by its limit.
-
-    standing: of the newest run. bound: the deciding bound. since: first run after the crossing. beyond: all failing
-    runs, in order of time. count: number of judged runs.
-    """
+    """A series judged by its limit."""
 
     limit: Limit
     standing: Standing
+    """Standing of the newest run."""
     bound: float
+    """The deciding bound."""
     since: RunRecord
+    """First run after the crossing."""
     newest: RunRecord
     beyond: tuple[RunRecord, ...]
+    """All failing runs, in order of time."""
     count: int
+    """Number of judged runs."""
 
 
 def judge(series: Series) -> JudgedSeries | None:
-    """Return the standing of a series, None if it has no limit."""
+    """Standing of a series; None if it has no limit."""
     if series.limit is None:
         return None
     last = max(np.flatnonzero(~series.trend.wild), default=-1)

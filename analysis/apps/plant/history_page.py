@@ -18,7 +18,7 @@ from analysis.apps.report.still_chart import Sheet, svg_of
 from rigs.text import counted
 
 _MOST = 60
-"""Maximum number of pictures on a page, exceeded limits and changes first: about 20 kB each."""
+"""Pictures on a page, exceeded limits and changes first: about 20 kB each."""
 _IN_SIGHT = 2.0
 """A limit is drawn if it is below this multiple of the largest run; otherwise the runs would look flat."""
 _DAY_S = 86400.0
@@ -28,11 +28,7 @@ _INK, _CHANGE, _OUTLIER, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
 def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
-    """Write the page.
-
-    made_of: digest of the inputs, written into the page. overview: address of a linked page. Raises FileError if it
-    cannot be written.
-    """
+    """Write the page. made_of: digest of the inputs. overview: address of a linked page."""
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
     # A single run, or simultaneous runs, have no time axis.
     drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
@@ -55,7 +51,7 @@ def _is_beyond(series: Series) -> bool:
 
 
 def _picture(series: Series, moved: Sequence[float]) -> Markup:
-    """Return an SVG of a figure over time: runs with 2 u, detected levels, outliers as crosses, and movements.
+    """SVG of a figure over time: runs with 2 u, detected levels, outliers as crosses, and movements.
 
     moved: times of movements in days since 1970.
     """

@@ -1,4 +1,4 @@
-"""The answer of a history as blocks, as JSON and as a table of points."""
+"""The answer of a history as blocks, as JSON and as a table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.apps.plant.before_after import Difference, headlines
-from analysis.apps.plant.collect import MarkedCheck
 from analysis.apps.plant.history import History, Series, judge, label_of
 from analysis.apps.plant.history_words import against_limit, dates, doubts, origin, remarks, sentences, too_few
 from analysis.apps.report.blocks import Block, Cell, Figure, Heading, Sentence, Table
@@ -20,7 +19,7 @@ from analysis.runs.tabular import for_json, table_of_rows
 
 _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 20
-"""Number of characters of a sparkline; each is the median of an equal share of the runs."""
+"""Characters of a sparkline; each is the median of an equal share of the runs."""
 
 
 def answer_of(
@@ -101,7 +100,7 @@ def differences_answer(compared: Sequence[Difference]) -> list[Block]:
 
 
 def sparkline(values: Array) -> str:
-    """Return a sparkline of values (n,) in any unit, from smallest to largest; flat for equal values."""
+    """Values (n,) from smallest to largest; flat for equal values."""
     pieces = np.array_split(values, min(_WIDTH, len(values)))
     heights = np.array([np.median(piece) for piece in pieces])
     low, span = heights.min(), np.ptp(heights)
@@ -111,15 +110,19 @@ def sparkline(values: Array) -> str:
 
 
 def as_object(history: History) -> dict[str, Any]:
-    """Return plain values for scripts: every point, every change, and runs with no figures. Figure names contain the
-    units."""
+    """Plain values for scripts: every point, every change, and runs with no figures."""
     plain: dict[str, Any] = for_json(
         {
             "robot": history.robot,
             "origin": origin(history),
             "sentences": sentences(history),
             "remarks": remarks(history),
-            "movements": [_movement_object(check) for check in history.collected.checks],
+            "movements": [
+                {"run": marked.run, "started": marked.when.isoformat()}
+                | {key: getattr(marked.check, key) for key in ("reference", "axis", "probability", "answer")}
+                | {key: getattr(marked.check, key) or None for key in ("what", "name")}
+                for marked in history.collected.checks
+            ],
             "series": [_series_object(series) for series in history.series],
             "without_figures": {record.name: record.problem for record in history.collected.broken},
             "notes": list(history.collected.notes),
@@ -128,22 +131,7 @@ def as_object(history: History) -> dict[str, Any]:
     return plain
 
 
-def _movement_object(marked: MarkedCheck) -> dict[str, Any]:
-    check = marked.check
-    return {
-        "run": marked.run,
-        "started": marked.when.isoformat(),
-        "reference": list(check.reference),
-        "what": check.what or None,
-        "axis": check.axis,
-        "name": check.name or None,
-        "probability": check.probability,
-        "answer": check.answer,
-    }
-
-
 def _series_object(series: Series) -> dict[str, Any]:
-    """Return the points of a series, the changes, and the standing; None if it has no limit."""
     changes = [
         {
             "after_run": series.runs[change.first].name,
@@ -178,7 +166,6 @@ def _points(series: Series) -> list[dict[str, Any]]:
 
 
 def as_table(all_series: Sequence[Series]) -> pa.Table:
-    """Return a row per run and figure: title, figure, run, started, value, u, alone."""
     columns = ("title", "figure", "run", "started", "value", "u", "alone")
     rows = [
         {"title": series.title, "figure": series.figure} | point for series in all_series for point in _points(series)

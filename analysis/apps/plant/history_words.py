@@ -17,7 +17,7 @@ _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept",
 
 
 def sentences(history: History) -> list[str]:
-    """Return a sentence per movement, exceeded limit and change, with dates, or a statement that there are none."""
+    """A sentence per movement, exceeded limit and change, with dates, or a statement that there are none."""
     moved = [movement_line(check) for check in history.collected.checks if check.has_moved]
     limited = [line for series in history.series for line in _limit_sentences(series)]
     # Simultaneous changes of a figure in several tests in the same direction, the most certain first
@@ -47,19 +47,18 @@ def sentences(history: History) -> list[str]:
 
 
 def movement_line(marked: MarkedCheck) -> str:
-    """Return the answer of a movement check with its day and runs."""
     against = enumerated([plain(name) for name in marked.check.reference[:_MOST_NAMED]])
     return f"{_day(marked.when)}, run {plain(marked.run)} compared with {against}: {plain(marked.check.answer)}"
 
 
 def origin(history: History) -> str:
-    """Return a statement on simulated runs, empty if there are none."""
+    """Statement on simulated runs; empty if there are none."""
     runs = _runs_of(history)
     return simulated_runs(sum(run.simulated for run in runs), len(runs))
 
 
 def too_few(history: History) -> str:
-    """Return the reason for missing sentences, for example a single run and its day."""
+    """Why there are no sentences, for example a single run and its day."""
     runs = _runs_of(history)
     if not runs:
         return "The runs contain none of the monitored quantities."
@@ -68,12 +67,11 @@ def too_few(history: History) -> str:
 
 
 def _runs_of(history: History) -> list[RunRecord]:
-    """Return every run of all series once, in order of time."""
     return in_time({run.name: run for series in history.series for run in series.runs}.values())
 
 
 def remarks(history: History) -> list[str]:
-    """Return remarks: amount of data, omissions, and short series."""
+    """Amount of data, omissions, and short series."""
     runs = _runs_of(history)
     short = sum(map(is_short, history.series))
     alarms = f"; for an unchanged robot, {FALSE_ALARMS:.0%} of histories report a change"
@@ -99,13 +97,12 @@ def remarks(history: History) -> list[str]:
 
 
 def doubts(history: History) -> list[str]:
-    """Return notes about the history file, and runs with no figures."""
     broken = [(record.name, record.problem) for record in history.collected.broken]
     return [*history.collected.notes, *without_figures(broken)]
 
 
 def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the runs omitted for missing figures, by name, with the reason; empty if there are none."""
+    """Runs omitted for missing figures, with the reason."""
     if not runs:
         return []
     lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} ignored:"]
@@ -116,12 +113,11 @@ def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
 
 
 def is_short(series: Series) -> bool:
-    """Return whether a series has too few runs to show a change."""
     return len(series.runs) < 2 * FEWEST
 
 
 def against_limit(series: Series) -> str:
-    """Return the standing of a series, such as `beyond 0.1 since 2026-05-03`; empty if it has no limit."""
+    """Standing of a series, such as `beyond 0.1 since 2026-05-03`; empty if it has no limit."""
     judged = judge(series)
     if judged is None:
         return ""
@@ -132,7 +128,7 @@ def against_limit(series: Series) -> str:
 
 
 def _limit_sentences(series: Series) -> list[str]:
-    """Return sentences on a limit: the date since which a series exceeds or may exceed it, or a temporary excess."""
+    """Since when a series exceeds or may exceed its limit, or a temporary excess."""
     judged = judge(series)
     if judged is None or (judged.standing == "pass" and not judged.beyond):
         return []
@@ -154,7 +150,7 @@ def _limit_sentences(series: Series) -> list[str]:
 
 
 def dates(series: Series, change: Change) -> str:
-    """Return the dates of a change, such as `between 3 and 17 May 2026`, or clock times within a day."""
+    """Dates of a change, such as `between 3 and 17 May 2026`, or clock times within a day."""
     first, last = series.runs[change.first].when, series.runs[change.last].when
     if first.date() == last.date():
         return f"on {_day(first)} between {first:%H:%M} and {last:%H:%M}"
@@ -164,7 +160,7 @@ def dates(series: Series, change: Change) -> str:
 
 
 def _span(runs: Sequence[RunRecord]) -> str:
-    """Return the range of days of runs in order of time, such as `from 1 May 2026 to 6 May 2026`."""
+    """Range of days, such as `from 1 May 2026 to 6 May 2026`."""
     first, last = _day(runs[0].when), _day(runs[-1].when)
     return f"on {first}" if first == last else f"from {first} to {last}"
 
@@ -187,9 +183,7 @@ def _alike(pair: tuple[Series, Change], other_pair: tuple[Series, Change]) -> bo
 
 
 def simulated_runs(simulated: int, runs: int) -> str:
-    """Return a sentence if some of the runs are simulated; empty if all measured a robot. simulated: number of such
-    runs.
-    """
+    """Sentence on the number of simulated runs; empty if all measured a robot."""
     if not simulated:
         return ""
     if simulated == runs:

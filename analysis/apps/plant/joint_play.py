@@ -6,11 +6,10 @@ A wide backlash is crossed over many degrees, so the shape depends on the size: 
 and the sizes follow from nonlinear least squares in between. If gravity keeps the gears on the same flank, there is no
 jump and the figure is near zero. Source: Y. T. Oh, Applied Sciences 9 (2019), 3.2.
 
-A gear wave near a reversal can resemble backlash. A gear error depends on the joint angle, and a reversing joint passes
-the same wave twice, which gives a bend instead of a jump. In a fit of backlash only, a gear error of axis 4 with order
-8 appeared as a backlash of axis 5 of -0.30° ± 0.03°. Waves of all axes and usual orders are therefore fitted too, each
-with a size determined by the lap (automatic relevance, MacKay 1992). Waves not visible in the lap have no effect, and
-waves indistinguishable from backlash increase the uncertainty.
+A gear wave near a reversal can resemble backlash, but a reversing joint passes the same wave twice, which gives a bend
+instead of a jump. Waves of all axes and usual orders are therefore fitted too, each with a size determined by the lap
+(automatic relevance, MacKay 1992). Waves not visible in the lap have no effect, and waves indistinguishable from
+backlash increase the uncertainty.
 """
 
 from __future__ import annotations
@@ -40,8 +39,7 @@ if TYPE_CHECKING:
 
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
-"""Cycles per turn of a joint: eccentricity, wave generators and their stages. Faster waves are rarely as large, and
-shorter than the neighbourhood of a jump."""
+"""Cycles per turn of a joint: eccentricity, wave generators and their stages. Faster waves are rarely as large."""
 _SIZE_DEG = 0.005
 """Initial size of a wave: usual gears have some thousandths of a degree."""
 _LEAST_DEG = 1e-6
@@ -50,10 +48,9 @@ _ROUNDS = 40
 
 @dataclass(frozen=True)
 class Fitted:
-    """The result of a fit.
+    """Backlash (p,) with u (p,), and minus twice the log evidence.
 
-    sizes_deg (p,): sizes of the backlash. solve (p, m): linear part of the solution by the readings (m,). u_deg (p,):
-    uncertainties. misfit: minus twice the log evidence.
+    solve (p, m): its linear dependence on the readings (m,).
     """
 
     sizes_deg: Array
@@ -63,9 +60,9 @@ class Fitted:
 
 
 def waves_of(slopes: Array, q: Array) -> Array:
-    """Return the response (m, 2 pairs) in mm of a lap to waves of one degree, alternating sine and cosine.
+    """Response (m, 2 pairs) in mm of a lap to waves of one degree, alternating sine and cosine.
 
-    slopes (m, 6): in mm per degree of joint error. q (m, 6): joint angles in rad at the readings.
+    slopes (m, 6): in mm per degree of joint error. q (m, 6): joint angles in rad.
     """
     turns = q[:, :, None] * np.array(ORDERS)
     both = np.stack([np.sin(turns), np.cos(turns)], axis=3) * slopes[:, :, None, None]
@@ -115,22 +112,23 @@ def fitted(
 
 
 _SMOOTH = 12
-"""Number of smooth orders: offsets, links and set-up have orders up to 3, eccentric gears some more."""
+"""Smooth orders: offsets, links and set-up have orders up to 3, eccentric gears some more."""
 _WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.25), [0.32]])
-"""Widths with computed responses, interpolated smoothly in between. The factor is 1.19: with 1.41 the curve of
-0.024° was wrong by half the noise of a reading, and the backlash of a different joint absorbed the difference."""
+"""Widths with computed responses, a factor of 1.19 apart.
+
+With 1.41 the curve of 0.024° was wrong by half the noise of a reading, and another joint absorbed it.
+"""
 _BOTH_WAYS_DEG = np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG])
 _ROWS = 3000
-"""Number of rows of a modelled lap: four per node."""
+"""Rows of a modelled lap: four per node."""
 _INDEPENDENT = 72
-"""Number of independent sections of a lap: a jump is judged by a neighbourhood of about 5°."""
+"""Independent sections of a lap: a jump is judged by a neighbourhood of about 5°."""
 _OUT_DEG = 0.01
-"""Angle error for derivatives, small enough for a proportional response."""
+"""Angle error for derivatives."""
 _BELOW_ZERO = 3.0
-"""Limit of negative values in multiples of u. Backlash is never negative, so noise below zero is set to zero; beyond
-this limit the cause is a different one."""
+"""Limit of negative values in multiples of u. Backlash is never negative; beyond it the cause is a different one."""
 _WORST_U_DEG = 0.05
-"""Maximum uncertainty of a result. Beyond it the jumps are too small, or too close to those of a different joint."""
+"""Beyond it the jumps are too small, or too close to those of a different joint."""
 
 
 @dataclass(frozen=True)
@@ -153,18 +151,18 @@ class _Jumps:
         return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, curve) for curve in curves))
 
     def of(self, sizes_deg: Array) -> Array:
-        """Return the curve (2 NODES,) mm of backlash (axes,) in degrees."""
+        """Curve (2 NODES,) mm of backlash (axes,) in degrees."""
         curves = [spline(size) for spline, size in zip(self.by_width, sizes_deg, strict=True)]
         together: Array = np.sum(curves, axis=0)
         return together
 
     def slopes(self, sizes_deg: Array) -> Array:
-        """Return the derivatives (2 NODES, axes) in mm per degree."""
+        """Derivatives (2 NODES, axes) in mm per degree."""
         return np.stack([spline(size, 1) for spline, size in zip(self.by_width, sizes_deg, strict=True)], axis=1)
 
 
 def joint_plays(result: Result) -> dict[str, Quantity]:
-    """Return `play_j1_deg` … of the reversing joints in a yaw or roll run; empty for other tests.
+    """`play_j1_deg` … of the reversing joints in a yaw or roll run; empty for other tests.
 
     u includes the noise within the run and the unexplained part of the fit.
     """
@@ -207,8 +205,7 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
 
 
 def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
-    """Return initial sizes (axes,) in degrees for a lap (2 NODES,) mm: zero, and the widths that explain most of it in
-    turn.
+    """Initial sizes (axes,) for a lap (2 NODES,) mm: zero, and the widths that explain most of it in turn.
 
     Joints that reverse together have similar responses, hence the second start.
     """
@@ -226,7 +223,7 @@ def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Lap:
-    """The first lap as modelled. q (NODES, 6): angles of the drives in rad at the nodes."""
+    """The first lap as modelled. q (NODES, 6): angles of the drives in rad."""
 
     rig: Rig
     way: CircleTable
@@ -251,23 +248,23 @@ class _Lap:
         return replace(bare, without=bare.nodes(()))
 
     def nodes(self, effects: tuple[Effect, ...]) -> Array:
-        """Return angle and distance (2 NODES,) mm of a robot with effects."""
+        """Angle and distance (2 NODES,) mm of a robot with effects."""
         model = model_of(self.rig, effects)
         g_mm = predict(model, self.way, path_of(model, self.way), nominal_setup(self.rig, self.way))[self.inside]
         yaw = link_angle(g_mm[:, 0], g_mm[:, 1], 2 * self.half_mm) * self.half_mm
         return np.concatenate([np.interp(PHI, self.phi, y, period=2 * np.pi) for y in (yaw, g_mm.mean(axis=1))])
 
     def play(self, axis: int, width_deg: float) -> Array:
-        """Return the response (2 NODES,) mm of angle and distance to backlash of an axis, in degrees."""
+        """Response (2 NODES,) mm to backlash of an axis."""
         return self.nodes((play_of_joint(axis, width_deg),)) - self.without
 
     def offset(self, axis: int) -> Array:
-        """Return the response of angle and distance to an angle error of an axis, (2 NODES,) mm per degree."""
+        """Response (2 NODES,) mm per degree to an angle error of an axis."""
         return (self.nodes((turned(axis, _OUT_DEG),)) - self.without) / _OUT_DEG
 
 
 def _smooth() -> Array:
-    """Return low orders (2 NODES, orders), of length 1, separately for angle and distance."""
+    """Low orders (2 NODES, orders), of length 1, separately for angle and distance."""
     orders = np.arange(1, _SMOOTH + 1) * PHI[:, None]
     block = np.concatenate([np.ones((len(PHI), 1)), np.cos(orders), np.sin(orders)], axis=1)
     none = np.zeros_like(block)

@@ -21,8 +21,7 @@ from analysis.procedures.facts import labels_of
 from analysis.procedures.results import result_of
 from analysis.procedures.shared.quantity import Quantity
 from analysis.runs.loading import load_measured
-from analysis.runs.robot_condition import Condition
-from daq.store import Manifest, RunInfo
+from daq.store import Manifest
 from daq.store.chunk import storable
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
@@ -30,57 +29,45 @@ from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.schema.vocabulary import DrivenTest
 
-
-def joint_warmth(condition: Condition) -> dict[str, Quantity]:
-    """Return the temperatures of joints as figures: the mean `temperature_j1_c` … and the rise `warming_j1_c` … in the
-    run.
-
-    u is the variation of the readings; makers do not state the accuracy of the sensors.
-    """
-    shown = condition.warmth or {}
-    means = {f"temperature_j{axis}_c": Quantity(joint.mean_c, joint.u_mean_c, "c") for axis, joint in shown.items()}
-    rises = {f"warming_j{axis}_c": Quantity(joint.rise_c, joint.u_rise_c, "c") for axis, joint in shown.items()}
-    return means | rises
-
-
 _MOST_BYTES = 1_000_000_000
 """Maximum size of a ledger, as in the store."""
 _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
-"""Keys that differ between cells and runs of the same program, and only affect the uncertainty of a figure."""
+"""Keys that differ between cells and runs of the same program."""
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run in the history: directory name, fingerprint, start (ISO 8601), test, and figures.
-
-    problem: reason for missing figures, in a line. program: short digest of circle or hemisphere in the rig file.
-    readings: digest of the measurements, empty if unreadable. simulated: whether no real robot was measured. corrected:
-    correction during the run, according to the manifest.
-    """
+    """A run in the history."""
 
     name: str
     fingerprint: str
     rig: str
     started: str
+    """ISO 8601."""
     test: str
     direction: str
     placement: str
     program: str = ""
+    """Short digest of circle or hemisphere in the rig file."""
     problem: str = ""
+    """Reason for missing figures, in a line."""
     figures: dict[str, Quantity] = field(default_factory=dict)
     readings: str = ""
+    """Digest of the measurements, empty if unreadable."""
     simulated: bool = False
+    """True if no real robot was measured."""
     corrected: str = ""
+    """Correction during the run, according to the manifest."""
 
     @property
     def as_json(self) -> str:
-        """The record as a line of JSON for `of_json`, with lone surrogates escaped."""
+        """Line of JSON for `of_json`, with lone surrogates escaped."""
         figures = {name: astuple(quantity) for name, quantity in self.figures.items()}
         return json.dumps(vars(self) | {"figures": figures, "problem": storable(self.problem)})
 
     @classmethod
     def of_json(cls, line: str) -> RunRecord:
-        """Parse a line of JSON. Raises TypeError or ValueError if it is invalid."""
+        """Raises TypeError or ValueError for an invalid line."""
         fields = json.loads(line)
         try:
             return cls(**fields | {"figures": {name: Quantity(*figure) for name, figure in fields["figures"].items()}})
@@ -94,7 +81,7 @@ class RunRecord:
 
     @property
     def when(self) -> datetime:
-        """Start of the run in the time zone of this computer, used for counting days. Raises ValueError."""
+        """Start of the run in the time zone of this computer, used for counting days."""
         when = datetime.fromisoformat(self.started)
         when = when if when.tzinfo else when.replace(tzinfo=UTC)
         try:
@@ -104,11 +91,7 @@ class RunRecord:
 
 
 def fingerprint_of(run: Path) -> str:
-    """Return the SHA-256 of the manifest, ledger and file sizes of a run; the ledger contains the SHA-256 of every
-    chunk.
-
-    Raises OSError or FileError.
-    """
+    """Digest of manifest, ledger and file sizes; the ledger contains the digest of every chunk."""
     digest = hashlib.sha256()
     for name in (MANIFEST, LEDGER):
         path = run / name
@@ -119,7 +102,7 @@ def fingerprint_of(run: Path) -> str:
 
 
 def record_of(path: Path, manifest: Manifest, fingerprint: str) -> RunRecord:
-    """Evaluate a run, independent of other runs. Never raises for a bad run."""
+    """Evaluate a run. Never raises for a bad run."""
     program, problem, readings, simulated = "", "", "", False
     figures: dict[str, Quantity] = {}
     try:
@@ -134,40 +117,30 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> RunRecord:
             driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
             program = hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
             result = result_of(measured)
-            figures = result.figures | joint_plays(result) | joint_warmth(measured.condition)
+            figures = result.figures | joint_plays(result)
+            for axis, joint in (measured.condition.warmth or {}).items():
+                # u is the variation of the readings; makers do not state the accuracy of the sensors.
+                figures[f"temperature_j{axis}_c"] = Quantity(joint.mean_c, joint.u_mean_c, "c")
+                figures[f"warming_j{axis}_c"] = Quantity(joint.rise_c, joint.u_rise_c, "c")
     except FileError as error:
         problem = error.what
     except (ArithmeticError, ValueError, RuntimeWarning, np.linalg.LinAlgError) as error:
         problem = f"the computation failed: {error}"
-    plain = _plain_record(path, manifest, fingerprint, program, problem, figures)
-    return replace(plain, readings=readings, simulated=simulated)
+    return replace(
+        record_without_figures(path.name, manifest, problem), fingerprint=fingerprint, program=program,
+        figures=figures, readings=readings, simulated=simulated,
+    )  # fmt: skip
 
 
-def record_without_figures(run: RunInfo, problem: str) -> RunRecord:
-    """Return the record of a run that cannot be evaluated in its present state."""
-    if run.manifest is None:
-        return RunRecord(run.path.name, "", "", "", "", "", "", problem=problem)
-    return _plain_record(run.path, run.manifest, "", "", problem, {})
-
-
-def _plain_record(
-    path: Path, manifest: Manifest, fingerprint: str, program: str, problem: str, figures: dict[str, Quantity]
-) -> RunRecord:
+def record_without_figures(name: str, manifest: Manifest | None, problem: str) -> RunRecord:
+    """Record of a run that is not evaluated."""
+    if manifest is None:
+        return RunRecord(name, "", "", "", "", "", "", problem=problem)
     return RunRecord(
-        path.name,
-        fingerprint,
-        manifest.rig_name,
-        manifest.started,
-        manifest.test,
-        manifest.direction or "",
-        manifest.placement,
-        program,
-        problem,
-        figures,
-        corrected=manifest.corrected,
-    )
+        name, "", manifest.rig_name, manifest.started, manifest.test, manifest.direction or "", manifest.placement,
+        problem=problem, corrected=manifest.corrected,
+    )  # fmt: skip
 
 
 def in_time(records: Iterable[RunRecord]) -> list[RunRecord]:
-    """Sort records by the start of the runs."""
     return sorted(records, key=lambda record: (record.when.timestamp(), record.name))

@@ -16,45 +16,46 @@ from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.limits import Standing
 
 Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
-"""Reasons for attention, most urgent first: a figure exceeds its limit, or may exceed it; all runs lack figures; a
-figure grew beyond its scatter; all figures are within their limits; limits are not defined."""
+"""Reasons for attention, most urgent first."""
 ORDER: tuple[Attention, ...] = ("beyond", "watch", "unreadable", "changed", "within", "unlimited")
 
 
 @dataclass(frozen=True)
 class FleetRobot:
-    """A robot in the list of `rig fleet`.
-
-    folder: directory of the runs relative to the plant's directory. tests: such as `yaw acw`. runs: number of runs with
-    figures. last: start of the newest run, ISO 8601. standing: worst standing, empty if there are no limits. worst:
-    figure closest to or furthest beyond its limit, as text. worst_ratio: value of this figure divided by the bound.
-    trend: change with its date, as text. changed: day of the change. grew: whether it is a growth. without_figures:
-    runs by name with the reason. wild: number of excluded outliers. copies: copied runs. simulated: simulated runs.
-    corrected: runs with corrected programs or entered values, which do not show the arm and are not judged. problem:
-    reason for a missing judgement.
-    """
+    """A robot in the list of `rig fleet`."""
 
     folder: str
+    """Directory of the runs relative to the plant's directory."""
     robot: str
     tests: tuple[str, ...] = ()
     runs: int = 0
+    """Number of runs with figures."""
     last: str = ""
+    """Start of the newest run, ISO 8601."""
     standing: Standing | Literal[""] = ""
+    """Worst standing, empty if there are no limits."""
     worst: str = ""
+    """Figure closest to or furthest beyond its limit, as text."""
     worst_ratio: float = 0.0
+    """Value of this figure divided by the bound."""
     trend: str = ""
+    """Change with its date, as text."""
     changed: str = ""
+    """Day of the change."""
     grew: bool = False
     without_figures: tuple[tuple[str, str], ...] = ()
+    """Runs by name with the reason."""
     wild: int = 0
+    """Number of excluded outliers."""
     copies: int = 0
     simulated: int = 0
     corrected: int = 0
+    """Number of runs with corrected programs or entered values, which do not show the arm and are not judged."""
     problem: str = ""
+    """Reason for a missing judgement."""
 
     @property
     def attention(self) -> Attention:
-        """Reason for attention; the last two are not urgent."""
         if self.standing == "fail":
             return "beyond"
         if self.standing == "watch":
@@ -67,7 +68,6 @@ class FleetRobot:
 
     @property
     def doubts(self) -> list[str]:
-        """Doubts as text."""
         counts = (
             (len(self.without_figures), "without figures"),
             (self.wild, "excluded as outliers"),
@@ -78,7 +78,6 @@ class FleetRobot:
 
 
 def state_of(folder: str, collected: Collected) -> FleetRobot:
-    """Return the state of a robot from its runs."""
     broken = tuple((record.name, record.problem) for record in collected.broken)
     if not collected.runs:
         return FleetRobot(folder, collected.robot, without_figures=broken)
@@ -107,7 +106,7 @@ def state_of(folder: str, collected: Collected) -> FleetRobot:
 
 
 def as_json(state: FleetRobot) -> str:
-    """Return a state as text for `state_from_json`, which, unlike pydantic, accepts invalid Unicode."""
+    """State as text; unlike pydantic it accepts invalid Unicode."""
     return json.dumps(asdict(state))
 
 
@@ -126,8 +125,7 @@ def in_order(states: Sequence[FleetRobot]) -> list[FleetRobot]:
 
 
 def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, float]:
-    """Return the worst standing, the figure as text, and the ratio to the bound; the largest ratio for equal
-    standings."""
+    """Worst standing, the figure as text, and the ratio to the bound; the largest ratio decides among equals."""
     judgements = []
     for series in all_series:
         judged = judge(series)
@@ -142,10 +140,10 @@ def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, f
 
 
 def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
-    """Return the day of the newest change of a robot, a text on it, and whether it is a growth.
+    """Day of the newest change, a text on it, and whether it is a growth.
 
-    The last change of each series counts, because it describes the present state: a repaired figure shrank. Growth has
-    precedence, then certainty for changes on the same day.
+    The last change of each series counts, because it describes the present state. Growth has precedence, then certainty
+    for changes on the same day.
     """
     last = [(series, series.trend.changes[-1]) for series in all_series if series.trend.changes]
     grown = [pair for pair in last if abs(pair[1].after) > abs(pair[1].before)]

@@ -1,9 +1,8 @@
 """Figures of runs in an SQLite file, so that a run is evaluated only once.
 
 `rig history` keeps the file next to the runs. `rig fleet`, and both for a remote directory, keep it in the user's
-cache: the directory of a plant remains unchanged and may be read-only. It contains derived data only: a file that is
-damaged or of a different version is rebuilt from the runs. The locks and the journal of SQLite handle concurrent
-commands and crashes.
+cache: the directory of a plant may be read-only. It contains derived data only: a file that is damaged or of a
+different version is rebuilt from the runs. SQLite handles concurrent commands and crashes.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from rigs.files import read_from
 
 T = TypeVar("T")
 FILE = ".history.sqlite"
-"""Name next to the runs. A hidden file, because `runs/*` in a shell should match runs only."""
+"""Hidden, because `runs/*` in a shell should match runs only."""
 VERSION = 7
 """Version of the tables and figures."""
 _OURS = 0x52494748
@@ -87,24 +86,23 @@ class Damaged(FileError):
 
 
 def made_by() -> str:
-    """Version of rig and of its figures, which may differ between versions."""
+    """Version of rig and of its figures."""
     return f"{version()}, figures {VERSION}"
 
 
 def default_path(directory: Path) -> Path:
-    """Path of a catalogue in the user's cache, named by a digest of the directory of the runs."""
+    """Catalogue in the user's cache, named by a digest of the directory of the runs."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     name = hashlib.sha256(os.fsencode(directory.resolve())).hexdigest()[:16]
     return cache / "rig" / f"fleet-{name}.sqlite"
 
 
-@contextmanager
-def usable(path: Path, *, is_required: bool = False) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """Provide a file for figures and notes about it: a temporary copy if the file itself cannot be used.
+def work_with(path: Path, work: Callable[[Path, tuple[str, ...]], T], *, is_required: bool = False) -> T:
+    """Result of `work` with a file of figures and notes about it, once more with a new file if it proves damaged.
 
-    is_required: raise the error in this case.
+    If the file itself cannot be used, `work` gets a temporary copy. is_required: raise the error in this case.
     """
-    with ExitStack() as until_used:
+    with ExitStack() as until_done:
         try:
             why = prepare(path)
             notes = (f"{path} {why}: the file was rebuilt from the runs",) if why else ()
@@ -112,27 +110,22 @@ def usable(path: Path, *, is_required: bool = False) -> Iterator[tuple[Path, tup
         except RigError as error:
             if is_required:
                 raise
-            file = Path(until_used.enter_context(TemporaryDirectory())) / path.name
+            file = Path(until_done.enter_context(TemporaryDirectory())) / path.name
             if error.code != "figures.foreign":
                 with suppress(OSError):
                     shutil.copyfile(path, file)  # figures on a read-only disk save time
             prepare(file)
             notes = (f"{path} cannot be used ({error.what}): new runs are evaluated each time",)
-        yield file, notes
-
-
-def rebuilt_if_damaged(file: Path, notes: tuple[str, ...], work: Callable[[Path, tuple[str, ...]], T]) -> T:
-    """Work with a prepared file and notes about it. If it proves damaged, work once more with a new file."""
-    try:
-        return work(file, notes)
-    except Damaged:
-        _remove(file)
-        prepare(file)
-        return work(file, (*notes, f"{file} was damaged: the file was rebuilt from the runs"))
+        try:
+            return work(file, notes)
+        except Damaged:
+            _remove(file)
+            prepare(file)
+            return work(file, (*notes, f"{file} was damaged: the file was rebuilt from the runs"))
 
 
 def prepare(path: Path) -> str:
-    """Create the file if necessary. Return the reason for rebuilding a previous one, if any.
+    """Create the file if necessary. Returns the reason for rebuilding a previous one, if any.
 
     Raises CellError if it cannot be written, and FileError for a file that is not of rig.
     """
@@ -165,7 +158,7 @@ def prepare(path: Path) -> str:
 
 
 def _set_up(path: Path) -> str:
-    """Create the tables of an empty file. Return the reason if an existing file is of no use."""
+    """Create the tables of an empty file. Returns the reason if an existing file is of no use."""
     with _opened(path) as file:
         if file.execute("select count(*) from sqlite_master").fetchone()[0]:
             tables = file.execute("pragma user_version").fetchone()[0]
@@ -189,7 +182,7 @@ def _remove(path: Path) -> None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """Provide the database in a transaction."""
+    """The database in a transaction."""
     try:
         with closing(sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None)) as file:
             file.execute("begin immediate")
@@ -207,7 +200,7 @@ def _refused(path: Path, error: Exception) -> CellError:
 
 
 def entries(path: Path) -> dict[str, Entry]:
-    """All runs without their figures, by path. Raises CellError."""
+    """All runs without their figures, by path."""
     with _opened(path) as file:
         rows = file.execute("select run, folder, robot, signature, fingerprint, problem from runs order by run")
         found = [Entry(os.fsdecode(run), (os.fsdecode(folder), robot), *rest) for run, folder, robot, *rest in rows]
@@ -215,7 +208,7 @@ def entries(path: Path) -> dict[str, Entry]:
 
 
 def save(path: Path, runs: Iterable[tuple[str, str, RunRecord, str]]) -> None:
-    """Store runs, each with its path, signature, record and rig file. Raises CellError."""
+    """Store runs, each with its path, signature, record and rig file."""
     with _opened(path) as file:
         for run, signature, record, rig_text in runs:
             sha256 = hashlib.sha256(rig_text.encode("utf-8", "surrogatepass")).hexdigest()
@@ -226,13 +219,12 @@ def save(path: Path, runs: Iterable[tuple[str, str, RunRecord, str]]) -> None:
 
 
 def forget(path: Path, runs: Iterable[str]) -> None:
-    """Remove deleted runs. Raises CellError."""
     with _opened(path) as file:
         file.executemany("delete from runs where run = ?", [(os.fsencode(run),) for run in runs])
 
 
 def records_of(path: Path, key: Key) -> tuple[list[RunRecord], dict[str, str]]:
-    """Records of a robot's runs, and the rig files by run name. Raises CellError, and Damaged."""
+    """Records of a robot's runs, and the rig files by run name."""
     folder, robot = key
     with _opened(path) as file:
         rows = file.execute(
@@ -261,14 +253,14 @@ def read_records(path: Path) -> dict[str, RunRecord]:
 
 
 def states(path: Path) -> dict[Key, tuple[str, str]]:
-    """The stored digest and state of each robot. Raises CellError."""
+    """Stored digest and state of each robot."""
     with _opened(path) as file:
         rows = file.execute("select folder, robot, digest, state from states").fetchall()
     return {(os.fsdecode(folder), robot): (digest, state) for folder, robot, digest, state in rows}
 
 
 def save_states(path: Path, judged: Sequence[tuple[Key, str, str]], gone: Iterable[Key] = ()) -> None:
-    """Store states of robots with digests, and remove deleted robots. Raises CellError."""
+    """Store states of robots with digests, and remove deleted robots."""
     with _opened(path) as file:
         rows = [(os.fsencode(folder), robot) for folder, robot in gone]
         file.executemany("delete from states where folder = ? and robot = ?", rows)

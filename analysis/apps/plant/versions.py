@@ -1,27 +1,30 @@
 """Versions of a robot's calibration: rig files with a calibration, as written by diagnoses.
 
-A version consists of a rig file and a calibration. The effects in the file were found together with the calibration,
-and neither is valid without the other. No file is deleted: the replaced version is kept under a name with the date.
+The effects in a rig file were found together with its calibration, and neither is valid without the other. No file is
+deleted: the replaced version is kept under a name with the date.
 """
 
 from __future__ import annotations
 
 import datetime as dt
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from analysis.apps.report.blocks import Block, Sentence, Table
 from analysis.runs.written_files import holding, write_all_new, write_all_over
 from rigs.calibration import CalibratedModel, CalibrationFile, verdict_of
 from rigs.edit import extended
 from rigs.errors import FileError, RigError
 from rigs.load import load
 from rigs.rig import Rig
+from rigs.text import plain
 
 _MOST = 10_000
-"""Maximum number of YAML files below a folder; more indicate the wrong folder."""
+"""More YAML files below a folder indicate the wrong folder."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,6 @@ class Version:
     in_use: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the calibration in plain types."""
         model = self.calibrated
         return {
             "path": str(self.path),
@@ -51,11 +53,7 @@ class Version:
 
 
 def versions(rig_file: Path, folder: Path) -> list[Version]:
-    """Return the calibrations below a folder for the arm of a rig file, newest first.
-
-    Other files, other robots and rig files without a calibration are skipped. Raises FileError if the rig file cannot
-    be read, or if the folder contains too many files.
-    """
+    """Calibrations below a folder for the arm of a rig file, newest first. Other files are skipped."""
     rig, _ = load(rig_file)
     files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
     if len(files) > _MOST:
@@ -74,28 +72,44 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
     return sorted(versions, key=lambda version: (version.calibrated.date, str(version.path)), reverse=True)
 
 
+def answer_of(versions: Sequence[Version]) -> list[Block]:
+    """A row for each calibration, newest first."""
+    if not versions:
+        return [
+            Sentence("This directory has no calibration of this robot. To write one: rig diagnose RUN… -o DIRECTORY")
+        ]
+    rows = []
+    for version in versions:
+        model = version.calibrated
+        left_out = "" if model.held_out_um is None else f"{model.held_out_um:.1f}"
+        figures = (f"{len(model.runs)}", f"{model.before_um:.1f}", f"{model.calibrated_um:.1f}", left_out)
+        verdict = "yes" if verdict_of(model) == "correct" else "no"
+        rows.append(("in use" * version.in_use, f"{model.date}", plain(str(version.path)), *figures, verdict))
+    columns = ("", "date", "rig file", "runs", "before µm", "calibrated µm", "left out µm", "to correct by")
+    return [Table(columns, tuple(rows), frozenset(range(3, len(columns))))]
+
+
 def _identity(rig: Rig) -> tuple[str, str]:
-    """Return name and serial number, which identify a robot."""
+    """Name and serial number, which identify a robot."""
     return rig.robot.name, rig.robot.serial
 
 
 @dataclass(frozen=True)
 class RolledBack:
-    """Result of a restored version. kept: the previous rig file. calibration: the calibration file now in use.
-    differing: keys of the rig file, other than effects and calibration, with changed contents.
-    """
+    """Result of a restored version."""
 
     kept: Path
+    """The previous rig file."""
     calibration: Path
+    """The calibration file now in use."""
     differing: tuple[str, ...]
+    """Keys of the rig file, other than effects and calibration, with changed contents."""
 
 
 def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
-    """Replace a rig file by a version and keep the previous file under a name with the time.
+    """Replace a rig file by a version, atomically, and keep the previous file under a name with the time.
 
-    now: the time in that name. Raises FileError if either file cannot be read, or if the version has no calibration,
-    belongs to a different robot or is the file itself; CellError if the disk cannot be written. The replacement is
-    atomic.
+    Refuses a version without a calibration, of a different robot, or the file itself.
     """
     rig, text = load(rig_file)
     former, former_text = load(version)

@@ -57,14 +57,13 @@ NAMES: dict[Language, str] = {"en": "English", "de": "Deutsch", "ko": "한국어
 
 @cache
 def words_of(language: Language) -> dict[str, str]:
-    """Return the texts of a language by key."""
     file = resources.files("analysis") / "templates" / "window" / f"texts.{language}.yaml"
     words: dict[str, str] = yaml.safe_load(file.read_text(encoding="utf-8"))
     return words
 
 
 def language_of(chosen: str, accepted: str) -> Language:
-    """Return the chosen language, or the first supported one accepted by the browser (RFC 9110, 12.5.4), or English."""
+    """The chosen language, or the first supported one accepted by the browser (RFC 9110, 12.5.4), or English."""
     for tag in (chosen, *(part.partition(";")[0].strip() for part in accepted[:200].split(","))):
         for language in LANGUAGES:
             if tag.lower().partition("-")[0] == language:
@@ -88,9 +87,9 @@ _MOST_ROBOTS = 3
 """Maximum number of robots evaluated for a list of runs."""
 _PAGE = "page.html"
 _SCRAPE_S, _POLL_S = 8.0, 0.2
-"""Time that a metrics request waits for evaluations, and the polling interval. Prometheus has a limit of 10 s."""
+"""Time that a metrics request waits for evaluations; Prometheus has a limit of 10 s. And polling interval."""
 _SCRIPTED = "sandbox allow-scripts allow-downloads; frame-ancestors 'none'"
-"""Policy for pages of `rig report`: the scripts of the page are allowed by hash, isolated from the window."""
+"""Policy for pages of `rig report`: their scripts are allowed by hash, isolated from the window."""
 _PLAIN = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
@@ -100,8 +99,6 @@ _PLAIN = (
 
 @dataclass(frozen=True)
 class Window:
-    """Data sources of a window."""
-
     watcher: Watcher
     shelf: Shelf
     """The runs."""
@@ -113,7 +110,6 @@ class Window:
 
 
 def app_of(window: Window) -> Starlette:
-    """Make the web application with its access control."""
     pages = _Pages(window)
     routes = [
         Route("/", pages.live),
@@ -139,8 +135,12 @@ def app_of(window: Window) -> Starlette:
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        def log_failure(watching: asyncio.Task[None]) -> None:
+            if not watching.cancelled() and (error := watching.exception()) is not None:
+                log.error("the cell is no longer monitored", exc_info=error)  # the pages report missing updates
+
         watching = asyncio.create_task(window.watcher.run())
-        watching.add_done_callback(_log_failure)
+        watching.add_done_callback(log_failure)
         try:
             yield
         finally:
@@ -342,32 +342,27 @@ class _Pages:
         language = self._language(request)
         window, texts = self._window, words_of(language)
         html = self._templates.get_template(f"window/{template}").render(
-            t=texts,
-            lang=language,
-            languages=NAMES,
+            t=texts, lang=language, languages=NAMES, label=partial(_label, language), asset=self._asset,
             here=request.url.path + (f"?{request.url.query}" if request.url.query else ""),
-            label=partial(_label, language),
-            control=window.controls is not None,
-            secret=window.gate.secret if window.controls is not None else "",
-            asset=self._asset,
+            control=window.controls is not None, secret=window.gate.secret if window.controls is not None else "",
             let_in=window.gate.is_open_to(request),
             script_texts={key.removeprefix("js_"): text for key, text in texts.items() if key.startswith("js_")},
             **values,
-        )
+        )  # fmt: skip
         return HTMLResponse(html, status, {"content-language": language})
 
     def _language(self, request: Request) -> Language:
         return language_of(request.cookies.get(LANGUAGE, ""), request.headers.get("accept-language", ""))
 
     def _chosen(self, request: Request) -> list[ShelfRun]:
-        """Return the runs named by an address. Raises FileError, HTTPException."""
+        """Runs named by an address."""
         names = list(dict.fromkeys(request.query_params.getlist("run")))
         if not names or len(names) > _MOST_RUNS:
             raise HTTPException(400, "choose_runs")
         return [self._window.shelf.run(name) for name in names]
 
     def _evaluates(self, shown: Sequence[ShelfRun]) -> bool:
-        """Start the evaluation of runs not yet evaluated, as in `rig history`. Return whether it is in progress."""
+        """Start the evaluation of runs not yet evaluated, as in `rig history`. True while it is in progress."""
         new = {str(run.about["rig"]) for run in shown if run.record is None and _is_whole(run)}
         try:
             made = [self._history(robot) for robot in sorted(new)[:_MOST_ROBOTS]]
@@ -382,7 +377,7 @@ class _Pages:
         return self._window.made.get(words, runs)
 
     def _pictures(self, shown: Sequence[ShelfRun]) -> tuple[list[str] | None, str]:
-        """Return the addresses of the pictures, None while they are drawn, and the reason for missing pictures."""
+        """Addresses of the pictures, None while they are drawn, and the reason for missing ones."""
         words = ("analyse", *_paths(shown), "--json", "--plot", "{out}")
         try:
             made = self._window.made.get(words, [run.path for run in shown])
@@ -404,20 +399,13 @@ class _Pages:
 
 
 def _label(language: Language, name: str) -> str:
-    """Return the name of a figure in a language. Figures of single axes are in English."""
+    """Name of a figure. Figures of single axes are in English."""
     label = report_texts(language).label(name)
     return label_of(name) if label == name else label
 
 
 def _written(value: Quantity) -> str:
-    """Format a figure with its uncertainty, if any."""
     return str(value) if value.u > 0 else f"{value.rounded(value.value)} {value.sign}".rstrip()
-
-
-def _log_failure(watching: asyncio.Task[None]) -> None:
-    """Log the reason for the end of the watch task. The pages report the missing updates."""
-    if not watching.cancelled() and (error := watching.exception()) is not None:
-        log.error("the cell is no longer monitored", exc_info=error)
 
 
 async def _form(request: Request) -> dict[str, str]:

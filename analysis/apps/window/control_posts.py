@@ -19,22 +19,19 @@ _TAIL_BYTES = 4096
 
 
 class WindowControls:
-    """Starts and stops recordings, zeroes the view, continues the session, and takes touches of a movement check."""
+    """Recordings, zeros, the session, and touches of a movement check."""
 
     def __init__(
         self, watcher: Watcher, place: SessionDirectory | None, rig_file: str, runs: Path = Path("runs")
     ) -> None:
-        """Create the controls.
-
-        place, rig_file: of the session; None and empty if there is no session. runs: directory of the runs.
-        """
+        """place, rig_file: of the session; None and empty if there is no session."""
         self._watcher, self._place, self._rig_file = watcher, place, rig_file
         self.moved = WindowCheck(watcher, runs)
         self._session: Child | None = None
         self._lock = threading.Lock()
 
     def do(self, action: str, form: Mapping[str, str]) -> str | None:
-        """Execute the action of a form. Return a message; None for an unknown action. Raises RigError."""
+        """Execute the action of a form. Returns a message; None for an unknown action."""
         watcher = self._watcher
         match action:
             case "start":
@@ -59,7 +56,7 @@ class WindowControls:
         return ""
 
     def session_lines(self) -> list[str]:
-        """Return the last lines of the session started here."""
+        """Last lines of the session started here."""
         log = self._log
         if log is None or not log.is_file():
             return []
@@ -69,7 +66,7 @@ class WindowControls:
         return [plain(line) for line in lines[-30:]]
 
     def close(self) -> None:
-        """Stop the session started here. The state is stored, and the same command resumes the session."""
+        """Stop the session started here. Its state is stored, and the same command resumes it."""
         with self._lock:
             if self._session is not None:
                 self._session.stop()
@@ -79,7 +76,7 @@ class WindowControls:
         return self._place.directory / "window.log" if self._place else None
 
     def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
-        """Start or resume the session, as in `rig session`. maker: maker of the controller, for a new session."""
+        """Start or resume the session, as in `rig session`. maker: for a new session."""
         if self._place is None or self._log is None:
             raise CellError(
                 "rig window", "was started without a cell", "start rig window CELL --control", code="window.no_cell"

@@ -1,7 +1,7 @@
-"""Live data over the WebSocket protocol of Foxglove: joint angles with the URDF of the arm, gauge readings and angle.
+"""Live data over the WebSocket protocol of Foxglove: joint angles with the URDF of the arm, gauges and angle.
 
 The server listens only on this computer and accepts every client there: the data are not secret, and a client can
-change nothing. The library limits the queue of each client.
+change nothing.
 """
 
 from __future__ import annotations
@@ -35,13 +35,8 @@ _GAUGES = {
 
 
 class Foxglove:
-    """Server for the data of a view."""
-
     def __init__(self, port: int, rig: Rig | None) -> None:
-        """Listen on a port, 0 for a free one. rig: rig with the displayed arm.
-
-        Raises CellError if the library is missing or the port is taken.
-        """
+        """Listen on a port, 0 for a free one. rig: rig with the displayed arm."""
         try:
             import foxglove  # noqa: PLC0415 - an extra
         except ModuleNotFoundError:
@@ -65,7 +60,6 @@ class Foxglove:
 
     @property
     def port(self) -> int:
-        """The listening port."""
         return int(self._server.port)
 
     def show(self, view: LiveView) -> None:
@@ -92,7 +86,6 @@ class Foxglove:
                 self._joints.log(message, log_time=at_ns)
 
     def close(self) -> None:
-        """Close the server."""
         for channel in (self._joints, self._gauges, self._described):
             channel.close()
         self._server.stop()

@@ -1,7 +1,6 @@
-"""Data of the live cell and the session for pages, as plain values of separate kinds: only changed kinds are sent.
+"""Data of the live cell and the session for pages, by kind: only changed kinds are sent.
 
-The figures are the same as in `rig live --json`. Curves are sent as integers in units of the last digit, which halves
-the size.
+The figures are those of `rig live --json`. Curves are integers in units of the last digit, which halves the size.
 """
 
 from __future__ import annotations
@@ -31,13 +30,12 @@ _TRACE_POINTS = 240
 _CURVE_POINTS = 360
 _EVENTS = 12
 _REVERSALS = 24
-"""Number of joint reversals marked on the circle: the most recent, from about two laps."""
+"""Joint reversals marked on the circle, from about two laps."""
 _ONE_PLACE_DEG = 5.0
 _PHI_PER_DEG, _ERROR_PER_UNIT, _UM_TENTHS_PER_MM = 10, 1e5, 1e4
 
 
 def cell(view: LiveView) -> dict[str, Any]:
-    """Return the constant data of a rig file."""
     if view.cell is None:
         return {}
     return {
@@ -52,7 +50,7 @@ def cell(view: LiveView) -> dict[str, Any]:
 
 
 def now(view: LiveView, zero_mm: tuple[float, float], tick: int) -> dict[str, Any]:
-    """Return the current figures relative to the zeros of both gauges. tick: a counter that makes each frame unique."""
+    """Current figures relative to the zeros of both gauges. tick: makes each frame unique."""
     lap, state = lap_state(view), view.state or {}
     return {
         **figures(view),
@@ -68,7 +66,7 @@ def now(view: LiveView, zero_mm: tuple[float, float], tick: int) -> dict[str, An
 
 
 def curve(error_curve: ErrorCurve) -> dict[str, Any]:
-    """Return an error curve as pieces: angles in tenths of a degree, errors in hundred-thousandths of the unit."""
+    """Pieces of a curve: angles in tenths of a degree, errors in hundred-thousandths of the unit."""
     step = max(1, math.ceil(len(error_curve.phi) / _CURVE_POINTS))
     return {
         "band": round(error_curve.band, 6) if len(error_curve.phi) else None,
@@ -85,7 +83,7 @@ def curve(error_curve: ErrorCurve) -> dict[str, Any]:
 
 
 def curves(view: LiveView) -> dict[str, dict[str, Any]]:
-    """Return both curves by direction, and the circle with scale and joint reversals."""
+    """Both curves by direction, and the circle with scale and joint reversals."""
     both = shown_curves(view)
     turned: list[list[float]] = []
     for reversal in reversed(view.reversals[-_REVERSALS:]):
@@ -104,7 +102,7 @@ def curves(view: LiveView) -> dict[str, dict[str, Any]]:
 
 
 def trace(view: LiveView) -> dict[str, Any]:
-    """Return the readings of the last seconds.
+    """Readings of the last seconds.
 
     Ages are in hundredths of a second, deviations from the mean in tenths of a micrometre. Missing values are null.
     """
@@ -123,7 +121,7 @@ def trace(view: LiveView) -> dict[str, Any]:
 
 
 def links(view: LiveView) -> dict[str, Any]:
-    """Return the streams, the disk and the events, newest first."""
+    """Streams, disk and events, newest first."""
     state = view.state or {}
     streams = [
         {
@@ -150,7 +148,7 @@ def _rounded(values: Array) -> list[int]:
 
 
 def summary(session: Session) -> dict[str, Any]:
-    """Return a session as plain values with unmodified texts."""
+    """Session as plain values with unmodified texts."""
     answer, correction, after = session.answer, session.correction, before_after(session, Path())
     now = now_sentence(after, texts_of("en")) if after else ""
     return {
@@ -191,29 +189,21 @@ def summary(session: Session) -> dict[str, Any]:
 
 
 def shown_summary(session: Session) -> dict[str, Any] | None:
-    """Return headline and tiles as plain values; None if there is no answer."""
-    summary = session.summary
-    return None if summary is None else asdict(summary) | {"error": _error(summary.error)}
-
-
-def _error(error: ErrorChange) -> dict[str, str]:
-    return {"title": error.title, "size": error.words, "basis": f"{error.basis} {error.standing}".rstrip()}
+    """Headline and tiles as plain values; None if there is no answer."""
+    if (summary := session.summary) is None:
+        return None
+    error = summary.error
+    shown = {"title": error.title, "size": error.words, "basis": f"{error.basis} {error.standing}".rstrip()}
+    return asdict(summary) | {"error": shown}
 
 
 def _next(session: Session) -> dict[str, Any]:
-    """Return the next step as a text key with parameters."""
-    following = next_of(session)
-    match following:
+    """Next step as a text key with parameters."""
+    match following := next_of(session):
         case Drive(number):
             step = session.steps[number]
-            words = session.stage_of(step).words
-            return {
-                "key": "drive",
-                "program": step.program,
-                "number": number + 1,
-                "of": len(session.steps),
-                "stage": words,
-            }
+            place = {"number": number + 1, "of": len(session.steps), "stage": session.stage_of(step).words}
+            return {"key": "drive", "program": step.program} | place
         case Infer():
             return {"key": "infer"}
     return {"key": following}

@@ -1,8 +1,6 @@
 """Access to the window: permitted host names, an optional token, and the headers that restrict a page.
 
-A page of another site may send requests through the browser of a user. A name of that site that resolves to this
-computer is refused by the host name, and a form controls something only with the secret of a page of this process.
-docs/decisions/0046-threats.md states what is not defended here.
+docs/decisions/0046-threats.md states the threats and what is not defended.
 """
 
 from __future__ import annotations
@@ -38,7 +36,6 @@ _HEADERS = {
 
 
 def token_of(file: Path) -> str:
-    """Read the token from a file. Raises FileError if the file is unreadable or contains no token."""
     try:
         token = read_text(file, _MOST_TOKEN).strip()
     except OSError as error:
@@ -52,7 +49,6 @@ def token_of(file: Path) -> str:
 
 
 def is_loopback(address: str) -> bool:
-    """Return whether an address is reachable only from this computer. Raises UseError if it is invalid."""
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
@@ -62,8 +58,6 @@ def is_loopback(address: str) -> bool:
 
 @dataclass(frozen=True)
 class Gate:
-    """Access rules of a window."""
-
     names: tuple[str, ...]
     """Host names permitted in addition to those of this computer."""
     token: str | None = None
@@ -71,16 +65,15 @@ class Gate:
     """Secret of this process: field of each control form, and cookie of a browser that has sent the token."""
 
     def is_open_to(self, request: HTTPConnection) -> bool:
-        """Return whether a request contains the token or the cookie, if a token is required."""
+        """True if a request has the token or the cookie, if a token is required."""
         bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
         return self.token is None or is_equal(bearer, self.token) or self.is_own(request.cookies.get(COOKIE, ""))
 
     def is_own(self, secret: str) -> bool:
-        """Return whether a form or cookie was created by this process."""
+        """True if a form or cookie was created by this process."""
         return is_equal(secret, self.secret)
 
     def middleware(self) -> list[Middleware]:
-        """Checks in front of the application."""
         return [
             Middleware(_Access, self),
             Middleware(TrustedHostMiddleware, allowed_hosts=[*_LOOPBACK, *self.names], www_redirect=False),

@@ -1,7 +1,6 @@
 """Pages and pictures made for a browser by `rig` commands in separate processes, one after the other.
 
-A long diagnosis therefore delays neither the live page nor the recorder, and a page shows exactly the output of the
-command.
+A long diagnosis delays neither the live page nor the recorder, and a page shows exactly the output of the command.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from rigs.errors import CellError, FileError
 
 MOST_WAITING = 8
 _MOST_KEPT = 40
-"""Number of cached results. A report has 2 MB."""
+"""Cached results. A report has 2 MB."""
 _LONGEST_S = 1800.0
-"""Time limit. The diagnosis of a large number of runs takes minutes."""
+"""The diagnosis of a large number of runs takes minutes."""
 _NICE = 10
 
 
@@ -39,10 +38,10 @@ class OutputStore:
         self._child: Child | None = None
 
     def get(self, words: Sequence[str], runs: Iterable[Path]) -> Path | None:
-        """Return the directory with the output of a command; None until it is ready.
+        """Directory with the output of a command; None until it is ready.
 
-        words: command and arguments, in which `{out}` is the directory. runs: input; a change makes a new result.
-        Raises the error of the command once, and CellError if the queue is full.
+        words: command and arguments, in which `{out}` is the directory. runs: input; a change makes a new result. The
+        error of the command is raised once, and CellError if the queue is full.
         """
         key = _key(words, runs)
         with self._lock:
@@ -62,7 +61,7 @@ class OutputStore:
         return made.result() if made.done() else None
 
     def file(self, key: str, name: str) -> Path | None:
-        """Return the path of a made file; None if there is no such file."""
+        """A made file; None if there is no such file."""
         made = self._made.get(key)
         if made is None or not made.done() or made.exception() is not None:
             return None
@@ -70,7 +69,6 @@ class OutputStore:
         return files.get(name)
 
     def close(self) -> None:
-        """Stop the running command and drop the waiting ones."""
         self._worker.shutdown(wait=False, cancel_futures=True)
         if self._child is not None:
             self._child.stop()
@@ -93,7 +91,7 @@ class OutputStore:
 
 
 def _key(words: Sequence[str], runs: Iterable[Path]) -> str:
-    """Hash a command and the state of its runs."""
+    """Digest of a command and the state of its runs."""
     parts = list(words)
     for file in (run / name for run in runs for name in (MANIFEST, LEDGER)):
         with suppress(OSError):

@@ -30,7 +30,6 @@ from rigs.load import find, load
 
 
 def listening(address: str, port: int) -> socket.socket:
-    """Return a listening socket. Raises CellError on failure."""
     try:
         return socket.create_server((address, port), family=socket.AF_INET6 if ":" in address else socket.AF_INET)
     except (OSError, OverflowError) as error:
@@ -52,15 +51,12 @@ class WindowServer(uvicorn.Server):
         self._ends = ends
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End the streams, then close the connections."""
         self._ends()
         await super().shutdown(sockets)
 
 
 @dataclass(frozen=True)
 class WindowOptions:
-    """Options of `rig window`."""
-
     rig_file: str | None
     port: int
     listen: str
@@ -73,7 +69,7 @@ class WindowOptions:
 
 
 def run_window(asked: WindowOptions, say: Callable[[str], object]) -> None:
-    """Serve until SIGINT or SIGTERM and print the address. Raises RigError if serving is not possible."""
+    """Print the address, and serve until SIGINT or SIGTERM."""
     listen, rig_file = asked.listen, asked.rig_file
     if not is_loopback(listen) and asked.token is None:
         problem = f"{listen} is accessible from other computers"

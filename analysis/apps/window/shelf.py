@@ -1,7 +1,4 @@
-"""Runs of a directory for pages: state, figures from the history file, and verdicts by the limits.
-
-The newest runs are also available as Prometheus metrics, with the metrics of the daemon.
-"""
+"""Runs of a directory for pages, with figures from the history file, and as Prometheus metrics."""
 
 from __future__ import annotations
 
@@ -26,15 +23,12 @@ from rigs.load import parse
 from rigs.schema.limits import Limit, Limits, Standing
 
 UNKNOWN_RUN = "window.unknown_run"
-"""Code of the error for a run that is not in the directory."""
 MOST_SHOWN = 300
 _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a run."""
-
     name: str
     value: Quantity
     limit: Limit | None
@@ -54,12 +48,11 @@ class ShelfRun:
 
     @property
     def started(self) -> str:
-        """Start date and time by the clock of the run, to the minute."""
+        """By the clock of the run, to the minute."""
         return self.record.started[:16].replace("T", " ") if self.record else ""
 
     @property
     def title(self) -> str:
-        """Title of the run, for example `yaw acw`."""
         return " ".join(filter(None, (self.about["test"], self.about["direction"])))
 
     @property
@@ -81,7 +74,7 @@ class Shelf:
         self.directory = directory
 
     def runs(self, words: str = "") -> tuple[list[ShelfRun], int]:
-        """Return the newest runs with all words in name, test, state or rig, and the total number of such runs."""
+        """Newest runs with all words in name, test, state or rig, and the total number of such runs."""
         searched, matching = words.lower().split(), []
         try:
             for run in survey(self.directory):
@@ -97,7 +90,6 @@ class Shelf:
         return [_shelf_run(run, records.get(run.path.name)) for run in matching[:MOST_SHOWN]], len(matching)
 
     def run(self, name: str) -> ShelfRun:
-        """Return a run by name. Raises FileError if it does not exist."""
         path = self.directory / name
         try:
             is_here = path.parent == self.directory and not name.startswith(".") and not path.is_symlink()
@@ -108,7 +100,6 @@ class Shelf:
         raise FileError(name, "is not a run in this directory", "choose a run from the list", code=UNKNOWN_RUN)
 
     def robots(self) -> list[str]:
-        """Return the names of all rigs with runs in the directory."""
         return sorted({str(run.about["rig"]) for run in self.runs()[0] if run.about["rig"]})
 
 
@@ -125,7 +116,7 @@ def _shelf_run(run: RunInfo, record: RunRecord | None) -> ShelfRun:
 
 @lru_cache(maxsize=64)
 def limits_of(rig_text: str) -> Limits:
-    """Return the limits in the rig file of a run; empty if it is unreadable."""
+    """Limits in the rig file of a run; empty if it is unreadable."""
     try:
         return parse(rig_text, "the rig file of the run").limits
     except RigError:
@@ -133,9 +124,9 @@ def limits_of(rig_text: str) -> Limits:
 
 
 def metrics_of(runs: Iterable[ShelfRun], *, daemon_is_up: bool) -> str:
-    """Format the daemon state, and the main and limited figures of the newest run per rig, test and direction.
+    """State of the daemon, and the main and limited figures of the newest run per rig, test and direction.
 
-    runs: from the newest to the oldest.
+    runs: newest first.
     """
     newest: set[tuple[str, ...]] = set()
     shown: list[tuple[dict[str, str], Figure]] = []

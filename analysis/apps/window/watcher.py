@@ -1,8 +1,7 @@
-"""Watch the cell ten times a second, publish the state as server-sent events, and forward user requests to rigd.
+"""Watch the cell ten times a second, publish the state as server-sent events, and forward requests to rigd.
 
-A single client of rigd serves all browsers, so additional browsers do not affect the recorder. The board contains only
-the newest message of each kind. A slow browser skips older messages and needs no queue. Messages are encoded once for
-all browsers.
+A single client of rigd serves all browsers, so additional browsers do not affect the recorder. The board keeps only the
+newest message of each kind: a slow browser skips older ones and needs no queue.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ class Board:
         self._ended = False
 
     def post(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Replace the message of a kind. Equal content does not count as a change."""
+        """Replace the message of a kind. Equal content is no change."""
         text = json.dumps(plain_values(for_json(values)), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
         data = f"event: {kind}\ndata: {text}\n\n".encode()
         version, before = self._news.get(kind, (0, b""))
@@ -45,12 +44,12 @@ class Board:
             self._changed = asyncio.Event()
 
     def end(self) -> None:
-        """End all streams when the window closes. The pages reconnect later."""
+        """End all streams. The pages reconnect later."""
         self._ended = True
         self._changed.set()
 
     async def follow(self) -> AsyncGenerator[bytes, None]:
-        """Yield the current messages, followed by changes at the speed of the reader."""
+        """Current messages, followed by changes at the speed of the reader."""
         yield b"retry: 1000\n\n"
         seen: dict[str, int] = {}
         while not self._ended:
@@ -69,7 +68,7 @@ _SLOW_TICKS = 5
 
 
 class UpdateSource(Protocol):
-    """Source of updates, used between `begun` and `end`."""
+    """Used between `begun` and `end`."""
 
     def begun(self) -> object: ...
     def updates(self) -> Sequence[Update]: ...
@@ -144,27 +143,25 @@ class Watcher:
         self.board.post("session", summary(session) if session else {"next": {"key": "none", "command": self._begin}})
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Send a user request to rigd. Raises RigError."""
         with Client(self._find()) as client:
             return client.ask(command, **fields)
 
     def start(self, name: str, test: str, direction: str | None) -> str:
-        """Start a recording and return the directory. Raises RigError."""
+        """Start a recording. Returns its directory."""
         zero = {"view_zero_mm": list(self.zero_mm)} if any(self.zero_mm) else {}
         return str(self.ask("record_start", name=name, test=test, direction=direction, **zero)["run"])
 
     def stop(self) -> str:
-        """Stop the recording and return the directory. Raises RigError."""
         return str(self.ask("record_stop")["run"])
 
     def zero(self) -> None:
-        """Set the zeros of both gauges to the current readings."""
+        """Zero both gauges at the current readings."""
         readings = self.view.readings
         g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
         self.zero_mm = (g1, g2)
 
     def restart(self, *, zero: bool = False) -> None:
-        """Reset extremes, curves and counts. zero: also remove the zero offsets."""
+        """Reset extremes, curves and counts, or with `zero` the zero offsets."""
         if zero:
             self.zero_mm = (0.0, 0.0)
         else:

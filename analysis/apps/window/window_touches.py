@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,6 @@ _MOST_DEG = 1e4
 
 
 def touchable(runs: Path) -> list[CellReference]:
-    """References in a directory of runs that can be touched again."""
     return [reference for reference in references_of([runs]) if reference.can_be_touched]
 
 
@@ -40,52 +40,39 @@ class WindowCheck:
         self.check: GuidedCheck | None = None
 
     def do(self, action: str, form: Mapping[str, str]) -> str | None:
-        """Execute `begin`, `touch`, `undo`, `save` or `cancel`. Return a message; None for an unknown action.
-
-        Raises RigError.
-        """
+        """Execute `begin`, `touch`, `undo`, `save` or `cancel`. Returns a message; None for an unknown action."""
         with self._lock:
-            match action:
-                case "begin":
-                    return self._begin(form.get("run", ""))
-                case "touch":
-                    check = self._require_check().with_touch(self._joints(form.get("joints", "")))
-                    check.result  # noqa: B018 - computed here, not when the page is shown
-                    self.check = check
-                case "undo":
-                    self.check = self._require_check().without_last()
-                case "save":
-                    return self._save()
-                case "cancel":
-                    self.check = None
-                case _:
-                    return None
+            if action == "begin":
+                self.check = self._begun(form.get("run", ""))
+            elif action == "cancel":
+                self.check = None
+            elif action not in ("touch", "undo", "save"):
+                return None
+            elif self.check is None:
+                remedy = "choose a reference first"
+                raise UseError("movement check", "has not started", remedy, code="moved.not_started")
+            elif action == "touch":
+                check = self.check.with_touch(self._joints(form.get("joints", ""), len(self.check.rig.robot.axes)))
+                check.result  # noqa: B018 - computed here, not when the page is shown
+                self.check = check
+            elif action == "undo":
+                self.check = replace(self.check, touches=self.check.touches[:-1])
+            else:
+                place = self._runs / f"moved-{clock.wall_time().astimezone():%Y%m%d-%H%M%S}"
+                self.check.save(place, "")
+                self.check = None
+                return str(place)
         return ""
 
-    def _begin(self, name: str) -> str:
+    def _begun(self, name: str) -> GuidedCheck:
         chosen = next((reference for reference in touchable(self._runs) if reference.runs[0].name == name), None)
         if chosen is None:
-            raise UseError(
-                "reference", f"{name!r} is not a known reference", "choose one of the list", code="moved.reference"
-            )
-        self.check = GuidedCheck.of_runs([load_measured(chosen.runs[0])])
-        return ""
+            problem = f"{name!r} is not a known reference"
+            raise UseError("reference", problem, "choose one of the list", code="moved.reference")
+        return GuidedCheck.of_runs([load_measured(chosen.runs[0])])
 
-    def _save(self) -> str:
-        check = self._require_check()
-        place = self._runs / f"moved-{clock.wall_time().astimezone():%Y%m%d-%H%M%S}"
-        check.save(place, "")
-        self.check = None
-        return str(place)
-
-    def _require_check(self) -> GuidedCheck:
-        if self.check is None:
-            raise UseError("movement check", "has not started", "choose a reference first", code="moved.not_started")
-        return self.check
-
-    def _joints(self, typed: str) -> Array:
-        """Return the joint angles (axes,) rad that were typed in degrees, or those of the resting robot."""
-        axes = len(self._require_check().rig.robot.axes)
+    def _joints(self, typed: str, axes: int) -> Array:
+        """Joint angles (axes,) rad that were typed in degrees, or those of the resting robot."""
         if not typed.strip():
             return self._resting_joints(axes)
         numbers = re.split(r"[;\s]+|,\s+|,(?!\d)", typed.strip().strip("[]()"))
@@ -95,22 +82,17 @@ class WindowCheck:
             q = np.empty(0)
         if q.shape != (axes,) or not np.isfinite(q).all() or np.abs(q).max() > _MOST_DEG:
             problem = f"{typed[:80]!r} are not {axes} angles in degrees"
-            raise UseError(
-                "joint angles", problem, "separate them by spaces, as 10.5 -90 120 0 45 0", code="moved.angles"
-            )
+            remedy = "separate them by spaces, as 10.5 -90 120 0 45 0"
+            raise UseError("joint angles", problem, remedy, code="moved.angles")
         return np.asarray(np.radians(q))
 
     def _resting_joints(self, axes: int) -> Array:
-        """Return the mean joint angles (axes,) rad of the last half second.
-
-        Raises CellError if the robot moves or reports no angles.
-        """
+        """Mean joint angles (axes,) rad of the last half second. Refuses a moving or silent robot."""
         robot = self._watcher.ask("samples", after={})["streams"].get("robot")
         rows = robot["rows"] if robot else []
         if not rows:
-            raise CellError(
-                "robot", "reports no joint angles", "type the angles that the controller shows", code="robot.no_joints"
-            )
+            remedy = "type the angles that the controller shows"
+            raise CellError("robot", "reports no joint angles", remedy, code="robot.no_joints")
         places = [1 + robot["columns"].index(name) for name in joint_columns(axes)]
         newest_ns = rows[-1][0]
         recent = [[row[place] for place in places] for row in rows if newest_ns - row[0] <= 1e9 * _REST_S]

@@ -66,7 +66,7 @@ def _last_proposal(said: list[str]) -> str:
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analysis.apps.commission.record_touches._POLL_S", 0.0)  # private: no waiting
+    monkeypatch.setattr("analysis.apps.commission.joint_stream._POLL_S", 0.0)  # private: no waiting
 
 
 def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path: Path) -> None:

@@ -241,7 +241,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         person.answers("an error", "-1")
         person.answers("an error", "0.3")
         person.answers("Is the robot", "perhaps")
-        person.answers("is not y or n", "n")
+        person.answers("is not a choice", "n")
         assert terminal.ended() == 0
     rig, _ = load(tmp_path / "cell.yaml")
     assert [gauge.channel for _, gauge in rig.gauges] == [2, 1] and rig.gauges.baseline_mm == 60

@@ -18,7 +18,7 @@ from analysis.apps.pair.pair_table import PairTable, read_pair_table
 from analysis.apps.pair.plan_touches import plan_touches
 from analysis.apps.pair.posterior import expected_posterior
 from analysis.apps.pair.postures import common_postures, is_clear
-from analysis.apps.pair.result import PairResult, result_of, result_of_plan
+from analysis.apps.pair.result import PairResult, result_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.table_layout import joint_columns, second_joint_columns
 from rigs.errors import FileError
@@ -174,12 +174,12 @@ def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_o
     assert np.abs(tips[0] - there).max() < 0.01
     arms = PairArm(left, ()).model.arm, PairArm(right, ()).model.arm
     assert is_clear(arms, table.q, table.p, tips[0]).all()
-    random = common_postures(arms, (np.array(FIRST_BALL), np.array(SECOND_BALL)), 20, np.random.default_rng(4), "t")
-    table = PairTable(random.q, random.p, np.full(20, "A"), np.arange(1, 21))
+    q, p = common_postures(arms, (np.array(FIRST_BALL), np.array(SECOND_BALL)), 20, np.random.default_rng(4), "t")
+    table = PairTable(q, p, np.full(20, "A"), np.arange(1, 21))
     pair, zeros = pair_of(left, right, table, "t"), [np.zeros(len(arm_terms(rig))) for rig in (left, right)]
     state = PairState((zeros[0], zeros[1]), np.eye(4), np.array(FIRST_BALL), {"A": np.array(SECOND_BALL)})
     gaps = linearise(pair, state)
-    by_chance = result_of_plan(pair, gaps, state, expected_posterior(gaps))
+    by_chance = result_of(FittedPair(pair, gaps, expected_posterior(gaps), state, (), 0.0))
     u = [[one.u for one in found.constants] for found in (planned.expected, by_chance)]
     assert np.log(np.divide(*u)).mean() < np.log(0.95)
     assert max(planned.expected.base.u_work_mm) < max(by_chance.base.u_work_mm) * 1.01

@@ -58,8 +58,7 @@ def gathered(
     def work(path: Path, notes: tuple[str, ...]) -> Fleet:
         return gather(plant, path, notes, Workers(jobs, scheduler), progress)
 
-    with store.usable(file, is_required=True) as (path, notes):
-        return store.rebuilt_if_damaged(path, notes, work)
+    return store.work_with(file, work, is_required=True)
 
 
 def runs_of(plant: Path, number: int) -> list[Path]:

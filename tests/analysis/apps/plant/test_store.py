@@ -32,6 +32,11 @@ def change(path: Path, statement: str) -> None:
         database.commit()
 
 
+def used(path: Path, notes: tuple[str, ...]) -> tuple[Path, tuple[str, ...], set[str]]:
+    """The file that work gets, the notes about it, and the stored runs."""
+    return path, notes, set(store.entries(path))
+
+
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "deeper" / store.FILE
@@ -78,8 +83,7 @@ def test_a_damaged_file_is_rebuilt(file: Path, harm: Callable[[Path], object]) -
             store.records_of(used, key)
         return about
 
-    with store.usable(file, is_required=True) as (path, notes):
-        assert path == file and len(store.rebuilt_if_damaged(file, notes, work)) == 1
+    assert len(store.work_with(file, work, is_required=True)) == 1
     save(file, RECORD)
     assert set(store.read_records(file)) == {"lap-1"}
 
@@ -89,8 +93,8 @@ def test_a_file_of_an_earlier_version_is_rebuilt(file: Path, statement: str) -> 
     change(file, "update made_by set rig = '0.9.0'")
     change(file, statement)
     assert store.read_records(file) == {}
-    with store.usable(file) as (path, notes):
-        assert path == file and len(notes) == 1 and store.entries(path) == {}
+    path, notes, entries = store.work_with(file, used)
+    assert path == file and len(notes) == 1 and entries == set()
 
 
 @pytest.mark.parametrize(
@@ -108,13 +112,12 @@ def test_a_foreign_file_is_left_alone_and_a_temporary_one_used(
     path = tmp_path / store.FILE
     make(path)
     before = path.read_bytes() if path.is_file() else b""
-    with pytest.raises(RigError) as refused, store.usable(path, is_required=True):
-        pass
+    with pytest.raises(RigError) as refused:
+        store.work_with(path, used, is_required=True)
     assert refused.value.code == code
-    with store.usable(path) as (used, notes):
-        assert used != path and len(notes) == 1
-        save(used, RECORD)
-    assert not used.exists() and (path.read_bytes() if path.is_file() else b"") == before
+    file, notes, entries = store.work_with(path, used)
+    assert file != path and len(notes) == 1 and entries == set()
+    assert not file.exists() and (path.read_bytes() if path.is_file() else b"") == before
 
 
 def test_figures_on_a_disk_that_cannot_be_written_are_read(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,10 +129,10 @@ def test_figures_on_a_disk_that_cannot_be_written_are_read(file: Path, monkeypat
         return set_up(path)
 
     monkeypatch.setattr(store, "_set_up", refuse)
-    with store.usable(file) as (used, notes):
-        assert used != file and len(notes) == 1 and set(store.entries(used)) == {"lap-1"}
-    with store.usable(Path("/proc/rig") / store.FILE) as (used, notes):
-        assert len(notes) == 1 and store.entries(used) == {}
+    path, notes, entries = store.work_with(file, used)
+    assert path != file and len(notes) == 1 and entries == {"lap-1"}
+    _, notes, entries = store.work_with(Path("/proc/rig") / store.FILE, used)
+    assert len(notes) == 1 and entries == set()
 
 
 def test_records_of_parallel_writers_are_all_stored(file: Path) -> None:
