@@ -1,11 +1,10 @@
 """Capture of the raw bytes of all links while the daemon runs.
 
-A recorded piece is appended to a list, so that readers never wait for the disk. The list is bounded, and the file
-contains the number of dropped pieces. The capture ends with a log message when it reaches `LARGEST` bytes or the disk
-fails. The daemon continues.
+Pieces are appended to a bounded list, so that readers never wait for the disk; the file contains the number of dropped
+pieces. The capture ends with a log message when it reaches `LARGEST` bytes or the disk fails. The daemon continues.
 
 While a replayed cell is recorded, rigd also follows a file in which `rig replay` marks each second that was out of step
-(`replay:` in the rig file). Each line becomes a fault of that stream in the current run. Such a run is excluded from
+(`replay:` in the rig file). Each line becomes a fault of that stream in the current run, which is excluded from
 evaluation.
 """
 
@@ -29,9 +28,9 @@ from rigs.files import read_from
 
 log = logging.getLogger("rigd")
 LARGEST = 9 * MOST_BYTES // 10
-"""Size in bytes at which a capture ends: the limit of `rig replay`, with a margin for the last write."""
+"""The limit of `rig replay`, with a margin for the last write."""
 _ROOM = 200_000
-"""Number of pieces buffered for a stalled disk: several minutes at 500 Hz."""
+"""Pieces buffered for a stalled disk: several minutes at 500 Hz."""
 _WRITE_S = 0.5
 
 
@@ -50,16 +49,12 @@ class CaptureWriter(clock.Thread):
         self._size = 0
 
     def start(self) -> None:
-        """Create the file and start. Raises FileError if the file exists or cannot be created."""
+        """Create the file and start."""
         try:
             self._file = self._path.open("x", encoding="utf-8")
         except OSError as error:
-            raise FileError(
-                str(self._path),
-                error.strerror or str(error),
-                "give --capture a different file",
-                code="capture.not_writable",
-            ) from None
+            problem, remedy = error.strerror or str(error), "give --capture a different file"
+            raise FileError(str(self._path), problem, remedy, code="capture.not_writable") from None
         lines = [HEAD]
         for stream in self._streams:
             settings = f", {stream.line}" if stream.port.startswith("/") else ""
@@ -88,7 +83,6 @@ class CaptureWriter(clock.Thread):
             log.error("capture %s ends early: the disk does not accept the rest", self._path)
 
     def run(self) -> None:
-        """Write pieces until `stop` is called."""
         while not self._stop_asked.wait(_WRITE_S):
             self._write()
         self._write()
@@ -126,8 +120,6 @@ class CaptureWriter(clock.Thread):
 
 
 class _CapturedLink:
-    """Link that records the bytes passing through."""
-
     def __init__(self, writer: CaptureWriter, stream: str, link: ByteLink) -> None:
         self._writer, self._stream, self._link = writer, stream, link
 
@@ -147,11 +139,11 @@ class _CapturedLink:
 
 _LINE = re.compile(r"(\S+) ([+-][0-9.]+)")
 _MOST_BYTES = 1_000_000
-"""Largest number of bytes per read. The file grows by about 20 bytes per second and stream."""
+"""Bytes per read. The file grows by about 20 bytes per second and stream."""
 
 
 def out_of_step_line(stream: str, off_ns: float) -> str:
-    """Format a line with the median timing error of a stream over one second."""
+    """A line with the median timing error of a stream over one second."""
     return f"{stream} {off_ns / 1e6:+.1f}\n"
 
 
@@ -164,7 +156,6 @@ class ReplayMarks:
         """Number of bytes read, up to the end of a line."""
 
     def skip(self) -> None:
-        """Skip the existing content."""
         before = -1
         while before < self._end:
             before = self._end

@@ -1,13 +1,11 @@
 """Monitoring of clocks: steps of the wall clock, suspends, stalls of rigd, and the drift of instrument clocks.
 
-All timestamps are taken from the monotonic clock, which none of these events affect. Only the mapping to wall time
-changes. NTP slews both clocks together, so the difference between wall and monotonic time is constant until the wall
-clock is stepped. The difference between CLOCK_BOOTTIME and monotonic time grows by the duration of each suspend, and is
-otherwise constant.
+All timestamps are taken from the monotonic clock, which none of these events affect. NTP slews both clocks together, so
+the difference between wall and monotonic time is constant until the wall clock is stepped. The difference between
+CLOCK_BOOTTIME and monotonic time grows by the duration of each suspend.
 
-A thread that only sleeps measures whether rigd runs. It reports each sleep of excessive length. A suspended or
-overloaded computer, or a stopped process, delays all readers simultaneously. Readers report their individual stalls
-(`StreamBuffer.beat`); this thread shows whether all of them were affected.
+A thread that only sleeps measures whether rigd runs. Readers report their individual stalls (`StreamBuffer.beat`); this
+thread shows whether all of them were affected.
 
 The clock of an instrument is monitored for metrics only. A message can only be late, so the smallest difference (host −
 device) within ten seconds is close to the true offset. A line through these minima gives the drift. Runs contain raw
@@ -47,7 +45,7 @@ class ClockReadings:
 
 
 def read_clocks() -> ClockReadings:
-    """Read the three clocks several times, and return the readings taken within the shortest interval."""
+    """Read the clocks several times. Returns the readings taken within the shortest interval."""
     tries = []
     for _ in range(_TRIES):
         before = clock.now_ns()
@@ -64,7 +62,7 @@ class HostClockMonitor:
         self._known = first
 
     def check(self, now: ClockReadings) -> list[Fault]:
-        """Changes since the last check as faults."""
+        """Changes since the last check."""
         last = self._known
         slept_ns = (now.boot_ns - last.boot_ns) - (now.monotonic_ns - last.monotonic_ns)
         set_ns = (now.wall_ns - last.wall_ns) - (now.boot_ns - last.boot_ns)
@@ -98,12 +96,10 @@ class StallWatch(clock.Thread):
         self._awake_ns = 0
 
     def start(self) -> None:
-        """Start the thread."""
         self._awake_ns = clock.now_ns()
         super().start()
 
     def run(self) -> None:
-        """Sleep and check until `stop` is called."""
         while not self._stop_asked.wait(_SLEEP_S):
             self._awake()
 
@@ -127,7 +123,6 @@ class StallWatch(clock.Thread):
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
     def stop(self) -> None:
-        """Request the end of the thread."""
         self._stop_asked.set()
 
 
@@ -142,7 +137,7 @@ class ClockState:
     """State of an instrument's clock.
 
     offset_s: latest minimum of host monotonic minus device time. drift_ppm: rate of the host clock relative to the
-    device clock, or None before three windows. late_s: largest delay of a sample in the last window, relative to the
+    device clock, None before three windows. late_s: largest delay of a sample in the last window, relative to the
     earliest ones.
     """
 
@@ -161,7 +156,7 @@ class DriftMonitor:
         self._late_s = math.nan
 
     def feed(self, samples: Sequence[Sample]) -> None:
-        """Add samples in order of arrival. Samples that have no device time are ignored."""
+        """Add samples in order of arrival. Samples without device time are ignored."""
         block = SampleBlock.of(samples)
         timed = block.chosen(~np.isnan(block.device_time_s))
         hosts_s = timed.first_byte_ns / 1e9
@@ -178,7 +173,7 @@ class DriftMonitor:
             self._least, self._most = min(self._least, offset_s), max(self._most, offset_s)
 
     def state(self) -> ClockState | None:
-        """State after the last complete window, or None before the first one."""
+        """State after the last complete window."""
         if not self._minima:
             return None
         drift_ppm = None

@@ -38,21 +38,22 @@ HELD_S = 0.5
 HELD_READINGS = 5
 HELD_DEG = 1.0
 HELD_STEPS = 5.0
-"""Multiple of the usual step by which a reading must differ after a constant value. At a reversal of the robot's
-error the difference is a single step.
+"""Multiple of the usual step by which a reading must differ after a constant value.
+
+At a reversal of the robot's error the difference is a single step.
 """
 INCH_MM = 25.4
 BEFORE, AFTER = 9, 3
-"""Number of readings before and after a change of unit that must confirm it. Those before show the usual motion, and
-those after exclude a single wrong reading.
+"""Readings before and after a change of unit that must confirm it.
+
+Those before show the usual motion, and those after exclude a single wrong reading.
 """
 _STILL_DEG = 0.1
-"""Joint motion that counts as standstill."""
 
 
 @dataclass
 class _GaugeState:
-    """State of a gauge: current value, start time and count of this value, and the robot position at that time."""
+    """Value of a gauge, start and count of this value, and the robot position at that time."""
 
     reading: float = math.nan
     since_ns: int = 0
@@ -70,7 +71,7 @@ class _GaugeState:
 
 @dataclass
 class PlausibilityCheck:
-    """Checks the streams of a recording. touching: True if the gauges remain in contact throughout the test."""
+    """Checks the streams of a recording. touching: the gauges remain in contact throughout the test."""
 
     touching: bool
     _gauges: dict[str, _GaugeState] = field(default_factory=dict)
@@ -81,7 +82,7 @@ class PlausibilityCheck:
     """Columns of the gauges in error, by stream. None is an error while messages are incomplete."""
 
     def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
-        """Check the new items of a stream, and return faults for doubtful readings."""
+        """Faults for doubtful readings among the new items of a stream."""
         samples = samples_of(items)
         if "q1_deg" in columns:
             if len(samples):  # motion of the fastest joint; a single check per call is sufficient
@@ -133,16 +134,12 @@ class PlausibilityCheck:
             return []
         if len(gauge.steps_mm) < HELD_READINGS or jump_mm <= HELD_STEPS * float(np.median(gauge.steps_mm)):
             return []
-        observation = (
-            f"showed exactly {gauge.reading:.4f} mm for {seconds:.1f} s while the robot moved {moved_deg:.0f}°, then "
+        detail = (
+            f"{_name(column)} showed exactly {gauge.reading:.4f} mm for {seconds:.1f} s while the robot moved "
+            f"{moved_deg:.0f}°, then jumped by {jump_mm:.4f} mm: check that HOLD was not pressed and that the cable is "
+            "connected"
         )
-        observation += f"jumped by {jump_mm:.4f} mm"
-        return [
-            _doubtful(
-                now_ns,
-                f"{_name(column)} {observation}: check that HOLD was not pressed and that the cable is connected",
-            )
-        ]
+        return [_doubtful(now_ns, detail)]
 
     def _sticking(self, column: str, gauge: _GaugeState, samples: SampleBlock) -> list[Fault]:
         if gauge.reported or not len(samples) or gauge.count < STUCK_READINGS:
@@ -152,14 +149,11 @@ class PlausibilityCheck:
         if seconds < STUCK_S or moved_deg < (STUCK_DEG if gauge.finest_mm < COARSE_MM else COARSE_DEG):
             return []
         gauge.reported = True
-        observation = (
-            f"has shown exactly {gauge.reading:.4f} mm for {seconds:.0f} s while the robot moved {moved_deg:.0f}°"
+        detail = (
+            f"{_name(column)} has shown exactly {gauge.reading:.4f} mm for {seconds:.0f} s while the robot moved "
+            f"{moved_deg:.0f}°: check that the plunger is free and the display is not on HOLD"
         )
-        return [
-            _doubtful(
-                now_ns, f"{_name(column)} {observation}: check that the plunger is free and the display is not on HOLD"
-            )
-        ]
+        return [_doubtful(now_ns, detail)]
 
     def _intermittent(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
         in_error, doubts = self._in_error.setdefault(stream, set()), list[Fault]()

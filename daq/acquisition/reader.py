@@ -4,10 +4,9 @@ A lost link causes one DISCONNECTED fault. All failed attempts until the next sa
 reason is reported once, and the first sample reports the duration, both as faults with count 0. The pause between
 attempts grows up to a limit.
 
-Readers must take timestamps promptly, although only one thread of the daemon runs Python at a time. A reader can be
-delayed after its bytes arrive for two reasons. A computing thread releases the interpreter only after the switch
-interval. And all threads wait while the garbage collector visits all objects. Start-up creates several hundred thousand
-objects, mostly in libraries, which are never garbage and are therefore frozen.
+Readers must take timestamps promptly, although only one thread of the daemon runs Python at a time. A computing thread
+releases the interpreter only after the switch interval, and all threads wait while the garbage collector visits all
+objects. Start-up creates several hundred thousand objects, which are never garbage and are therefore frozen.
 """
 
 from __future__ import annotations
@@ -30,13 +29,12 @@ from rigs.errors import CellError
 _FIRST_PAUSE_S = 0.2
 _LONGEST_PAUSE_S = 5.0
 _BUSY_S = 0.01
-"""Interval between checks of the processor time. It is the time for about 300 messages of 30 µs, more than a gauge
-at 12 kHz sends in 20 ms.
+"""Interval between checks of the processor time.
+
+It is the time for about 300 messages of 30 µs, more than a gauge at 12 kHz sends in 20 ms.
 """
 _SHARE = 0.5
-"""Largest share of a processor for a reader. Chosen: a gauge at 12 kHz needs a third, and a flood needs all. When
-the length of the pause did not depend on the elapsed time, that gauge was delayed by 10 ms.
-"""
+"""Largest share of a processor for a reader: a gauge at 12 kHz needs a third, and a flood needs all."""
 
 
 class StreamReader(clock.Thread):
@@ -58,11 +56,9 @@ class StreamReader(clock.Thread):
         """Reasons already reported in this outage."""
 
     def stop(self) -> None:
-        """Request the end of the thread. Join it afterwards."""
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Read until `stop` is called."""
         while not self._stop_asked.is_set():
             self._buffer.beat()
             if self._link is None:
@@ -156,9 +152,7 @@ class StreamReader(clock.Thread):
 
 
 _SWITCH_S = 0.0001
-"""Switch interval of the interpreter: a fiftieth of the default. It is ten times the usual work of a reader, so the
-switches are cheap.
-"""
+"""A fiftieth of the default. It is ten times the usual work of a reader, so the switches are cheap."""
 
 
 def keep_stamps_prompt() -> None:

@@ -1,10 +1,10 @@
-"""Buffer between a reader and the recorder, with the samples to be written.
+"""Buffer between a reader and the recorder.
 
 The reader only appends, and never waits for the disk or other threads. The buffer is bounded: excess samples are
 counted as dropped, and excess faults are merged by kind.
 
-The last seconds of each stream are stored even if there is no recording. A run that is started by the robot's signal
-also contains the samples from before the signal was recognised.
+The last seconds of each stream are kept even if there is no recording: a run that is started by the robot's signal also
+contains the samples from before the signal was recognised.
 """
 
 from __future__ import annotations
@@ -22,22 +22,23 @@ from daq import clock
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, SampleBlock, packed
 
 _ROOM = 200_000
-"""Number of items buffered for a stalled disk: minutes at 500 Hz, and about 100 MB in the worst case."""
+"""Items buffered for a stalled disk: minutes at 500 Hz, and about 100 MB in the worst case."""
 _FEW = 8
-"""Largest number of samples for which objects are cheaper than arrays."""
+"""Samples for which objects are cheaper than arrays."""
 _RATE_OVER = 200
-"""Number of deliveries used to measure the rate."""
+"""Deliveries used to measure the rate."""
 _RECENT = 1000
-"""Number of drained samples that remain available to a live view: a tenth of a second at 10 kHz."""
+"""Drained samples that remain available to a live view: a tenth of a second at 10 kHz."""
 STALL_NS = 500_000_000
-"""Longest interval between heartbeats. A reader loop takes at most 0.3 s (`daq.wire.conversation_loop`), and a busy
-computer adds a few tenths.
+"""Longest interval between heartbeats.
+
+A reader loop takes at most 0.3 s (`daq.wire.conversation_loop`), and a busy computer adds a few tenths.
 """
 
 
 @dataclass(frozen=True)
 class StreamState:
-    """State of a stream for display. last: last valid value by column. age_s: age of that value by column."""
+    """State of a stream for display: last valid value and its age by column."""
 
     connected: bool
     rate_hz: float
@@ -51,14 +52,12 @@ class StreamState:
 
 @dataclass
 class StreamBuffer:
-    """Thread-safe buffer of a stream. A single reader delivers and a single recorder drains. Queries are permitted
-    from any thread.
-    """
+    """Thread-safe buffer of a stream. A single reader delivers and a single recorder drains."""
 
     name: str
     columns: tuple[str, ...]
     heartbeat_ns: int = 0
-    """Time of the last completed reader loop, for the watchdog. A loop counts even if no data arrived."""
+    """Time of the last completed reader loop, for the watchdog."""
     connected: bool = False
     _opening: bool = False
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -119,7 +118,7 @@ class StreamBuffer:
         return items
 
     def beat(self) -> None:
-        """Record a heartbeat of the reader. If a stall preceded it, report the stall."""
+        """Record a heartbeat of the reader, and report a stall before it."""
         now_ns, before_ns = clock.now_ns(), self.heartbeat_ns
         self.heartbeat_ns = now_ns
         if before_ns and now_ns - before_ns > STALL_NS and not self._opening:
@@ -144,7 +143,6 @@ class StreamBuffer:
         return self._opening or clock.now_ns() - self.heartbeat_ns < within_s * 1e9
 
     def state(self) -> StreamState:
-        """Current state of the stream."""
         now = clock.now_ns()
         with self._lock:
             rate_hz = 0.0
@@ -203,12 +201,10 @@ def size_of(item: Item) -> int:
 
 
 def samples_of(items: Sequence[Item]) -> SampleBlock:
-    """Samples among items."""
     return SampleBlock.joined([item for item in packed(items) if isinstance(item, SampleBlock)])
 
 
 def faults_of(items: Sequence[Item]) -> list[Fault]:
-    """Faults among items."""
     return [item for item in items if isinstance(item, Fault)]
 
 
@@ -222,19 +218,15 @@ class PretriggerBuffer:
         self._items: dict[str, deque[SampleBlock | Fault]] = {name: deque() for name in streams}
 
     def add(self, stream: str, items: Sequence[Item]) -> None:
-        """Add items of a stream."""
         self._items[stream].extend(packed(items))
 
     def trim(self) -> None:
-        """Drop items more than five seconds older than the newest. Called once per round, so that long rounds are
-        complete.
-        """
+        """Drop items more than five seconds older than the newest, once per round, so that long rounds are complete."""
         for kept in self._items.values():
             while kept and _newest_ns(kept[0]) < _newest_ns(kept[-1]) - KEPT_NS:
                 kept.popleft()
 
     def since(self, stream: str, since_ns: int) -> list[SampleBlock | Fault]:
-        """Items from `since_ns` on, in order."""
         cut = (
             item.chosen(item.first_byte_ns >= since_ns) if isinstance(item, SampleBlock) else item
             for item in self._items[stream]

@@ -17,14 +17,14 @@ from rigs.schema.links import Line, ModemLines
 ROBOT = "robot"
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
-"""Default line settings, for robots connected by a network or printing lines to a serial port."""
+"""Line settings of robots connected by a network or printing lines to a serial port."""
 _PATIENCE = 3
-"""Number of silent time-outs after which a TCP connection is considered lost."""
+"""Silent time-outs after which a TCP connection is considered lost."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """A link: name, port, sample columns and conversation.
+    """A link with its sample columns and conversation.
 
     dead_s, listens, modem: as in `daq.wire.links.open_link`, which opens the link by default.
     """
@@ -40,7 +40,6 @@ class Stream:
     opening: Callable[..., Link] = open_link
 
     def open(self) -> Link:
-        """Open the link. Raises CellError with the remedy."""
         return self.opening(self.name, self.port, self.line, dead_s=self.dead_s, listens=self.listens, modem=self.modem)
 
 
@@ -53,7 +52,7 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 
 
 def streams_of(rig: Rig) -> list[Stream]:
-    """All streams of a rig, with the robot last. Raises CellError if the rig has no instruments."""
+    """All streams of a rig, with the robot last."""
     if isinstance(rig.feedback, NoFeedback):
         problem = "has neither gauges nor feedback to read"
         remedy = "add feedback to the rig file, and gauges for circles; poses of a tracker are imported: rig import"
@@ -70,7 +69,7 @@ def streams_of(rig: Rig) -> list[Stream]:
 
 
 def robot_stream(robot: Feedback) -> Stream:
-    """Stream of a robot. Raises CellError if the interface needs a package that is not installed."""
+    """Stream of a robot. Its interface may need a package that is not installed."""
     feedback.load(robot)  # now, before other streams are read
     columns, host = (*JOINTS, *columns_beside_joints(robot)), partial(feedback.host, robot)
     line = robot.line if isinstance(robot, LineFeed) else NO_LINE

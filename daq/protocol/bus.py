@@ -1,10 +1,9 @@
 """Several instruments on a shared line or behind a gateway, polled in turn.
 
-Each instrument has an exchange of requests and answers (`daq.protocol.polled`) with an individual time-out, rate and
-faults. The bus decides the order: the next turn goes to the instrument that has been due longest, so instruments of
-equal rate are polled equally often. Answers name the instrument, so the next request can be sent immediately after the
-time-out of a silent instrument. A silent instrument pauses for the duration of the time-out. After `PATIENCE`
-consecutive time-outs the pause doubles each time, up to `LONGEST_REST_NS`. In each pause a silent instrument costs the
+Each instrument has an exchange of requests and answers (`daq.protocol.polled`) with its own time-out, rate and faults.
+The next turn goes to the instrument that has been due longest. Answers name the instrument, so the next request can
+follow the time-out of a silent instrument immediately. A silent instrument pauses for the duration of its time-out.
+After `PATIENCE` consecutive time-outs the pause doubles each time, up to `LONGEST_REST_NS`. In each pause it costs the
 others a single time-out.
 
 Between two exchanges the line is idle for `gap_ns`, so that instruments recognise the start of a frame. After
@@ -24,7 +23,7 @@ from daq.protocol.polled import Polled, Stirring
 
 PATIENCE = 3
 LONGEST_REST_NS = 2_000_000_000
-"""Longest pause. After reconnecting a gauge, the operator expects readings within seconds."""
+"""After reconnecting a gauge, the operator expects readings within seconds."""
 QUIET_NS = 20_000_000
 """Idle time after unreadable data: an adapter may delay the end of a message by 16 ms."""
 _MOST_QUIET_NS = 200_000_000
@@ -33,18 +32,17 @@ _MOST_QUIET_NS = 200_000_000
 
 @dataclass
 class BusMember:
-    """An instrument on the line.
-
-    name: name for display. exchange: requests and answers. timeout_ns: time limit for an answer. wake_ns: time of the
-    next request or of the time-out. turns: number of requests. silences: number of consecutive time-outs.
-    """
+    """An instrument on the line."""
 
     name: str
     exchange: Polled
     timeout_ns: int
     wake_ns: int = 0
+    """Time of the next request or of the time-out."""
     turns: int = 0
+    """Number of requests."""
     silences: int = 0
+    """Number of consecutive time-outs."""
 
 
 class Bus:
@@ -56,10 +54,7 @@ class Bus:
     def __init__(
         self, members: Sequence[BusMember], frames: Framer, stray: Callable[[Message], Fault], gap_ns: int
     ) -> None:
-        """Create the host side of a line.
-
-        frames: framer used by all members. stray: creates the fault for an unrequested message.
-        """
+        """frames: framer used by all members. stray: creates the fault for an unrequested message."""
         self._members = members
         self._frames = frames
         self._stray = stray
@@ -133,7 +128,7 @@ class Bus:
         return ConversationStep(step.send, (*items, *self._items_of(first, step.items)), first.wake_ns)
 
     def _items_of(self, member: BusMember, items: Sequence[Item]) -> list[Item]:
-        """Map the items of a member to the line: values to the column, faults to the name and column of the member."""
+        """Map values of a member to its column, and faults to its name and column."""
         place, placed = self._members.index(member), list[Item]()
         for item in items:
             if isinstance(item, Fault):

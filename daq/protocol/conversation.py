@@ -1,15 +1,14 @@
 """Interface of every protocol: bytes and time in; bytes to send, samples and faults out.
 
-A conversation accesses no port, socket or clock. The caller owns the link and the clock. It calls `connected` once,
-then `received` for incoming bytes, or `tick` when `wake_ns` has passed and no data has arrived. Host side and device
-side of a protocol are both conversations. A device side sends bytes and emits no items.
+A conversation accesses no port, socket or clock. The caller calls `connected` once, then `received` for incoming bytes,
+or `tick` when `wake_ns` has passed and no data has arrived. Host side and device side of a protocol are both
+conversations. A device side emits no items.
 
 A fault is an item in the stream, never an exception: a faulty peer must not end an acquisition. Times are integer
 nanoseconds of the monotonic clock of the host.
 
-Repeated faults are reported once a second. The first fault is reported immediately. Subsequent faults not separated by
-a valid message are counted, and reported as a single fault after a second or when they end. Kinds with a separate count
-or rate (SILENT, LATE, SKIPPED) pass unchanged.
+The first of repeated faults is reported immediately, the others are counted, and reported as one after a second or when
+they end. Kinds with a separate count or rate (SILENT, LATE, SKIPPED) pass unchanged.
 """
 
 from __future__ import annotations
@@ -26,12 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 NO_TIME = -1
-"""Timestamp for a missing request, used for a device that streams unprompted."""
+"""Timestamp of a missing request, for a device that streams unprompted."""
 
 
 class FaultKind(StrEnum):
-    """Kinds of link faults."""
-
     GARBLED = "garbled"
     """Bytes that do not form a message of this protocol; ignored."""
     MISSHAPEN = "misshapen"
@@ -68,43 +65,36 @@ class FaultKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A message with a reading.
-
-    values: in the order of the columns, in file units (mm, degrees); nan for a value absent from the message. size:
-    bytes of the message, for the transmission time. device_time_s: time of the device clock, or nan. status: 0 for
-    good, otherwise the code of the device for a doubtful reading.
-    """
+    """A message with a reading."""
 
     values: tuple[float, ...]
+    """In the order of the columns, in file units (mm, degrees); nan for a value absent from the message."""
     requested_ns: int
     first_byte_ns: int
     last_byte_ns: int
     size: int
+    """Bytes of the message, for the transmission time."""
     device_time_s: float = math.nan
     status: int = 0
+    """0 for good, otherwise the code of the device for a doubtful reading."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A problem with advice; `count` messages were affected.
-
-    A count of 0 adds details to an earlier fault. column: index of the affected gauge among the columns if gauges are
-    polled separately; not stored.
-    """
+    """A problem with advice."""
 
     kind: FaultKind
     at_ns: int
     detail: str
     count: int = 1
+    """Number of affected messages; 0 adds details to an earlier fault."""
     column: int | None = None
+    """Index of the affected gauge among the columns if gauges are polled separately; not stored."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleBlock(Sequence[Sample]):
-    """Block of samples as arrays, for efficiency.
-
-    values: (n, columns). All other fields: (n,).
-    """
+    """Block of samples as arrays: values (n, columns), all others (n,)."""
 
     values: NDArray[np.float64]
     requested_ns: NDArray[np.int64]
@@ -116,7 +106,6 @@ class SampleBlock(Sequence[Sample]):
 
     @classmethod
     def of(cls, samples: Sequence[Sample]) -> SampleBlock:
-        """Combine samples into a block."""
         if isinstance(samples, cls):
             return samples
         if not samples:
@@ -126,14 +115,13 @@ class SampleBlock(Sequence[Sample]):
 
     @classmethod
     def joined(cls, blocks: Sequence[SampleBlock]) -> SampleBlock:
-        """Concatenate blocks."""
         full = [block for block in blocks if len(block)]
         if len(full) < 2:
             return full[0] if full else NO_SAMPLES
         return cls(*(np.concatenate(parts) for parts in zip(*map(_FIELDS, full), strict=True)))
 
     def chosen(self, which: slice | NDArray[np.bool_]) -> SampleBlock:
-        """Samples of a slice or mask (n,). The stamps are in ns."""
+        """Samples of a slice or mask (n,)."""
         return SampleBlock(*(column[which] for column in _FIELDS(self)))
 
     def __len__(self) -> int:
@@ -155,7 +143,7 @@ class SampleBlock(Sequence[Sample]):
 
 
 _FIELDS: attrgetter[tuple[Any, ...]] = attrgetter(*(field.name for field in fields(Sample)))
-"""Getter of all fields, in the common order of samples and blocks."""
+"""All fields, in the common order of samples and blocks."""
 _KINDS = (np.float64, np.int64, np.int64, np.int64, np.int64, np.float64, np.int64)
 _NONE: list[Any] = [np.empty(0, kind) for kind in _KINDS[1:]]
 NO_SAMPLES = SampleBlock(np.empty((0, 0)), *_NONE)
@@ -176,56 +164,50 @@ def packed(items: Sequence[Item]) -> list[SampleBlock | Fault]:
 
 @dataclass(frozen=True, slots=True)
 class ConversationStep:
-    """Actions requested by a conversation: bytes to send, items to pass on, wake-up time.
-
-    hang_up: reopen the link, because it is useless now (stream out of step, refusal). dtr: new state of the modem line
-    DTR; None leaves it unchanged.
-    """
+    """Actions requested by a conversation."""
 
     send: bytes = b""
     items: tuple[Item, ...] = ()
+    """Samples and faults to pass on."""
     wake_ns: int | None = None
     hang_up: bool = False
+    """Reopen the link, because it is useless now (stream out of step, refusal)."""
     dtr: bool | None = None
+    """New state of the modem line DTR; None leaves it unchanged."""
 
 
 class Conversation(Protocol):
-    """A side of a protocol on a link, from connect to disconnect. A new link needs a new conversation."""
+    """A side of a protocol on a link. A new link needs a new conversation."""
 
     def connected(self, now_ns: int) -> ConversationStep:
-        """Handle a newly opened link."""
+        """The link was opened."""
 
     def received(self, data: bytes, now_ns: int) -> ConversationStep:
-        """Handle received bytes. The last byte arrived at `now_ns`."""
+        """Bytes were received, the last at `now_ns`."""
 
     def tick(self, now_ns: int) -> ConversationStep:
-        """Handle the time-out at `wake_ns` if no data has arrived."""
+        """No data has arrived until `wake_ns`."""
 
 
 @runtime_checkable
 class Gathering(Protocol):
-    """Conversation that only listens, with a message rate for which batch processing is better.
-
-    The result is the same as for single arrivals.
-    """
+    """Conversation that only listens, with a message rate for which batch processing is better."""
 
     gather_ns: int
-    """Longest time for gathering arrivals, counted from the first. Each arrival has a timestamp."""
+    """Longest time for gathering arrivals, counted from the first."""
 
     def received_all(self, arrivals: Sequence[Arrival]) -> ConversationStep:
-        """Handle arrivals in order."""
+        """Handle arrivals in order, with the same result as one by one."""
 
 
 class Host(Conversation, Protocol):
-    """Host side of a conversation. All information about the link is in the items that it emits."""
+    """Host side of a conversation."""
 
     def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
         """Pending counted faults after the loss of the link."""
 
 
 class Device(Conversation, Protocol):
-    """Device side of a conversation. It sends bytes and emits no items."""
-
     @property
     def sent(self) -> int:
         """Number of readings or packets sent."""
@@ -240,13 +222,11 @@ _REPEATING = {
     FaultKind.STRANGER,
 }
 _SAME = {FaultKind.GARBLED, FaultKind.MISSHAPEN}
-"""Kinds of faults with a text that quotes the message. Faults of such a kind count as equal despite different texts."""
+"""Faults whose text quotes the message. They count as equal despite different texts."""
 _TELL_NS = 1_000_000_000
 
 
 class Bursts:
-    """Merges the faults of successive messages."""
-
     def __init__(self) -> None:
         self._open: dict[tuple[FaultKind, str], Fault] = {}
         """Open faults by identity, with the count that is not reported yet."""
@@ -271,7 +251,6 @@ class Bursts:
         return merged
 
     def end(self) -> list[Item]:
-        """Pending faults."""
         return [fault for key in list(self._open) for fault in self._close(key)]
 
     def _close(self, key: tuple[FaultKind, str]) -> list[Item]:

@@ -1,8 +1,7 @@
 """Framers: split a byte stream into messages with the arrival times of the first and last byte.
 
-A framer accepts pieces of any size and returns the completed messages. `DelimitedLines` ends a message at a delimiter;
-`Sized` takes the length from the first bytes. Both keep at most `LIMIT` bytes of an endless message. The excess is
-discarded and reported as a single GARBLED fault.
+A framer accepts pieces of any size. Both keep at most `LIMIT` bytes of an endless message; the excess is discarded and
+reported as a single GARBLED fault.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ from typing import Protocol
 from daq.protocol.conversation import Fault, FaultKind
 
 LIMIT = 1024
-"""Limit in bytes, twice the longest known message, an RTDE text of 516 bytes."""
+"""Twice the longest known message, an RTDE text of 516 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message: bytes of the content, total size including the delimiter, and arrival times."""
+    """Content of a message, total size including the delimiter, and arrival times."""
 
     data: bytes
     size: int
@@ -29,13 +28,11 @@ class Message:
 
 
 class Framer(Protocol):
-    """Splits a stream into messages."""
-
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         """Completed messages, and faults for data that forms no valid frame."""
 
     def clear(self) -> None:
-        """Discard an unfinished message. The next byte starts a new message."""
+        """Discard an unfinished message. The next byte starts a new one."""
 
     @property
     def pending(self) -> bool:
@@ -73,7 +70,7 @@ class Pieces:
 
 
 class DelimitedLines:
-    """Messages that end in a delimiter. `joined_midway`: discard the bytes before the first delimiter.
+    """Messages that end in a delimiter. `joined_midway`: discard the bytes before the first one.
 
     echo: sent data that some instruments and adapters return before the answer; it is skipped. A line feed after a
     carriage return as the delimiter is also skipped, because some gauges can send either.
@@ -127,8 +124,8 @@ class DelimitedLines:
 class Sized:
     """Messages with a length that follows from the first `header` bytes.
 
-    `length` returns the length, or None for bytes that cannot start a message. Such a stream has no delimiters and
-    cannot be resynchronised from its content: all further data is discarded until `clear`.
+    `length` returns None for bytes that cannot start a message. Such a stream cannot be resynchronised from its
+    content: all further data is discarded until `clear`.
     """
 
     def __init__(self, header: int, length: Callable[[bytes], int | None]) -> None:
@@ -163,10 +160,7 @@ class Sized:
         return messages
 
     def _next_size(self, pending: bytearray) -> int | None:
-        """Size of the complete message.
-
-        0 if more data is needed, None if the bytes cannot start a message.
-        """
+        """Size of the complete message. 0 if more data is needed, None if the bytes cannot start a message."""
         if len(pending) < self._header:
             return 0
         size = self._length(bytes(pending[: self._header]))

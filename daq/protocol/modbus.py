@@ -65,19 +65,18 @@ class RegisterLayout(Protocol):
 
     @property
     def address(self) -> int:
-        """Address of the first register."""
+        """Of the first register."""
 
     @property
     def word_order(self) -> Order:
-        """Order of the registers of a value."""
+        """Of the registers of a value."""
 
     @property
     def byte_order(self) -> Order:
-        """Order of the bytes of a register."""
+        """Of the bytes of a register."""
 
 
 def unpack(registers: Sequence[int], register: Register, layout: RegisterLayout) -> float:
-    """A value of a block."""
     number = _NUMBER[register.type]
     start = register.address - layout.address
     words = registers[start : start + number.size // 2]
@@ -130,15 +129,8 @@ class Resync:
         """Lengths of probes, different from those of readings."""
         return [count for count in range(1, LENGTHS + len(self.usual) + 1) if count not in self.usual][:LENGTHS]
 
-    def add(self, count: int) -> None:
-        """Register the length of a reading."""
-        self.usual.add(count)
-
     def ask(self, count: int) -> int:
-        """Length of the next request.
-
-        This is the given length, or the length of a probe while an answer is outstanding.
-        """
+        """Length of the next request: the given length, or of a probe while an answer is outstanding."""
         self.probing = self.owed and (self._proven or self._tries > 0)
         self.doubtful = self.owed and not self.probing
         self.owed = True
@@ -149,14 +141,13 @@ class Resync:
         return self.counts[(self._probes - 1) % LENGTHS]
 
     def answered(self) -> None:
-        """Note that the expected answer has arrived."""
         self.owed = False
         self._proven |= self.probing
         self._tries = max(self._tries, 1)
 
 
 REQUEST = 8
-"""Length of a read request in bytes. It differs from the length of every answer."""
+"""Bytes of a read request. It differs from the length of every answer."""
 _HEAD = 3
 _REQUESTS = range(1, 7)
 """Functions with requests of this length (Modbus application protocol V1.1b3, 6.1 to 6.6)."""
@@ -166,7 +157,7 @@ _QUICK_BAUD, _QUICK_NS, _CHARACTERS = 19_200, 1_750_000, 3.5
 
 
 def silent_interval_ns(line: Line) -> int:
-    """Silence before a frame by which the units on a line recognise the start.
+    """Silence before a frame by which the units recognise the start.
 
     3.5 characters, or 1.75 ms above 19 200 baud (Modbus over serial line V1.02, 2.5.1.1).
     """
@@ -174,7 +165,6 @@ def silent_interval_ns(line: Line) -> int:
 
 
 def intact(frame: bytes) -> bool:
-    """True if the checksum at the end of a frame is correct."""
     return FramerRTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big"))
 
 
@@ -207,7 +197,7 @@ class RtuRequests:
 class RtuReplies(Sized):
     """Answers in a serial stream, and requests among them.
 
-    counts: possible register counts of an answer, by unit and function. For units not listed any count is accepted.
+    counts: possible register counts of an answer, by unit and function; others accept any count.
     """
 
     def __init__(self, counts: Mapping[tuple[int, int], Collection[int]]) -> None:
@@ -232,7 +222,7 @@ class RtuReplies(Sized):
         return answer or None
 
     def _answer_size(self, head: bytes) -> int:
-        """Size of an answer with this head; 0 if invalid."""
+        """0 if invalid."""
         unit, function, size = head[:_HEAD]
         counts = self._counts.get((unit, function & 0x7F))
         if function & 0x7F not in (3, 4):
@@ -246,7 +236,7 @@ class RtuReplies(Sized):
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
 _ASCII_END = b"\r\n"
 _ASCII_REQUEST = 15
-"""Length of a read request in characters, excluding the line end. It differs from the length of every answer."""
+"""Characters of a read request, excluding the line end. It differs from the length of every answer."""
 _ASCII = re.compile(rb":(?:[0-9A-Fa-f]{2}){3,}")
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
 """pymodbus logs each undecodable frame. Here such a frame is a fault with a limited rate."""
@@ -257,19 +247,19 @@ class ReadBlock(RegisterLayout, Protocol):
 
     @property
     def port(self) -> str:
-        """Port: an address for TCP, otherwise a serial device."""
+        """An address for TCP, otherwise a serial device."""
 
     @property
     def framing(self) -> Framing:
-        """Framing on a serial line."""
+        """Of a serial line."""
 
     @property
     def unit(self) -> int:
-        """Unit number of the instrument on the line or behind the gateway."""
+        """Of the instrument on the line or behind the gateway."""
 
     @property
     def function(self) -> Literal[3, 4]:
-        """Function code: 3 for holding registers, 4 for input registers."""
+        """3 for holding registers, 4 for input registers."""
 
     @property
     def count(self) -> int:
@@ -277,7 +267,7 @@ class ReadBlock(RegisterLayout, Protocol):
 
 
 class Wire:
-    """Frames of a side of a line or connection, and the blocks read over it."""
+    """Frames of one side of a line or connection, and the blocks read over it."""
 
     def __init__(self, port: str, framing: Framing, *, serving: bool) -> None:
         self.numbered = tcp_address(port) is not None
@@ -301,14 +291,14 @@ class Wire:
             self._replies = self.frames
 
     def resync_of(self, block: ReadBlock) -> Resync:
-        """Register a block and return the resynchronisation state of the unit on a serial line."""
+        """Register a block. Returns the resynchronisation of its unit on a serial line."""
         resync = self._resyncs.setdefault(block.unit, Resync())
-        resync.add(block.count)
+        resync.usual.add(block.count)
         self._counts.setdefault((block.unit, block.function), set()).update(resync.usual, resync.counts)
         return resync
 
     def owes(self, unit: int) -> bool:
-        """True if a unit read over this line has an unanswered request."""
+        """True if a unit has an unanswered request."""
         return unit in self._resyncs and self._resyncs[unit].owed
 
     def request(self, unit: int, function: int, address: int, count: int) -> bytes:
@@ -316,11 +306,10 @@ class Wire:
         return self.encode(_REQUEST[function](dev_id=unit, address=address, count=count))
 
     def encode(self, pdu: ModbusPDU) -> bytes:
-        """Frame of a PDU."""
         return self._framer.buildFrame(pdu)
 
     def numbering(self, request: bytes) -> bytes:
-        """Add the next transaction id to the request, if applicable. It becomes the current request."""
+        """Add the next transaction id to the request, if any. It becomes the current request."""
         if self._replies:
             self._replies.asked = request
         if not self.numbered:
@@ -342,12 +331,11 @@ class Wire:
         unit, _, content = self.open(frame) if self._ending else (frame[0], 0, frame)
         return unit if content else None
 
-    def is_sent(self, frame: bytes, request: bytes) -> bool:
-        """True if a frame is the echo of a request."""
+    def is_echo(self, frame: bytes, request: bytes) -> bool:
         return frame + self._ending == request
 
     def decode(self, content: bytes) -> ModbusPDU | None:
-        """Decode the content of a request."""
+        """Request in this content of a frame."""
         return self._framer.decoder.decode(content)
 
 

@@ -28,13 +28,15 @@ from rigs.schema.part import LONGEST_MM
 from rigs.schema.probe import Probe
 
 _LASTING = 3
-"""Replies in a row that establish a format or show a changed one. With 1 damaged reply in 200, three equally damaged
-replies in a row occur less than once in ten million.
+"""Replies in a row that establish or change a format.
+
+With 1 damaged reply in 200, three equally damaged in a row occur less than once in ten million.
 """
 _REMEMBERED = 20
 _REACH = 3
-"""Distance from the last reading that is near, as a multiple of the largest of the last steps. The largest of 20 normal
-steps is about 2 sigma, so fewer than one in a hundred million lies further out.
+"""Distance that is near, as a multiple of the largest of the last steps.
+
+The largest of 20 normal steps is about 2 sigma, so fewer than one in a hundred million lies further out.
 """
 
 
@@ -67,7 +69,7 @@ class Doubt:
 
 
 class HeldShape:
-    """Format of the numbers printed by a gauge, used to check the next number."""
+    """Format of the numbers printed by a gauge, used to check the next one."""
 
     def __init__(self) -> None:
         self._usual: tuple[int, int, int] | None = None
@@ -80,7 +82,7 @@ class HeldShape:
         self._steps_mm: deque[float] = deque(maxlen=_REMEMBERED)
 
     def check(self, written: Written) -> tuple[bool, Doubt | None]:
-        """Check the next number. Return whether it is a reading, and the doubt to report."""
+        """Whether the next number is a reading, and the doubt to report."""
         shape, usual, doubt = written.shape, self._usual, None
         self._repeated = self._repeated + 1 if shape == self._latest else 1
         self._latest = shape
@@ -122,7 +124,7 @@ class Shaped(Protocol):
 
 
 class PassesShapes:
-    """Conversation with the formats of the dialect or inner conversation; empty for binary values."""
+    """Conversation with the formats of its dialect or inner conversation; empty for binary values."""
 
     _asked: object
 
@@ -153,23 +155,21 @@ def _in_words(shape: tuple[int, int, int]) -> str:
 
 _NUMBER = re.compile(r"[+-]?(\d{1,18}(\.\d{0,18})?|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
 _MAX_DEG = 1e6
-"""Largest possible angle of an axis."""
 _LARGEST_BESIDE = 1e9
-"""Upper limit of speeds in percent, masses, temperatures and program numbers."""
+"""For speeds in percent, masses, temperatures and program numbers."""
 
 
 def number(text: str) -> float | None:
-    """Parse a decimal number; None for other text (nan, inf, hexadecimal, underscores, a hundred digits)."""
+    """Decimal number; None for other text (nan, inf, hexadecimal, underscores, a hundred digits)."""
     return float(text) if _NUMBER.fullmatch(text) else None
 
 
 def are_angles(values_deg: Iterable[float]) -> bool:
-    """True if all values are finite and possible axis angles."""
     return all(abs(value) < _MAX_DEG for value in values_deg)
 
 
 def plausible(value: float) -> float:
-    """An additional value of a robot, or nan if impossible for a speed, mass, temperature or program number."""
+    """An additional value of a robot, or nan if it is impossible."""
     return value if abs(value) <= _LARGEST_BESIDE else math.nan
 
 
@@ -178,12 +178,11 @@ _LEAST_MM = 1e-20
 
 
 def is_length(value_mm: float) -> bool:
-    """True if a number is a possible measured length; False for nan and infinity."""
     return value_mm == 0 or _LEAST_MM < abs(value_mm) <= LONGEST_MM
 
 
 def refusal(value_mm: float, gauge: Probe) -> tuple[FaultKind, str] | None:
-    """Reason for rejecting a number of this gauge, with advice; None if it is valid."""
+    """Why a number is no reading of this gauge, with advice."""
     if not is_length(value_mm):
         return FaultKind.GARBLED, f"{value_mm:.3g} mm is not a plausible gauge reading; check `units`"
     if gauge.limits_mm is None or gauge.limits_mm[0] <= value_mm <= gauge.limits_mm[1]:

@@ -54,11 +54,9 @@ class Stirring:
         self._stirred_ns = 0
 
     def begin(self, now_ns: int) -> None:
-        """Note the time at which the link was opened."""
         self._stirred_ns = now_ns
 
     def count(self) -> None:
-        """Count a request."""
         self._requests += 1
 
     def rest_ns(self, now_ns: int) -> int:
@@ -72,7 +70,7 @@ class Stirring:
 
 PAUSE_NS = 100_000_000
 _BABBLE = 4
-"""Number of time-outs after which a continuing drain is reported and the instrument is reset."""
+"""Time-outs after which a continuing drain is reported and the instrument is reset."""
 
 
 _ECHOED = 3
@@ -119,8 +117,6 @@ class Reply:
 
 
 class PolledDialect(Protocol):
-    """Instrument-specific part of a polled exchange."""
-
     @property
     def frames(self) -> Framer:
         """Framer of the messages."""
@@ -140,15 +136,10 @@ class PolledDialect(Protocol):
 
 
 class Polled(PassesShapes):
-    """Host side of an instrument that answers requests."""
-
     def __init__(
         self, dialect: PolledDialect, timeout_s: float, rate_hz: float = math.inf, *, shared: bool = False
     ) -> None:
-        """Create the host side.
-
-        shared: other instruments are polled in between, and `tick` gives the turn.
-        """
+        """shared: other instruments are polled in between, and `tick` gives the turn."""
         self._asked = self._dialect = dialect
         self._shared = shared
         self._period_ns = round(1e9 / rate_hz)

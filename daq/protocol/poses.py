@@ -48,8 +48,8 @@ def flange_pose(tool: Vector, offset: Vector) -> tuple[float, ...]:
 
     Both are x, y, z in m and a rotation vector in rad, as Universal Robots send them.
     """
-    back = _transposed(rotation_of(offset[3:]))
-    R = _product(rotation_of(tool[3:]), back)
+    back = zip(*rotation_of(offset[3:]), strict=True)
+    R = _product(rotation_of(tool[3:]), tuple(back))
     place = [at - part for at, part in zip(tool[:3], _turned(R, offset[:3]), strict=True)]
     return columns_of(R, [1000 * part for part in place])
 
@@ -75,7 +75,7 @@ def _rotation_of_rpy(rpy_deg: Vector) -> Matrix:
 
 
 def _vector_of(R: Matrix) -> tuple[float, ...]:
-    """Rotation vector in rad of a rotation, by its quaternion, which is exact at half a turn as well."""
+    """Rotation vector in rad, by the quaternion, which is exact at half a turn as well."""
     (a, b, c), (d, e, f), (g, h, i) = R
     squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
     rows = (
@@ -93,10 +93,6 @@ def _vector_of(R: Matrix) -> tuple[float, ...]:
 def _product(A: Matrix, B: Matrix) -> tuple[tuple[float, float, float], ...]:
     (a, b, c), (d, e, f), (g, h, i) = B
     return tuple((x * a + y * d + z * g, x * b + y * e + z * h, x * c + y * f + z * i) for x, y, z in A)
-
-
-def _transposed(R: Matrix) -> Matrix:
-    return tuple(zip(*R, strict=True))
 
 
 def _turned(R: Matrix, vector: Vector) -> list[float]:

@@ -29,11 +29,11 @@ from daq.protocol.numerals import are_angles
 from daq.protocol.streamed import Reaction
 
 LIMIT = 4096
-"""Limit in bytes, several times the longest known message, an RSI text with all possible elements."""
+"""Several times the longest known message, an RSI text with all possible elements."""
 
 
 class Datagrams:
-    """Framer with a message per datagram. A datagram above `limit` bytes is a GARBLED fault."""
+    """Framer with a message per datagram."""
 
     pending = False
 
@@ -77,7 +77,6 @@ class Order:
         self._last: int | None = None
 
     def reset(self) -> None:
-        """Start a new sequence with the next message."""
         self._last = None
 
     def admit(self, sample: Sample, number: int) -> tuple[Item, ...]:
@@ -107,12 +106,12 @@ class Order:
 
 
 _MAX_CLOCK_S = 1e11
-"""Latest valid stamp: three thousand years since 1970 or since power-on."""
+"""Three thousand years since 1970 or since power-on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Content of a datagram: six joint angles (deg), controller clock (s), number, and the condition columns."""
+    """Six joint angles, controller clock, number, and the condition columns of a datagram."""
 
     angles_deg: tuple[float, ...]
     clock_s: float
@@ -122,8 +121,6 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class UnusableDatagram:
-    """Reason for a datagram lacking a position."""
-
     kind: FaultKind
     detail: str
 
@@ -175,11 +172,10 @@ class SteadyRate:
 
     @property
     def next_ns(self) -> int:
-        """Next instant."""
         return self._start_ns + round(self._count * 1e9 / self._rate_hz)
 
     def step(self, now_ns: int) -> int | None:
-        """Next instant if it has come; otherwise None."""
+        """Next instant if it has come."""
         instant = self.next_ns
         if instant > now_ns:
             return None
@@ -196,10 +192,7 @@ class SteadyDevice(ABC):
     """Device with a constant rate: unprompted with `unasked_hz`, otherwise after a request."""
 
     IS_STREAM = False
-    """True if a step sends all due messages.
-
-    Otherwise it sends a single datagram, followed immediately by the next if late.
-    """
+    """True if a step sends all due messages, otherwise a single datagram."""
 
     def __init__(self, read: Callable[[int], Sequence[float]], unasked_hz: float | None = None) -> None:
         self.sent = 0
@@ -233,9 +226,7 @@ class SteadyDevice(ABC):
 
 
 _FIRST = 25
-"""Number of steps used to measure the period, a fifth of a second at 125 Hz. It is assumed that at least one of them
-contains no loss.
-"""
+"""Steps used to measure the period, a fifth of a second at 125 Hz: at least one of them contains no loss."""
 _MORE = 1.5
 """Multiple of the period above which a step contains losses."""
 
@@ -251,7 +242,7 @@ class SteadySteps:
         """Steps between stamps while the period is unknown."""
 
     def check_stamp(self, clock_s: float, at_ns: int) -> list[Fault]:
-        """Add a stamp. Return faults for missing packets and for an unexpected rate."""
+        """Add a stamp. Returns faults for missing packets and for an unexpected rate."""
         before_s, self._last_s = self._last_s, clock_s
         if not clock_s > before_s:
             return []

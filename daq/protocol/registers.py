@@ -52,7 +52,7 @@ _REMEDY = {
     ExcCodes.GATEWAY_NO_RESPONSE: "check the cable behind the gateway and `unit`",
 }
 _PREFIX = 9
-"""Number of bytes before the registers in a TCP answer: transaction, protocol, length, unit, function, size."""
+"""Bytes before the registers in a TCP answer: transaction, protocol, length, unit, function, size."""
 _DAMAGED = "checksum wrong; check the cable and the line settings"
 _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 
@@ -60,7 +60,7 @@ _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool], Polled]) -> Host:
     """Host side of a line with these gauges.
 
-    exchange: creates the exchange of a gauge. The last argument is True if the line is shared.
+    exchange: creates the exchange of a gauge; its last argument is True if the line is shared.
     """
     first, shared = gauges[0], len(gauges) > 1
     wire = Wire(first.port, first.framing, serving=False)
@@ -82,10 +82,7 @@ class RegisterDialect:
     babble = "a Modbus unit never sends unprompted: disconnect the other master from this line, or check the wiring"
 
     def __init__(self, block: ReadBlock, reading: Reading, wire: Wire) -> None:
-        """Create the dialect.
-
-        wire: may also carry reads of other blocks, of the same unit or of others.
-        """
+        """wire: may also carry reads of other blocks, of the same unit or of others."""
         self._block = block
         self._reading = reading
         self._wire = wire
@@ -117,7 +114,7 @@ class RegisterDialect:
 
     def _examined(self, message: Message, requested_ns: int) -> Reply:
         """Interpret a message with an unexpected head."""
-        if self._wire.is_sent(message.data, self._sent):
+        if self._wire.is_echo(message.data, self._sent):
             return Reply((), Then.WAIT)  # an adapter with an echo
         if self._wire.asks(message.data) is not None:
             return Reply((unasked(self._wire, message),), Then.DRAIN)
@@ -133,7 +130,6 @@ class RegisterDialect:
         return self._answer(content, message, requested_ns)
 
     def _of_another(self, unit: int, function: int, message: Message) -> Reply:
-        """Interpret an answer of a different unit or function."""
         if unit != self._block.unit and self._wire.owes(unit):
             return Reply((unasked(self._wire, message),), Then.WAIT)
         asked = f"unit {self._block.unit}, function {self._block.function}"
@@ -183,12 +179,10 @@ def unasked(wire: Wire, message: Message) -> Fault:
     if not content:
         return Fault(FaultKind.GARBLED, at_ns, _DAMAGED)
     if wire.owes(unit):
-        return Fault(
-            FaultKind.LATE, at_ns, f"a late answer of unit {unit} was ignored; increase the timeout_s of that gauge"
-        )
-    return Fault(
-        FaultKind.STRANGER, at_ns, f"unit {unit} answers, and was not asked from here; is there a different master?"
-    )
+        detail = f"a late answer of unit {unit} was ignored; increase the timeout_s of that gauge"
+        return Fault(FaultKind.LATE, at_ns, detail)
+    detail = f"unit {unit} answers, and was not asked from here; is there a different master?"
+    return Fault(FaultKind.STRANGER, at_ns, detail)
 
 
 def verdict(registers: Registers, status: StatusRegister | None, layout: RegisterLayout, at_ns: int) -> int | Fault:
@@ -205,7 +199,7 @@ def verdict(registers: Registers, status: StatusRegister | None, layout: Registe
 
 
 def pack_verdict(registers: list[int], status: StatusRegister | None, layout: RegisterLayout, *, good: bool) -> None:
-    """Store a status: the first listed value if `good`, otherwise a value not listed."""
+    """Store the first listed status if `good`, otherwise a value not listed."""
     if status is not None:
         listed = (*status.good, *status.doubtful)
         pack(registers, status, layout, listed[0] if good else min(set(range(len(listed) + 1)) - set(listed)))
@@ -216,15 +210,14 @@ def _garbled(detail: str, at_ns: int) -> Reply:
 
 
 class RegisterDevice:
-    """Device side of one or several instruments on a line: serves blocks."""
+    """Device side of one or several instruments on a line."""
 
     def __init__(
         self, served: Sequence[tuple[ReadBlock, Held]], silently: Sequence[tuple[ReadBlock, Held]] = ()
     ) -> None:
-        """Create the device side.
+        """served: blocks with the content at a time; None if there is neither a reading nor a status.
 
-        served: blocks with the content at a time; None if there is neither a reading nor a status. silently: blocks
-        that contain no readings.
+        silently: blocks that contain no readings.
         """
         self.sent = 0
         """Number of answers that contain readings."""

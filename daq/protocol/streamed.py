@@ -1,7 +1,7 @@
 """Receiving from a device that sends unprompted after it was started.
 
-Messages are decoded on arrival. A silence of `timeout_s` is reported (fault SILENT) once per `timeout_s`, and the
-dialect selects the reaction. Bytes that form no message do not end a silence.
+A silence of `timeout_s` is reported (fault SILENT) once per `timeout_s`, and the dialect selects the reaction. Bytes
+that form no message do not end a silence.
 """
 
 from __future__ import annotations
@@ -25,8 +25,6 @@ class Reaction:
 
 
 class StreamedDialect(Protocol):
-    """Device-specific part of a stream."""
-
     @property
     def frames(self) -> Framer:
         """Framer of the messages."""
@@ -45,8 +43,6 @@ class StreamedDialect(Protocol):
 
 
 class Streamed(PassesShapes):
-    """Host side of a device that sends unprompted."""
-
     def __init__(self, dialect: StreamedDialect, timeout_s: float) -> None:
         self._asked = self._dialect = dialect
         self._timeout_s = timeout_s
@@ -104,8 +100,10 @@ class GatheredStream(Streamed):
     """
 
     gather_ns = 10_000_000
-    """Gathering time. Chosen: five packets of a controller. They are decoded in a third of the time of single packets,
-    and in less than a tenth of a period of 2 ms, so that the next one is not stamped late.
+    """Five packets of a controller.
+
+    They are decoded in a third of the time of single packets, and in less than a tenth of a period of 2 ms, so that the
+    next one is not stamped late.
     """
 
     def received_all(self, arrivals: Sequence[Arrival]) -> ConversationStep:
@@ -120,9 +118,9 @@ class GatheredStream(Streamed):
 
 
 _FIRST_SLOWLY_BYTES = 48
-"""Number of bytes decoded individually after a failed array decoding, a few values.
+"""Bytes decoded individually after a failed array decoding.
 
-It is doubled each time to limit the attempts on a garbled stream.
+They are doubled each time to limit the attempts on a garbled stream.
 """
 
 
@@ -137,8 +135,9 @@ class QuicklyStreamed(GatheredStream):
     """Host side of a device with thousands of messages per second. Plain readings are decoded as arrays."""
 
     gather_ns = 100_000_000
-    """Gathering time. Decoding takes about 0.3 ms, during which no data is stamped. At this interval it affects fewer
-    than one stamp in a hundred, and it is shorter than a round of the recorder.
+    """Decoding takes about 0.3 ms, during which no data is stamped.
+
+    At this interval it affects fewer than one stamp in a hundred, and it is shorter than a round of the recorder.
     """
 
     def __init__(self, dialect: QuickDialect, timeout_s: float) -> None:

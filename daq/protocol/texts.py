@@ -24,7 +24,7 @@ from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, the power supply of the gauge, and the line settings"
 SIGNED = rb"[+-]\d{1,7}\.\d{1,7}"
-"""Number with a mandatory sign: otherwise the loss of the first byte would change the sign."""
+"""A mandatory sign: otherwise the loss of the first byte would change the sign."""
 _UNITS: dict[bytes, Units] = {b"mm": "mm", b"um": "um", b"in": "inch", b"inch": "inch"}
 
 Show = Callable[[], Sequence[float]]
@@ -34,7 +34,7 @@ ProbeT = TypeVar("ProbeT", bound=Probe)
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """Reason for a message lacking a reading, with advice."""
+    """Why a message has no reading, with advice."""
 
     detail: str
     kind: FaultKind = FaultKind.DEVICE_ERROR
@@ -46,19 +46,17 @@ Reading = float | Written | Trouble
 
 
 def garbled(data: bytes) -> Trouble:
-    """Trouble for a message of a different protocol."""
     return Trouble(
         f"{printable_message(data)} is not a reading; check the line settings", FaultKind.GARBLED, Then.DRAIN
     )
 
 
 def printable_message(data: bytes) -> str:
-    """A message in readable form."""
     return repr(data[:60])[1:]
 
 
 def mm(number: bytes, gauge: Probe, fields: int = 1) -> Reading:
-    """Convert a number in the units of the gauge to mm, ignoring blanks. Return Trouble if it is invalid.
+    """Number in the units of the gauge as a reading in mm, ignoring blanks.
 
     fields: count of numbers in the message if the order identifies the gauges.
     """
@@ -70,7 +68,7 @@ def mm(number: bytes, gauge: Probe, fields: int = 1) -> Reading:
 
 
 def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
-    """Convert a number with a transmitted unit to mm. Return Trouble if the unit differs from the rig file."""
+    """Number with a transmitted unit as a reading in mm. The unit must be that of the rig file."""
     sent = _UNITS.get(unit.lower())
     if sent == gauge.units:
         return mm(number, gauge)
@@ -78,7 +76,6 @@ def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
 
 
 def wrong_unit(sent: str, units: Units) -> Trouble:
-    """Trouble for a unit that differs from the rig file."""
     return Trouble(f"the gauge reads in {sent}, but the rig file has {units}; switch the gauge, or correct `units`")
 
 
@@ -99,7 +96,7 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
 def check_formats(
     readings: Sequence[Reading], shapes: Sequence[HeldShape], message: Message
 ) -> tuple[list[Reading], tuple[Fault, ...]]:
-    """Check the number of each gauge against the format. Return the readings and additional faults."""
+    """Check the number of each gauge against the format. Returns the readings and additional faults."""
     checked, faults = list[Reading](), list[Fault]()
     for reading, shape in zip(readings, shapes, strict=True):
         if not isinstance(reading, Written):
@@ -128,10 +125,7 @@ class TextDialect(Generic[ProbeT]):
         *,
         may_echo: bool = True,
     ) -> None:
-        """Create the dialect.
-
-        may_echo: treat a message starting with the request as an echo, not as an answer.
-        """
+        """may_echo: treat a message starting with the request as an echo, not as an answer."""
         if may_echo and isinstance(frames, DelimitedLines):
             frames.echo = request
         self.frames = frames

@@ -1,7 +1,7 @@
 """Conversation over a WebSocket (RFC 6455), with a text message per step.
 
-wsproto implements the protocol independently of a network. Pings are answered. A message has the timestamp of the last
-piece. A refused, closed or invalid WebSocket, or a message above `LIMIT`, ends the link.
+wsproto implements the protocol independently of a network. A message has the timestamp of the last piece. A refused,
+closed or invalid WebSocket, or a message above `LIMIT`, ends the link.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from wsproto.utilities import RemoteProtocolError
 from daq.protocol.conversation import Conversation, ConversationStep, Device, Fault, FaultKind, Host, Item
 
 LIMIT = 1 << 16
-"""Maximum size of a message in bytes: ten times the joint states of an arm with a hand."""
+"""Ten times the joint states of an arm with a hand."""
 
 
 class _WebSocket:
@@ -106,7 +106,7 @@ def _after(step: ConversationStep, following: ConversationStep) -> ConversationS
 
 
 class WebSocketHost(_WebSocket):
-    """Client side. address: address of the server, for example `robot:9090`."""
+    """Client side. address: of the server, for example `robot:9090`."""
 
     def __init__(self, carried: Host, address: str, timeout_s: float) -> None:
         super().__init__(ConnectionType.CLIENT, carried)
@@ -132,8 +132,6 @@ class WebSocketHost(_WebSocket):
 
 
 class WebSocketDevice(_WebSocket):
-    """Server side for a single client."""
-
     def __init__(self, carried: Device) -> None:
         super().__init__(ConnectionType.SERVER, carried)
         self._device = carried

@@ -1,7 +1,7 @@
 """A single run, from the request until it is closed.
 
-A slow disk may take seconds to create the run directory. Meanwhile samples are buffered, and written once the directory
-exists. A recording can start only if the robot and all required gauges were read recently.
+A slow disk may take seconds to create the run directory. Meanwhile samples are buffered. A recording can start only if
+the robot and all required gauges were read recently.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ NAME_RULE = "use up to 64 letters, digits, . _ and -, starting with a letter or 
 
 
 class RunLabel(Part):
-    """Label of a recording, entered by the operator at the start."""
+    """Entered by the operator at the start."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
     test: TestName
@@ -51,18 +51,14 @@ _FRESH_S = 3.0
 
 
 def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> None:
-    """Raise CellError if the robot or a required gauge is missing or silent."""
+    """Refuse a missing or silent robot or gauge that the test requires."""
     needed = {"g1_mm", "q1_deg", *(f"{gauge}_mm" for gauge in gauges_needed(test))}
     for column in sorted(needed):
         states = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
         name = "robot" if column == "q1_deg" else column.removesuffix("_mm")
         if not states:
-            raise CellError(
-                name,
-                f"is required by the {test} test, but missing in the rig file",
-                f"add gauges.{name}",
-                code="gauge.missing",
-            )
+            problem = f"is required by the {test} test, but missing in the rig file"
+            raise CellError(name, problem, f"add gauges.{name}", code="gauge.missing")
         if states[0].age_s.get(column, 1e9) > _FRESH_S:
             last = states[0].last_fault or "nothing was received"
             stale = f"no reading in the last {_FRESH_S:.0f} s ({last})"
@@ -70,41 +66,40 @@ def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> Non
 
 
 def samples_in(items: Sequence[Item]) -> int:
-    """Count the samples in `items`, including earlier drops."""
+    """Number of samples, including earlier drops."""
     dropped = sum(fault.count for fault in faults_of(items) if fault.kind is FaultKind.DROPPED)
     return len(samples_of(items)) + dropped
 
 
 @dataclass(frozen=True)
 class EndedRun:
-    """A finished run.
-
-    counters: samples and faults of each kind, by stream. seal: SHA-256 of the ledger.
-    """
+    """A finished run."""
 
     path: Path
     counters: dict[str, dict[str, int]]
+    """Samples and faults of each kind, by stream."""
     seal: str
+    """SHA-256 of the ledger."""
 
 
 @dataclass(frozen=True)
 class RecordingGap:
-    """Interval between a run ended by a disk failure and the next run.
-
-    previous: directory of the ended run. device: disk of that directory.
-    taken: samples per stream accepted by the ended run. lost: part of `taken` that could not be saved, known when the
-    run is closed. missed: samples per stream that arrived after the run had ended, and belong to no run.
-    """
+    """Interval between a run ended by a disk failure and the next run."""
 
     previous: Path
+    """Directory of the ended run."""
     device: int
+    """Disk of that directory."""
     why: str
     taken: Counter[str]
+    """Samples per stream accepted by the ended run."""
     lost: Counter[str] = field(default_factory=Counter)
+    """Part of `taken` that could not be saved, known when the run is closed."""
     missed: Counter[str] = field(default_factory=Counter)
+    """Samples per stream that arrived after the run had ended, and belong to no run."""
 
     def require_disk(self) -> None:
-        """Raise CellError if the disk is not mounted, to avoid writing below the mount point.
+        """Refuse an unmounted disk, to avoid writing below its mount point.
 
         The disk is mounted if the previous run exists, or if the run was deleted but the device number is unchanged.
         """
@@ -114,14 +109,10 @@ class RecordingGap:
         raise CellError(str(self.previous), "is gone", "remount the disk of the run", code="recording.stopped")
 
     def missed_text(self) -> str:
-        """Number of missed samples per stream as text."""
         return ", ".join(f"{count} of {name}" for name, count in self.missed.items() if count) or "none"
 
     def not_recorded(self, warnings: RateLimitedLog) -> dict[str, Fault]:
-        """Recover the previous run, and return a fault for each stream with unrecorded samples.
-
-        Raises CellError if the disk is absent.
-        """
+        """Recover the previous run. Returns a fault for each stream with unrecorded samples."""
         self.require_disk()
         try:
             if self.previous.is_dir():
@@ -133,8 +124,8 @@ class RecordingGap:
     def dropped(self) -> dict[str, Fault]:
         """A fault for each stream with samples that were missed or could not be saved.
 
-        If the manifest of the previous run cannot be read, all samples of that run count as lost, including drops
-        counted in earlier runs.
+        If the manifest of the previous run cannot be read, all its samples count as lost, including drops counted in
+        earlier runs.
         """
         stored: Counter[str] = Counter()
         with suppress(FileError):
@@ -151,17 +142,14 @@ class RecordingGap:
 class ActiveRun:
     """Collects the items of all streams, to be written once a writer exists.
 
-    begun: future of the run directory, or of the error. ended: future of the finished run. counters: samples and faults
-    of each kind, by stream. gap: interval before this run, if it continues an earlier run.
+    begun: future of the run directory. ended: future of the finished run. counters: samples and faults of each kind, by
+    stream. gap: interval before this run, if it continues an earlier run.
     """
 
     def __init__(
         self, label: RunLabel, columns: Mapping[str, Sequence[str]], kept: Mapping[str, Sequence[Item]], since_ns: int
     ) -> None:
-        """Create a run. It has no writer at first.
-
-        columns: column names per stream. kept: items buffered before the request, from `since_ns` on.
-        """
+        """columns: column names per stream. kept: items buffered before the request, from `since_ns` on."""
         self.label, self.since_ns = label, since_ns
         self.gap: RecordingGap | None = None
         self.writer: RunWriter | None = None
@@ -175,7 +163,7 @@ class ActiveRun:
 
     @property
     def sample_counts(self) -> Counter[str]:
-        """Number of samples per stream, written or dropped."""
+        """Samples per stream, written or dropped."""
         return Counter(
             {name: counter["samples"] + counter[FaultKind.DROPPED] for name, counter in self.counters.items()}
         )
@@ -198,7 +186,6 @@ class ActiveRun:
 
     @property
     def buffered_samples(self) -> Counter[str]:
-        """Number of buffered samples per stream before the start of the run."""
         return Counter({name: samples_in(items) for name, items in self._kept.items()})
 
     def refuse(self, error: Exception) -> None:
@@ -209,12 +196,11 @@ class ActiveRun:
         self.ended.set_exception(error)
 
     def close(self, ending: Ending, why: str) -> None:
-        """End the run if it has begun. Raises CellError."""
         if self.writer is not None:
             self.writer.close(ending, why, self.counters)
 
     def put(self, stream: str, items: Sequence[Item]) -> list[Fault]:
-        """Write items, followed by the faults found in them by the plausibility checks. Returns these faults."""
+        """Write items, and the faults found in them by the plausibility checks. Returns these faults."""
         if self.writer is None:
             self._kept[stream].extend(items)
             return []
@@ -231,7 +217,7 @@ class ActiveRun:
         writer.append_faults(stream, faults)
 
     def put_host(self, faults: Sequence[Fault]) -> None:
-        """Write faults of the computer. After a step of the wall clock, also write a new time anchor."""
+        """Write faults of the computer, with a new time anchor after a step of the wall clock."""
         if self.writer is None:
             self._host_faults += faults
             return

@@ -1,15 +1,12 @@
 """Start and end of recordings, by operators and by the trigger of the rig file.
 
-The recorder passes the samples of the robot's stream to the trigger. The returned commands are executed after each
-round. Operators have precedence, by the recorder's state machine.
-
-The trigger is pure: samples in, commands out. The trigger owns no clock, recorder or thread, so a test covers an hour
-of a cell within milliseconds. The trigger rules of the rig file refer to the joint angles and the robot's signal.
+The recorder passes the samples of the robot's stream to the trigger, whose commands are executed after each round. The
+trigger is pure: samples in, commands out. Operators have precedence, by the recorder's state machine.
 
 A signal starts a recording when it changes to the value of a rule. A signal that is active in the first sample is
 ignored, because its start is unknown. The value must remain for 0.1 s, because the outputs that form a number do not
 switch simultaneously. A motion rule starts a recording when the robot leaves a posture in which it stood. Both events
-end the previous run, so that each program has a separate run.
+end the previous run, so that each program has its own.
 
 A run ends when the robot stands still after the end of the signal. If the robot continues to move, the run ends soon
 after the signal. Surplus readings at both ends are harmless, because the evaluation finds the lap. Missing readings are
@@ -47,7 +44,7 @@ AXES = 6
 
 @dataclass(frozen=True)
 class StartRun:
-    """Command to start a run for a rule. The event happened at `at_ns`."""
+    """Start a run for a rule. The event happened at `at_ns`."""
 
     rule: Rule
     at_ns: int
@@ -55,7 +52,7 @@ class StartRun:
 
 @dataclass(frozen=True)
 class StopRun:
-    """Command to end the run. in_order: True if the event ended as specified by the rule."""
+    """End the run. in_order: the event ended as specified by the rule."""
 
     at_ns: int
     why: str
@@ -80,14 +77,11 @@ class Trigger:
 
     @property
     def signal(self) -> float:
-        """Current signal of the robot, nan before the first sample or if it has no signal."""
+        """Signal of the robot, nan before the first sample or if it has no signal."""
         return self._signal.value
 
     def feed(self, sample: Sample) -> list[Command]:
-        """Process a sample and return the resulting commands.
-
-        The sample contains the joint angles in degrees, followed by the signal if the robot has one.
-        """
+        """Process a sample: the joint angles in degrees, followed by the signal if the robot has one."""
         at_ns = self._last_sample_ns = sample.last_byte_ns
         joints = sample.values[:AXES]
         self._standstill.feed(joints, at_ns)
@@ -119,7 +113,7 @@ class Trigger:
         return self._stop(StopRun(now_ns, f"the robot sent no data for {_SILENT_NS // _S} s", in_order=False))
 
     def reset(self) -> None:
-        """Forget the requested run, which was refused or ended by an operator. The next event starts a recording."""
+        """Forget the requested run, which was refused or ended by an operator."""
         self._running = None
 
     def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> StartRun | None:
@@ -150,15 +144,13 @@ class _Standstill:
 
 
 class _SettledSignal:
-    """Debounced value of the signal."""
-
     def __init__(self) -> None:
         self.value = math.nan
         self._next = math.nan
         self._since_ns = 0
 
     def feed(self, value: float, at_ns: int) -> int | None:
-        """Time of a settled change, or None if the value is unchanged or is the first one."""
+        """Time of a settled change; None if the value is unchanged or is the first one."""
         if value == self.value:
             self._next = math.nan
             return None
@@ -180,7 +172,7 @@ class _Departure:
         self._left_ns: int | None = None
 
     def feed(self, joints: Sequence[float], stands_since_ns: int, at_ns: int) -> int | None:
-        """Time of departure once the robot is halfway to the next posture, otherwise None."""
+        """Time of departure once the robot is halfway to the next posture."""
         if largest_difference_deg(joints, self._from) <= NEAR_DEG:
             if at_ns - stands_since_ns >= _STOOD_NS:
                 self._left_ns = at_ns
@@ -217,12 +209,12 @@ class Arbiter:
         self._why_not = ""
 
     def feed(self, items: Sequence[Item]) -> None:
-        """Store items of the robot's stream. Called by the recorder during a round."""
+        """Keep items of the robot's stream during a round."""
         if self._rules:
             self._samples.extend(samples_of(items))
 
     def after_round(self) -> None:
-        """Pass the stored items to the trigger and execute its commands. Called after each round."""
+        """Pass the kept items to the trigger and execute its commands."""
         if not self._rules:
             return
         while self._starting and self._starting[0][2].done():
@@ -243,11 +235,11 @@ class Arbiter:
         self._execute(self._trigger.tick(clock.now_ns()))
 
     def start(self, label: RunLabel) -> Path:
-        """Start a recording for an operator. A recording started by the robot is ended. Raises CellError."""
+        """Start a recording for an operator. A recording started by the robot is ended."""
         return clock.result(self._recorder.start_run(RecordingRequest(label)))
 
     def stop(self) -> EndedRun:
-        """End the recording for an operator, and wait until the run is closed. Raises CellError."""
+        """End the recording for an operator, and wait until the run is closed."""
         return clock.result(self._recorder.stop_run())
 
     def state(self) -> dict[str, object] | None:

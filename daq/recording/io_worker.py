@@ -1,8 +1,8 @@
 """Threads that wait for the disk.
 
-One thread executes disk operations in order, and a second thread creates runs. A sync, the closing of a full chunk, and
-the creation or end of a run may each take seconds on a slow disk. Meanwhile the recorder continues to drain buffers, to
-feed the watchdog, and to write samples to the operating system, where they survive the end of the process.
+One thread executes disk operations in order, and a second creates runs. Each operation may take seconds on a slow disk.
+Meanwhile the recorder continues to drain buffers, to feed the watchdog, and to write samples to the operating system,
+where they survive the end of the process.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _SYNC_S = 0.5
 
 
 class IoWorker:
-    """Runs disk operations in threads, and tracks the pending operations."""
+    """Runs disk operations in threads."""
 
     def __init__(self, warnings: RateLimitedLog) -> None:
         keep_large_blocks_apart()
@@ -35,7 +35,7 @@ class IoWorker:
         """Rows per sample stream of the current run that are safely on the disk."""
 
     def advance(self, writer: RunWriter) -> None:
-        """Collect finished operations, and start the next operation. Raises CellError.
+        """Collect finished operations, and start the next one.
 
         A sync runs twice a second. Chunks are closed between two syncs.
         """
@@ -62,7 +62,7 @@ class IoWorker:
     def submit_close(self, close: Callable[[], None]) -> None:
         """Close the run after the pending operation.
 
-        The result of that operation is ignored, because closing verifies the work and repeats it if necessary.
+        Its result is ignored, because closing verifies the work and repeats it if necessary.
         """
         self._under_way, self.synced = None, {}
         self._thread.submit(close).add_done_callback(_fail)
@@ -70,12 +70,11 @@ class IoWorker:
     def submit_create(self, create: Callable[[], None]) -> None:
         """Create a run. The previous run need not be closed.
 
-        An exception in `create` is a programming error. Such an error ends the process, as in any thread.
+        An exception in `create` is a programming error, which ends the process, as in any thread.
         """
         self._creator.submit(create).add_done_callback(_fail)
 
     def shut_down(self) -> None:
-        """Wait until all work is done."""
         self._creator.shutdown()
         self._thread.shutdown()
 

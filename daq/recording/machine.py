@@ -1,12 +1,11 @@
 """State machine of the recorder.
 
 The machine is pure: an event in, the next state and a list of actions out. The threads of the recorder execute the
-actions and report the results as further events. All decisions are therefore made here, whatever the order of events.
-The table of states is in docs/decisions/0016-the-recorder-is-a-state-machine.md.
+actions and report the results as further events. The table of states is in docs/decisions/0016-the-recorder-is-a-state-
+machine.md.
 
 A *recording* is a request by the operator or the robot; a *run* is a directory. A disk failure ends the run, but not
-the recording, which waits and continues in a new run. The operator has precedence: the robot cannot end the operator's
-recording.
+the recording, which waits and continues in a new run. The robot cannot end the operator's recording.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ from daq.store.ledger import Ending
 FIRST_PAUSE_S = 5.0
 """First pause after a disk failure. The operator must attend to a full or failing disk."""
 REMOVED_PAUSE_S = 0.1
-"""Pause after a run directory was removed. The disk can take a new run immediately, but zero would mean a first run."""
+"""Pause after a run directory was removed. The disk can take a new run immediately; zero means a first run."""
 LONGEST_PAUSE_S = 60.0
 MOST_LEAVING = 2
-"""Largest number of stopped runs that have no directory. Their samples are in memory."""
+"""Stopped runs that have no directory yet. Their samples are in memory."""
 
 
 @dataclass(frozen=True)
 class RecordingRequest:
-    """A request for a recording. since_ns: buffered samples from this time on belong to the recording."""
+    """A request. since_ns: buffered samples from this time on belong to the recording."""
 
     label: RunLabel
     by: Literal["person", "robot"] = "person"
@@ -179,12 +178,12 @@ class RecorderState:
 
     @property
     def recording(self) -> RecordingRequest | None:
-        """Current recording, even before the run exists, or None if idle."""
+        """Current recording, even before the run exists; None if idle."""
         return None if isinstance(self.phase, Idle) else self.phase.recording
 
     @property
     def run(self) -> int | None:
-        """Number of the run that receives samples, even before its directory exists; None if idle."""
+        """Run that receives samples, even before its directory exists; None if idle."""
         return self.phase.run if isinstance(self.phase, Beginning | Running) else None
 
 
@@ -192,7 +191,7 @@ Outcome = tuple[RecorderState, tuple[Action, ...]]
 
 
 def step(state: RecorderState, event: Event) -> Outcome:
-    """Next state and the actions. Events that do not apply to a state leave the state unchanged."""
+    """Next state and the actions. Events that do not apply leave the state unchanged."""
     match event, state.phase:
         case StartRequested(recording), _:
             return _start(state, recording)

@@ -1,8 +1,8 @@
 """The recorder: drains the buffers of all streams and writes the samples of the current run.
 
 `daq.recording.machine` decides; the recorder executes. One lock guards the state and the runs, and one thread does the
-periodic work. Readers never take this lock, and no code waits for the disk while the lock is taken. The threads of
-`daq.recording.io_worker` wait for the disk, for example to create and resume runs.
+periodic work. Readers never take this lock, and no code waits for the disk while it is taken: the threads of
+`daq.recording.io_worker` do.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def status_of(
     *,
     closing: bool,
 ) -> dict[str, object]:
-    """Status of the current recording, or the result of the last recording.
+    """Status of the current recording, or the result of the last one.
 
     run: the run receiving samples. gap: missed samples while the recording waits for the disk. synced: rows per stream
-    that are safely on the disk. closing: True if another run is still being closed.
+    that are safely on the disk. closing: another run is still being closed.
     """
     if run is None or run.writer is None or not isinstance(state.phase, Running):
         gap = run.gap if run else gap
@@ -76,29 +76,21 @@ def status_of(
 
 
 def rejection(rejected: Reject, state: RecorderState, last_end: str) -> CellError:
-    """Error for a rejected request."""
     if rejected.why == "running" and state.recording:
-        return CellError(
-            f"recording {state.recording.label.name}",
-            "already running",
-            "stop the recording: rig record stop",
-            code="recording.running",
-        )
+        where, remedy = f"recording {state.recording.label.name}", "stop the recording: rig record stop"
+        return CellError(where, "already running", remedy, code="recording.running")
     if rejected.why == "making":
         problem = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
-        return CellError(
-            "disk", problem, "retry in some seconds; if the problem persists, run rig doctor", code="recording.starting"
-        )
-    why = f" (the last one: {last_end})" if last_end else ""
-    return CellError(
-        "rigd", f"no recording is active{why}", "start a recording: rig record start NAME …", code="recording.none"
-    )
+        remedy = "retry in some seconds; if the problem persists, run rig doctor"
+        return CellError("disk", problem, remedy, code="recording.starting")
+    problem = "no recording is active" + (f" (the last one: {last_end})" if last_end else "")
+    return CellError("rigd", problem, "start a recording: rig record start NAME …", code="recording.none")
 
 
 log = logging.getLogger("rigd")
 _ROUND_S = 0.25
 _LEAST_PAUSE_S = 0.1
-"""Shortest pause. Other threads need the lock to start or stop a recording on a slow disk."""
+"""Other threads need the lock to start or stop a recording on a slow disk."""
 
 
 class Recorder(clock.Thread):
@@ -111,10 +103,9 @@ class Recorder(clock.Thread):
         after_round: Callable[[], None],
         on_items: Callable[[str, Sequence[Item]], None] = lambda name, items: None,
     ) -> None:
-        """Create a recorder; `start` starts its thread.
+        """create: creates a run for a label, to continue the named run if any.
 
-        create: creates a run for a label. The second argument is the name of the run to continue, or empty. on_items:
-        receives the new items of every stream and must return quickly.
+        on_items: receives the new items of every stream and must return quickly.
         """
         super().__init__(name="write", daemon=True)
         self._buffers, self._create, self._after_round = buffers, create, after_round
@@ -163,10 +154,9 @@ class Recorder(clock.Thread):
         self._after_round()
 
     def start_run(self, recording: RecordingRequest) -> Future[Path]:
-        """Start a recording.
+        """Start a recording. The future contains the directory, or the error of the disk.
 
-        The future contains the directory once it exists, or the CellError if the disk refuses. Raises CellError if a
-        recording cannot start now or a gauge is silent.
+        Raises CellError if a recording cannot start now or a gauge is silent.
         """
         with self._lock:
             for action in machine.step(self._state, machine.StartRequested(recording))[1]:
@@ -183,9 +173,9 @@ class Recorder(clock.Thread):
         why: str = "stopped by rig record stop",
         by: Literal["person", "robot"] = "person",
     ) -> Future[EndedRun]:
-        """End the recording.
+        """End the recording. The future contains the closed run, or the error of the disk.
 
-        The future contains the closed run, or the CellError if it cannot be closed. Raises CellError if idle.
+        Raises CellError if idle.
         """
         with self._lock:
             self._drain_buffers(sync=False)
@@ -215,22 +205,21 @@ class Recorder(clock.Thread):
 
     @property
     def recording(self) -> RecordingRequest | None:
-        """Current recording, even before the run exists or while the recording waits for the disk."""
+        """Current recording, even before the run exists or while it waits for the disk."""
         return self._state.recording
 
     def state(self) -> dict[str, object]:
-        """Status of the current recording, or the result of the last recording."""
         run, synced = self._current, {name: self._io.synced.get(name, 0) for name in self._buffers}
         closing = any(active is not run and not active.ended.done() for active in list(self._runs.values()))
         return status_of(self._state, run, self._gap, self.last_end, synced, closing=closing)
 
     @property
     def _current(self) -> ActiveRun | None:
-        """The run that receives samples."""
+        """Run that receives samples."""
         return self._runs.get(self._state.run or 0)
 
     def _apply(self, event: machine.Event) -> None:
-        """Apply an event to the state and execute the actions. Raises CellError if the event is rejected."""
+        """Apply an event to the state and execute the actions."""
         self._state, actions = machine.step(self._state, event)
         for action in actions:
             match action:
@@ -258,7 +247,7 @@ class Recorder(clock.Thread):
                     raise rejection(action, self._state, self.last_end)
 
     def _create_run(self, number: int, run: ActiveRun) -> None:
-        """Create the run and start writing it. Called in a disk thread."""
+        """Create the run and start writing it, in a disk thread."""
         try:
             dropped = run.gap.not_recorded(self._warnings) if run.gap else {}
             writer = self._create(run.label, run.gap.previous.name if run.gap else "")
@@ -296,7 +285,7 @@ class Recorder(clock.Thread):
     def _drain_buffers(self, *, sync: bool) -> None:
         """Drain every buffer into the current run.
 
-        With sync, streams that are behind are skipped. The buffers are bounded and count the overflow.
+        With sync, streams that are behind are skipped.
         """
         run = self._current
         for name, buffer in self._buffers.items():
@@ -345,12 +334,8 @@ class Recorder(clock.Thread):
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
-            repair = CellError(
-                str(path),
-                self.last_end,
-                f"fix the cause, then: rig recover {as_argument(path)}",
-                code="recording.failed",
-            )
+            remedy = f"fix the cause, then: rig recover {as_argument(path)}"
+            repair = CellError(str(path), self.last_end, remedy, code="recording.failed")
             run.ended.set_exception(error if isinstance(error, RunRemoved) else repair)
         except Exception as error:
             self.last_end = "failed: not closed because of an internal error"

@@ -17,7 +17,7 @@ _SLOW_S = 2.0
 
 
 class RateLimitedLog:
-    """Rate-limited log of faults. Its size is bounded by the number of streams and kinds."""
+    """Log of faults, bounded by the number of streams and kinds."""
 
     def __init__(self) -> None:
         self._last: dict[tuple[str, str], tuple[float, int]] = {}
@@ -26,7 +26,7 @@ class RateLimitedLog:
         """Log a fault.
 
         A repeated kind is logged again after ten seconds, with the number of suppressed faults. A fault with count 0
-        adds details to an earlier fault, and is logged immediately.
+        adds details to an earlier one, and is logged immediately.
         """
         if not count:
             log.info("%s: %s", name, detail)
@@ -41,12 +41,10 @@ class RateLimitedLog:
         self._last[name, kind] = (now, 0)
 
     def warn_faults(self, name: str, faults: Sequence[Fault]) -> None:
-        """Log the faults of one stream."""
         for fault in faults:
             self.warn(name, fault.kind, fault.detail, fault.count)
 
     def warn_slow(self, action: str, seconds: float) -> None:
-        """Log a slow disk operation."""
         if seconds > _SLOW_S:
             self.warn("disk", f"slow {action}", f"has taken {seconds:.1f} s; readers are not affected")
 
@@ -80,15 +78,12 @@ class HostWatch:
         self.counts: Counter[str] = Counter()
 
     def start(self) -> None:
-        """Start watching for stalls."""
         self._stalls.start()
 
     def stop(self) -> None:
-        """Stop watching for stalls."""
         self._stalls.stop()
 
     def check(self) -> list[Fault]:
-        """Faults since the last check."""
         faults = self._clock.check(read_clocks()) + self._stalls.take()
         self._warnings.warn_faults(HOST, faults)
         self.counts.update(fault.kind for fault in faults)

@@ -26,7 +26,6 @@ _RESOLVERS = Path("/etc/resolv.conf")
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the drop-in for a rig file, and return the exit code."""
     try:
         rig, _ = load(arguments[0])
         print(drop_in(rig, resolved, _RESOLVERS.read_text("utf-8", "replace") if _RESOLVERS.exists() else ""), end="")
@@ -39,7 +38,7 @@ def main(arguments: Sequence[str]) -> int:
 def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
     """Drop-in with the addresses required by a rig.
 
-    resolve: function that returns the addresses of a name. resolv_conf: content of /etc/resolv.conf.
+    resolve: addresses of a name. resolv_conf: content of /etc/resolv.conf.
     """
     listens = rig.feedback.listens
     ports = [*(gauge.port for gauge in rig.gauges.recorded.values()), *([] if listens else [rig.feedback.port])]
@@ -57,7 +56,6 @@ def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
 
 
 def resolved(name: str) -> Sequence[str]:
-    """Addresses of a host. Raises CellError if it has none."""
     try:
         addresses = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:

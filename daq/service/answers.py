@@ -1,7 +1,7 @@
 """Answers of a daemon, validated by the client before use.
 
 A different program may have bound the socket, and the daemon may have a different version. A missing or invalid value
-is an error of one line; additional values are passed on. All texts in an answer are sanitised (`rigs.text`).
+is an error of one line; additional values are passed on. All texts are sanitised (`rigs.text`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from rigs.text import plain_values
 
 LONGEST_ANSWER = 1 << 20
-"""Largest answer line in bytes. The status of a cell with three streams has 3 kB."""
+"""The status of a cell with three streams has 3 kB."""
 Number = Annotated[float, Field(strict=True)]
 
 
@@ -23,7 +23,7 @@ class _DaemonAnswer(BaseModel):
 
 
 class Refusal(_DaemonAnswer):
-    """Error of the daemon, in parts. code: empty from an older daemon."""
+    """Error of the daemon. code: empty from an older daemon."""
 
     where: str
     what: str
@@ -33,13 +33,11 @@ class Refusal(_DaemonAnswer):
 
 
 class Started(_DaemonAnswer):
-    """A recording has started."""
-
     run: str
 
 
 class RecordingEnded(_DaemonAnswer):
-    """A recording has ended. seal: SHA-256 of the ledger, empty from an older daemon."""
+    """seal: SHA-256 of the ledger, empty from an older daemon."""
 
     run: str
     counters: dict[str, dict[str, int]]
@@ -47,13 +45,11 @@ class RecordingEnded(_DaemonAnswer):
 
 
 class Metrics(_DaemonAnswer):
-    """Text for Prometheus."""
-
     text: str
 
 
 class StreamStatus(_DaemonAnswer):
-    """Current state of a sample stream. last: last valid value by column. age_s: age of that value by column."""
+    """State of a sample stream: last valid value and its age by column."""
 
     connected: bool
     rate_hz: Number
@@ -70,8 +66,6 @@ class StreamStatus(_DaemonAnswer):
 
 
 class AutomaticStatus(_DaemonAnswer):
-    """State of the trigger, and the reason for a refused start."""
-
     waits_for: list[str]
     why_not: str
 
@@ -91,15 +85,13 @@ class StreamSamples(_DaemonAnswer):
 
 
 class LatestSamples(_DaemonAnswer):
-    """Latest samples of all streams."""
-
     now_ns: Number
     streams: dict[str, StreamSamples]
     rig_lines: list[str]
 
 
 class NotRecording(_DaemonAnswer):
-    """No recording. missed: number of samples per stream missed while a recording waits for the disk."""
+    """missed: samples per stream missed while a recording waits for the disk."""
 
     recording: None
     last_end: str | None
@@ -107,8 +99,6 @@ class NotRecording(_DaemonAnswer):
 
 
 class Recording(_DaemonAnswer):
-    """Current recording."""
-
     recording: str
     test: str
     direction: str | None
@@ -116,8 +106,6 @@ class Recording(_DaemonAnswer):
 
 
 class Status(_DaemonAnswer):
-    """Current state of the daemon."""
-
     rig: str
     baseline_mm: Number | None
     streams: dict[str, StreamStatus]

@@ -1,7 +1,7 @@
 """Client of a daemon's control socket, for `rig record`, `rig status` and `rig live`.
 
-The responding program may not be rigd. The owner of the socket is therefore checked before data is sent, and answers
-are limited in size, time and form.
+The responding program may not be rigd, so the owner of the socket is checked before data is sent, and answers are
+limited in size, time and form.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from daq.service.trust import peer_user, require_trusted_owner, socket_directory
 from rigs.errors import CellError, RigError
 
 ANSWERS_S = 30.0
-"""Time limit of an answer. Closing a recording may take as long (TimeoutStopSec of the unit)."""
+"""Closing a recording may take as long (TimeoutStopSec of the unit)."""
 _CONNECT_S = 3.0
 """Time limit of a connection, while others are queued."""
 _TIMEVAL = struct.Struct("ll")
@@ -36,17 +36,10 @@ class Client:
         self._unread = b""
 
     def __enter__(self) -> Client:
-        """Connect. Raises CellError if the daemon does not respond or is not trusted."""
-        try:
-            owners = require_trusted_owner(self._path)
-        except PermissionError:
-            raise _forbidden(self._path) from None
-        except OSError:
-            raise CellError(
-                str(self._path), "rigd does not answer here", "start rigd: rigd RIG", code="daemon.none"
-            ) from None
+        """Connect to a daemon that responds and is trusted."""
         sock = socket.socket(socket.AF_UNIX)
         try:
+            owners = require_trusted_owner(self._path)
             # A blocking connect keeps its position in the system's queue. Repeated attempts might never succeed.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIMEVAL.pack(*divmod(int(_CONNECT_S * 1e6), 10**6)))
             sock.connect(str(self._path))
@@ -59,11 +52,11 @@ class Client:
                 problem = "rigd does not answer: too many clients are waiting"
                 raise CellError(str(self._path), problem, _RESTART, code="daemon.busy") from None
             if isinstance(error, PermissionError):
-                raise _forbidden(self._path) from None
+                remedy = "join the group of rigd, or use sudo"
+                raise CellError(str(self._path), "permission denied", remedy, code="daemon.permission") from None
             if isinstance(error, OSError):
-                raise CellError(
-                    str(self._path), "rigd does not answer here", "start rigd: rigd RIG", code="daemon.none"
-                ) from None
+                problem = "rigd does not answer here"
+                raise CellError(str(self._path), problem, "start rigd: rigd RIG", code="daemon.none") from None
             raise
         self._sock = sock
         return self
@@ -82,9 +75,8 @@ class Client:
             line = self._line(until_s)
         except TimeoutError:
             problem = f"rigd has not answered for {ANSWERS_S:.0f} s"
-            raise CellError(
-                str(self._path), problem, "the disk may be slow: see rig status, and the log", code="daemon.no_answer"
-            ) from None
+            remedy = "the disk may be slow: see rig status, and the log"
+            raise CellError(str(self._path), problem, remedy, code="daemon.no_answer") from None
         except OSError:
             line = b""
         if not line:
@@ -92,10 +84,11 @@ class Client:
         try:
             answer = read_answer(command, line)
         except ValueError as error:
-            problem = f"a program other than rigd answers here: {error}"
-            raise CellError(
-                str(self._path), problem, "restart rigd in this version: rigd RIG", code="daemon.foreign"
-            ) from None
+            problem, remedy = (
+                f"a program other than rigd answers here: {error}",
+                "restart rigd in this version: rigd RIG",
+            )
+            raise CellError(str(self._path), problem, remedy, code="daemon.foreign") from None
         if not answer.pop("ok"):
             refusal = RigError(answer["where"], answer["what"], answer["remedy"], code=answer.get("code", ""))
             refusal.exit_code = answer["exit_code"]
@@ -103,7 +96,7 @@ class Client:
         return answer
 
     def _line(self, until_s: float) -> bytes:
-        """Next line, empty if the daemon is gone. Raises OSError."""
+        """Next line, empty if the daemon is gone."""
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
                 problem = f"the answer exceeds {LONGEST_ANSWER} bytes, so this program is not rigd"
@@ -119,12 +112,8 @@ class Client:
         return line
 
 
-def _forbidden(path: Path) -> CellError:
-    return CellError(str(path), "permission denied", "join the group of rigd, or use sudo", code="daemon.permission")
-
-
 def find_socket(rig: str | None = None) -> Path:
-    """Socket of the running daemon, or of the daemon for `rig`. Raises CellError for none or several.
+    """Socket of the only running daemon, or of the daemon for `rig`.
 
     A killed daemon leaves a socket that has no listener.
     """
@@ -139,7 +128,7 @@ def find_socket(rig: str | None = None) -> Path:
 
 
 def sockets() -> list[Path]:
-    """Sockets visible to this user in order of name, even if they have no listener."""
+    """Sockets visible to this user, even if they have no listener."""
     places = [socket_directory(), *Path("/run").glob("rigd-*")]
     return sorted({path for place in places for path in place.glob("*.sock")})
 

@@ -1,10 +1,8 @@
 """Local control socket, with a line of JSON per request and answer. There is no network listener.
 
-Only the user and group of the daemon have access. Errors are transmitted in parts, so that the client can raise the
-error of the daemon. Clients cannot exhaust the server, and thereby the recorder, as all resources are bounded: the
-number of connections in total and per user, and the size and duration of requests and answers. A new connection
-replaces the longest silent connection, which prevents silent clients from blocking others.
-docs/decisions/0018-one-gate-for-text.md explains the numbers.
+Only the user and group of the daemon have access. Clients cannot exhaust the server, and thereby the recorder: the
+number of connections in total and per user, and the size and duration of requests and answers are bounded. A new
+connection replaces the longest silent one. docs/decisions/0018-one-gate-for-text.md explains the numbers.
 """
 
 from __future__ import annotations
@@ -33,17 +31,17 @@ from rigs.errors import CellError, RigError
 log = logging.getLogger("rigd")
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
 LONGEST_REQUEST = 65536
-"""Largest request in bytes. A label with all fields has 2 kB."""
+"""A label with all fields has 2 kB."""
 _LAST_ANSWERS_S = 15.0
 """Time limit of pending answers when the daemon ends. Closing a long recording takes seconds."""
 _MOST, _MOST_OF_A_USER = 64, 16
-"""Largest number of connections, in total and per user. A user needs few: rig live, and one per running command."""
+"""Connections, in total and per user. A user needs few: rig live, and one per running command."""
 _RESERVED = 256
 """Descriptors reserved for ports and run files. A cell with three streams uses 25 while recording."""
 _IDLE_S = 30.0
 """Idle time after which a connection is closed. rig live sends ten requests a second."""
 _LINE_S = 5.0
-"""Time limit from the first byte of a request to its end, and for accepting an answer. Both take microseconds."""
+"""Time limit from the first byte of a request to its end, and for accepting an answer."""
 _ACCEPT_S, _ASK_S = 0.001, 0.02
 """Pauses after a connection and after an answer, which leave time to the readers during a flood."""
 _BACK_OFF_S = (0.05, 1.0)
@@ -61,17 +59,16 @@ def most_connections() -> int:
 
 @dataclass(eq=False)
 class _Connection:
-    """Connection of a client.
-
-    silent_since_s: monotonic time of the last answer. busy: True while an answer is pending. ended: True after the
-    server ended it.
-    """
+    """Connection of a client."""
 
     sock: socket.socket
     user: int
     silent_since_s: float
+    """Monotonic time of the last answer."""
     busy: bool = False
+    """True while an answer is pending."""
     ended: bool = False
+    """True after the server ended it."""
 
     def hang_up(self, how: int = socket.SHUT_RDWR) -> None:
         with contextlib.suppress(OSError):
@@ -92,29 +89,19 @@ class ControlServer:
         self._listener: socket.socket
 
     def start(self) -> None:
-        """Listen and accept connections. Raises CellError if the socket cannot be created."""
+        """Listen and accept connections."""
         listener = socket.socket(socket.AF_UNIX)
         before = os.umask(0o117)
         try:
-            if (self._path.exists() or self._path.is_symlink()) and (
-                self._path.is_symlink() or not self._path.is_socket()
-            ):
-                raise CellError(
-                    str(self._path),
-                    "exists already and is not a socket",
-                    "choose a different --socket",
-                    code="daemon.socket",
-                )
+            if os.path.lexists(self._path) and (self._path.is_symlink() or not self._path.is_socket()):
+                raise FileExistsError(errno.EEXIST, "exists already and is not a socket")
             self._path.unlink(missing_ok=True)  # left by a daemon that has ended, as the lock proves
             listener.bind(str(self._path))
             listener.listen(_MOST)
-        except (OSError, CellError) as error:
+        except OSError as error:
             listener.close()
-            if isinstance(error, CellError):
-                raise
-            raise CellError(
-                str(self._path), error.strerror or str(error), "choose a different --socket", code="daemon.socket"
-            ) from None
+            problem, remedy = error.strerror or str(error), "choose a different --socket"
+            raise CellError(str(self._path), problem, remedy, code="daemon.socket") from None
         finally:
             os.umask(before)
         self._listener = listener
@@ -183,7 +170,7 @@ class ControlServer:
             self._close_connection(new)
 
     def _make_room(self, among: set[_Connection]) -> bool:
-        """End the longest silent connection, and return whether it has ended."""
+        """End the longest silent connection. True if it has ended."""
         silent = [connection for connection in among if not connection.busy]
         if not silent:
             return False
@@ -225,7 +212,7 @@ class ControlServer:
 
 
 def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
-    """Next line and the data after it. The line is empty at the end. Raises OSError, including TimeoutError.
+    """Next line, empty at the end, and the data after it.
 
     An excessively long line is truncated, and therefore invalid JSON.
     """
@@ -265,14 +252,9 @@ def _as_answer(error: RigError) -> dict[str, Any]:
 
 
 def _encoded(answer: dict[str, Any]) -> bytes:
-    """Encode an answer as a line. An oversized answer becomes an error."""
+    """An answer as a line. An oversized answer becomes an error."""
     line = json.dumps(answer).encode() + b"\n"
     if len(line) <= LONGEST_ANSWER:
         return line
-    error = CellError(
-        "rigd",
-        f"the answer has {len(line)} bytes, more than a client accepts",
-        "see the log",
-        code="daemon.answer_too_large",
-    )
-    return _encoded(_as_answer(error))
+    problem = f"the answer has {len(line)} bytes, more than a client accepts"
+    return _encoded(_as_answer(CellError("rigd", problem, "see the log", code="daemon.answer_too_large")))

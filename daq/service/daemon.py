@@ -1,11 +1,10 @@
 """The daemon: a reader per link, a recorder, a control socket, and notifications to the service manager.
 
-Notifications are datagrams to $NOTIFY_SOCKET (sd_notify(3)). They are not sent if the variable is unset.
+Notifications are datagrams to $NOTIFY_SOCKET (sd_notify(3)).
 
-A live view receives the latest samples of all streams in an answer of bounded size, independent of the sample rate. It
-sends about ten requests a second, with the last known sample number of each stream. It receives at most `MOST` newer
-samples per stream, evenly thinned. Encoding takes processor time from the readers: an answer with three streams takes
-0.35 ms on a busy computer.
+A live view sends about ten requests a second, with the last known sample number of each stream, and receives at most
+`MOST` newer samples per stream, evenly thinned. Encoding takes processor time from the readers: an answer with three
+streams takes 0.35 ms on a busy computer.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ from rigs.text import plain, plain_lines
 
 
 def notify(message: str) -> None:
-    """Send a message to the service manager, such as `READY=1` or `WATCHDOG=1`, with a variable per line."""
+    """Send a message to the service manager, such as `READY=1`, with a variable per line."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
@@ -62,7 +61,7 @@ def notify(message: str) -> None:
 
 
 def watchdog_s() -> float | None:
-    """Watchdog time-out of the service manager, or None if it has no watchdog."""
+    """Watchdog time-out of the service manager, if it has one."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not microseconds.isdigit() or meant_for != str(os.getpid()):
@@ -71,15 +70,15 @@ def watchdog_s() -> float | None:
 
 
 MOST = 20
-"""Largest number of samples per stream in an answer. At ten answers a second, a screen cannot show more."""
+"""Samples per stream in an answer. At ten answers a second, a screen cannot show more."""
 _DIGITS = 7
-"""Decimals of values, equal to 0.1 nm or 1e-7 degrees."""
+"""Decimals of values: 0.1 nm or 1e-7 degrees."""
 _LONGEST_RIG = 500_000
-"""Largest size of the rig file in an answer, in characters. Shipped ones have 4000."""
+"""Characters of the rig file in an answer. Shipped ones have 4000."""
 
 
 class _Request(Part):
-    """Request for samples. after: last known sample number by stream. rig: True if the rig file is needed."""
+    """Request for samples. after: last known sample number by stream. rig: the rig file is needed."""
 
     command: str
     after: dict[str, Annotated[int, Field(ge=0)]] = Field(default={}, max_length=64)
@@ -87,14 +86,13 @@ class _Request(Part):
 
 
 def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffer], rig_text: str) -> dict[str, Any]:
-    """Answer to a `samples` request. Raises CellError if the request is invalid."""
+    """Answer to a `samples` request."""
     try:
         asked = _Request.model_validate(request)
     except ValidationError as error:
         problem = f"invalid samples request: {error.errors(include_url=False)[0]['msg']}"
-        raise CellError(
-            "control socket", problem, 'send {"command": "samples", "after": {"g1": 0}}', code="daemon.bad_request"
-        ) from None
+        remedy = 'send {"command": "samples", "after": {"g1": 0}}'
+        raise CellError("control socket", problem, remedy, code="daemon.bad_request") from None
     streams = {}
     for name, buffer in buffers.items():
         newest, samples = buffer.recent(asked.after.get(name, 0))
@@ -114,10 +112,10 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
 log = logging.getLogger("rigd")
 _BRIEF = 80
 _MOST_SAID = 300
-"""Largest length of a client's remark about a run, in characters: a path or a sentence."""
+"""Characters of a client's remark about a run: a path or a sentence."""
 _HEART_STOPS_S = 5.0
 _LEAVE_S = 3.0
-"""Time for a reader to close the port. After this time, name resolution and a long recovery are abandoned."""
+"""Time for a reader to close the port. Then name resolution and a long recovery are abandoned."""
 
 
 class Daemon:
@@ -134,11 +132,7 @@ class Daemon:
         *,
         opening: Callable[..., Link] = open_link,
     ) -> None:
-        """Create a daemon; `start` opens the links.
-
-        metrics: file for Prometheus's node_exporter, or None. opening: function that opens the links, with the
-        arguments of `open_link`.
-        """
+        """metrics: file for Prometheus's node_exporter. opening: opens the links, like `open_link`."""
         self._rig, self._rig_text, self._runs, self._socket_path = rig, rig_text, runs, socket_path
         self._streams = [replace(stream, opening=opening) for stream in streams_of(rig)]
         self._buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in self._streams}
@@ -155,7 +149,7 @@ class Daemon:
         self._readers: list[StreamReader]
 
     def start(self) -> None:
-        """Take the locks, open every link, and start reading. Raises CellError that names all ports that failed."""
+        """Take the locks, open every link, and start reading. The error names all ports that failed."""
         with ExitStack() as undo:
             undo.enter_context(self._locks)
             self._take_locks()
@@ -181,7 +175,7 @@ class Daemon:
         notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
     def _take_locks(self) -> None:
-        """Lock the socket and the gauges. Raises CellError if a daemon has one of the locks."""
+        """Lock the socket and the gauges."""
         socket_lock = self._socket_path.with_suffix(".lock")
         self._locks.callback(InstanceLock.take(self._rig.name, socket_lock).release)
         with suppress(OSError):
@@ -191,7 +185,7 @@ class Daemon:
                 self._locks.callback(InstanceLock.take_gauge(stream.name, stream.port).release)
 
     def close(self, exit_status: Ending, why: str) -> Path | None:
-        """Stop all parts in order, and return the directory if a recording was interrupted.
+        """Stop all parts in order. Returns the directory if a recording was interrupted.
 
         The control socket is closed first, which prevents clients from starting a recording afterwards.
         """
@@ -211,7 +205,7 @@ class Daemon:
         return cut_short
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Answer to a client's request. Raises RigError."""
+        """Answer to a client's request."""
         match request.get("command"):
             case "status":
                 return self._status()
@@ -246,23 +240,11 @@ class Daemon:
         raise errors[0] if len(errors) == 1 else Unreachable(errors)
 
     def _create(self, label: RunLabel, follows: str) -> RunWriter:
-        return RunWriter.create(
-            self._runs,
-            new_manifest(
-                name=label.name,
-                test=label.test,
-                direction=label.direction,
-                rig_name=self._rig.name,
-                rig_text=self._rig_text,
-                operator=label.operator,
-                placement=label.placement,
-                corrected=label.corrected,
-                view_zero_mm=label.view_zero_mm,
-                streams={stream.name: stream.columns for stream in self._streams},
-                follows=follows,
-            ),
-            companions=self._rig.companion_files,
-        )
+        manifest = new_manifest(
+            **dict(label), rig_name=self._rig.name, rig_text=self._rig_text, follows=follows,
+            streams={stream.name: stream.columns for stream in self._streams},
+        )  # fmt: skip
+        return RunWriter.create(self._runs, manifest, companions=self._rig.companion_files)
 
     def _status(self) -> dict[str, Any]:
         try:  # the disk for the runs
@@ -328,15 +310,11 @@ def _short(value: object) -> str:
 
 
 def _text_in(request: Mapping[str, Any], key: str) -> str:
-    """A text in a request as a line of limited length. Raises UseError."""
+    """A text in a request as a line of limited length."""
     text = request.get(key)
     if not isinstance(text, str):
-        raise UseError(
-            "judged",
-            f"{key} {_short(text)} must be text",
-            "send the name of the run and the problem",
-            code="request.type",
-        )
+        problem, remedy = f"{key} {_short(text)} must be text", "send the name of the run and the problem"
+        raise UseError("judged", problem, remedy, code="request.type")
     return plain(text[:_MOST_SAID])
 
 
@@ -349,18 +327,12 @@ def _label(request: dict[str, Any]) -> RunLabel:
         named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
         pattern = detail["type"] == "string_pattern_mismatch"
         problem = f"{named} {_short(detail['input'])} is not valid" + ("" if pattern else f": {detail['msg']}")
-        raise UseError(
-            "recording", problem, NAME_RULE if pattern else "see rig record start --help", code="request.value"
-        ) from None
+        remedy = NAME_RULE if pattern else "see rig record start --help"
+        raise UseError("recording", problem, remedy, code="request.value") from None
     if label.test in CIRCLES and label.direction is None:
-        raise UseError(
-            f"{label.test} test",
-            "needs its direction",
-            "add --direction cw or --direction acw",
-            code="request.no_direction",
-        )
+        where, remedy = f"{label.test} test", "add --direction cw or --direction acw"
+        raise UseError(where, "needs its direction", remedy, code="request.no_direction")
     if label.test not in CIRCLES and label.direction is not None:
-        raise UseError(
-            "--direction", f"a {label.test} test does not have a direction", "remove it", code="request.direction"
-        )
+        problem = f"a {label.test} test does not have a direction"
+        raise UseError("--direction", problem, "remove it", code="request.direction")
     return label

@@ -14,7 +14,7 @@ Labels = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric with a name and values. The name contains the unit; that of a counter ends in `_total`."""
+    """The name contains the unit; that of a counter ends in `_total`."""
 
     name: str
     kind: Literal["gauge", "counter"]
@@ -23,7 +23,6 @@ class Metric:
 
 
 def render(metrics: Iterable[Metric]) -> str:
-    """Format all metrics with values."""
     lines = []
     for metric in metrics:
         if metric.values:

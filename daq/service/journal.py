@@ -1,8 +1,7 @@
 """systemd journal: writes log lines with their severity, and reads entries.
 
-A service writes to standard error, where the prefix `<4>` marks a warning (sd-daemon(3)). $JOURNAL_STREAM states
-whether standard error is connected to the journal. A redirected child inherits the variable, so device and inode are
-also compared.
+On standard error, the prefix `<4>` marks a warning (sd-daemon(3)). $JOURNAL_STREAM states whether it is connected to
+the journal. A redirected child inherits the variable, so device and inode are also compared.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from rigs.errors import CellError
 from rigs.text import plain, plain_lines
 
 ERROR, WARNING, NOTICE, INFO, DEBUG = 3, 4, 5, 6, 7
-"""Syslog severities. A smaller number is more severe."""
+"""Syslog severities."""
 _OF_LEVEL = ((logging.CRITICAL, 2), (logging.ERROR, ERROR), (logging.WARNING, WARNING), (logging.INFO, INFO))
 _NO_UNIT = "No data available"
 """Message of journalctl if a pattern matches no unit."""
@@ -44,12 +43,11 @@ def with_severity(text: str, severity: int) -> str:
 
 
 def formatter() -> logging.Formatter:
-    """Log formatter: with severities for the journal, otherwise with words and times."""
     return _JournalFormatter() if is_journal() else _PlainFormatter(_READABLE)
 
 
 class _PlainFormatter(logging.Formatter):
-    """Formatter of sanitised text. A message cannot forge a second line; only a traceback has several lines."""
+    """A message cannot forge a second line; only a traceback has several lines."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
         record.message = plain(record.message)
@@ -67,7 +65,7 @@ class _JournalFormatter(_PlainFormatter):
 
 @dataclass(frozen=True)
 class JournalEntry:
-    """A journal entry. rig: instance of the unit. by_systemd: True if systemd wrote it about the service."""
+    """A journal entry. rig: instance of the unit. by_systemd: systemd wrote it about the service."""
 
     at: datetime
     rig: str
@@ -77,15 +75,11 @@ class JournalEntry:
 
 
 def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[JournalEntry]:
-    """Log of a rig's service, or of all services. since: as for journalctl (`-1h`, `today`).
-
-    Raises CellError if the journal is missing, or contains no entry that this user can read.
-    """
+    """Log of a rig's service, or of all services. since: as for journalctl (`-1h`, `today`)."""
     unit = f"rigd@{rig or '*'}.service"
     if not shutil.which("journalctl"):
-        raise CellError(
-            unit, "the system has no journal", "a manually started rigd logs to its terminal", code="daemon.no_log"
-        )
+        remedy = "a manually started rigd logs to its terminal"
+        raise CellError(unit, "the system has no journal", remedy, code="daemon.no_log")
     command = ["journalctl", "--output=json", "--quiet", "--no-pager", f"--unit={unit}"]
     command += ([f"--since={since}"] if since else []) + (["--follow", "--lines=50"] if follow else [])
     has_entries = False
@@ -103,12 +97,8 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
         raise CellError("journal", complaint.splitlines()[0], "see man journalctl", code="daemon.no_log")
     if not has_entries:
         problem = "nothing in the journal" + (f" since {since}" if since else "") + " visible to this user"
-        raise CellError(
-            unit,
-            problem,
-            "start the service: systemctl start rigd@NAME; or join the group systemd-journal, or use sudo",
-            code="daemon.no_log",
-        )
+        remedy = "start the service: systemctl start rigd@NAME; or join the group systemd-journal, or use sudo"
+        raise CellError(unit, problem, remedy, code="daemon.no_log")
 
 
 def entry(fields: dict[str, Any]) -> JournalEntry:

@@ -1,6 +1,6 @@
 """Slow background work in a separate thread: the metrics file, and the retention of runs.
 
-Readers and recorder never wait for this thread. Only this thread is delayed by a hanging disk.
+Readers and recorder never wait for this thread.
 """
 
 from __future__ import annotations
@@ -37,34 +37,23 @@ class Maintenance(clock.Thread):
         self._warned = False
 
     def start(self) -> None:
-        """Write the metrics and start the thread.
-
-        Raises CellError if the metrics file cannot be written or belongs to a different program.
-        """
+        """Write the metrics, unless the file belongs to a different program, and start the thread."""
         if self._metrics is not None:
             try:
                 if os.path.lexists(self._metrics) and not _is_own(self._metrics):
+                    problem = "exists already and is not a metrics file of rigd"
                     remedy = "choose a different --metrics, or remove it first"
-                    raise CellError(
-                        str(self._metrics),
-                        "exists already and is not a metrics file of rigd",
-                        remedy,
-                        code="metrics.foreign_file",
-                    )
+                    raise CellError(str(self._metrics), problem, remedy, code="metrics.foreign_file")
                 write_atomically(self._metrics, self._text())
             except OSError as error:
-                problem = f"cannot be written: {error.strerror or error}"
-                raise CellError(
-                    str(self._metrics), problem, "choose a different --metrics", code="metrics.not_writable"
-                ) from None
+                problem, remedy = f"cannot be written: {error.strerror or error}", "choose a different --metrics"
+                raise CellError(str(self._metrics), problem, remedy, code="metrics.not_writable") from None
         super().start()
 
     def stop(self) -> None:
-        """Request the end of the thread. Join it afterwards."""
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Work until `stop` is called."""
         due_s = clock.now_s()
         while not self._stop_asked.is_set():
             if self._retention is not None and clock.now_s() >= due_s:
@@ -90,7 +79,7 @@ class Maintenance(clock.Thread):
 
 
 def _is_own(path: Path) -> bool:
-    """True if a file may be overwritten: it was written by rigd, or is empty. Raises OSError."""
+    """True if a file may be overwritten: it was written by rigd, or is empty."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -98,9 +87,9 @@ def _is_own(path: Path) -> bool:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file atomically, so that readers see either the old or the new text. Raises OSError.
+    """Write a file atomically.
 
-    The file is not synced, because metrics of a stopped daemon need not survive a power cut.
+    It is not synced, because metrics of a stopped daemon need not survive a power cut.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
@@ -125,7 +114,6 @@ class RunRetention:
         self.runs_bytes = 0
 
     def apply(self) -> None:
-        """Apply the retention once to all runs of this rig."""
         runs = list[RunInfo]()
         try:
             for run in survey(self._runs) if self._runs.exists() else ():
@@ -147,13 +135,9 @@ class RunRetention:
         if not self.over_bytes or clock.now_s() - self._warned_at < _WARN_AGAIN_S:
             return
         self._warned_at = clock.now_s()
-        excess_gb, remedy = (
-            self.over_bytes / 1e9,
-            "export some runs (rig export), or release protected runs (rig keep --not)",
-        )
-        log.warning(
-            "retention: %.2f GB more than allowed in %s, and no run can be deleted; %s", excess_gb, self._runs, remedy
-        )
+        remedy = "export some runs (rig export), or release protected runs (rig keep --not)"
+        message = "retention: %.2f GB more than allowed in %s, and no run can be deleted; %s"
+        log.warning(message, self.over_bytes / 1e9, self._runs, remedy)
 
     def state(self) -> dict[str, int]:
         """Number and bytes of the runs, of the runs deleted since start-up, and the bytes above the limit."""

@@ -36,7 +36,6 @@ _CLOCKS = {
 
 
 def metrics_text(status: Status) -> str:
-    """A `status` answer in Prometheus's text format."""
     rig = {"rig": status["rig"]}
     return render(
         Metric(

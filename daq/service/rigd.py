@@ -33,7 +33,6 @@ log = logging.getLogger("rigd")
 
 
 def main() -> None:
-    """Entry point of `rigd`."""
     forget_width_of_0()
     try:
         sys.exit(app(standalone_mode=False))
@@ -100,7 +99,7 @@ def rigd(
 
 @dataclass(frozen=True)
 class _ExitReason:
-    """Reason for the end of the daemon, with the status of a recording and the exit code."""
+    """Why the daemon ends, with the status of a recording and the exit code."""
 
     why: str
     exit_status: Ending
@@ -110,8 +109,8 @@ class _ExitReason:
 def _listen() -> SimpleQueue[_ExitReason]:
     """Queue that receives the end of the daemon: a signal, or an unexpected error in a thread.
 
-    If a thread has failed, the daemon would appear to work but record incompletely.
-    It ends, and the service manager restarts it.
+    With a failed thread the daemon would appear to work but record incompletely. It ends, and the service manager
+    restarts it.
     """
     ends: SimpleQueue[_ExitReason] = SimpleQueue()
 

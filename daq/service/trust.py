@@ -1,15 +1,12 @@
 """Locations, owners and locks of daemon sockets. A client trusts only a daemon of the same user or of the system.
 
-A user who can write to a directory in the path could place a socket there and imitate rigd. The owner and permissions
-of each directory are therefore checked, starting at the root. A directory created by the system for a service, such as
-/run/rigd-cell, is trusted with its owner.
+A user who can write to a directory in the path could place a socket there and imitate rigd, so the owner and
+permissions of each directory are checked, starting at the root. A directory created by the system for a service, such
+as /run/rigd-cell, is trusted with its owner.
 
-Each rig has one daemon. This is enforced by a lock next to the socket, in a directory that only this user can write to.
-In a directory of a different user, the name of the lock could be a symbolic link, and opening the lock would damage the
-target.
-
-A socket can have any name, so the port of each gauge is also locked. Otherwise two daemons could poll the same
-instruments and record the same lap twice. The system releases all locks when the process ends.
+Each rig has one daemon, by a lock next to the socket, in a directory that only this user can write to. A socket can
+have any name, so the port of each gauge is also locked: otherwise two daemons could poll the same instruments and
+record the same lap twice.
 """
 
 from __future__ import annotations
@@ -31,7 +28,7 @@ _REMEDY = "remove the directory, or set XDG_RUNTIME_DIR to a private directory"
 
 
 def socket_directory() -> Path:
-    """Socket directory of this user: systemd's runtime directory, otherwise a directory of the user."""
+    """systemd's runtime directory, otherwise a directory of the user."""
     if directory := os.environ.get("RUNTIME_DIRECTORY"):
         return Path(directory.split(":")[0])
     if directory := os.environ.get("XDG_RUNTIME_DIR"):
@@ -40,21 +37,14 @@ def socket_directory() -> Path:
 
 
 def require_trusted_owner(path: Path) -> frozenset[int]:
-    """Trusted owners of a socket path. Raises CellError if an untrusted user could have created the socket.
-
-    Raises FileNotFoundError or another OSError if the path does not exist or is not accessible.
-    """
+    """Trusted owners of a socket path. Refuses a socket that an untrusted user could have created."""
     owners = {0, os.geteuid()}
     open_to_all = False  # True if other users can add entries to the parent directory
     for place in (*reversed(path.absolute().parents), path.absolute()):
         status = place.lstat()
         if status.st_uid not in owners and open_to_all:
-            raise CellError(
-                str(path),
-                f"{place} belongs to a different user (number {status.st_uid})",
-                _REMEDY,
-                code="daemon.untrusted",
-            )
+            problem = f"{place} belongs to a different user (number {status.st_uid})"
+            raise CellError(str(path), problem, _REMEDY, code="daemon.untrusted")
         owners.add(status.st_uid)
         if stat.S_ISLNK(status.st_mode):
             return require_trusted_owner(place.resolve() / path.absolute().relative_to(place))
@@ -69,12 +59,8 @@ def require_trusted_owner(path: Path) -> frozenset[int]:
     if not stat.S_ISSOCK(status.st_mode):
         raise CellError(str(path), "is not a socket", _REMEDY, code="daemon.socket")
     if status.st_mode & stat.S_IWOTH:
-        raise CellError(
-            str(path),
-            "allows every user of this computer to control rigd",
-            f"chmod o-rwx {path}",
-            code="daemon.untrusted",
-        )
+        problem = "allows every user of this computer to control rigd"
+        raise CellError(str(path), problem, f"chmod o-rwx {path}", code="daemon.untrusted")
     return frozenset(owners)
 
 
@@ -86,15 +72,15 @@ def peer_user(connection: socket.socket) -> int:
 
 
 _LONGEST_ID = 20
-"""Largest length of a process id in characters. A file with more content is not a lock file."""
+"""Characters of a process id. A file with more content is not a lock file."""
 
 
 class InstanceLock:
-    """Ensures a single daemon per rig, by an flock. The system releases the flock with the process."""
+    """Ensures a single daemon per rig, by an flock, which the system releases with the process."""
 
     @classmethod
     def take(cls, rig: str, path: Path) -> InstanceLock:
-        """Take the lock of a rig. Raises CellError if a daemon has the lock, or if the location is not safe."""
+        """Take the lock of a rig."""
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             status = path.parent.stat()
@@ -123,20 +109,15 @@ class InstanceLock:
     def _hold(self, rig: str, path: Path) -> None:
         status = os.fstat(self._fd)
         if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1 or status.st_size > _LONGEST_ID:
-            raise CellError(
-                str(path),
-                "already exists and is not a lock file of rigd",
-                "choose a different --socket",
-                code="lock.foreign_file",
-            )
+            problem = "already exists and is not a lock file of rigd"
+            raise CellError(str(path), problem, "choose a different --socket", code="lock.foreign_file")
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             holder = os.pread(self._fd, _LONGEST_ID, 0).decode("ascii", "replace").strip() or "unknown"
             problem = f"a different rigd (process {holder}) serves this rig"
-            raise CellError(
-                rig, problem, "stop that daemon, or query it with rig status", code="daemon.second"
-            ) from None
+            remedy = "stop that daemon, or query it with rig status"
+            raise CellError(rig, problem, remedy, code="daemon.second") from None
         with contextlib.suppress(OSError):  # informative only: a full disk must not prevent the start
             os.ftruncate(self._fd, 0)
             os.write(self._fd, str(os.getpid()).encode())
@@ -145,7 +126,7 @@ class InstanceLock:
     def take_gauge(cls, name: str, port: str) -> InstanceLock:
         """Lock the port of a gauge for the daemons of this user, independent of rig file and name.
 
-        Two daemons would receive each other's answers. Raises CellError if a daemon reads the port.
+        Two daemons would receive each other's answers.
         """
         # Canonical name of a port: the device for a serial port, lower case for an address. The path of a
         # pseudo-terminal is unchanged, because its number is reused after closing.
@@ -162,15 +143,13 @@ class InstanceLock:
         except OSError:
             lock.close()
             if _is_of_this_user(address):  # locks of other users are ignored, because they could hold them forever
+                problem = f"a different rigd reads the gauge at {port}"
                 remedy = "stop that rigd, or correct the port in the rig file"
-                raise CellError(
-                    name, f"a different rigd reads the gauge at {port}", remedy, code="gauge.in_use"
-                ) from None
+                raise CellError(name, problem, remedy, code="gauge.in_use") from None
             return cls(-1)
         return cls(lock.detach())
 
     def release(self) -> None:
-        """Release the lock for a new daemon."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1

@@ -2,22 +2,19 @@
 
 An Arrow stream has no checksum, and zeros at a batch boundary are read as a valid end. Each batch therefore contains a
 number and a CRC-32 of the columns, and the reader counts bytes. All data after the last verified batch, except the
-exact end mark, is damage. Damaged chunks are expected, so damage raises no exception. This module converts between
-bytes and batches, and accesses no files.
+exact end mark, is damage. Damaged chunks are expected, so damage raises no exception.
 
-The schema of each file also contains the opening manifest of the run. Any surviving chunk therefore identifies the run,
-rig and clock.
+The schema of each file also contains the opening manifest of the run: any surviving chunk identifies the run, rig and
+clock.
 
-There are two kinds of streams: sample streams (timestamps, followed by values in file units) and the `faults` stream.
-An imported run has a table with the columns of the file instead of sample streams. Cells are never null: nan and
-`NO_TIME` represent missing values, so each column is a plain array. `sequence` numbers the rows of a stream across all
-chunks, so that lost rows are visible as a gap.
+Streams are sample streams (timestamps, followed by values in file units) and the `faults` stream; an imported run has a
+table instead. Cells are never null: nan and `NO_TIME` represent missing values, so each column is a plain array.
+`sequence` numbers the rows of a stream across all chunks, so that lost rows are visible as a gap.
 
-The checksum covers names, types and all bits of the values, but not the Arrow encoding, because the recording chunk and
-the Parquet file must have equal checksums.
+The checksum covers names, types and all bits of the values, but not the Arrow encoding, because recording chunk and
+Parquet file must have equal checksums.
 
-Columns are converted to numpy without pandas. The converter of pyarrow would import pandas if installed, which takes
-half the time of a small run.
+Columns are converted without pandas: pyarrow would import it if installed, which takes half the time of a small run.
 """
 
 from __future__ import annotations
@@ -66,20 +63,19 @@ FAULT_COLUMNS: dict[str, pa.DataType] = {
 
 
 def schema_of(stream: str, columns: Sequence[str]) -> pa.Schema:
-    """Arrow schema of a stream with these value columns, which are empty for `faults`."""
+    """Arrow schema of a stream with these value columns."""
     fixed = FAULT_COLUMNS if stream == FAULTS else SAMPLE_COLUMNS
     types = {**fixed, **dict.fromkeys(columns, pa.float64())}
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
 
 
 def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
-    """Arrow schema of an imported table."""
     kinds: dict[str, pa.DataType] = {"double": pa.float64(), "int64": pa.int64(), "string": pa.string()}
     return pa.schema([pa.field(name, kinds[kind], nullable=False) for name, kind in columns.items()])
 
 
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
-    """Convert rows of a stream to a batch. `sequence` starts at `first`."""
+    """Rows of a stream as a batch. `sequence` starts at `first`."""
     faults = [] if isinstance(rows, SampleBlock) else [row for row in rows if not isinstance(row, Sample)]
     if faults:
         at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
@@ -98,12 +94,12 @@ def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBat
 
 
 def storable(text: str) -> str:
-    """Text that is valid in UTF-8. Text from devices or terminals may contain lone surrogates."""
+    """Text that is valid in UTF-8. Devices and terminals may send lone surrogates."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def checksum(batch: pa.RecordBatch, number: int) -> int:
-    """CRC-32 of a batch and its number in the file. Raises ArrowInvalid if a column contains nulls."""
+    """CRC-32 of a batch and its number in the file."""
     head = f"{number} {batch.num_rows} {[(f.name, str(f.type)) for f in batch.schema]}"
     crc = zlib.crc32(head.encode())
     for column in batch.columns:
@@ -115,7 +111,7 @@ def checksum(batch: pa.RecordBatch, number: int) -> int:
 
 
 def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """A column as a read-only array (n,), in the unit given by the column name."""
+    """A column as a read-only array (n,)."""
     pieces = [piece_of(chunk) for chunk in column.chunks]
     if len(pieces) == 1:
         return pieces[0]
@@ -123,7 +119,7 @@ def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
 
 
 def piece_of(chunk: pa.Array) -> np.ndarray[Any, Any]:
-    """A piece of a column as an array (n,), in the unit of the column. Numbers are not copied."""
+    """A piece of a column as an array (n,). Numbers are not copied."""
     is_plain = chunk.null_count == 0 and (pa.types.is_integer(chunk.type) or pa.types.is_floating(chunk.type))
     plain: np.ndarray[Any, Any] = np.from_dlpack(chunk) if is_plain and len(chunk) else chunk.to_numpy(False)
     return plain
@@ -133,10 +129,9 @@ END = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 """End mark of an Arrow IPC stream."""
 _OPENING, _OPENING_CRC, _NUMBER, _CRC = b"rig.opening", b"rig.opening_crc32", b"number", b"crc32"
 MOST_BYTES = 4_000_000_000
-"""Largest chunk file in bytes. A recorded chunk has about 20 MB, an imported table at most the size of the CSV."""
+"""Largest chunk file. A recorded chunk has about 20 MB, an imported table at most the size of the CSV."""
 _CELL_BYTES, _MOST_DECODED = 8, 800_000_000
-"""Bytes per number, and largest decoded size of a chunk. A recorded chunk has 200 000 rows, a table 20 million cells.
-"""
+"""Bytes per number, and largest decoded size. A recorded chunk has 200 000 rows, a table 20 million cells."""
 _NO_MEMORY = "not enough memory"
 _ZEROS = (StopIteration, EOFError)
 """Exceptions raised by Arrow for zeros."""
@@ -146,20 +141,19 @@ _DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, Typ
 
 @dataclass(frozen=True)
 class Salvage:
-    """Content of a recording chunk.
-
-    batches: verified batches before the first damage. closed: True if the end mark is present.
-    damage: description, None for a valid chunk. unread: number of unread bytes, 0 for a valid chunk.
-    """
+    """Content of a recording chunk."""
 
     batches: tuple[pa.RecordBatch, ...]
+    """Verified batches before the first damage."""
     closed: bool
+    """True if the end mark is present."""
     unread: int
+    """Number of unread bytes, 0 for a valid chunk."""
     damage: str | None
+    """None for a valid chunk."""
 
     @property
     def rows(self) -> int:
-        """Number of rows in all batches."""
         return sum(batch.num_rows for batch in self.batches)
 
 
@@ -169,7 +163,7 @@ def with_opening(schema: pa.Schema, opening: bytes) -> pa.Schema:
 
 
 def opening_in(data: bytes) -> bytes | None:
-    """Opening manifest from a chunk of either format, or None if it cannot be verified."""
+    """Opening manifest from a chunk of either format; None if it cannot be verified."""
     source = pa.BufferReader(data)
     try:
         parquet = data.startswith(b"PAR1")
@@ -196,7 +190,7 @@ def frame(batch: pa.RecordBatch, number: int) -> bytes:
 
 
 def salvage(data: bytes, schema: pa.Schema) -> Salvage:
-    """Read a recording chunk of a known schema up to the first damage. Raises OSError if memory is insufficient."""
+    """Read a recording chunk of a known schema up to the first damage. Raises OSError without memory."""
     as_stored, sound_head = _read(data, schema), head(schema)
     if data.startswith(sound_head):
         return as_stored
@@ -244,8 +238,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
 def _has_compression(metadata: bytes) -> bool:
     """True if the metadata of a batch specifies compression.
 
-    Compression is the fourth field of the table RecordBatch, which is the third field of the table Message (Arrow,
-    format/Message.fbs; tables and fields as in FlatBuffers' internals).
+    Compression is the fourth field of RecordBatch, which is the third field of Message (Arrow, format/Message.fbs).
     """
     message = _number(metadata, 0, "I")
     header = message + _field(metadata, message, 2)
@@ -268,14 +261,14 @@ def _digits(number: int) -> bytes:
 
 
 def table_of(batches: tuple[pa.RecordBatch, ...], schema: pa.Schema) -> pa.Table:
-    """Combine batches into a table with the metadata of the schema."""
+    """Table of batches with the metadata of the schema."""
     return pa.Table.from_batches(batches, schema.remove_metadata()).replace_schema_metadata(schema.metadata)
 
 
 def to_parquet(table: pa.Table) -> bytes:
     """Encode a table as Parquet, and verify that it can be read back bit for bit.
 
-    Raises ArrowInvalid if it cannot. Dictionaries are disabled, because they would merge nans with different bits.
+    Dictionaries are disabled, because they would merge nans with different bits.
     """
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd", use_dictionary=False)
@@ -289,9 +282,9 @@ def to_parquet(table: pa.Table) -> bytes:
 def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table | None:
     """Table in a Parquet file, or selected columns. None if bytes are invalid or text is not UTF-8.
 
-    Only the calling thread is used, because Arrow threads still active at exit abort the program after the output
-    (apache/arrow issue 34314). Raises OSError if memory is insufficient, or if the decoded data exceeds the size of a
-    chunk: a few bytes can represent any number of equal rows, and each row a long text.
+    Only the calling thread is used, because Arrow threads still active at exit abort the program (apache/arrow issue
+    34314). Raises OSError if memory is insufficient, or if the decoded data exceeds the size of a chunk: a few bytes
+    can represent any number of equal rows, and each row a long text.
     """
     try:
         table = _decoded(data, columns)
@@ -319,25 +312,21 @@ def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
         file = pq.ParquetFile(source, metadata=file.metadata, pre_buffer=False, read_dictionary=text)
     table = file.read(columns, use_threads=False)
     if text:
-        if sum(_text_bytes(table.column(name)) for name in text if name in table.column_names) > _MOST_DECODED:
+        import pyarrow.compute as pc  # noqa: PLC0415 - wraps 286 functions; only tables and faults have text
+
+        parts = [part for name in text if name in table.column_names for part in table.column(name).chunks]
+        lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in parts]
+        if sum(pc.sum(part_lengths).as_py() or 0 for part_lengths in lengths) > _MOST_DECODED:
             return "the text exceeds the limit of a chunk"
         table = table.cast(pa.schema([schema.field(name) for name in table.column_names], schema.metadata))
     table.validate(full=True)
     return table
 
 
-def _text_bytes(column: pa.ChunkedArray) -> int:
-    """Number of bytes in a text column that was read as indices."""
-    import pyarrow.compute as pc  # noqa: PLC0415 - wraps 286 functions; only tables and faults have text
-
-    lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in column.chunks]
-    return sum(pc.sum(part_lengths).as_py() or 0 for part_lengths in lengths)
-
-
 def _raise_if_out_of_memory(error: BaseException, size: int) -> None:
-    """Raise OSError if an error was caused by insufficient memory: `size` bytes cannot be allocated now.
+    """Raise OSError if `size` bytes cannot be allocated now.
 
-    A damaged length exceeds the memory of any computer. This counts as damage.
+    A damaged length exceeds the memory of any computer, which counts as damage.
     """
     if isinstance(error, MemoryError):
         try:

@@ -1,12 +1,11 @@
 """Durable file operations, and the lock of the writing process.
 
-A file is durable if the bytes and the directory entry are both synced. A file is replaced under a temporary name, so
-that every name always refers to a complete file, old or new. No other code changes files during recording or recovery.
-A wrapper around this module's `os` therefore observes all changes in order, as in `scripts/dev powercut`. Functions
-raise plain OSError, which callers convert to a message.
+A file is durable if its bytes and its directory entry are synced. A file is replaced under a temporary name, so that
+every name always refers to a complete file. No other code changes files during recording or recovery: a wrapper around
+this module's `os` observes all changes in order, as in `scripts/dev powercut`. Functions raise plain OSError, which
+callers convert to a message.
 
-On Windows, runs can be read, imported and simulated, but not recorded. Windows has neither the locks, which only the
-daemon and the tools for it require, nor directory syncs, which matter only in a power cut.
+On Windows, runs can be read, imported and simulated, but not recorded: it has neither the locks nor directory syncs.
 """
 
 from __future__ import annotations
@@ -34,10 +33,7 @@ _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getatt
 
 
 def remedy(error: Exception, otherwise: str) -> str:
-    """Remedy for an error, or `otherwise` if the cause is the disk.
-
-    Other causes are a lack of descriptors, a link in place of the lock, or a file in place of a directory.
-    """
+    """Remedy for an error, or `otherwise` if the cause is the disk."""
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return "close programs or connections with open files, or raise the limit of file descriptors (LimitNOFILE)"
     if isinstance(error, OSError) and error.errno == errno.ELOOP:
@@ -48,7 +44,7 @@ def remedy(error: Exception, otherwise: str) -> str:
 
 
 def free_bytes(path: Path) -> int:
-    """Number of free bytes for this user on the disk of `path`."""
+    """Free bytes for this user on the disk."""
     if not hasattr(os, "statvfs"):
         return shutil.disk_usage(path).free
     disk = os.statvfs(path)
@@ -66,7 +62,7 @@ def make_directories(path: Path) -> None:
 
 
 def make_directory(path: Path) -> None:
-    """Create a directory, durable after a sync of the parent. Raises FileExistsError."""
+    """Create a directory, durable after a sync of the parent."""
     os.mkdir(path)  # noqa: PTH102
 
 
@@ -83,7 +79,6 @@ def discard(path: Path) -> None:
 
 
 def sync_directory(path: Path) -> None:
-    """Sync the entries of a directory."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
@@ -94,12 +89,11 @@ def sync_directory(path: Path) -> None:
 
 
 def sync(fd: int) -> None:
-    """Sync the bytes of a file."""
     os.fsync(fd)
 
 
 def persist(path: Path) -> None:
-    """Sync a complete file and the directory entry."""
+    """Sync a complete file and its directory entry."""
     fd = reopen(path)
     try:
         sync(fd)
@@ -109,12 +103,11 @@ def persist(path: Path) -> None:
 
 
 def again(fd: int) -> int:
-    """A duplicate descriptor of an open file. It remains valid after the first is closed."""
+    """A duplicate descriptor, valid after the first is closed."""
     return os.dup(fd)
 
 
 def truncate(fd: int, size: int) -> None:
-    """Truncate a file."""
     os.ftruncate(fd, size)
 
 
@@ -125,13 +118,13 @@ def close(fd: int) -> None:
 
 
 def rename(old: Path, new: Path) -> None:
-    """Rename a file, replacing an existing one. The change is durable after a sync of the directory."""
+    """Rename a file, replacing an existing one. Durable after a sync of the directory."""
     os.replace(old, new)  # noqa: PTH105
     COMPLETED.append(new)
 
 
 def remove(path: Path) -> None:
-    """Delete a file. The change is durable after a sync of the directory."""
+    """Delete a file. Durable after a sync of the directory."""
     os.unlink(path)  # noqa: PTH108
 
 
@@ -152,7 +145,7 @@ def _seek_and_write(fd: int, data: memoryview, offset: int) -> int:
 def create(path: Path, data: bytes, mode: int = 0o644) -> int:
     """Create a file with initial data, and return its descriptor. If this fails, no file remains.
 
-    mode: permissions, limited by the umask. Raises FileExistsError if the name exists.
+    mode: permissions, limited by the umask.
     """
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, mode)
     try:
@@ -166,12 +159,11 @@ def create(path: Path, data: bytes, mode: int = 0o644) -> int:
 
 
 def reopen(path: Path) -> int:
-    """Open an existing file for reading and writing."""
     return os.open(path, os.O_RDWR)
 
 
 def read(fd: int) -> bytes:
-    """All bytes of an open file, even if the file name was removed."""
+    """All bytes of an open file, even if its name was removed."""
     data = b""
     while piece := os.pread(fd, os.fstat(fd).st_size - len(data), len(data)):
         data += piece  # a second read is needed only if the first returns less than the file
@@ -188,7 +180,7 @@ def is_named(fd: int, path: Path) -> bool:
 
 
 def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
-    """Replace a file durably and atomically, and verify the content. mode: as in `create`."""
+    """Replace a file durably and atomically, and verify the content."""
     temporary = path.with_name(path.name + TEMPORARY)
     try:
         with suppress(FileNotFoundError):
@@ -209,7 +201,7 @@ def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
 
 
 def lock(run: Path) -> int:
-    """Take the writer's lock of a run and return its descriptor.
+    """Take the writer's lock of a run.
 
     The call may wait. On a new run, other processes hold the lock only during `is_locked`.
     """
@@ -245,7 +237,7 @@ def is_locked(run: Path) -> bool:
 
 
 def may_be_locked(run: Path) -> bool:
-    """True if a process may be writing this run. True if this user is not permitted to check."""
+    """True if a process may be writing this run, also if this user is not permitted to check."""
     try:
         return is_locked(run)
     except OSError:
@@ -253,6 +245,6 @@ def may_be_locked(run: Path) -> bool:
 
 
 def _flock(fd: int, *, shared: bool = False, wait: bool = False) -> None:
-    """Lock an open file. On systems that lack such locks, it always succeeds. Raises BlockingIOError."""
+    """Lock an open file. Without such locks it always succeeds."""
     if fcntl is not None:
         fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))

@@ -1,7 +1,6 @@
 """Storage of an imported table as a normal run: a manifest, and the table in a single Parquet chunk.
 
-The chunk contains the opening manifest, and the ledger is sealed once the chunk is durable. An interrupted import is
-therefore detected, and `recover` repairs or rejects it.
+The ledger is sealed once the chunk is durable, so `recover` detects an interrupted import, and repairs or rejects it.
 """
 
 from __future__ import annotations
@@ -41,12 +40,9 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
 ) -> Run:
     """A run in memory for a table of double, int64 and string columns without nulls. Nothing is written.
 
-    path: directory of the run, whose name becomes the name of the run.
-    source, source_sha256: name and checksum of the original file.
-    table_map, assumed: import map, and unconfirmed assumptions.
-    only_commanded: True if the joint angles are commands, and measured angles are unknown.
-
-    Raises UseError if the name of the operator is invalid.
+    path: directory of the run, whose name becomes the name of the run. source, source_sha256: name and checksum of the
+    original file. table_map, assumed: import map, and unconfirmed assumptions. only_commanded: the joint angles are
+    commands, and measured angles are unknown.
     """
     columns = {field.name: str(field.type) for field in table.schema}
     opening = new_manifest(
@@ -58,27 +54,20 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
         operator=check_operator(operator),
         placement=placement,
         streams={},
-        table=ImportedTable.model_validate(
-            {
-                "file": source,
-                "sha256": source_sha256,
-                "columns": columns,
-                "map": table_map,
-                "assumed": assumed,
-                "only_commanded": only_commanded,
-            }
-        ),
-    )
+        table=ImportedTable.model_validate({
+            "file": source, "sha256": source_sha256, "columns": columns, "map": table_map, "assumed": assumed,
+            "only_commanded": only_commanded,
+        }),
+    )  # fmt: skip
     whole = table.cast(opening.arrow_schema(TABLE)).combine_chunks()
     manifest = opening.with_entries(_entries(whole, _parquet(opening, whole)))
     return Run(path, manifest, {}, [], whole)
 
 
 def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None = None) -> Manifest:
-    """Create the directory `path` for a table run. The run takes the name of the directory.
+    """Create the directory `path` for a table run, which takes its name.
 
-    companions: content of the files next to the rig file, by name. Raises FileError if path exists, and CellError if
-    the disk refuses. No directory remains after an error or Ctrl-C.
+    companions: content of the files next to the rig file, by name. No directory remains after an error or Ctrl-C.
     """
     try:
         with new_directory(path) as made:
@@ -108,20 +97,14 @@ def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None
 
 
 def _parquet(opening: Manifest, table: pa.Table) -> bytes:
-    """Encode a table with the opening manifest as a Parquet file."""
     return to_parquet(table.cast(with_opening(opening.arrow_schema(TABLE), opening.opening())))
 
 
 def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] = ()) -> list[LedgerEntry]:
-    """Ledger entries of a table run after the opening: chunk, seal, and label history."""
+    """Ledger entries after the opening: chunk, seal, and label history."""
     rows = table.num_rows
-    seal = Seal(
-        exit_status="complete",
-        reason="imported",
-        ended=iso_now(),
-        rows={TABLE: rows, FAULTS: 0},
-        counters={TABLE: {"samples": rows}},
-    )
+    counts = {"rows": {TABLE: rows, FAULTS: 0}, "counters": {TABLE: {"samples": rows}}}
+    seal = Seal(exit_status="complete", reason="imported", ended=iso_now(), **counts)
     history = [LedgerEntry(relabelled=relabelled)] if relabelled else []
     return [LedgerEntry(chunk=describe(chunk_name(TABLE, 1), TABLE, table, data)), LedgerEntry(seal=seal), *history]
 

@@ -1,8 +1,8 @@
 """Ledger of a run, `ledger.jsonl`: an append-only list of records, one per line.
 
-Each line contains the SHA-256 of the previous line and a record, so that a changed or removed line is detected. All
-data after the last valid line is ignored, because a crash may leave a partial line. See
-docs/decisions/0017-a-run-proves-that-it-is-whole.md. The manifest uses the same records.
+Each line contains the SHA-256 of the previous line and a record, so that a changed or removed line is detected. A crash
+may leave a partial line, so all data after the last valid line is ignored. See docs/decisions/0017-a-run-proves-that-
+it-is-whole.md. The manifest uses the same records.
 """
 
 from __future__ import annotations
@@ -32,23 +32,22 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}$")]
 Text = Annotated[str, AfterValidator(storable)]
 Count = Annotated[int, Field(ge=0)]
 BEING_RECORDED = ("is being recorded", "wait for the end, or end it: rig record stop")
-"""Message and remedy for a run still being recorded."""
 _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arrow)")
 
 
 def chunk_name(stream: str, number: int) -> str:
-    """Name of a chunk's Parquet file. Chunks are numbered from 1."""
+    """Parquet file of a chunk. Chunks are numbered from 1."""
     return f"{stream}-{number:04d}.parquet"
 
 
 def parse_chunk(name: str) -> tuple[str, int, str] | None:
-    """Stream, number and kind (parquet, arrow) from the file name of a chunk, or None for another file."""
+    """Stream, number and kind (parquet, arrow) from the file name of a chunk; None for another file."""
     match = _CHUNK.fullmatch(name)
     return (match["stream"], int(match["number"]), match["kind"]) if match else None
 
 
 class JsonRecord(BaseModel):
-    """Base class of all JSON records: immutable, rejecting unknown keys."""
+    """Base of all JSON records: immutable, rejecting unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
@@ -62,7 +61,7 @@ class Clock(JsonRecord):
 
 
 class Chunk(JsonRecord):
-    """A closed chunk. first_ns, last_ns: timestamps of the first and last byte, 0 in a table."""
+    """A closed chunk with the timestamps of its first and last byte, 0 in a table."""
 
     file: str
     stream: Name
@@ -75,12 +74,12 @@ class Chunk(JsonRecord):
 
     @property
     def number(self) -> int:
-        """Number of the chunk in the stream, from 1, or 0 if the file is not named like a chunk."""
+        """Number in the stream, from 1; 0 if the file is not named like a chunk."""
         return (parse_chunk(self.file) or ("", 0, ""))[1]
 
 
 class ImportedTable(JsonRecord):
-    """Source of an imported run: name of the file, or names joined with ` + `, and the columns in order."""
+    """Source of an imported run: file, or files joined with ` + `, and the columns in order."""
 
     file: Text
     sha256: str
@@ -95,7 +94,7 @@ class ImportedTable(JsonRecord):
 
 
 class Relabelling(JsonRecord):
-    """A later correction of a label, with the time of the correction."""
+    """A later correction of a label."""
 
     at: str
     field: Literal["test", "direction", "operator", "placement"]
@@ -104,28 +103,27 @@ class Relabelling(JsonRecord):
 
 
 class Seal(JsonRecord):
-    """End and size of a recording.
-
-    ended: None if the recording was interrupted, in which case the last rows may be missing. rows: number of rows
-    written to the disk, by stream. counters: samples, and faults of each kind, by stream.
-    """
+    """End and size of a recording."""
 
     exit_status: Literal["complete", "interrupted", "failed", "recovered"]
     reason: Text
     ended: str | None
+    """None if the recording was interrupted; the last rows may be missing."""
     rows: dict[Name, Count]
+    """Rows written to the disk, by stream."""
     counters: dict[str, dict[str, Count]]
+    """Samples, and faults of each kind, by stream."""
 
 
 def to_recover(run: Path) -> str:
-    """Remedy for an interrupted or damaged run, as a shell command."""
+    """Remedy for an interrupted or damaged run."""
     return f"run `rig recover {as_argument(run)}`"
 
 
 def no_run(path: Path) -> FileError:
     """Error for a path that is not a directory.
 
-    Directories of recorded runs begin with the time. If the path is a plain name, a run with that name is suggested.
+    Directories of recorded runs begin with the time. For a plain name, a run with that name is suggested.
     """
     if path.exists():
         return FileError(
@@ -148,18 +146,16 @@ def first_error(error: ValidationError) -> str:
 
 
 def sha256(data: bytes) -> str:
-    """SHA-256 of data in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 
 def iso_now() -> str:
-    """Current UTC time in ISO 8601."""
     return clock.wall_time().isoformat(timespec="milliseconds")
 
 
 LEDGER = "ledger.jsonl"
 _MOST_BYTES = 1_000_000_000
-"""Largest ledger in bytes. A chunk needs about 400 bytes, so this is sufficient for four million chunks, or years."""
+"""A chunk needs about 400 bytes, so this is sufficient for four million chunks, or years."""
 _LINE = re.compile(rb'\{"sha256":"(?P<digest>[0-9a-f]{64})",(?P<rest>.+)\}')
 
 
@@ -175,23 +171,23 @@ class LedgerEntry(JsonRecord):
 
 @dataclass(frozen=True)
 class VerifiedLedger:
-    """Valid part of a ledger.
-
-    size: number of bytes in valid lines. last: SHA-256 of the last valid line. seal: SHA-256 of the last seal, empty if
-    there is none. unread: number of bytes after the last valid line. unread_lines: number of complete lines among them,
-    0 after a crash.
-    """
+    """Valid part of a ledger."""
 
     entries: tuple[LedgerEntry, ...] = ()
     size: int = 0
+    """Number of bytes in valid lines."""
     last: str = ""
+    """SHA-256 of the last valid line."""
     unread: int = 0
+    """Number of bytes after the last valid line."""
     unread_lines: int = 0
+    """Number of complete lines among them, 0 after a crash."""
     seal: str = ""
+    """SHA-256 of the last seal."""
 
 
 def verified(data: bytes) -> VerifiedLedger:
-    """Ledger lines before the first invalid one. Raises no exceptions."""
+    """Ledger lines before the first invalid one."""
     entries: list[LedgerEntry] = []
     size, last, seal = 0, "", ""
     for line in data.split(b"\n")[:-1]:
@@ -215,7 +211,7 @@ def _content(line: re.Match[bytes]) -> LedgerEntry | None:
 
 @dataclass(frozen=True)
 class Claim:
-    """Content of the seals in unverified lines: rows per sample stream, and the end time or None."""
+    """Content of the seals in unverified lines: rows per sample stream, and the end time."""
 
     rows: Counter[str]
     ended: str | None = None
@@ -228,8 +224,8 @@ class Claim:
 def claim_in(data: bytes, opening: str | None) -> Claim:
     """Claims of the seals in a ledger, including those in invalid lines.
 
-    A seal contains the row count twice, as rows and as samples. The smaller count is used, so that a damaged digit does
-    not make rows appear missing. opening: SHA-256 of the run's manifest; ledgers of other runs are ignored.
+    A seal contains the row count twice, as rows and as samples. The smaller is used, so that a damaged digit does not
+    make rows appear missing. opening: SHA-256 of the run's manifest; ledgers of other runs are ignored.
     """
     ledger, claimed, ended = verified(data), Counter[str](), None
     if ledger.entries and ledger.entries[0].opening != opening:
@@ -244,17 +240,13 @@ def claim_in(data: bytes, opening: str | None) -> Claim:
 
 
 def line_of(entry: LedgerEntry, before: str) -> tuple[bytes, str]:
-    """An entry as a line, and the SHA-256 of the line.
-
-    before: SHA-256 of the previous line, empty for the first line.
-    """
+    """An entry as a line, and its SHA-256. before: SHA-256 of the previous line."""
     content = entry.model_dump_json(exclude_defaults=True).encode()
     digest = sha256(before.encode() + content)
     return b'{"sha256":"' + digest.encode() + b'",' + content[1:] + b"\n", digest
 
 
 def lines_of(entries: Iterable[LedgerEntry]) -> bytes:
-    """A complete ledger."""
     lines, last = [], ""
     for entry in entries:
         line, last = line_of(entry, last)
@@ -263,7 +255,7 @@ def lines_of(entries: Iterable[LedgerEntry]) -> bytes:
 
 
 def read_ledger(run: Path) -> VerifiedLedger:
-    """Read the ledger of a run, empty if absent. Raises OSError, and FileError if it is not a file."""
+    """Ledger of a run, empty if absent."""
     try:
         return verified(read_bytes(run / LEDGER, _MOST_BYTES))
     except FileNotFoundError:
@@ -296,10 +288,7 @@ class Ledger:
 
     @classmethod
     def resume(cls, run: Path) -> Ledger:
-        """Open the ledger of a run to continue after the last valid line.
-
-        Raises FileError if complete lines follow, because they would be overwritten.
-        """
+        """Continue after the last valid line. Refuses to overwrite complete lines that follow."""
         ledger = read_ledger(run)
         if ledger.unread_lines:
             problem = f"has lines in {LEDGER} that cannot be verified, and continuing would replace them"
@@ -315,5 +304,4 @@ class Ledger:
         self._size, self._last = self._size + len(line), digest
 
     def close(self) -> None:
-        """Close the file."""
         durable.close(self.fd)

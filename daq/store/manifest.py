@@ -48,15 +48,14 @@ from rigs.schema.part import Length
 from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
-"""Name of the manifest, written at the start and the end of a run."""
 OF_A_RUN = frozenset({MANIFEST, LEDGER})
 """Files that identify a directory as a run, even if it is damaged."""
 _IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", "ended", "relabelled"}
 """Fields that are derived from the ledger in a run of version 2."""
 _LONGEST_OPERATOR = 200
-"""Largest length in characters, sufficient for names of people and shifts, but not for a pasted page."""
+"""Characters, sufficient for names of people and shifts, but not for a pasted page."""
 _MOST_BYTES = 100_000_000
-"""Largest manifest in bytes. In version 1 a chunk needed 250 bytes, and a month of recording had 10 000 chunks."""
+"""In version 1 a chunk needed 250 bytes, and a month of recording had 10 000 chunks."""
 _RIG_VERSION = version()  # read at import because it opens files; a recording may start when no file can be opened
 
 
@@ -79,7 +78,7 @@ def operator_name(text: str) -> str:
 
 
 def check_operator(name: str) -> str:
-    """Name of an operator in stored form. Raises UseError for control characters or excessive length."""
+    """Name of an operator in stored form."""
     try:
         return operator_name(name)
     except _OperatorError as error:
@@ -87,15 +86,15 @@ def check_operator(name: str) -> str:
 
 
 Operator = Annotated[Text, AfterValidator(operator_name)]
-"""Name of the operator. Manifests of older runs may contain any text."""
+"""Manifests of older runs may contain any text."""
 Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]
 """Name for the location of instrument or ball. Runs with the same placement share a set-up."""
 ViewZero = tuple[Length, Length]
 """Zero offsets of the live view at the start of the run. For information only: the rows are unmodified."""
 DrivenWith = Literal["", "targets", "entries"]
-"""Correction that is active during the run: programs with corrected targets, or values entered at the controller.
+"""Correction that is active during the run: corrected targets, or values entered at the controller.
 
-Empty if there is none. Such runs show the effect of the correction; the arm itself is unchanged.
+Such runs show the effect of the correction; the arm itself is unchanged.
 """
 PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
@@ -117,7 +116,7 @@ class Manifest(JsonRecord):
     corrected: DrivenWith = Field(default="", exclude_if=lambda by: not by)
     view_zero_mm: ViewZero | None = Field(default=None, exclude_if=lambda zero: zero is None)
     follows: str = ""
-    """Directory of the previous run, if this run continues it. The disk or the length limit ended the previous run."""
+    """Directory of the previous run, if the disk or the length limit ended it and this run continues it."""
     host: str
     software: dict[str, str]
     clock: Clock
@@ -158,12 +157,11 @@ class Manifest(JsonRecord):
 
     @property
     def all_streams(self) -> dict[str, tuple[str, ...]]:
-        """Columns of all streams: the sample streams, the table if any, and the faults."""
+        """Columns of the sample streams, the table if any, and the faults."""
         table = {TABLE: tuple(self.table.columns)} if self.table else {}
         return {**self.streams, **table, FAULTS: ()}
 
     def arrow_schema(self, stream: str) -> pa.Schema:
-        """Arrow schema of one of `all_streams`."""
         if self.table and stream == TABLE:
             return table_schema(self.table.columns)
         return schema_of(stream, self.all_streams[stream])
@@ -185,11 +183,11 @@ class Manifest(JsonRecord):
         return self.version > 1 and self.exit_status != "recording"
 
     def updated(self, **changes: Any) -> Manifest:
-        """A validated copy with changed values. Raises ValidationError."""
+        """A validated copy with changed values."""
         return Manifest.model_validate(self.model_dump() | changes)
 
     def with_entries(self, entries: Sequence[LedgerEntry]) -> Manifest:
-        """A copy that includes these ledger entries. Raises ValidationError."""
+        """A validated copy that includes these ledger entries."""
         history = [change for entry in entries for change in entry.relabelled]
         seal = next((entry.seal for entry in reversed(entries) if entry.seal), None)
         return self.updated(
@@ -201,7 +199,7 @@ class Manifest(JsonRecord):
         )
 
     def save(self, run: Path) -> None:
-        """Write the manifest to the run directory durably and atomically. Raises OSError."""
+        """Write the manifest durably and atomically."""
         replace(run / MANIFEST, self.to_json() if self.version == 1 else self.opening())
 
     def opening(self) -> bytes:
@@ -219,7 +217,7 @@ class Manifest(JsonRecord):
         return self.model_copy(update=fresh).to_json()
 
     def to_json(self) -> bytes:
-        """Manifest combined with the ledger, as JSON."""
+        """Manifest combined with the ledger."""
         return self.model_dump_json(indent=1).encode()
 
 
@@ -238,7 +236,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     follows: str = "",
     table: ImportedTable | None = None,
 ) -> Manifest:
-    """Create the manifest of a run that starts now on this host. Raises FileError if the name is invalid.
+    """Manifest of a run that starts now on this host.
 
     streams: value columns of each sample stream. follows: the run that this run continues.
     """
@@ -267,19 +265,16 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
 
 
 class UnknownTestError(FileError):
-    """The test of the run belongs to a package that is not installed. The run needs no repair."""
+    """The test belongs to a package that is not installed. The run needs no repair."""
 
 
 def is_run(path: Path) -> bool:
-    """True if a directory is a run, even if damaged. A ledger suffices. Raises OSError if access is denied."""
+    """True if a directory is a run, even if damaged. A ledger suffices."""
     return any((path / name).exists() for name in OF_A_RUN)
 
 
 def load_manifest(run: Path) -> Manifest:
-    """Read the manifest of a run, including the ledger.
-
-    Raises FileError if the run or the manifest is missing or unreadable.
-    """
+    """Manifest of a run, including the ledger."""
     path = run / MANIFEST
     try:
         if not run.is_dir():
@@ -314,7 +309,7 @@ def load_manifest(run: Path) -> Manifest:
 
 
 def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError | None:
-    """Error for a manifest that is valid except for an unknown test, otherwise None."""
+    """Error for a manifest that is valid except for an unknown test."""
     (first, *others) = error.errors(include_url=False, include_context=False)
     if others or first["loc"] != ("test",) or not isinstance(first["input"], str):
         return None
@@ -337,6 +332,5 @@ def unreadable(path: Path, error: OSError) -> FileError:
 
 
 def clock_now() -> Clock:
-    """Read both clocks."""
     now = read_clocks()
     return Clock(monotonic_ns=now.monotonic_ns, unix_ns=now.wall_ns, bracket_ns=now.bracket_ns)

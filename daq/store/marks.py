@@ -1,23 +1,21 @@
 """Changes to a finished run: corrected labels (test, direction, operator, placement), and marks.
 
-Earlier label values are stored in the ledger, or in the manifest for a run of version 1. All else is unchanged: chunks
-and checksums, timestamps, rig file and name.
-
-The marks in `marks.json` record exports, protection by the operator, and the answer of a movement check.
-Retention deletes only exported runs that are not protected.
+Earlier label values are stored in the ledger, or in the manifest for a run of version 1. The marks in `marks.json`
+record exports, protection by the operator, and the answer of a movement check. Retention deletes only exported runs
+that are not protected.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daq.store import durable
-from daq.store.ledger import BEING_RECORDED, Ledger, LedgerEntry, Relabelling, Text, first_error, iso_now, to_recover
+from daq.store.ledger import BEING_RECORDED, Ledger, LedgerEntry, Text, first_error, iso_now, to_recover
 from daq.store.manifest import PLACEMENT_RULE, Manifest, check_operator, load_manifest, unreadable
 from rigs.errors import CellError, FileError, UseError
 from rigs.files import of_newer_rig, read_bytes
@@ -28,8 +26,6 @@ _MOST_BYTES = 1_000_000
 
 
 class Export(BaseModel):
-    """An export of a run: file and time."""
-
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     at: str
@@ -38,21 +34,21 @@ class Export(BaseModel):
 
 
 class MovementCheck(BaseModel):
-    """Answer of a comparison of a run with a reference: `what` moved, with the odds against everything else.
-
-    reference: names of the runs before. what: kind of cause; empty if the readings do not decide. axis: of a zero.
-    name: of a socket, target or instrument. answer: sentence for the user, in English.
-    """
+    """Answer of a comparison of a run with a reference."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     at: str
     reference: tuple[str, ...]
+    """Names of the runs before."""
     what: str
+    """Kind of the cause that moved; empty if the readings do not decide."""
     axis: int | None = None
     name: str = ""
+    """Name of a socket, target or instrument."""
     probability: float
     answer: Text
+    """Sentence for the user, in English."""
 
 
 class RunMarks(BaseModel):
@@ -67,7 +63,7 @@ class RunMarks(BaseModel):
 
 
 def load_marks(run: Path) -> RunMarks:
-    """Marks of a run, empty by default. Raises FileError if they cannot be read."""
+    """Marks of a run, empty by default."""
     path = run / MARKS
     try:
         return RunMarks.model_validate_json(read_bytes(path, _MOST_BYTES))
@@ -87,45 +83,46 @@ def load_marks(run: Path) -> RunMarks:
 
 
 def mark_exported(run: Path, to: str, file: Path) -> None:
-    """Record an export of a run. Raises FileError, or CellError if writing is not permitted."""
+    """Record an export of a run."""
     export = Export(at=iso_now(), format=to, file=str(file.absolute()))
     _change(run, lambda marks: marks.model_copy(update={"exports": (*marks.exports, export)}))
 
 
 def mark_moved(run: Path, check: MovementCheck) -> None:
-    """Store the answer of a movement check with a run. Raises the same errors as `mark_exported`."""
+    """Store the answer of a movement check with a run."""
     _change(run, lambda marks: marks.model_copy(update={"moved": check}))
 
 
 def mark_kept(run: Path, kept: bool) -> None:
-    """Set or remove the protection of a run. Raises the same errors as `mark_exported`."""
+    """Set or remove the protection of a run."""
     _change(run, lambda marks: marks.model_copy(update={"kept": kept}))
 
 
 def _change(run: Path, change: Callable[[RunMarks], RunMarks]) -> None:
     load_manifest(run)
+    with _locked(run, "marked"):
+        marks = change(load_marks(run))
+        durable.replace(run / MARKS, marks.model_dump_json(indent=1, exclude_none=True).encode())
+
+
+@contextmanager
+def _locked(run: Path, changed: str) -> Iterator[None]:
+    """Lock a run, and report errors of the disk. Raises FileError if another program records or changes the run."""
     try:
         lock = durable.try_lock(run)
         if lock is None:
-            raise FileError(
-                str(run),
-                "is being recorded or changed by a different program",
-                "retry when that program has finished",
-                code="run.in_use",
-            )
+            if load_manifest(run).exit_status == "recording":
+                raise FileError(str(run), *BEING_RECORDED, code="run.in_use")
+            remedy = "retry when that program has finished"
+            raise FileError(str(run), "is being changed by a different program", remedy, code="run.in_use")
         try:
-            marks = change(load_marks(run))
-            durable.replace(run / MARKS, marks.model_dump_json(indent=1, exclude_none=True).encode())
+            yield
         finally:
-            os.close(lock)
+            durable.close(lock)
     except OSError as error:
-        problem = f"cannot be marked: {error.strerror or error}"
-        raise CellError(
-            str(run),
-            problem,
-            "run the command as the owner of the run, with enough disk space",
-            code="run.not_writable",
-        ) from None
+        problem = f"cannot be {changed}: {error.strerror or error}"
+        remedy = "run the command as the owner of the run, with enough disk space"
+        raise CellError(str(run), problem, remedy, code="run.not_writable") from None
 
 
 def relabel(
@@ -136,55 +133,27 @@ def relabel(
     operator: str | None = None,
     placement: str | None = None,
 ) -> Manifest:
-    """Change test, direction, operator or placement of a run durably and atomically. None leaves a field unchanged.
+    """Change labels of a run durably and atomically. None leaves a field unchanged.
 
-    A test without a circle removes the direction. Returns the new manifest. Raises FileError if the run is being
-    recorded, was not closed, or does not fit the new label, UseError if a value is invalid, and CellError if the disk
-    refuses.
+    A test without a circle removes the direction. Refuses a run that is being recorded, was not closed, or does not fit
+    the new label.
     """
-    unchanged = load_manifest(run)
-    try:
-        lock = durable.try_lock(run)
-        if lock is None and unchanged.exit_status == "recording":
-            raise FileError(str(run), *BEING_RECORDED, code="run.in_use")
-        if lock is None:
-            raise FileError(
-                str(run),
-                "is being changed by a different program",
-                "retry when that program has finished",
-                code="run.in_use",
-            )
-        try:
-            manifest = load_manifest(run)
-            if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
-                raise FileError(
-                    str(run), "was not closed: the recording crashed", to_recover(run), code="run.not_closed"
-                )
-            changed = _relabelled(run, manifest, test, direction, operator, placement)
-            if changed != manifest:
-                _save(run, changed, changed.relabelled[len(manifest.relabelled) :])
-        finally:
-            durable.close(lock)
-    except OSError as error:
-        problem = f"cannot be relabelled: {error.strerror or error}"
-        raise CellError(
-            str(run),
-            problem,
-            "run the command as the owner of the run, with enough disk space",
-            code="run.not_writable",
-        ) from None
+    load_manifest(run)
+    with _locked(run, "relabelled"):
+        manifest = load_manifest(run)
+        if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
+            problem = "was not closed: the recording crashed"
+            raise FileError(str(run), problem, to_recover(run), code="run.not_closed")
+        changed = _relabelled(run, manifest, test, direction, operator, placement)
+        if changed != manifest and changed.version == 1:
+            changed.save(run)
+        elif changed != manifest:
+            ledger = Ledger.resume(run)
+            try:
+                ledger.append(LedgerEntry(relabelled=changed.relabelled[len(manifest.relabelled) :]))
+            finally:
+                ledger.close()
     return changed
-
-
-def _save(run: Path, changed: Manifest, changes: tuple[Relabelling, ...]) -> None:
-    if changed.version == 1:
-        changed.save(run)
-        return
-    ledger = Ledger.resume(run)
-    try:
-        ledger.append(LedgerEntry(relabelled=changes))
-    finally:
-        ledger.close()
 
 
 def _relabelled(
@@ -220,35 +189,20 @@ def _relabelled(
 def _test_and_direction(
     run: Path, manifest: Manifest, test: TestName, direction: Direction | None
 ) -> dict[str, str | None]:
-    """New test and direction.
-
-    Raises FileError if the run does not fit, and UseError if a direction is given for a test without a circle.
-    """
+    """New test and direction, if the run fits."""
     # Recorded streams fit all tests with gauges. A table of a circle fits yaw and roll.
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):
         problem = f"contains data of a {manifest.test} test, which cannot be relabelled as a {test} test"
         raise FileError(str(run), problem, f"import the data with --test {test}", code="run.not_editable")
     if test not in CIRCLES:
-        if direction is not None and test != manifest.test:
-            raise UseError(
-                "--direction", f"a {test} test does not have a direction", "remove it", code="request.direction"
-            )
         if direction is not None:
-            raise FileError(
-                str(run),
-                f"is of a {test} test, which does not have a direction",
-                "leave --direction out",
-                code="request.direction",
-            )
+            problem = f"a {test} test does not have a direction"
+            raise UseError("--direction", problem, "leave --direction out", code="request.direction")
         return {"test": test, "direction": None}
     if (direction or manifest.direction) is None:
-        raise FileError(
-            str(run),
-            f"a {test} test needs a direction, which this run does not have",
-            "add --direction acw or cw",
-            code="run.no_direction",
-        )
+        problem = f"a {test} test needs a direction, which this run does not have"
+        raise FileError(str(run), problem, "add --direction acw or cw", code="run.no_direction")
     if manifest.table is not None and direction not in (None, manifest.direction):
         # The rows of a table also contain the direction, and tables are never changed.
         problem = f"contains an imported table with the direction {manifest.direction} in its rows"

@@ -2,7 +2,7 @@
 
 Recorded data is never removed. A recording chunk is deleted only if all bytes are in a Parquet file listed in the
 ledger. A damaged chunk is preserved as `<file>.torn`. `recover` can start from the state after any step, so it may be
-interrupted. Repeating a recovery has no effect. A run of version 1 receives a ledger.
+interrupted and repeated. A run of version 1 receives a ledger.
 """
 
 from __future__ import annotations
@@ -47,11 +47,7 @@ TORN = ".torn"
 
 @dataclass
 class Recovery:
-    """Result of a recovery.
-
-    rows: number of recovered rows by stream. losses: unreadable data in each damaged file, as text. notes: other
-    actions, as text.
-    """
+    """Recovered rows by stream, unreadable data of each damaged file, and other actions."""
 
     path: Path
     rows: dict[str, int] = field(default_factory=dict)
@@ -65,10 +61,7 @@ class Recovery:
 
 
 def recover(path: Path) -> Recovery:
-    """Recover an interrupted run, with exit status `recovered`.
-
-    Raises FileError if the run needs no recovery or is still being recorded, and CellError if the disk refuses access.
-    """
+    """Recover an interrupted run, with exit status `recovered`. Refuses a run that is being recorded."""
     try:
         if not path.is_dir():
             raise no_run(path)
@@ -135,7 +128,7 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
 
 
 def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manifest:
-    """Manifest of a run with a valid ledger. The ledger is created if absent."""
+    """Manifest of a run with a valid ledger, which is created if absent."""
     ledger = read_ledger(path)
     if manifest.version > 1 and ledger.entries:
         if ledger.unread:
@@ -161,7 +154,7 @@ def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manife
 
 
 def _opening_in(path: Path) -> bytes | None:
-    """Manifest from any chunk of the run, or None if no chunk contains it."""
+    """Manifest from any chunk of the run."""
     for file in sorted(path.iterdir()):
         if parse_chunk(file.name) and (opening := opening_in(read_bytes(file, MOST_BYTES))):
             with suppress(ValidationError):

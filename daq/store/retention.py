@@ -2,8 +2,7 @@
 
 A run may be deleted if it is complete, exported and not protected; the oldest is deleted first. All doubtful cases
 remain: a run being recorded, a crashed run, an unreadable manifest or marks file, and any other directory. A deletion
-first renames the run to `.deleted`. An interrupted deletion therefore leaves no partial run, and the next round removes
-the remains.
+first renames the run to `.deleted`, so an interrupted one leaves no partial run.
 """
 
 from __future__ import annotations
@@ -29,22 +28,19 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True)
 class RunInfo:
-    """Facts about a run directory.
-
-    ended_s: Unix time of the end, or of the start if the end is unknown. status: exit status in the manifest,
-    `crashed`, or `damaged` if manifest or marks are unreadable.
-    """
+    """Facts about a run directory."""
 
     path: Path
     manifest: Manifest | None
     marks: RunMarks | None
     status: str
+    """Exit status in the manifest, `crashed`, or `damaged` if manifest or marks are unreadable."""
     size: int
     ended_s: float
+    """Unix time of the end, or of the start if the end is unknown."""
 
     @property
     def may_go(self) -> bool:
-        """True if retention may delete the run."""
         if self.manifest is None or self.marks is None or self.status in ("recording", "crashed", "damaged"):
             return False
         return bool(self.marks.exports) and not self.marks.kept
@@ -52,17 +48,14 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Decision:
-    """Runs to delete, in order, and the number of bytes above the limit that cannot be freed (over)."""
+    """Runs to delete, in order, and the number of bytes above the limit that cannot be freed."""
 
     delete: tuple[RunInfo, ...]
     over: int
 
 
 def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Iterator[RunInfo]:
-    """All readable runs of a directory in order of name. `denied` is called with each unreadable directory.
-
-    Raises FileError if the directory does not exist.
-    """
+    """All readable runs of a directory in order of name. `denied` is called with each unreadable directory."""
     try:
         entries = sorted(runs.iterdir())
     except OSError as error:
@@ -83,7 +76,7 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
 
 
 def look(run: Path) -> RunInfo:
-    """Collect the facts about a run directory. Raises FileNotFoundError if it is gone."""
+    """Facts about a run directory. Raises FileNotFoundError if it is gone."""
     size = 0
     for file in run.iterdir():
         with suppress(FileNotFoundError):  # files appear and disappear while a run is being recorded
@@ -101,7 +94,7 @@ def look(run: Path) -> RunInfo:
 
 
 def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:
-    """Select the runs to delete: expired runs first, then the oldest until the limit is met."""
+    """Select expired runs first, then the oldest until the limit is met."""
     free = sorted((info for info in runs if info.may_go), key=lambda info: info.ended_s)
     old = [info for info in free if limits.days is not None and now_s - info.ended_s > limits.days * _DAY_S]
     allowed = int(limits.gigabytes * 1e9) if limits.gigabytes is not None else 2**63
@@ -116,7 +109,7 @@ def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision
 
 
 def delete(run: Path) -> bool:
-    """Delete a run if a new check permits it. Returns False otherwise. Raises OSError."""
+    """Delete a run if a new check permits it. Returns False otherwise."""
     lock = durable.try_lock(run)
     if lock is None:
         return False
@@ -133,6 +126,6 @@ def delete(run: Path) -> bool:
 
 
 def clear(runs: Path) -> None:
-    """Remove the remains of interrupted deletions, ignoring errors."""
+    """Remove the remains of interrupted deletions."""
     for gone in runs.glob(f".*{_DELETED}"):
         shutil.rmtree(gone, ignore_errors=True)

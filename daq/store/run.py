@@ -1,6 +1,6 @@
 """Reading of runs: all chunks of each stream as arrays, or an error.
 
-A wrong number is worse than a missing one. The SHA-256 and row count of each chunk are therefore verified before use.
+A wrong number is worse than a missing one, so the SHA-256 and row count of each chunk are verified before use.
 """
 
 from __future__ import annotations
@@ -26,9 +26,8 @@ from rigs.files import read_bytes
 class Run:
     """A recorded or imported run.
 
-    streams: columns of each sample stream by name, as arrays (n,) in file units. The fixed columns of `daq.store.chunk`
-    come first, followed by the values.
-    faults: a row for each fault, with at_ns, stream, kind, detail, count, sequence.
+    streams: columns of each sample stream by name, as arrays (n,) in file units: the fixed columns of
+    `daq.store.chunk`, then the values. faults: a row for each fault, with at_ns, stream, kind, detail, count, sequence.
     table: columns of an imported run in file order, None in a recorded run.
     """
 
@@ -64,10 +63,7 @@ def read_run(path: Path) -> Run:
 
 
 def closed_manifest(path: Path) -> Manifest:
-    """Manifest of a closed run, whose streams can be read.
-
-    Raises FileError if the run is missing, still being recorded, or crashed and not recovered.
-    """
+    """Manifest of a closed run, whose streams can be read."""
     manifest = load_manifest(path)
     recording = manifest.exit_status == "recording"
     try:
@@ -81,10 +77,7 @@ def closed_manifest(path: Path) -> Manifest:
 
 
 def is_unclosed(path: Path) -> bool:
-    """True if the run was left unclosed by a crash. A run that a process is writing is not.
-
-    Raises FileError if the manifest is missing or unreadable.
-    """
+    """True if the run was left unclosed by a crash, and no process is writing it."""
     manifest = load_manifest(path)
     try:
         is_left = manifest.exit_status == "recording" or any((*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")))
@@ -101,10 +94,7 @@ def left_over(path: Path, manifest: Manifest) -> list[Path]:
 
 
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
-    """All rows of a stream in order.
-
-    Raises FileError for the first chunk that is missing, damaged or different from the manifest.
-    """
+    """All rows of a stream in order."""
     schema = manifest.arrow_schema(stream)
     tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
     # `schema.empty_table()` would import pandas if installed; see `daq.store.chunk`.
@@ -112,10 +102,7 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
 
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
-    """Rows of a chunk, optionally with selected columns only.
-
-    Raises FileError if the chunk is missing, damaged or different from the manifest.
-    """
+    """Rows of a chunk, or selected columns. Refuses a chunk that differs from the manifest."""
     file = path / chunk.file
     remedy = "restore the file from a copy of the run"
     try:
@@ -145,9 +132,9 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
 
 
 def _array(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """Convert a column to an array.
+    """A column as an array.
 
-    If all values are equal, as in most timestamps of a streaming gauge, the array is a view of a single value.
+    If all values are equal, as in most timestamps of a streaming gauge, it is a view of a single value.
     """
     pieces = [piece_of(chunk) for chunk in column.chunks]
     first = next((piece[:1] for piece in pieces if len(piece)), None)

@@ -1,18 +1,15 @@
 """Directory of a run being recorded: name, lock, manifest, ledger, and disk space.
 
-A recording ends while the disk has enough space to close it. Closing writes the Parquet file of each open chunk before
-deleting the chunk, and adds some lines to the ledger. `RunWriter.room_to_close` adds up the files. A margin covers the
-lines, and other processes that write to the disk within half a second. Starting a run requires more space than
-continuing, so that a nearly full disk is not filled with runs of a second each.
+A recording ends while the disk has enough space to close it: the Parquet file of each open chunk, some lines in the
+ledger, and a margin for other processes. Starting a run requires more space, so that a nearly full disk is not filled
+with runs of a second each.
 
 A daemon runs for months. The memory used for closing a chunk is therefore returned to the system, and all modules are
 loaded at the start.
 
 A directory created by a command is either complete or absent: it is filled under a hidden name and renamed at the end.
-Without this, an interrupted command would leave a partial run that blocks the next attempt. Commands ignore hidden
-directories. A failed or interrupted command removes the hidden directory, also after signals. Remains after SIGKILL or
-a power cut are removed by the next command in the same place. A command locks the directory it fills, and the system
-releases the lock when the process ends.
+A failed or interrupted command removes the hidden directory, also after signals. Remains after SIGKILL or a power cut
+are removed by the next command in the same place. A command locks the directory it fills.
 """
 
 from __future__ import annotations
@@ -52,7 +49,7 @@ class NearlyFull(CellError):
 
 
 def require_room(place: Path, needed: int) -> None:
-    """Raise NearlyFull if fewer bytes than needed are free on the disk, and OSError if this cannot be determined."""
+    """Raise NearlyFull if fewer bytes than needed are free."""
     free = durable.free_bytes(place)
     if free < needed:
         raise NearlyFull(place, free, needed)
@@ -63,11 +60,10 @@ _LARGE_BYTES = 1 << 20
 
 
 def keep_large_blocks_apart() -> None:
-    """Configure the C library to map blocks of a megabyte and more separately, so that freed blocks are returned.
+    """Make the C library map blocks of a megabyte and more separately, so that freed ones are returned.
 
-    glibc raises this limit to the size of the largest freed block, about 20 MB for a chunk. It then reserves this size
-    in the arena of each thread that has closed a chunk, and the memory of the daemon grows in steps during the first
-    hours (mallopt(3)). Other C libraries have neither this call nor such arenas.
+    glibc raises this limit to the size of the largest freed block, about 20 MB for a chunk, and reserves it in the
+    arena of each thread that has closed a chunk (mallopt(3)).
     """
     if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
         mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
@@ -76,18 +72,18 @@ def keep_large_blocks_apart() -> None:
 def load_all_of_arrow() -> None:
     """Make Arrow import all lazy dependencies before recording.
 
-    These include pandas if installed. The import takes half a second of a core, in the thread that drains the readers.
+    These include pandas if installed, which takes half a second of a core in the thread that drains the readers.
     """
     pa.array([0])
 
 
 def give_back() -> None:
-    """Memory cached by Arrow to the system."""
+    """Return memory cached by Arrow to the system."""
     pa.default_memory_pool().release_unused()
 
 
 _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
-"""UTC time at the start of a run name. Such a name becomes the name of the directory unchanged."""
+"""UTC time at the start of a run name, which becomes the name of the directory unchanged."""
 _WHO_DELETES = "find the program that deletes or moves runs"
 
 
@@ -99,7 +95,7 @@ class RunRemoved(CellError):
 
 
 def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
-    """Raise RunRemoved if the run directory is gone, and CellError if the manifest or an open file is. Raises OSError.
+    """Raise RunRemoved if the run directory is gone, and CellError if the manifest or an open file is.
 
     open_files: descriptors by path.
     """
@@ -113,10 +109,9 @@ def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
 
 
 def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:
-    """Create a new directory `<UTC time>_<name>` under runs, with the companion files of the rig file.
+    """Create `<UTC time>_<name>` under runs, with the companion files of the rig file.
 
-    Returns the directory, the lock and the ledger. Raises NearlyFull if space is insufficient, and OSError if the disk
-    refuses.
+    Returns the directory, the lock and the ledger.
     """
     durable.make_directories(runs)
     require_room(runs, TO_BEGIN_BYTES + sum(map(len, companions.values())))
@@ -142,7 +137,7 @@ def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str
 
 
 def write_beside(path: Path, companions: Mapping[str, bytes]) -> None:
-    """Write the companion files of the rig file durably into a run directory. Raises OSError.
+    """Write the companion files of the rig file durably into a run directory.
 
     The rig file contains their digests, and the manifest contains the digest of the rig file.
     """
@@ -158,16 +153,13 @@ except ImportError:  # Windows
 _OURS = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(durable.TEMPORARY)}")
 """Name of a hidden directory created by a command."""
 _TRIES = 3
-"""Number of attempts. Between creating and locking a directory, another command may interfere for some microseconds."""
+"""Between creating and locking a directory, another command may interfere for some microseconds."""
 _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 @contextmanager
 def new_directory(path: Path) -> Iterator[Path]:
-    """Provide a hidden directory, which is renamed to `path` at the end of the block.
-
-    Raises FileExistsError if the name exists, and any other OSError of the disk.
-    """
+    """A hidden directory, which is renamed to `path` at the end of the block. Raises FileExistsError."""
     _refuse_existing(path)
     durable.make_directories(path.parent)
     with _hidden(path.parent) as made:
@@ -180,10 +172,10 @@ def new_directory(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def files_into(directory: Path, *, over: bool = False) -> Iterator[Path]:
-    """Provide a hidden directory, whose files are moved to `directory` at the end of the block: all or none.
+    """A hidden directory, whose files are moved to `directory` at the end of the block: all or none.
 
-    over: True to replace existing files; each file is then completely old or completely new. If False, FileExistsError
-    is raised with the path of an existing file. Raises any other OSError of the disk.
+    over: replace existing files; each is then completely old or completely new. Otherwise FileExistsError is raised
+    with the path of an existing file.
     """
     if not os.path.lexists(directory):
         with new_directory(directory) as made:
@@ -217,7 +209,7 @@ def surely(remove: Callable[[], object]) -> None:
 
 @contextmanager
 def removed_at_signals(directory: str | Path, before: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Remove a directory before a signal ends this process. Signals already handled or ignored are not changed.
+    """Remove a directory before a signal ends this process. Signals already handled are not changed.
 
     before: function called first, in this process but not in forked ones.
     """
@@ -269,7 +261,7 @@ def _hidden(parent: Path) -> Iterator[Path]:
 
 
 def _lock_of(directory: Path) -> int | None:
-    """Descriptor of a directory lock, or None if the lock is taken or locks are not supported."""
+    """Descriptor of a directory lock; None if the lock is taken or locks are not supported."""
     if fcntl is None:
         return None
     try:

@@ -1,7 +1,7 @@
 """Recovery of crashed runs at start-up, in a separate thread, so that reading can start immediately.
 
-Only clear cases are recovered: the manifest is readable, the run was not closed, and no process has locked it. (A
-second daemon may share the directory.) All other cases are logged, and left to the operator and `rig recover`.
+Only clear cases are recovered: the manifest is readable, the run was not closed, and no process has locked it. All
+other cases are logged, and left to the operator and `rig recover`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ class StartupRecovery(clock.Thread):
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Recover runs until `stop` is called."""
         try:
             paths = sorted(filter(_may_be_run, self._runs.iterdir()), reverse=True)
         except FileNotFoundError:
@@ -52,7 +51,7 @@ class StartupRecovery(clock.Thread):
 
 
 def _may_be_run(path: Path) -> bool:
-    """True if this may be a run. False for other directories, and for runs without recorded data."""
+    """False for other directories, and for runs without recorded data."""
     try:
         return path.is_dir() and any(file.name == MANIFEST or parse_chunk(file.name) for file in path.iterdir())
     except OSError as error:  # such as lost+found on a separate disk
@@ -61,7 +60,6 @@ def _may_be_run(path: Path) -> bool:
 
 
 def recover_and_log(path: Path) -> None:
-    """Recover a run and log the result. Raises RigError."""
     done = recover(path)
     if done.nothing_to_do:
         return

@@ -3,8 +3,7 @@
 The recording chunk is append-only. It is deleted only when the Parquet file is durable and in the ledger. After a
 failed write it is truncated to the last complete frame. A full chunk is ended, and the next chunk starts only when the
 disk has stored all of it, so that a crash leaves no gap between them. Rows are pending during this sync. A second
-thread creates the Parquet file while this thread continues. Functions raise plain OSError, which the writer of the run
-converts.
+thread creates the Parquet file while this thread continues. Functions raise plain OSError.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from daq.store.ledger import Chunk, chunk_name, sha256
 
 @dataclass
 class OpenChunk:
-    """A recording chunk. size: bytes in complete frames. synced: bytes on the disk. ended: True after the end mark."""
+    """A recording chunk. size: bytes in complete frames. synced: bytes on the disk. ended: after the end mark."""
 
     path: Path
     number: int
@@ -83,13 +82,11 @@ class Pending:
         return iter(self.rows())
 
     def extend(self, rows: Iterable[Row]) -> None:
-        """Add rows at the end."""
         part = rows if isinstance(rows, SampleBlock) else list(rows)
         self._parts.append(part)
         self._count += len(part)
 
     def rows(self) -> Sequence[Row]:
-        """All rows."""
         if all(isinstance(part, SampleBlock) for part in self._parts):
             return SampleBlock.joined(cast("list[SampleBlock]", self._parts))
         return [row for part in self._parts for row in part]
@@ -104,7 +101,7 @@ class Sync:
     size: int
 
     def wait(self) -> None:
-        """Wait until all frames are on the disk, and update the chunk. Raises OSError."""
+        """Wait until all frames are on the disk, and update the chunk."""
         try:
             durable.sync(self.fd)
         finally:
@@ -116,7 +113,7 @@ class Sync:
 
 @dataclass
 class StreamWriter:
-    """Writes a stream of a run: pending rows, recording chunks and closed chunks.
+    """Writes a stream of a run.
 
     open: chunk being written, or ended and awaiting a sync. full: chunk that is ended, synced and being closed.
     """
@@ -131,7 +128,7 @@ class StreamWriter:
     full: OpenChunk | None = None
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Store rows in memory until the next write."""
+        """Keep rows in memory until the next write."""
         self.pending.extend(rows)
 
     def unclosed(self) -> list[OpenChunk]:
@@ -139,11 +136,11 @@ class StreamWriter:
         return [chunk for chunk in (self.full, self.open) if chunk]
 
     def count_lost_rows(self) -> int:
-        """Number of lost rows at the end of a run: pending rows, and rows in a file without a name."""
+        """Lost rows at the end of a run: pending rows, and rows in a file without a name."""
         return len(self.pending) + sum(chunk.rows for chunk in self.unclosed() if chunk.has_vanished)
 
     def bytes_to_close(self) -> int:
-        """Largest number of bytes needed to write the pending rows and a Parquet file per chunk.
+        """Bytes needed at most to write the pending rows and a Parquet file per chunk.
 
         A Parquet file is not larger than the Arrow frames, which contain the same columns and a head per batch.
         """
@@ -153,7 +150,7 @@ class StreamWriter:
     def write(self) -> None:
         """Append the pending rows as a batch, in a new chunk if none is open.
 
-        If a chunk is waiting for a sync, the rows remain pending.
+        While a chunk is waiting for a sync, the rows remain pending.
         """
         if self.open and self.open.ended:
             if self.full or not self.open.is_synced:
@@ -210,7 +207,7 @@ class StreamWriter:
 
 
 def store_chunk(run: Path, stream: str, number: int, salvaged: Salvage, schema: pa.Schema) -> Chunk:
-    """Write verified batches durably as a Parquet chunk. Raises OSError."""
+    """Write verified batches durably as a Parquet chunk."""
     table = table_of(salvaged.batches, schema)
     data = to_parquet(table)
     path = run / chunk_name(stream, number)

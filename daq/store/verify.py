@@ -21,12 +21,11 @@ from rigs.errors import FileError
 from rigs.files import read_bytes
 
 END_UNKNOWN = "before the end, which was never sealed: rows after the last one may be missing"
-"""Description of the end of an interrupted run."""
 
 
 @dataclass(frozen=True)
 class MissingRows:
-    """Missing rows of a stream: their count, and the number of the first one."""
+    """Missing rows of a stream, from the first one."""
 
     stream: str
     first: int
@@ -40,19 +39,18 @@ class MissingRows:
 
 @dataclass(frozen=True)
 class VerificationResult:
-    """Result of a verification.
-
-    problems: defects except missing rows, as text. end_known: True if the end of the run is recorded; otherwise the
-    last rows may be missing. seal: SHA-256 of the seal as displayed by `rig record stop`, empty if there is none.
-    """
+    """Result of a verification."""
 
     path: Path
     is_sealed: bool = False
     is_recovered: bool = False
     end_known: bool = True
+    """False if the end of the run is not recorded: the last rows may be missing."""
     seal: str = ""
+    """SHA-256 of the seal, as displayed by `rig record stop`."""
     gaps: tuple[MissingRows, ...] = ()
     problems: tuple[str, ...] = ()
+    """Defects except missing rows."""
 
     @property
     def lines(self) -> list[str]:
@@ -61,7 +59,7 @@ class VerificationResult:
 
     @property
     def summary(self) -> str:
-        """One line with the path and the state of the run, such as `runs/a: whole`."""
+        """Path and state of the run, such as `runs/a: whole`."""
         missing = sum(gap.rows for gap in self.gaps)
         if self.problems or (missing and not self.is_recovered):
             return f"{self.path}: not whole"
@@ -74,7 +72,7 @@ class VerificationResult:
 
 @dataclass
 class _Stream:
-    """Content of a stream. end: number after the last row. held: number of rows, counting repeated rows each time."""
+    """Content of a stream. end: number after the last row."""
 
     name: str
     rows_read: int = 0
@@ -92,7 +90,7 @@ class _Stream:
 
 
 def verify(path: Path) -> list[str]:
-    """Defects of a run, one line each. Empty for a complete run. See `judge`."""
+    """Defects of a run, one line each. Empty for a complete run."""
     return judge(path).lines
 
 
@@ -104,7 +102,9 @@ def judge(path: Path) -> VerificationResult:
     """
     try:
         manifest = load_manifest(path)
-        verified = _read_ledger(path)
+        verified = read_ledger(path)
+    except OSError as error:
+        return VerificationResult(path, problems=(str(unreadable(path / LEDGER, error)),))
     except FileError as error:
         return VerificationResult(path, problems=(str(error),))
     streams = [_read(path, manifest, stream) for stream in manifest.all_streams]
@@ -129,13 +129,6 @@ def judge(path: Path) -> VerificationResult:
             *_companion_problems(path, manifest), *unlisted, *problems,
         ),
     )  # fmt: skip
-
-
-def _read_ledger(path: Path) -> VerifiedLedger:
-    try:
-        return read_ledger(path)
-    except OSError as error:
-        raise unreadable(path / LEDGER, error) from None
 
 
 def _ledger(path: Path, manifest: Manifest, verified: VerifiedLedger) -> list[str]:
@@ -186,7 +179,6 @@ def _companion_problems(path: Path, manifest: Manifest) -> list[str]:
 
 
 def _read(path: Path, manifest: Manifest, stream: str) -> _Stream:
-    """Read all chunks of a stream."""
     schema, read = manifest.arrow_schema(stream), _Stream(stream)
     for number, chunk in enumerate(manifest.chunks_of(stream), start=1):
         if chunk.number != number and manifest.exit_status != "recovered" and not read.problems:

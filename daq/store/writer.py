@@ -1,12 +1,12 @@
 """Writer of a run, from the first row to the exit status.
 
 A single thread owns the writer. It appends rows and writes them to the operating system, where they survive the end of
-the process. Slow disk operations are `DiskOperation` for a second thread, one at a time. These are syncs, which
-protect the data from a power cut, and the closing of full chunks.
+the process. Slow disk operations are `DiskOperation` for a second thread, one at a time: syncs, which protect the data
+from a power cut, and the closing of full chunks.
 
 If the disk refuses, a `CellError` is raised and the writer can no longer be used, because the content of the disk is
 unknown after a failed fsync. Data synced earlier remains readable. `close` saves as much as possible, and `rig recover`
-does the rest. `NearlyFull` is raised earlier: the writer can still be used, and the run can be closed completely.
+does the rest. `NearlyFull` is raised earlier: the run can still be closed completely.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ from rigs.text import as_argument
 CHUNK_ROWS = 200_000
 """Rows of a full chunk. Closing it takes about 0.2 s (7 columns and 6 joints)."""
 CHUNK_AGE_NS = 600 * 10**9
-"""Age of a full chunk. The rows of a slow gauge are thus stored as Parquet within ten minutes."""
+"""Age of a full chunk: the rows of a slow gauge are stored as Parquet within ten minutes."""
 MOST_PENDING = 100_000
-"""Limit of pending rows per stream while the previous chunk is being stored: minutes at 500 Hz."""
+"""Pending rows per stream while the previous chunk is being stored: minutes at 500 Hz."""
 
 
 @dataclass(frozen=True)
 class DiskOperation:
-    """A disk operation. synced: number of rows per sample stream on the disk after the operation."""
+    """A disk operation. synced: rows per sample stream on the disk after it."""
 
     steps: Sequence[Callable[[], None]]
     synced: Mapping[str, int] | None = None
 
     def wait(self) -> None:
-        """Execute all steps once, in any thread. Raises the first OSError or ArrowException."""
+        """Execute all steps once, in any thread. Raises the first error."""
         errors = [error for step in self.steps if (error := _attempt(step))]
         if errors:
             raise errors[0]
@@ -91,10 +91,10 @@ class RunWriter:
         companions: Mapping[str, bytes] | None = None,
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
-        """Start a run in a new directory `<UTC time>_<name>` under runs, with manifest and ledger on the disk.
+        """Start a run in `<UTC time>_<name>` under runs, with manifest and ledger on the disk.
 
         A name that starts with a UTC time is used unchanged. companions: content of the files next to the rig file, by
-        name. Raises CellError if the disk refuses, and NearlyFull if it soon would.
+        name.
         """
         try:
             path, lock, ledger = create_run_directory(runs, manifest, companions or {})
@@ -114,7 +114,6 @@ class RunWriter:
         self._writers[stream].append(samples)
 
     def append_faults(self, stream: str, faults: Iterable[Fault]) -> None:
-        """Append faults of a stream."""
         self._writers[FAULTS].append((stream, fault) for fault in faults)
 
     def is_behind(self, stream: str) -> bool:
@@ -126,7 +125,7 @@ class RunWriter:
         return {stream: self._writers[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
-        """Largest number of bytes needed to write the pending rows, close all chunks and end the run.
+        """Bytes needed at most to write the pending rows, close all chunks and end the run.
 
         The opening manifest is in the head of a chunk once, and in the Parquet file three times.
         """
@@ -140,9 +139,8 @@ class RunWriter:
     def write(self) -> None:
         """Write all rows to the operating system, where they survive the end of the process.
 
-        Raises NearlyFull before writing if there would not be enough space to close. Raises RunRemoved if the directory
-        is gone, and CellError for other failures, including a removed file. The run can still be closed after a
-        CellError.
+        Raises NearlyFull before writing if there would not be enough space to close, RunRemoved if the directory is
+        gone, and CellError for other failures. The run can still be closed after a CellError.
         """
         with self._guarded():
             chunks = {chunk.path: chunk.fd for writer in self._writers.values() if (chunk := writer.open)}
@@ -151,15 +149,12 @@ class RunWriter:
             self._write()
 
     def sync(self) -> None:
-        """Write, and wait until all rows are on the disk. Raises the errors of `write`."""
+        """Write, and wait until all rows are on the disk."""
         self.write()
         self._do(self.begin_sync())
 
     def begin_sync(self) -> DiskOperation:
-        """Operation that syncs all written rows.
-
-        Full or old chunks are ended and synced first.
-        """
+        """Operation that syncs all written rows. Full or old chunks are ended and synced first."""
         with self._guarded():
             for writer in self._writers.values():
                 chunk = writer.open
@@ -173,7 +168,7 @@ class RunWriter:
             return DiskOperation([*(sync.wait for sync in syncs), *anchored], self.stored())
 
     def roll(self) -> bool:
-        """Close an ended chunk. Returns False if there is none. Raises the errors of `write`."""
+        """Close an ended chunk. Returns False if there is none."""
         self.write()
         work = self.begin_roll()
         if work:
@@ -183,15 +178,13 @@ class RunWriter:
     def begin_roll(self) -> DiskOperation | None:
         """Operation that closes the oldest ended and synced chunk, or None if there is none.
 
-        Only one chunk is closed at a time, because no syncs take place while a chunk is closed, and chunks of several
-        streams may be due together.
+        Only one chunk is closed at a time, because no syncs take place meanwhile.
         """
         full = [(chunk.born_ns, name) for name, writer in self._writers.items() if (chunk := writer.full)]
         return DiskOperation([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
 
     def end_work(self, error: BaseException | None) -> None:
-        """Process the result of an operation: the error of `DiskOperation.wait`, or None. Raises CellError for an
-        error."""
+        """Process the result of an operation: the error of `DiskOperation.wait`, or None."""
         with self._guarded():
             if error:
                 raise error

@@ -28,8 +28,6 @@ _LINE = re.compile(r"(\d{1,19}) (\S{1,64}) ([><+!-]) (.*)")
 
 
 class CaptureMark(StrEnum):
-    """Kind of a capture line."""
-
     SENT = ">"
     CAME = "<"
     OPENED = "+"
@@ -51,24 +49,22 @@ class Piece:
     data: bytes
 
     def line(self) -> str:
-        """The piece as a line of the file."""
         return f"{self.at_ns} {self.stream} {self.mark} {self.data.decode('latin-1').encode('unicode_escape').decode()}"
 
 
 @dataclass(frozen=True)
 class Capture:
-    """Content of a capture file in order. cut: True if the file ends within a line, as after a crash."""
+    """Content of a capture file in order. cut: the file ends within a line, as after a crash."""
 
     pieces: tuple[Piece, ...]
     cut: bool
 
     @property
     def streams(self) -> tuple[str, ...]:
-        """Names of the streams in order of their first piece."""
+        """Names in order of their first piece."""
         return tuple(dict.fromkeys(piece.stream for piece in self.pieces))
 
     def of(self, stream: str) -> tuple[Piece, ...]:
-        """Pieces of a stream."""
         return tuple(piece for piece in self.pieces if piece.stream == stream)
 
 
@@ -80,12 +76,8 @@ def read_capture(path: Path) -> Capture:
         reason = getattr(error, "strerror", None) or "no text"
         raise FileError(str(path), reason, "give a file written by rigd --capture", code="capture.damaged") from None
     if not text.startswith(HEAD):
-        raise FileError(
-            str(path),
-            "is not a capture of rigd",
-            f"give a file of rigd --capture: its first line is {HEAD!r}",
-            code="capture.damaged",
-        )
+        remedy = f"give a file of rigd --capture: its first line is {HEAD!r}"
+        raise FileError(str(path), "is not a capture of rigd", remedy, code="capture.damaged")
     lines = text.split("\n")
     cut = lines.pop() != ""
     pieces = list[Piece]()

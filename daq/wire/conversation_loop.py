@@ -14,19 +14,14 @@ from daq.protocol.conversation import Arrival, Conversation, ConversationStep, G
 from daq.wire.links import WAIT_S, LinkLost
 
 _ALIVE_NS = 5_000_000
-"""Shortest interval between calls of `alive` in a fast loop.
-
-Otherwise the calls (heartbeat, counters, yielding) would take a tenth of the time.
-"""
+"""Shortest interval between calls of `alive`: otherwise they would take a tenth of the time."""
 _MOST_GATHERED_BYTES = 65_536
-"""Size limit of a read: data of a flooding peer is decoded in pieces of about 2 ms each."""
+"""Data of a flooding peer is decoded in pieces of about 2 ms each."""
 
 
 class ByteLink(Protocol):
-    """Interface of a link used by the loop."""
-
     def read(self, timeout_s: float) -> bytes:
-        """Data received within the time-out; empty after a time-out. Raises LinkLost."""
+        """Data received within the time-out; empty after it."""
 
     def write(self, data: bytes) -> None:
         """Send all data. Raises LinkLost."""
@@ -44,9 +39,8 @@ def run_conversation(
 ) -> None:
     """Run the conversation until `ended` returns True or the conversation hangs up. Raises LinkLost.
 
-    Stamps are taken immediately before a write and after a read. The reading of the device therefore always lies
-    between the two stamps, regardless of the scheduler. `alive` is called at least every 0.2 s plus the gathering time,
-    and at most every 5 ms.
+    Stamps are taken immediately before a write and after a read, so the reading of the device always lies between them.
+    `alive` is called at least every 0.2 s plus the gathering time, and at most every 5 ms.
     """
     gathering = conversation if isinstance(conversation, Gathering) else None
     step = conversation.connected(clock.now_ns())
@@ -81,10 +75,7 @@ def run_conversation(
 
 
 def _gathered(link: ByteLink, first: Arrival, gather_ns: int) -> tuple[list[Arrival], LinkLost | None]:
-    """Read and stamp data for a time. Decoding is deferred.
-
-    Return the arrivals, and the error if the link was lost.
-    """
+    """Read and stamp data for a time, and defer decoding. Returns the arrivals, and the error if the link was lost."""
     arrivals, size = [first], len(first[0])
     now_ns, until_ns = first[1], first[1] + gather_ns
     try:

@@ -1,20 +1,14 @@
 """Links: the only module that accesses serial devices and sockets.
 
-A link is a named file descriptor. It is read with a time limit, and the reader adds the timestamps.
+A link is a named file descriptor, read with a time limit. A single `select` and `read` per piece keep the timestamp
+close to the arrival.
 
-A vanished TCP peer (power cut, cable, hung program) closes nothing. A connection that receives no data for `dead_s`
-therefore counts as lost. The operating system detects an absent computer somewhat earlier, with a different error
-message.
+A vanished TCP peer (power cut, cable, hung program) closes nothing, so a connection that receives no data for `dead_s`
+counts as lost. The operating system detects an absent computer somewhat earlier.
 
 A listening port accepts a single sender: the first sender of data that forms a sample, until it becomes silent. UDP has
-no connections (`UdpLink`). Over TCP a single program can be connected at a time (`ListeningLink`).
-
-Data is read directly from the descriptor: a single `select` and `read` per piece keep the timestamp close to the
-arrival.
-
-A port in a rig file is a serial device or a network address, remote or local. pyserial opens, configures and locks
-serial devices (`daq.wire.serial_port`). Listening ports are opened only if the rig file requests it, and only at the
-given address.
+no connections (`UdpLink`). Over TCP a single program can be connected at a time (`ListeningLink`). Listening ports are
+opened only if the rig file requests it, and only at the given address.
 """
 
 from __future__ import annotations
@@ -26,7 +20,7 @@ import os
 import select
 import socket
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -40,16 +34,16 @@ from rigs.schema.links import Line, ModemLines, tcp_address, udp_address
 
 _WRITE_S = 2.0
 DEAD_S = 10.0
-"""Default silence after which a TCP connection is lost. Slow instruments may have a longer limit."""
+"""Default silence after which a TCP connection is lost."""
 _REPORT_EVERY_S = 1.0
 _COARSE_S = 0.02
 """Minimum duration of waits that may end a millisecond late."""
 WAIT_S = 0.2
-"""Longest wait of `read` for data. It lets a stop request take effect and feeds the watchdog on a silent link."""
+"""Longest wait of `read`. It lets a stop request take effect and feeds the watchdog on a silent link."""
 
 
 Address = tuple[Any, ...]
-"""Address of a peer as reported by the operating system: host, port, and additional fields for IPv6."""
+"""Host, port, and additional fields for IPv6."""
 
 
 class LinkLost(Exception):
@@ -57,7 +51,7 @@ class LinkLost(Exception):
 
 
 class Link:
-    """Open byte stream in both directions. waits: True if the system waits for data up to `WAIT_S` in each read."""
+    """Open byte stream in both directions. waits: the system waits for data up to `WAIT_S` in each read."""
 
     def __init__(
         self, name: str, fd: int, close: Callable[[], None], dead_s: float = math.inf, *, waits: bool = False
@@ -69,14 +63,10 @@ class Link:
         self._heard_s = clock.now_s()
 
     def fileno(self) -> int:
-        """File descriptor of the link."""
         return self._fd
 
     def read(self, timeout_s: float) -> bytes:
-        """Available data, waiting at most `timeout_s`, or `WAIT_S`; empty after a time-out.
-
-        Raises LinkLost.
-        """
+        """Data within `timeout_s`, or `WAIT_S`; empty after a time-out. Raises LinkLost."""
         try:
             if self._waits and timeout_s >= WAIT_S:
                 came = True  # each call of the system gives Python's lock to another thread, so there is only one
@@ -117,7 +107,7 @@ class Link:
             raise LinkLost(str(error)) from None
 
     def set_dtr(self, on: bool) -> None:
-        """Set the modem line DTR if the port has it. Raises LinkLost."""
+        """Set the modem line DTR if the port has it."""
 
     def close(self) -> None:
         """Close the device. It may already be closed or absent."""
@@ -128,7 +118,7 @@ class Link:
         """Inform the link of the items decoded from the last data."""
 
     def take_ignored(self) -> list[Fault]:
-        """Data ignored since the last call as faults: damaged data, or data of other senders."""
+        """Data ignored since the last call: damaged data, or data of other senders."""
         return []
 
 
@@ -179,10 +169,6 @@ class UdpLink(Link):
         self._strangers = _Strangers("datagrams")
 
     def read(self, timeout_s: float) -> bytes:
-        """Next datagram of the peer, waiting at most `timeout_s`; empty after a time-out.
-
-        Raises LinkLost.
-        """
         try:
             if not select.select([self], [], [], max(0.0, timeout_s))[0]:
                 return b""
@@ -198,7 +184,7 @@ class UdpLink(Link):
         return data
 
     def write(self, data: bytes) -> None:
-        """Send to the last sender. Raises LinkLost."""
+        """Send to the last sender."""
         if self._sender is None:
             return
         try:
@@ -238,7 +224,6 @@ class ListeningLink(Link):
         self._strangers = _Strangers("connections")
 
     def read(self, timeout_s: float) -> bytes:
-        """Received data, waiting at most `timeout_s`; empty after a time-out. Raises LinkLost."""
         waited: list[socket.socket | Link] = [self._server, *([self._caller] if self._caller else [])]
         try:
             ready = select.select(waited, [], [], max(0.0, timeout_s))[0]
@@ -249,7 +234,7 @@ class ListeningLink(Link):
         return self._caller.read(0.0) if self._caller else b""
 
     def write(self, data: bytes) -> None:
-        """Send to the connected program; drop the data if none is connected. Raises LinkLost."""
+        """Send to the connected program; drop the data if none is connected."""
         if self._caller:
             self._caller.write(data)
 
@@ -329,7 +314,7 @@ def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
 _CONNECT_S = 3.0
 _OURS = "give an address of this computer as configured in the controller, and a free port above 1023"
 _QUEUE = 1 << 20
-"""Number of bytes queued in datagrams for a delayed reader. The operating system may allow fewer."""
+"""Bytes queued in datagrams for a delayed reader. The operating system may allow fewer."""
 
 
 def open_link(
@@ -337,8 +322,8 @@ def open_link(
 ) -> Link:
     """Open a port of the rig file for the stream `name`.
 
-    dead_s: time of silence after which a TCP connection is lost. listens: the address is local. modem: modem lines of
-    a serial port; None for both on. Raises CellError with the remedy.
+    dead_s: silence after which a TCP connection is lost. listens: the address is local. modem: modem lines of a serial
+    port; None for both on.
     """
     if address := tcp_address(port):
         return _listen(name, address, dead_s) if listens else _open_tcp(name, address, dead_s)
@@ -347,19 +332,24 @@ def open_link(
     return SerialLink(name, open_serial(name, port, line, modem))
 
 
+@contextlib.contextmanager
+def _reported(where: str) -> Iterator[None]:
+    """Report an invalid host name, or that the address cannot be reached."""
+    try:
+        yield
+    except UnicodeError:
+        problem, remedy = "the host name is not valid", "correct the port in the rig file"
+        raise CellError(where, problem, remedy, code="address.invalid") from None
+    except OSError as error:
+        problem = error.strerror or str(error)
+        raise CellError(where, problem, "check address and network", code="port.unreachable") from None
+
+
 def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
     where = f"{name}, udp://{address[0]}:{address[1]}"
-    try:
+    with _reported(where):
         family, kind, protocol, _, endpoint = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         sock = socket.socket(family, kind, protocol)
-    except UnicodeError:
-        raise CellError(
-            where, "the host name is not valid", "correct the port in the rig file", code="address.invalid"
-        ) from None
-    except OSError as error:
-        raise CellError(
-            where, error.strerror or str(error), "check address and network", code="port.unreachable"
-        ) from None
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
     sock.setblocking(False)
     try:
@@ -373,40 +363,27 @@ def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
 
 def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
     where = f"{name}, tcp://{address[0]}:{address[1]}"
-    try:
-        sock = socket.create_connection(address, timeout=_CONNECT_S)
-    except TimeoutError:
-        raise CellError(
-            where, f"no answer in {_CONNECT_S:.0f} s", "check address, cable and firewall", code="port.no_answer"
-        ) from None
-    except ConnectionRefusedError:
-        raise CellError(
-            where, "connection refused", "start the service there, or correct the port number", code="port.refused"
-        ) from None
-    except UnicodeError:
-        raise CellError(
-            where, "the host name is not valid", "correct the port in the rig file", code="address.invalid"
-        ) from None
-    except OSError as error:
-        raise CellError(
-            where, error.strerror or str(error), "check address and network", code="port.unreachable"
-        ) from None
+    with _reported(where):
+        try:
+            sock = socket.create_connection(address, timeout=_CONNECT_S)
+        except TimeoutError:
+            problem, remedy = f"no answer in {_CONNECT_S:.0f} s", "check address, cable and firewall"
+            raise CellError(where, problem, remedy, code="port.no_answer") from None
+        except ConnectionRefusedError:
+            remedy = "start the service there, or correct the port number"
+            raise CellError(where, "connection refused", remedy, code="port.refused") from None
     set_up_tcp(sock, dead_s)
     return Link(name, sock.fileno(), sock.close, dead_s, waits=True)
 
 
 def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:
     where = f"{name}, tcp://{address[0]}:{address[1]}"
-    try:
+    with _reported(where):
         family, *_, endpoint = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0]
+    try:
         server = socket.create_server(endpoint[:2], family=family, backlog=1)
-    except UnicodeError:
-        raise CellError(
-            where, "the host name is not valid", "correct the port in the rig file", code="address.invalid"
-        ) from None
-    except OSError as error:
-        # The plain message of the system, stripped of additions by Python. Unknown names have a negative number.
-        why = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or str(error)
+    except OSError as error:  # with the plain message of the system, stripped of additions by Python
+        why = os.strerror(error.errno) if error.errno else str(error)
         raise CellError(where, f"cannot listen: {why}", _OURS, code="port.not_bound") from None
     server.setblocking(False)
     return ListeningLink(name, server, dead_s)

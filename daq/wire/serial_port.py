@@ -1,6 +1,6 @@
 """Opening of serial devices with pyserial: line settings, modem lines, and remedies for failures.
 
-pyserial switches both modem lines on by default. Lines that power a cable are set before the first byte.
+Modem lines that power a cable are set before the first byte.
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ _PLUGGED = ("ttyUSB*", "ttyACM*", "ttyXRUSB*", "rfcomm*")
 _BUILT_IN = ("ttyS*", "ttyAMA*")
 _LASTING = ("dev/rig", "dev/serial/by-id", "dev/serial/by-path")
 _IFLAG = 0
-"""Index of the input modes in the result of tcgetattr."""
 _COUNTS = struct.Struct("@20i")
 """`struct serial_icounter_struct` of linux/serial.h, filled by `TIOCGICOUNT`."""
 _PLACES = {"overrun": 7, "wrong framing": 6, "wrong parity": 8, "buffer overrun": 10}
-"""Indices of the counters for lost and damaged characters, by their names in a report."""
+"""Indices of the counters for lost and damaged characters."""
 _TIOCGICOUNT = 0x545D
 """Value from asm-generic/ioctls.h, valid for x86 and ARM; the termios module of Python lacks it."""
 _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
@@ -50,7 +49,7 @@ def is_built_in(port: str) -> bool:
 
 
 def _has_chip(name: str, root: Path) -> bool:
-    """True if the hardware exists: a PC lists /dev/ttyS0 to 31, most of them lacking a chip."""
+    """A PC lists /dev/ttyS0 to 31, most of them lacking a chip."""
     try:
         return (root / "sys/class/tty" / name / "type").read_text().strip() != "0"  # PORT_UNKNOWN of serial_core.h
     except OSError:
@@ -58,17 +57,12 @@ def _has_chip(name: str, root: Path) -> bool:
 
 
 def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> serial.Serial:
-    """Open the device of a stream. Raises CellError with the remedy. modem: None leaves both lines on."""
+    """Open the device of a stream. modem: None leaves both lines on."""
     where = f"{name}, {port}"
     try:
         if not Path(port).exists():
-            ports = ", ".join(port_names()) or "none"
-            raise CellError(
-                where,
-                "no such port",
-                f"connect the device, or correct the port; available ports: {ports}",
-                code="port.missing",
-            )
+            remedy = "connect the device, or correct the port; available ports: " + (", ".join(port_names()) or "none")
+            raise CellError(where, "no such port", remedy, code="port.missing")
         device = _configured(port, line, modem)
         if line.parity != "N":
             # Report a character with wrong parity as NUL, which never occurs in a reading. By default pyserial passes
@@ -88,9 +82,8 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
             remedy = "give the path of a serial port"
         raise CellError(where, problem, remedy, code="port.not_opened") from None
     except (OSError, ValueError, termios.error) as error:
-        raise CellError(
-            where, f"is not a serial device ({error})", "give the path of a serial port", code="port.not_serial"
-        ) from None
+        problem = f"is not a serial device ({error})"
+        raise CellError(where, problem, "give the path of a serial port", code="port.not_serial") from None
     return device
 
 

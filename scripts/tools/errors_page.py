@@ -45,11 +45,12 @@ def page() -> str:
 def codes_in(tree: ast.AST) -> Iterator[tuple[str, str, str]]:
     """Yield code, problem and remedy of each call with a literal code, in the order of the source."""
     values = [
-        (target.id, node.lineno, node.value)
+        (name.id, node.lineno, value)
         for node in ast.walk(tree)
         if isinstance(node, ast.Assign)
         for target in node.targets
-        if isinstance(target, ast.Name)
+        for name, value in _pairs(target, node.value)
+        if isinstance(name, ast.Name)
     ]
     for node in ast.walk(tree):
         if isinstance(node, ast.ClassDef):
@@ -67,6 +68,13 @@ def codes_in(tree: ast.AST) -> Iterator[tuple[str, str, str]]:
             yield code.value, texts[0], texts[1]
 
 
+def _pairs(target: ast.expr, value: ast.expr) -> list[tuple[ast.expr, ast.expr]]:
+    """Pair each name of an assignment with its value."""
+    if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+        return list(zip(target.elts, value.elts, strict=True))
+    return [(target, value)]
+
+
 def _text(node: ast.expr, names: dict[str, ast.expr]) -> str:
     """Return a literal, an f-string with `…` for its values, or that of the variable; otherwise `…`."""
     if isinstance(node, ast.Name):
@@ -76,6 +84,8 @@ def _text(node: ast.expr, names: dict[str, ast.expr]) -> str:
         return str(node.value).replace("|", "\\|").replace("<", "&lt;")
     if isinstance(node, ast.JoinedStr):
         return "".join(_text(part, names) for part in node.values)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return _text(node.left, names) + _text(node.right, names)
     return "…"
 
 
