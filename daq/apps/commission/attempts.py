@@ -1,9 +1,8 @@
-"""Attempts for a port, derived from the schemas: interface, line settings and permitted data. Also the results of a
-search.
+"""Attempts for a port, derived from the schemas: interface, line settings and permitted data; results of a search.
 
-The attempts are pure lists in order. An interface with an unconfirmed request (`Origin.standing`) is tried only if the
-user names it, because the request could have a different meaning for other instruments. A conversation on trial is
-limited in the data it may send, and ends when it can no longer succeed.
+An interface with an unconfirmed request (`Origin.standing`) is tried only if the user names it, because the request
+could have a different meaning for other instruments. A conversation on trial is limited in the data it may send, and
+ends when it can no longer succeed.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from rigs.schema.modbus import ModbusMap
 from rigs.schema.probe import Probe
 
 Sends = Literal["nothing", "requests", "all"]
-"""Data that a conversation may send: none, read requests only, or all data as in rigd."""
+"""No data, read requests only, or all data as in rigd."""
 
 _MOST_CHANNELS = 8
 STAND_IN: dict[str, Any] = {"range_mm": 100.0}
@@ -48,7 +47,6 @@ class Attempt:
 
     @property
     def interface(self) -> str:
-        """Name of the interface."""
         return self.gauges[0].interface
 
     @property
@@ -81,8 +79,7 @@ def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
 def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
     """Attempts for an instrument named by the user with keys of the rig file.
 
-    They may send all data that rigd sends, because the user has confirmed the instrument. Raises ValidationError of
-    pydantic for invalid keys.
+    They may send all data that rigd sends, because the user has confirmed the instrument.
     """
     placed = {"offset_mm": 0.0, **fields}
     lines = USUAL_LINES if "line" not in fields else ()
@@ -95,14 +92,14 @@ def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
 
 
 def missing_keys(interface: str) -> list[str]:
-    """Keys of an interface known only to the owner. They have no default and cannot be detected."""
+    """Keys of an interface known only to the owner."""
     (model,) = (candidate for candidate in models(Gauge) if name_of(candidate) == interface)
     discovered = {"interface", "port", "offset_mm", "line"}
     return [key for key, field in model.model_fields.items() if field.is_required() and key not in discovered]
 
 
 def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge, ...]]:
-    """Possible gauges. Gauges of the same instrument are yielded together."""
+    """Possible gauges; those of the same instrument together."""
     for model in models(Gauge):
         assert issubclass(model, Probe)  # noqa: S101 - every gauge is one
         if model.origin.standing != "confirmed":
@@ -132,12 +129,10 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
 
 
 def _streams(members: tuple[Gauge, ...]) -> bool:
-    """True if the instrument sends unprompted."""
     return isinstance(gauges.host(members[:1]), Streamed)
 
 
 def _has_line(members: tuple[Gauge, ...]) -> bool:
-    """True if the line settings of the maker are known."""
     return members[0].interface == "modbus_map" or isinstance(type(members[0]).model_fields["line"].default, Line)
 
 
@@ -154,7 +149,7 @@ def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
 
 
 _MOST_FAULTS = 3
-"""Number of faults before the first reading that end an attempt. A single fault is normal when joining a stream."""
+"""Faults before the first reading that end an attempt. One is normal when joining a stream."""
 
 
 class Probing:
@@ -165,10 +160,7 @@ class Probing:
     """
 
     def __init__(self, host: Host, sends: Sends, silences: int = 1) -> None:
-        """Create a trial conversation.
-
-        silences: number of time-outs that end it.
-        """
+        """silences: number of time-outs that end it."""
         self._host = host
         self._silences = silences
         self._sends = sends
@@ -204,10 +196,7 @@ class Probing:
 
 @dataclass(frozen=True)
 class FoundGauge:
-    """A responding gauge: keys of the rig file, last reading, rate and permitted data.
-
-    also: other matching interfaces.
-    """
+    """A responding gauge. also: other matching interfaces."""
 
     gauge: Gauge
     reading_mm: float
@@ -217,7 +206,7 @@ class FoundGauge:
 
     @property
     def place(self) -> str:
-        """Port of the gauge, with the channel if the instrument has several."""
+        """Port, with the channel if the instrument has several."""
         return f"{self.gauge.port}#{self.gauge.channel}" if self.gauge.shares else self.gauge.port
 
     @property
@@ -228,7 +217,6 @@ class FoundGauge:
         return tuple(key for key in missing_keys(self.gauge.interface) if key in STAND_IN)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         plain = self.gauge.model_dump(mode="json", exclude_defaults=True, exclude={"offset_mm", *self.lacks})
         fields = {"interface": self.gauge.interface, "line": str(self.gauge.line), **plain}
         unit = "reading_percent" if self.lacks else "reading_mm"
@@ -244,7 +232,7 @@ class FoundGauge:
 
 @dataclass(frozen=True)
 class PortReport:
-    """Search result of a port: gauges, or the reason for finding none with a remedy."""
+    """Gauges on a port, or the reason for finding none with a remedy."""
 
     port: str
     description: str = ""
@@ -253,13 +241,12 @@ class PortReport:
     remedy: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {**asdict(self), "gauges": [gauge.to_dict() for gauge in self.gauges]}
 
 
 @dataclass(frozen=True)
 class RobotReport:
-    """Search result of a robot address: interface and joint angles, or the reason for finding none.
+    """Interface and joint angles at an address, or the reason for finding none.
 
     units_sure: False if the numbers could be degrees or radians. reported: last warning of the controller.
     """
@@ -274,6 +261,5 @@ class RobotReport:
     remedy: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         feedback = self.feedback.model_dump(mode="json", exclude_defaults=True) if self.feedback else None
         return {**vars(self), "feedback": feedback}

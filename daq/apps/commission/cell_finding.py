@@ -11,8 +11,6 @@ from rigs.schema.condition import CONDITION, FULL_PERCENT, MOTORS, PROGRAM, SAFE
 
 
 class FindingVerdict(StrEnum):
-    """Verdict of a finding."""
-
     OK = "ok"
     DOUBTFUL = "doubtful"
     """The cell may work, but possibly not well."""
@@ -22,10 +20,7 @@ class FindingVerdict(StrEnum):
 
 @dataclass(frozen=True)
 class CellFinding:
-    """A finding about a gauge, the robot, the disk, …
-
-    about: subject. what: observation. remedy: action; empty if all is well.
-    """
+    """A finding about a gauge, the robot, the disk, … remedy: empty if all is well."""
 
     about: str
     verdict: FindingVerdict
@@ -34,7 +29,6 @@ class CellFinding:
 
 
 def ok(about: str, observation: str) -> CellFinding:
-    """A finding that all is well."""
     return CellFinding(about, FindingVerdict.OK, observation)
 
 

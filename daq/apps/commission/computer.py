@@ -1,8 +1,7 @@
 """Checks of the computer of the daemon: disk, clock, service manager and serial ports.
 
-A serial port is checked before use for presence, permanent name, permissions, other processes and latency. Each check
-is a function of plain values. The functions that read these values from the system follow below. `root` is the root of
-the system tree, which a test can build. No port is opened.
+Each check is a function of plain values. `root` is the root of the system tree, which a test can build. No port is
+opened.
 """
 
 from __future__ import annotations
@@ -58,7 +57,6 @@ def examine_computer(runs: Path, unit: str | None) -> Iterator[CellFinding]:
 
 
 def room(runs: Path, free_gb: float) -> CellFinding:
-    """Check the free space for recording."""
     observation = f"{free_gb:.1f} GB free for {runs}"
     if free_gb < _TOO_LITTLE_GB:
         return wrong("disk", observation, "free some space; a full disk ends a recording")
@@ -108,7 +106,7 @@ def service(unit: str, properties: Mapping[str, str]) -> CellFinding:
 
 
 def slowest_sync_s(folder: Path) -> float:
-    """Measure the longest of several fsyncs in a temporary file. Raises OSError."""
+    """The longest of several fsyncs in a temporary file."""
     with tempfile.TemporaryFile(dir=folder) as file:
         taken = []
         for _ in range(_SYNCS):
@@ -158,7 +156,6 @@ def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator
 
 
 def present(about: str, port: str, root: Path) -> CellFinding:
-    """Check that the port exists."""
     if _at(port, root).exists():
         return ok(about, f"{port} exists")
     ports = ", ".join(port_names(root)) or "none"
@@ -170,7 +167,7 @@ def present(about: str, port: str, root: Path) -> CellFinding:
 
 
 def lasting(about: str, port: str, root: Path) -> CellFinding | None:
-    """Check that the name of a port belongs permanently to the adapter; None for a built-in port."""
+    """Check that the name of a port belongs permanently to the adapter."""
     if not _BY_PLUGGING_ORDER.fullmatch(port):
         return None
     names = [
@@ -202,9 +199,9 @@ def allowed(about: str, port: str, root: Path) -> CellFinding | None:
 
 
 def free(about: str, port: str, root: Path) -> CellFinding | None:
-    """Check for other processes using the port; None if no process is found.
+    """Check for other processes using the port, as far as this user sees them.
 
-    Only processes visible to this user are found. A pty is used by the process that created it.
+    A pty is used by the process that created it.
     """
     # `ttyUSB0` or `pts/3`, for any name in the rig file
     real = _at(port, root).resolve()
@@ -225,7 +222,7 @@ def free(about: str, port: str, root: Path) -> CellFinding | None:
 
 
 def quick(about: str, port: str, root: Path) -> CellFinding | None:
-    """Check the latency timer of an FTDI adapter; None for other adapters."""
+    """Check the latency timer of an FTDI adapter."""
     timer = root / "sys/bus/usb-serial/devices" / _at(port, root).resolve().name / "latency_timer"
     try:
         ms = int(timer.read_text())

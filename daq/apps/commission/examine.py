@@ -24,8 +24,8 @@ def examine(
 ) -> Iterator[CellFinding]:
     """Findings one by one.
 
-    unit: service of the rig. root: parent of /dev, /proc and /sys. example: the rig file is a shipped example. The
-    ports are then not opened, because the addresses may belong to other machines in this network.
+    unit: service of the rig. root: parent of /dev, /proc and /sys. example: the rig file is a shipped example. Its
+    ports are not opened, because the addresses may belong to other machines in this network.
     """
     yield from examine_computer(runs, unit)
     try:
@@ -54,10 +54,7 @@ def examine(
 
 
 def ask(rig: str) -> dict[str, Any] | None:
-    """Status of the daemon of this rig; None if it is not running.
-
-    Raises CellError if the daemon does not respond.
-    """
+    """Status of the daemon of this rig; None if it is not running."""
     try:
         path = find_socket(rig)
     except CellError:

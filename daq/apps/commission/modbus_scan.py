@@ -1,12 +1,11 @@
 """Search for the unit, registers and byte order of a Modbus gauge with a wrong rig file.
 
 Only the read functions 3 and 4 are used, while the user moves the probe. First every unit number is polled. Then the
-registers around the configured address, and around the address in manual notation (30203, 40203), are read repeatedly
-and evaluated.
+registers around the configured address, and around the address in manual notation (30203, 40203), are read repeatedly.
 
 Registers can be decoded as numbers in several ways. A wrong decoding jumps over the full range of the type or does not
-move. While the probe is moved by hand, a value that moves steadily within the range of a gauge is the reading, or the
-upper part of it. Among several candidates those with the fewest changes to the rig file are chosen.
+move. A value that moves steadily within the range of a gauge is the reading, or the upper part of it. Among several
+candidates those with the fewest changes to the rig file are chosen.
 """
 
 from __future__ import annotations
@@ -34,9 +33,9 @@ from rigs.schema.modbus import ModbusMap, Number, Order, Register
 from rigs.schema.probe import MM_PER_UNIT
 
 LIKELY_MM = 100.0
-"""Measuring range of the longest probes, for gauges without `range_mm`."""
+"""Range of the longest probes, for gauges without `range_mm`."""
 _FEW = 5
-"""Minimum number of different readings while the probe is moved."""
+"""Minimum number of different readings."""
 _RANDOM = 0.5
 """Limit of the mean square step over twice the variance (von Neumann): 1 for random numbers, 0.2 for a motion to and
 fro observed ten times."""
@@ -84,7 +83,7 @@ class ValueDecoding:
 
 
 def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[ValueDecoding]:
-    """Decodings with moving readings, ordered by decreasing likelihood."""
+    """Decodings with moving readings, the likeliest first."""
     of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
     moving = {str(way): way for way in of_pieces}.values()
     whole = [way for way in moving if not any(way.is_part_of(wider) for wider in moving)]
@@ -120,7 +119,7 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
 
 
 def is_motion(readings_mm: NDArray[np.float64], gauge: ModbusMap) -> bool:
-    """True if readings (n,) in mm are plausible for this gauge while the probe is moved to and fro."""
+    """True if readings (n,) are plausible for this gauge while the probe is moved to and fro."""
     lowest_mm, highest_mm = gauge.limits_mm or (-LIKELY_MM, LIKELY_MM)
     if not all(map(is_length, readings_mm.tolist())):
         return False
@@ -133,14 +132,14 @@ UNITS = range(1, 248)
 _FIRST_UNITS = range(1, 17)
 """Common unit numbers at delivery, tried with other line settings."""
 SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
-"""Time for each unit, and limit for all units.
+"""Time for each unit, and limit for all.
 
 Responses arrive within 0.1 s. A gateway that refuses more slowly is heard during the next request.
 """
 _AROUND = 8
-"""Number of registers read before and after the configured register."""
+"""Registers read before and after the configured one."""
 _LONGEST = 4
-"""Number of registers of the longest number."""
+"""Registers of the longest number."""
 _BASES = (0, 30_001, 40_001, 300_001, 400_001)
 """Offsets added to the transmitted address in manuals to denote the kind of register."""
 _PASSES, PASS_S = 40, 0.1
@@ -159,7 +158,7 @@ class Asker:
     heard: set[int] = field(default_factory=set)
 
     def read(self, place: Place, piece: Piece, timeout_s: float) -> tuple[int, ...] | None:
-        """Registers; None after a refusal or time-out. Raises LinkLost."""
+        """Registers; None after a refusal or time-out."""
         unit, function = place
         clock.sleep(0.0 if self.wire.numbered else _SILENCE_S)
         while self.link.read(0.0):
@@ -221,7 +220,7 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
 
 
 def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
-    """Contents of the registers around the configured register for each pass."""
+    """Contents of the registers around the configured one for each pass."""
     pieces = [(place, piece) for unit in sorted(asker.heard) for place, piece in _readable(asker, gauge, unit)]
     seen: dict[tuple[Place, Piece], list[tuple[int, ...]]] = {piece: [] for piece in pieces}
     for _ in range(_PASSES):
@@ -254,7 +253,6 @@ def _readable(asker: Asker, gauge: ModbusMap, unit: int) -> Iterator[tuple[Place
 def _finding(
     name: str, gauge: ModbusMap, line: dict[str, object], moving: list[ValueDecoding], asker: Asker
 ) -> CellFinding:
-    """Describe the result."""
     if not moving:
         around = f"registers {gauge.value.address} ± {_AROUND}"
         observation = f"units {_list(asker)} answer, but no value in {around} moves like a probe"

@@ -59,7 +59,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """Search options. ports: serial devices and TCP addresses named by the user. Other ports are not opened.
+    """ports: serial devices and TCP addresses named by the user. Other ports are not opened.
 
     named: attempts for ports with a known instrument. listen_s: listening time for each setting. modbus_units: units to
     poll.
@@ -109,7 +109,6 @@ def join_started(threads: Sequence[threading.Thread]) -> None:
 def search_port(
     port: str, description: str, options: SearchOptions, progress: Progress, stop: threading.Event
 ) -> PortReport:
-    """Search one port."""
     report = PortReport(port, description)
     try:
         _PORT.validate_python(port)
@@ -186,7 +185,7 @@ def _tried(
 
 
 def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
-    """Sort key of a matching attempt. The best attempt has the highest key.
+    """Sort key of a matching attempt; the best has the highest.
 
     An interface with messages that end in a carriage return also accepts an additional line feed. It therefore matches
     instruments of other interfaces that always send both.
@@ -239,10 +238,7 @@ def _failed(report: PortReport, problem: str, remedy: str) -> PortReport:
 
 @contextlib.contextmanager
 def _as_it_was(port: str) -> Iterator[None]:
-    """Keep a serial port open to leave the control lines unchanged between attempts.
-
-    Restore the settings at the end.
-    """
+    """Keep a serial port open to leave the control lines unchanged between attempts, and restore its settings."""
     if not port.startswith("/"):
         yield
         return

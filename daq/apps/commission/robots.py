@@ -145,10 +145,9 @@ def linuxcnc_port(address: str) -> str | None:
 
 
 def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
-    """Search for a robot at a host, at a `tcp://host:port` or serial port that prints lines, at a
-    `udp://address:port`, or at `linuxcnc://host`.
+    """Search for a robot at any of `ADDRESSES`. named: interface given by the user; no other is tried.
 
-    At a local UDP address the search waits for the controller. named: interface given by the user; no other is tried.
+    At a local UDP address the search waits for the controller.
     """
     failed: list[str] = []
     answers = False
@@ -181,7 +180,7 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
 
 
 def joints_of(robot: Feedback) -> tuple[float, ...]:
-    """Current joint angles in degrees. Raises CellError if the robot does not report them."""
+    """Current joint angles in degrees."""
     trial = _try(robot).trial
     if trial.error:
         raise trial.error

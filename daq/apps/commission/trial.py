@@ -1,7 +1,7 @@
 """Short conversation with an instrument, as in the daemon, and the resulting findings.
 
-Only the regular conversation is used, which never configures the instrument. If the instrument does not respond with
-the line settings of the rig file, common settings are tried in sequence.
+The regular conversation never configures the instrument. If the instrument does not respond with the line settings of
+the rig file, common settings are tried in sequence.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ _LISTEN_S = 2.0
 _TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
 """Time for the first readings after discarding old data, and the longest wait."""
 _ENOUGH = 3
-"""Number of consecutive readings that rules out chance: 1 in 64 random triples is a valid Micro-Epsilon value."""
+"""Consecutive readings that rule out chance: 1 in 64 random triples is a valid Micro-Epsilon value."""
 OF_THE_INSTRUMENT = {FaultKind.MISSING, FaultKind.DEVICE_ERROR}
 """Faults reported by the instrument itself. They prove the protocol."""
 _FEW, _POOR_SHARE = 2, 0.05
-"""Tolerable number of faults, absolute and per reading. More faults need attention."""
+"""Tolerable number of faults, absolute and per reading."""
 _SLOW = 0.5
 _POOR_PPM = 1000.0
 USUAL_LINES = tuple(
@@ -59,7 +59,7 @@ USUAL_LINES = tuple(
 
 @dataclass(frozen=True)
 class Trial:
-    """Result of a short conversation. carried: bytes in both directions. error: reason for a port that did not open."""
+    """Result of a short conversation. carried: bytes in both directions. error: why a port did not open."""
 
     items: Sequence[Item] = ()
     seconds: float = 0.0
@@ -69,7 +69,6 @@ class Trial:
 
     @property
     def samples(self) -> list[Sample]:
-        """Received readings."""
         return list(samples_of(self.items))
 
     @property
@@ -83,7 +82,7 @@ class Trial:
     def evidence(self) -> tuple[bool, float, int]:
         """Agreement with the protocol; the best candidate has the largest.
 
-        It has enough readings in a row to exclude chance, the share of understood messages, and the number of readings.
+        Whether enough readings in a row exclude chance, the share of understood messages, and the number of readings.
         """
         readings = row = longest = faults = 0
         for item in self.items:
@@ -105,12 +104,11 @@ class Trial:
 
     @property
     def last_fault(self) -> str:
-        """Text of the last fault; empty if there was none."""
         return next((item.detail for item in reversed(self.items) if isinstance(item, Fault)), "")
 
 
 def describe_silence(port: str, trial: Trial) -> str:
-    """Describe a silent device. A host may accept the connection and send no data."""
+    """A host may accept the connection and send no data."""
     is_lost = any(fault.kind == FaultKind.DISCONNECTED for fault in faults_of(trial.items))
     return ACCEPTED if tcp_address(port) and not trial.error and not is_lost else "nothing arrived"
 
@@ -119,8 +117,6 @@ ACCEPTED = "accepts the connection, but sends no data"
 
 
 class _Counted:
-    """Link with a byte counter."""
-
     def __init__(self, link: Link) -> None:
         self._link = link
         self.received = self.carried = 0
@@ -173,10 +169,7 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
 
 
 def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[CellFinding]:
-    """Check the responses, rate and clock of an instrument, and the condition of a robot.
-
-    timeout_s: time-out of the instrument.
-    """
+    """Check the responses, rate and clock of an instrument, and the condition of a robot."""
     wait_s = min(_LONGEST_WAIT_S, 2 * timeout_s)
     serial = stream.port.startswith("/")
     trial = attempt(stream, stream.line, _TALK_S + wait_s, _LISTEN_S)
@@ -260,7 +253,7 @@ def pace(stream: Stream, trial: Trial) -> CellFinding | None:
 
 
 def pace_of_clock(about: str, samples: Sequence[Sample]) -> CellFinding | None:
-    """Compare the rate of the instrument clock with the clock of this computer; None if the instrument has no clock.
+    """Compare the rate of the instrument clock with the clock of this computer.
 
     The earliest arrivals of the first and last quarter are closest to the truth, because delays are always positive.
     """

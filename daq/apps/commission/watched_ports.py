@@ -19,20 +19,20 @@ from daq.wire.links import LinkLost
 from rigs.errors import CellError
 
 PUSH_MM = 0.2
-"""Motion that counts as a push. A finger moves a plunger further; a ball link at rest and gauge noise move it less."""
+"""Motion that counts as a push. A ball link at rest and gauge noise move a plunger less."""
 _MORE = 3.0
 """Minimum ratio of the push to the motion of every other gauge, and to the scatter of the same gauge at rest."""
 _AT_REST = 5
-"""Number of readings that define the rest position."""
+"""Readings that define the rest position."""
 _KEPT = 200
 _SILENCES = 10
-"""Number of time-outs before the first reading after which a gauge counts as lost, although it responded earlier."""
+"""Time-outs before the first reading after which a gauge counts as lost, although it responded earlier."""
 _SETTLE_S = 5.0
 """Time for measuring the rest positions. The slowest gauges deliver a few readings per second."""
 
 
 def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) -> str | None:
-    """Place of the only gauge that moved; None if it is not unique.
+    """Place of the only gauge that moved.
 
     rest_mm: readings at rest by place. now_mm: current reading by place.
     """
@@ -77,7 +77,7 @@ class PortWatch:
         self._end()
 
     def readings_mm(self) -> dict[str, float]:
-        """Latest reading of each gauge by place. Raises CellError if a port is lost."""
+        """Latest reading of each gauge by place."""
         with self._changed:
             for place, why in self._lost.items():
                 raise CellError(
@@ -99,7 +99,7 @@ class PortWatch:
         self.readings_mm()
 
     def pushed(self, places: Sequence[str]) -> str | None:
-        """Gauge among these that has moved since `rest`; None if none has."""
+        """Gauge among these that has moved since it was at rest."""
         now_mm = self.readings_mm()
         return pushed({place: self._rest[place] for place in places}, now_mm)
 

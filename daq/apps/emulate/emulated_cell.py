@@ -29,12 +29,10 @@ _NOTICE_S = 0.05
 
 
 class EmulatedPort(Protocol):
-    """Local port of an emulated instrument."""
-
     port: str
-    """Name of the port for a rig file."""
+    """Name for a rig file."""
     plugged: clock.Event
-    """Event that is cleared while the cable is unplugged."""
+    """Cleared while the cable is unplugged."""
 
     def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set."""
@@ -95,12 +93,11 @@ class EmulatedInstruments:
         """Ports by section of the rig file: `g1`, `g2`, `feedback`."""
 
     def start(self) -> None:
-        """Start all instruments."""
         for thread in self._threads:
             thread.start()
 
     def stop(self) -> dict[str, int]:
-        """Stop all instruments and return the number of readings sent by each."""
+        """Stop all instruments. Returns the number of readings sent by each."""
         if self._stop.is_set():
             return self.sent()
         self._stop.set()
@@ -127,11 +124,10 @@ class EmulatedInstruments:
         self._plugged[name].set()
 
     def sent(self) -> dict[str, int]:
-        """Number of readings sent, by stream."""
         return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
 
     def rig_text(self, text: str, *, emulated: bool = False) -> str:
-        """Text of a rig file with the ports of this cell. emulated: mark the robot as emulated."""
+        """Rig file with the ports of this cell. emulated: mark the robot as emulated."""
         data = data_of(as_emulated(text) if emulated else text)
         for name, port in self.ports.items():
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
@@ -190,7 +186,7 @@ class EmulatedInstruments:
 
 
 def as_emulated(text: str) -> str:
-    """Text of a rig file with the robot marked as emulated. Runs recorded with this file are also marked."""
+    """Rig file with the robot marked as emulated. Runs recorded with it are also marked."""
     return _text_of(data_of(text) | {"emulated": True})
 
 

@@ -1,7 +1,6 @@
 """Instruments that measure a motion: the device side of each protocol, connected to a `MotionSource`.
 
-This package needs no kinematics. Instruments on a shared line receive all requests and respond to those addressed to
-them.
+Instruments on a shared line receive all requests and respond to those addressed to them.
 """
 
 from __future__ import annotations
@@ -24,8 +23,6 @@ from rigs.schema.modbus import ModbusMap, SolartronOrbit
 
 
 class OneLine:
-    """Device side of all instruments on a shared line."""
-
     def __init__(self, devices: Sequence[Device]) -> None:
         self._devices = devices
         self._wakes: list[int | None] = [None] * len(devices)
@@ -84,7 +81,7 @@ def instruments_of(
     adversity: Adversity = NONE,
     condition: Callable[[int], Mapping[str, float]] = lambda _: {},
 ) -> dict[str, Callable[[], Device]]:
-    """A factory for each instrument by stream name. It is called for each connection."""
+    """A factory for each instrument by stream name, called for each connection."""
     further_columns = columns_beside_joints(rig.feedback)
 
     def read_values(now_ns: int) -> Sequence[float]:
@@ -101,7 +98,7 @@ def instruments_of(
 def gauge_device(
     rig: Rig, motion: MotionSource, group: Sequence[str], unsteady: Unsteady = STEADY
 ) -> Callable[[], Device]:
-    """A factory for a device with these gauges. It is called for each connection.
+    """A factory for a device with these gauges, called for each connection.
 
     Latching follows `timing` in the rig file. The phase of the internal cycle depends only on the name.
     """

@@ -28,7 +28,7 @@ _HOST = "127.0.0.1"
 
 
 class _Port:
-    """Port with a single conversation at a time, each with a new device. port: name for the rig file."""
+    """Port with a single conversation at a time, each with a new device."""
 
     def __init__(self, port: str, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self.port = port
@@ -61,7 +61,6 @@ class TcpPort(_Port):
 
     @classmethod
     def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpPort:
-        """Listen at a free port."""
         return cls(socket.create_server((_HOST, 0)), device, jitter_ms)
 
     def __init__(self, server: socket.socket, device: Callable[[], Conversation], jitter_ms: float) -> None:
@@ -70,7 +69,6 @@ class TcpPort(_Port):
         super().__init__(f"tcp://{_HOST}:{self._address[1]}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set. After the end of a connection, accept the next."""
         self._accept(stop)
         while not stop.is_set():
             if not self.plugged.wait(_ACCEPT_S):
@@ -94,11 +92,10 @@ class TcpPort(_Port):
 
 
 class TcpCaller(_Port):
-    """TCP client of a local port. port: name for the rig file, initially a free port."""
+    """TCP client of a local port, initially free."""
 
     @classmethod
     def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpCaller:
-        """Find a free port."""
         with socket.create_server((_HOST, 0)) as server:
             return cls(int(server.getsockname()[1]), device, jitter_ms)
 
@@ -107,7 +104,7 @@ class TcpCaller(_Port):
         super().__init__(f"tcp://{_HOST}:{number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set. Reconnect after the end or refusal of a connection."""
+        """Reconnect after the end or refusal of a connection, until `stop` is set."""
         while not stop.is_set():
             if self.plugged.wait(_AGAIN_S):
                 self._hang_up.clear()
@@ -117,11 +114,10 @@ class TcpCaller(_Port):
 
 
 class UdpPort(_Port):
-    """UDP port on loopback. port: name for the rig file; a free port of the host if the controller is active."""
+    """UDP port on loopback; a free port of the host if the controller is active."""
 
     @classmethod
     def open(cls, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> UdpPort:
-        """Find a free port."""
         with _bound(0) as sock:
             return cls(int(sock.getsockname()[1]), device, calls, jitter_ms)
 
@@ -131,7 +127,6 @@ class UdpPort(_Port):
         super().__init__(f"udp://{_HOST}:{number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set, with a single conversation at a time."""
         while not stop.is_set():
             if not self.plugged.wait(_AGAIN_S):
                 continue

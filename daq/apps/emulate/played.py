@@ -1,7 +1,7 @@
 """Device side of a captured connection on the timebase of a replay: streaming and answering players.
 
-Host and capture stay synchronised as long as the host sends requests at the captured rate. This happens automatically:
-a response is never early, and the next request follows the response.
+Host and capture stay synchronised as long as the host sends requests at the captured rate: a response is never early,
+and the next request follows the response.
 """
 
 from __future__ import annotations
@@ -22,17 +22,16 @@ _LOOK_NS = 20_000_000
 _PATIENCE_NS = 1_000_000_000
 """Time to wait for captured data of the host. Afterwards the instrument continues regardless."""
 _AROUND = 8
-"""Number of exchanges searched before and after a request. An instrument receives few kinds of requests in turn."""
+"""Exchanges searched before and after a request. An instrument receives few kinds of requests in turn."""
 
 
 class StreamingPlayer:
     """Streaming instrument that sends each piece on time, and after the corresponding data of the host."""
 
     def __init__(self, pieces: Sequence[Piece], time: Timebase, steps: Steps, *, hangs_up: bool, calls: bool) -> None:
-        """Create a player.
+        """hangs_up: close the link at the end, as over TCP.
 
-        hangs_up: close the link at the end, as over TCP. calls: send to a port of the host and detect whether it is
-        open.
+        calls: send to a port of the host and detect whether it is open.
         """
         self.sent = 0
         self._pieces = pieces
@@ -42,7 +41,6 @@ class StreamingPlayer:
 
     @property
     def is_finished(self) -> bool:
-        """True if all pieces have been sent."""
         return not self._left
 
     @property
@@ -142,10 +140,10 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Exchanges:
-    """Requests of the host and their answers within a connection. asked_ns: time of each request. end_ns: end of the
-    connection.
+    """Requests of the host and their answers within a connection.
 
-    period_ns: typical interval of requests. longest: length of the longest request in bytes.
+    asked_ns: time of each request. period_ns: typical interval of requests. longest: length of the longest request in
+    bytes.
     """
 
     all: Sequence[Exchange]
@@ -157,7 +155,7 @@ class Exchanges:
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
-        """Exchanges in the pieces. Data before the first request does not count as an answer."""
+        """Pair each captured request with its answers; ignore data before the first request."""
         questions = [number for number, piece in enumerate(pieces) if piece.mark is CaptureMark.SENT]
         exchanges = [
             Exchange(
@@ -185,7 +183,6 @@ class AnsweringPlayer:
 
     @property
     def begun(self) -> bool:
-        """True if a request was received."""
         return self._last >= 0
 
     def connected(self, now_ns: int) -> ConversationStep:
@@ -267,7 +264,7 @@ class AnsweringPlayer:
         self._steps.skipped += sum(bool(exchange.answers) for exchange in self._exchanges.all[self._last + 1 : number])
 
     def _nearest(self, at_ns: int, question: bytes) -> tuple[int, tuple[Piece, ...]] | None:
-        """Index and the answers of the nearest exchange with this request.
+        """Index and answers of the nearest exchange with this request.
 
         An early request has to wait, and the answer was measured in the meantime. Its error is half of that of an
         equally late request. The same is true of a late request with an answer that is not due yet, which keeps the

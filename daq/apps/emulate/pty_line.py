@@ -1,14 +1,12 @@
 """Instrument side of a serial line on a pty.
 
 A pty transfers bytes immediately at any baud rate. A real line needs the duration of a character for each, which
-affects the timestamps. This delay is added here for each character on an absolute schedule. The latency timer of an
-FTDI adapter is also emulated (0 for none). A pty stores the baud rate of the opposite end, but not data bits and
-parity. At a wrong baud rate both ends receive garbage.
+affects the timestamps. This delay is added here on an absolute schedule, and the latency timer of an FTDI adapter is
+emulated (0 for none). Characters sent at a wrong baud rate are converted as by a UART; a pty stores the baud rate of
+the opposite end, but not data bits and parity.
 
-An unplugged adapter loses the tty and returns with a new tty, while the name in `/dev/serial/by-id` stays the same. A
+An unplugged adapter loses the tty and returns with a new one, while the name in `/dev/serial/by-id` stays the same. A
 line can have such a name: a symbolic link that follows the tty.
-
-Characters sent at a wrong baud rate are converted as by a UART, so wrong line settings look realistic.
 
 Bytes wait in an FTDI adapter until the latency timer expires or a USB packet is full. The chip sends every `latency_ms`
 (16 by default), counted from the last packet. If there is no data it sends a status packet, so the timer continues. A
@@ -38,7 +36,7 @@ _LOOKS = 16
 
 
 def heard(data: bytes, sent: Line, at: Line) -> bytes:
-    """Convert characters sent with certain line settings to those received with different settings.
+    """Characters sent with certain line settings as received with different settings.
 
     Parity is not checked. A character with a missing stop bit is passed on, as most drivers do.
     """
@@ -82,11 +80,10 @@ class LatencyTimer:
 
     @property
     def due_ns(self) -> int | None:
-        """Time at which the bytes are due; None if missing."""
+        """Time at which the bytes are due, if any."""
         return self._due_ns if self._held else None
 
     def add(self, data: bytes, now_ns: int) -> None:
-        """Add bytes received from the line."""
         if not self._held:
             self._due_ns = now_ns
             if self._latency_ns:
@@ -97,7 +94,7 @@ class LatencyTimer:
             self._due_ns = now_ns
 
     def take(self, now_ns: int) -> bytes:
-        """Bytes that are due; empty if there are none."""
+        """Bytes that are due."""
         if not self._held or now_ns < self._due_ns:
             return b""
         data = bytes(self._held)
@@ -117,7 +114,7 @@ class LateLink:
         self._last_ns = 0
 
     def read(self, timeout_s: float) -> bytes:
-        """Read from the link, and send due data in the meantime. Raises LinkLost."""
+        """Read from the link, and send due data in the meantime."""
         until_ns = clock.now_ns() + round(timeout_s * 1e9)
         while True:
             self._send_due()
@@ -127,13 +124,12 @@ class LateLink:
                 return data
 
     def write(self, data: bytes) -> None:
-        """Queue data until it is due. Raises LinkLost."""
+        """Queue data until it is due."""
         self._last_ns = max(self._last_ns, clock.now_ns() + round(self._random.expovariate(self._rate)))
         self._waiting.append((self._last_ns, data))
         self._send_due()
 
     def set_dtr(self, on: bool) -> None:
-        """Set the modem line of the link. Raises LinkLost."""
         self._link.set_dtr(on)
 
     def _send_due(self) -> None:
@@ -143,7 +139,6 @@ class LateLink:
 
 _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
 _ISPEED, _OSPEED = 4, 5
-"""Indices in the result of tcgetattr."""
 
 
 class PtyLine:
@@ -160,7 +155,7 @@ class PtyLine:
         return made
 
     def __init__(self, ends: tuple[int, int], line: Line, latency_ms: float, name: Path | None, paced: bool) -> None:
-        """Create a line. ends: descriptors of the near and the opposite end."""
+        """ends: descriptors of the near and the opposite end."""
         self._master, self._slave = ends
         self.port = str(name or os.ttyname(self._slave))
         self._line = line
@@ -245,7 +240,6 @@ class PtyLine:
         return None if matches else Line.model_validate(f"{baud} 8N1")
 
     def close(self) -> None:
-        """Remove the pty."""
         if self._name is not None:
             self._name.unlink(missing_ok=True)
         os.close(self._master)

@@ -49,9 +49,7 @@ class Replay:
     ) -> Replay:
         """Open the ports of a capture.
 
-        marks: file for timing deviations, or None. opening: function with the arguments of `EmulatedInstruments.open`
-        that opens the cell. Raises FileError if the capture lacks a stream of the rig, and OSError if the file cannot
-        be created.
+        marks: file for timing deviations. opening: opens the cell, like `EmulatedInstruments.open`.
         """
         streams, timebase = streams_of(rig), Timebase()
         heard = {stream.name: capture.of(stream.name) for stream in streams}
@@ -90,18 +88,17 @@ class Replay:
         steps: Mapping[str, Steps],
         marks: TimingMarks,
     ) -> None:
-        """Create a replay. end_ns: time of the last piece. steps: timing accuracy of each stream."""
+        """end_ns: time of the last piece. steps: timing accuracy of each stream."""
         self.cell, self.steps = cell, steps
         self._time, self._end_ns, self._replayed, self._marks = timebase, end_ns, replayed, marks
 
     @property
     def unmarked(self) -> str:
-        """Reason for failing to write a mark, which ends the replay; empty if there was no failure."""
+        """Why a mark could not be written, which ends the replay."""
         return self._marks.failure
 
     @property
     def is_finished(self) -> bool:
-        """True if all streams have been played."""
         over = self._time.is_past(clock.now_ns(), self._end_ns + _OVER_NS)
         return over or bool(self.unmarked) or all(heard.is_finished for heard in self._replayed.values())
 
@@ -116,7 +113,7 @@ class Replay:
         return sum(steps.otherwise for steps in self.steps.values())
 
     def rig_text(self, text: str) -> str:
-        """Text of a rig file with the ports of this cell and the file of timing deviations."""
+        """Rig file with the ports of this cell and the file of timing deviations."""
         data = data_of(self.cell.rig_text(text)) | ({"replay": str(self._marks.path)} if self._marks.path else {})
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
@@ -124,13 +121,12 @@ class Replay:
 
 @dataclass
 class TimingMarks:
-    """File of timing deviations, if requested. failure: reason for failing to write a mark."""
+    """File of timing deviations, if requested. failure: why a mark could not be written."""
 
     path: Path | None
     failure: str = ""
 
     def begin(self) -> None:
-        """Empty the file. Raises OSError."""
         if self.path is not None:
             self.path.write_text("", encoding="utf-8")
 
@@ -152,7 +148,7 @@ class ReplayedStream:
     """
 
     def __init__(self, connections: Sequence[Callable[[], Player]], over: Callable[[], Player], time: Timebase) -> None:
-        """Create a stream from player factories for all connections, and for connections after the end."""
+        """connections, over: player factories for all connections, and for those after the end."""
         self._connections, self._over, self._time = connections, over, time
         self._turn = -1
         self._number = 0
@@ -160,7 +156,6 @@ class ReplayedStream:
 
     @property
     def is_finished(self) -> bool:
-        """True if the last connection has been played."""
         return (
             self._turn == self._time.turn and self._playing.is_finished and self._number >= len(self._connections) - 1
         )
@@ -180,7 +175,6 @@ class ReplayedStream:
 
 
 def _replayed(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> ReplayedStream:
-    """Player of a stream."""
     hangs_up = tcp_address(stream.port) is not None
     calls = udp_address(stream.port) is not None and stream.listens
     connections: list[Callable[[], Player]] = [

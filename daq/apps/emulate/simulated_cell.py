@@ -29,8 +29,8 @@ class SimulatedLine:
 
     character_ns: duration of a character on a serial line; 0 for a network. datagrams: a read returns exactly one
     datagram. change: modifies the data of the instrument and returns an additional delay in ns. sent: called with each
-    piece before and after the change, its arrival time and its delay. The returned function is called when the daemon
-    reads the piece.
+    piece before and after the change, its arrival time and its delay; the function that it returns is called when the
+    daemon reads the piece.
     """
 
     def __init__(self, name: str, character_ns: int, *, datagrams: bool = False) -> None:
@@ -43,7 +43,7 @@ class SimulatedLine:
         self._character_ns = character_ns
 
     def open(self) -> _LineEnd:
-        """Open a connection and return the end of the daemon. Raises CellError while unplugged."""
+        """Open a connection. Raises CellError while unplugged."""
         if not self.plugged:
             raise CellError(self.name, "does not exist", "plug it in", code="port.missing")
         ours, theirs = _LineEnd(self, self._character_ns), _LineEnd(self, self._character_ns)
@@ -62,7 +62,6 @@ class SimulatedLine:
         self.reset()
 
     def reset(self) -> None:
-        """End the current connection."""
         for end in self.ends or ():
             end.lost = True
         self.ends = None
@@ -161,7 +160,7 @@ class SimulatedCell:
         return cell
 
     def __init__(self, time: SimulatedClock, folder: Path, text: str) -> None:
-        """Create a cell. text: text of the rig file. The runs are in the subdirectory `runs` of the folder."""
+        """text: rig file. The runs are in the subdirectory `runs` of the folder."""
         self.time, self.folder, self.text = time, folder, text
         self.rig = parse(text, "simulated")
         self.lines: dict[str, SimulatedLine] = {}
@@ -169,7 +168,7 @@ class SimulatedCell:
         self.daemons = 0
 
     def daemon(self, **options: Any) -> Daemon:
-        """Start a daemon. options: arguments of the constructor."""
+        """Start a daemon. options: arguments of its constructor."""
         self.daemons += 1
         socket = self.folder / "rigd" / f"{self.rig.name}.sock"
         socket.parent.mkdir(exist_ok=True)

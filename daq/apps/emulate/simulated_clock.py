@@ -54,10 +54,9 @@ class SimulatedClock:
     """Simulated clock, driven by the waits of the thread that enters `running`."""
 
     def __init__(self, seed: int, hangs_s: float = _HANGS_S, began_wall_ns: int = _WALL_NS + _BEGIN_NS) -> None:
-        """Create a clock.
+        """hangs_s: real time after which a thread counts as hanging.
 
-        hangs_s: real time after which a thread counts as hanging. began_wall_ns: initial wall time in ns since 1970
-        UTC.
+        began_wall_ns: initial wall time in ns since 1970.
         """
         self.seed, self._hangs_s, self._began_wall_ns = seed, hangs_s, began_wall_ns
         self.errors: list[BaseException] = []
@@ -90,7 +89,6 @@ class SimulatedClock:
 
     @property
     def elapsed_s(self) -> float:
-        """Elapsed simulated time."""
         return (self._ns - _BEGIN_NS) / S
 
     def now_ns(self) -> int:
@@ -152,7 +150,6 @@ class SimulatedClock:
             me.group = before
 
     def threads(self, process: str) -> list[str]:
-        """Names of the running threads of a process."""
         return [task.thread.name for task in self._tasks.values() if task.group == process]
 
     def kill(self, *processes: str) -> None:

@@ -15,14 +15,13 @@ from itertools import pairwise
 from daq.wire.capture import CaptureMark, Piece
 
 _HEAD_START_NS = 100_000_000
-"""Delay of the replay relative to the capture. The threads of the host start about 10 ms after the ports open, or later
-on a busy computer. An early request waits; a late request costs a reading.
+"""Delay of the replay relative to the capture.
+
+The threads of the host start about 10 ms after the ports open, or later on a busy computer. An early request waits; a
+late request costs a reading.
 """
 _SHARE = 0.5
-"""Share of the standard uncertainty of the relative time between gauges and robot.
-
-Such an error moves a figure by less than the uncertainty u of the figure.
-"""
+"""Share of the standard uncertainty of the relative time between gauges and robot: smaller than the u of a figure."""
 _HOST_NS = 200_000
 """Timing accuracy of any program. All instruments of a replay have the same delay."""
 _PUNCTUAL = 10
@@ -43,13 +42,12 @@ class Timebase:
         """Host time minus capture time; None before the start."""
 
     def begin(self, now_ns: int, at_ns: int) -> None:
-        """Store that the host now performs the action captured at `at_ns`. Only the first call has an effect."""
+        """The host now performs the action captured at `at_ns`. Only the first call has an effect."""
         with self._lock:
             if self.shift_ns is None:
                 self.shift_ns = now_ns - at_ns + _HEAD_START_NS
 
     def is_past(self, now_ns: int, at_ns: int) -> bool:
-        """True if this instant of the capture has passed."""
         return self.shift_ns is not None and now_ns > self.shift_ns + at_ns
 
     def restart(self, turn: int) -> None:
@@ -70,7 +68,7 @@ class Steps:
     def __init__(
         self, bearable_ns: float, *, asked: bool, out_of_step: Callable[[float], None] = lambda off_ns: None
     ) -> None:
-        """Create the statistics. out_of_step: called with the deviation in ns of each second above `bearable_ns`."""
+        """out_of_step: called with the deviation in ns of each second above `bearable_ns`."""
         self._asked = asked
         self.bearable_ns = bearable_ns
         self._out_of_step = out_of_step
@@ -106,7 +104,6 @@ class Steps:
             self._out_of_step(off_ns)
 
     def words(self) -> str:
-        """Result as text."""
         off_ms = statistics.median(self.judged_ns or [0.0]) / 1e6
         counted = {"skipped": self.skipped, "repeated": self.repeated, "s out of step": self.seconds_out}
         return ", ".join([f"{off_ms:+z.1f} ms off", *(f"{count} {event}" for event, count in counted.items() if count)])
@@ -132,5 +129,4 @@ def u_cycle_ns(pieces: Sequence[Piece]) -> float:
 
 
 def bearable_ns(u_gauges_ns: Sequence[float], u_robot_ns: float) -> float:
-    """Largest tolerable deviation of a replay."""
     return max(_SHARE * math.hypot(max(u_gauges_ns), u_robot_ns), _HOST_NS)

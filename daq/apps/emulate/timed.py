@@ -28,7 +28,7 @@ class OwnClock:
     """Device side with a clock `ppm` faster than the clock of the caller, starting at 0."""
 
     def __init__(self, make: Callable[[Read], Device], read: Read, ppm: float) -> None:
-        """Create the clock. make: creates the device from a read function. read: called with the host time."""
+        """make: creates the device from a read function. read: called with the host time."""
         self._fast = ppm * 1e-6
         self._device = make(lambda own_ns: read(self._host(own_ns)))
 

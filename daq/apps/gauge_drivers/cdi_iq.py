@@ -30,12 +30,10 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[CDIIQ]) -> Host:
-    """Host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, b"R\r", DelimitedLines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
-    """Emulated indicator, the device side of the protocol. `read` gives its reading in mm."""
     units = gauges[0].units
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -31,12 +31,10 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[HeidenhainND281B]) -> Host:
-    """Host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, _STX, DelimitedLines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:
-    """Emulated instrument, the device side of the protocol. `read` gives its readings in mm."""
     units = gauges[0].units
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -42,10 +42,7 @@ _STATUS_REPLY = re.compile(rb"\x02[ -~]*|\x15")
 _UNITS = {"mm": b"0", "inch": b"1"}
 _DECIMALS = {"mm": 4, "inch": 5}
 STATUS_EVERY = 50
-"""Requests per status request.
-
-Chosen: a change of unit on the keypad is detected within seconds, at the cost of 2 % of the readings.
-"""
+"""Requests per status request: a change of unit is detected within seconds, at the cost of 2 % of the readings."""
 
 
 def host(gauges: Sequence[HeidenhainND287]) -> Host:
@@ -54,7 +51,7 @@ def host(gauges: Sequence[HeidenhainND287]) -> Host:
 
 
 def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
-    """Emulated instrument, the device side of the protocol. The display indicates a head in error."""
+    """The display indicates a head in error."""
     units = gauges[0].units
     decimals = _DECIMALS[units]
     fixed = {
@@ -79,7 +76,7 @@ def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
 
 
 class _Dialect(TextDialect[HeidenhainND287]):
-    """Dialect of the display with periodic status requests, repeated while the status forbids reading."""
+    """Periodic status requests, repeated while the status forbids reading."""
 
     def __init__(self, gauges: Sequence[HeidenhainND287]) -> None:
         self._replies = _Replies(_END)

@@ -49,10 +49,7 @@ def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
 
 
 def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
-    """Emulated communication unit, the device side of the protocol, with heads up to the last channel used.
-
-    A head not assigned to a gauge reads zero.
-    """
+    """Emulated unit with heads up to the last channel used. A head not assigned to a gauge reads zero."""
     form = _FORMAT[gauges[0].units]
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -38,7 +38,7 @@ def host(gauges: Sequence[MagnescaleLT]) -> Host:
 
 
 def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
-    """Emulated counter, the device side of the protocol. A channel not assigned to a gauge reads zero."""
+    """A channel not assigned to a gauge reads zero."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command != _REQUEST:
@@ -66,7 +66,7 @@ def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
 
 
 def value_of(field: bytes, gauge: Probe) -> Reading:
-    """Reading that follows the name of a channel in the reply of a Magnescale counter."""
+    """Reading that follows the name of a channel."""
     match = _VALUE.fullmatch(field)
     if not match:
         return garbled(field)
@@ -81,7 +81,7 @@ def value_of(field: bytes, gauge: Probe) -> Reading:
 
 
 def written(value: float) -> bytes:
-    """Format a number in the notation of the counter: sign and seven characters, or an overflow or alarm."""
+    """A number in the notation of the counter: sign and seven characters, or an overflow or alarm."""
     if not math.isfinite(value):
         return b"E"
     return f"{value:+08.4f}".encode() if abs(value) < 99.99995 else b"+F0.0000"

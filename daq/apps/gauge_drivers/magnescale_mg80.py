@@ -24,14 +24,12 @@ _LENGTH = 13
 
 
 def host(gauges: Sequence[MagnescaleMG80]) -> Host:
-    """Host side of the protocol, which reads the gauge in mm. A line carries a single gauge."""
     request = gauges[0].request.encode() + _END
     dialect = TextDialect(gauges, request, DelimitedLines(_END), _read, f"{CHECK}, and `request`")
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
-    """Emulated interface unit, the device side of the protocol. `read` gives its reading in mm."""
     (gauge,) = gauges
     unit = "M" if gauge.units == "mm" else "I"
 

@@ -29,7 +29,7 @@ def host(gauges: Sequence[MahrC1202]) -> Host:
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
-    """Emulated instrument, the device side of the protocol. Unassigned features are inactive."""
+    """Unassigned features are inactive."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command in {b"ID?", b"DES?"}:

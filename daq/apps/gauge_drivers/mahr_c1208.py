@@ -36,9 +36,7 @@ def host(gauges: Sequence[MahrC1208]) -> Host:
 
 
 def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
-    """Emulated instrument, the device side of the protocol. If the measuring head is in error,
-    the instrument is silent, as with an open menu.
-    """
+    """If the measuring head is in error, the instrument is silent, as with an open menu."""
     (gauge,) = gauges
 
     def answer(command: bytes, show: Show) -> bytes:

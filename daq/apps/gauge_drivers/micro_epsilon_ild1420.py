@@ -76,7 +76,7 @@ class _Values:
         self._lost = True
 
     def take_begun(self) -> list[Arrival] | None:
-        """Remove and return the bytes of an unfinished value; None while the stream is not synchronised."""
+        """Remove the bytes of an unfinished value; None while the stream is not synchronised."""
         if self._lost:
             return None
         begun = [(bytes(self._bytes), self._first_ns)] if self._bytes else []
@@ -165,7 +165,7 @@ class _ILD1420Dialect:
 
 
 def _mm(x: float | NDArray[np.int64], gauge: MicroEpsilonILD1420) -> Any:
-    """Distances in mm for codes, relative to the zero of the gauge."""
+    """Distances for codes, relative to the zero of the gauge."""
     return (102 / 65520 * x - 1) / 100 * gauge.range_mm - gauge.zero_mm
 
 

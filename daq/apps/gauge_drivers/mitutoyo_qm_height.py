@@ -21,12 +21,10 @@ _UNIT = {3: b"mm", 4: b"inch", 5: b"inch"}
 
 
 def host(gauges: Sequence[MitutoyoQMHeight]) -> Host:
-    """Host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, b"1\r", DelimitedLines(b"\r"), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MitutoyoQMHeight], read: Read) -> Device:
-    """Emulated gauge, the device side of the protocol. `read` gives its reading in mm."""
     return mitutoyo_usb.device(gauges, read)
 
 

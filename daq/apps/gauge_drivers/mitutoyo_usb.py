@@ -45,7 +45,6 @@ def device(gauges: Sequence[Probe], read: Read) -> Device:
 
 
 def read_reply(data: bytes, gauge: Probe) -> Reading:
-    """Reading of a reply in mm."""
     match = _REPLY.fullmatch(data)
     if match:
         return mm(match[1], gauge)

@@ -21,11 +21,10 @@ from rigs.schema.modbus import ModbusMap, Order
 from rigs.schema.probe import MM_PER_UNIT
 
 _BELIEVED = 20
-"""Number of consecutive plausible lengths that confirm the byte order. A third of the numbers in a wrong order are also
-lengths.
+"""Consecutive plausible lengths that confirm the byte order.
 
-The numbers of a slowly moving probe are not independent: at least as many are required as there were implausible
-numbers.
+A third of the numbers in a wrong order are also lengths. The numbers of a slowly moving probe are not independent: at
+least as many are required as there were implausible numbers.
 """
 _FINE_MM = 1e-6
 """Smallest plausible reading except 0. Smaller numbers confirm no byte order, and are doubted if they persist."""
@@ -46,7 +45,6 @@ def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
 
 
 def dialect(gauge: ModbusMap, wire: Wire) -> RegisterDialect:
-    """Dialect for this block."""
     return RegisterDialect(gauge, _Readings(gauge), wire)
 
 
@@ -56,8 +54,6 @@ def registers_over_time(gauge: ModbusMap, read: Read, place: int = 0) -> Held:
 
 
 class _Readings:
-    """Interprets the answers of a gauge in order."""
-
     def __init__(self, gauge: ModbusMap) -> None:
         self._gauge = gauge
         self._mistrusted = 0
@@ -88,7 +84,7 @@ class _Readings:
         return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
 
     def _refusal(self, value_mm: float, registers: Registers) -> tuple[FaultKind, str] | None:
-        """Reason for rejecting the number, by itself or as a repeated value below a nanometre.
+        """Why the number is rejected, by itself or as a repeated value below a nanometre.
 
         A probe at rest with swapped bytes may repeatedly give such a small number. A rounding error may do so too, but
         is hardly a length in a different order.

@@ -25,7 +25,6 @@ from rigs.schema.modbus import ModbusMap, SolartronOrbit, ValueRegister
 
 _FLOATS = 8000
 _SHARED = ("port", "offset_mm", "units", "line", "framing", "unit", "function", "word_order", "byte_order", "timeout_s")
-"""Settings shared by both blocks of a gauge."""
 _NO_PROBE = 247.0
 _STATUS = {
     18: "under range; move the probe into the range",
@@ -62,7 +61,6 @@ def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
 
 
 def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
-    """A parameter as a register map."""
     address = _FLOATS + parameter
     return ModbusMap(
         interface="modbus_map",
@@ -74,7 +72,7 @@ def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
 
 
 def _status_block(gauge: SolartronOrbit) -> ModbusMap:
-    """Status as a register map. The unit is mm, so the status is not converted."""
+    """Status as a register map in mm, so that it is not converted."""
     return _block(gauge, gauge.status_parameter).model_copy(update={"units": "mm"})
 
 

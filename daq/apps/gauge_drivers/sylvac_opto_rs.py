@@ -59,7 +59,6 @@ _DECIMALS = {"mm": 4, "um": 1, "inch": 5}
 
 
 def host(gauges: Sequence[SylvacOptoRS]) -> Host:
-    """Host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
     (gauge,) = gauges
     if gauge.mode == "continuous":
         return streamed.Streamed(_Continuous(gauge), gauge.timeout_s)
@@ -71,7 +70,6 @@ def host(gauges: Sequence[SylvacOptoRS]) -> Host:
 
 
 def device(gauges: Sequence[SylvacOptoRS], read: Read) -> Device:
-    """Emulated cable, the device side of the protocol. `read` gives the reading in mm."""
     (gauge,) = gauges
     return _Cable(gauge, read)
 

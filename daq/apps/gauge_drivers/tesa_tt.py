@@ -23,12 +23,10 @@ _FORMAT = {"mm": "+08.2f", "um": "+08.3f"}
 
 
 def host(gauges: Sequence[TesaTT]) -> Host:
-    """Host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, b"?\r", DelimitedLines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[TesaTT], read: Read) -> Device:
-    """Emulated instrument, the device side of the protocol. `read` gives its readings in mm."""
     units = gauges[0].units
     texts = {b"ID?": b"TESA TT80", b"UNI?": units.upper().encode(), b"RNG?": b"2", b"VER?": b"1.0"}
 

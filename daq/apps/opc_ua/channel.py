@@ -33,8 +33,9 @@ from asyncua.ua.uatypes import type_from_optional, type_is_list, type_is_optiona
 from daq.protocol.framing import Sized
 
 ELEMENTS = 65_536
-"""Maximum number of array elements per message: six times the references that fit into a message. An element may take a
-single byte in the message and 200 bytes in memory (an empty DataValue).
+"""Array elements per message: six times the references that fit into a message.
+
+An element may take a single byte in the message and 200 bytes in memory (an empty DataValue).
 """
 _IS_ARRAY, _HAS_DIMENSIONS, _TYPE = 0x80, 0x40, 0x3F
 """Bits in the first byte of a variant (OPC 10000-6, 5.2.2.16)."""
@@ -49,7 +50,7 @@ _UNREADABLE = (
     ArithmeticError,
     RecursionError,
 )
-"""Exceptions of the types and readers of asyncua for invalid bytes."""
+"""Exceptions of asyncua for invalid bytes."""
 _EXTENSIONS = {
     ua.typeid_by_extension_objects[kind]: kind
     for kind in (
@@ -78,14 +79,13 @@ class BoundedBuffer:
         return len(self._data) - self._at
 
     def read(self, size: int) -> bytes:
-        """Next `size` bytes."""
         begin, self._at = self._at, self._at + size
         if not begin <= self._at <= len(self._data):
             raise ValueError(f"a length of {size}, but only {len(self._data) - begin} bytes remain")
         return self._data[begin : self._at]
 
     def elements(self) -> int:
-        """Read the number of array elements; 0 for a null array. Every element except null takes at least one byte."""
+        """Number of array elements; 0 for a null array. Every element except null takes at least one byte."""
         claimed: int = Primitives.Int32.unpack(self)
         if claimed > min(len(self), self._elements):
             raise ValueError(f"an array of {claimed} elements in {len(self)} bytes")
@@ -98,12 +98,11 @@ Reader = Callable[[BoundedBuffer], Any]
 
 
 def decoded(kind: type[Any], body: bytes) -> Any:
-    """Decode a message into an object of the types of asyncua. Raises Unreadable."""
+    """Decode a message into an object of the types of asyncua."""
     return structure(kind, BoundedBuffer(body))
 
 
 def structure(kind: Any, data: BoundedBuffer) -> Any:
-    """Decode a structure of the types of asyncua. Raises Unreadable."""
     size = len(data)
     try:
         return _reader(kind)(data)
@@ -112,7 +111,7 @@ def structure(kind: Any, data: BoundedBuffer) -> Any:
 
 
 def type_of(body: bytes) -> Any:
-    """Type number of a message, as `TypeId.Identifier` in asyncua. Raises Unreadable."""
+    """Type number of a message, as `TypeId.Identifier` in asyncua."""
     try:
         return nodeid_from_binary(BoundedBuffer(body)).Identifier
     except _UNREADABLE as error:
@@ -121,7 +120,6 @@ def type_of(body: bytes) -> Any:
 
 @cache
 def _reader(kind: Any) -> Reader:
-    """Reader of an asyncua type."""
     if type_is_list(kind):
         return _array_reader(_reader(*get_args(kind)))
     if issubclass(kind, Enum):
@@ -158,7 +156,7 @@ def _structure_reader(kind: type[Any]) -> Reader:
 
 
 def _variant(data: BoundedBuffer) -> Any:
-    """Read a value with a type. A matrix is flattened, because none of the values used here is a matrix."""
+    """Value with a type. A matrix is flattened, because none of the values used here is a matrix."""
     encoding = data.read(1)[0]
     kind = ua.VariantType(encoding & _TYPE)
     is_array = bool(encoding & _IS_ARRAY)
@@ -170,7 +168,6 @@ def _variant(data: BoundedBuffer) -> Any:
 
 
 def _extension_object(data: BoundedBuffer) -> Any:
-    """Read a structure of the type given in the data."""
     type_id, encoding = nodeid_from_binary(data), data.read(1)[0]
     kind = _EXTENSIONS.get(type_id)
     if not encoding:
@@ -198,17 +195,17 @@ HELLO, ACKNOWLEDGE, ERROR, OPEN, MESSAGE, CLOSE = b"HEL", b"ACK", b"ERR", b"OPN"
 _PLAIN = (HELLO, ACKNOWLEDGE, ERROR)
 """Messages outside of channels."""
 CHUNK = 65_536
-"""Announced chunk size in bytes. Larger chunks are refused."""
+"""Announced chunk size. Larger chunks are refused."""
 LIMIT = 1 << 20
-"""Maximum size of a message in bytes: the references of about ten thousand nodes."""
+"""The references of about ten thousand nodes."""
 _SMALLEST_CHUNK = 8192
 """Minimum chunk size that every side must accept (OPC 10000-6, 7.1.2.3)."""
 CHUNKS = LIMIT // _SMALLEST_CHUNK
-"""Maximum number of chunks per message. LIMIT, CHUNK and CHUNKS are announced to the peer and enforced."""
+"""LIMIT, CHUNK and CHUNKS are announced to the peer and enforced."""
 _INTERMEDIATE, _FINAL, _ABORT = b"C", b"F", b"A"
 NO_SECURITY = "http://opcfoundation.org/UA/SecurityPolicy#None"
 NO_STAMP = datetime(1601, 1, 1, tzinfo=UTC)
-"""Null time in the notation of OPC UA. The time of a request or answer is only for logs and not known here."""
+"""Null time. The time of a request or answer is only for logs and not known here."""
 _HEADER = struct.Struct("<3scI")
 _NUMBERS = struct.Struct("<II")
 
@@ -223,8 +220,6 @@ class Received:
 
 
 def chunks() -> Sized:
-    """A framer for chunks."""
-
     def size_of(header: bytes) -> int | None:
         kind, _, size = _HEADER.unpack(header)
         is_known = kind in (*_PLAIN, OPEN, MESSAGE, CLOSE)
@@ -244,13 +239,13 @@ class Channel:
         self._parts: list[bytes] = []
 
     def agree(self, size: int) -> None:
-        """Limit the chunk size to the limit of the peer. Raises Unreadable."""
+        """Limit the chunk size to the limit of the peer."""
         if size < _SMALLEST_CHUNK:
             raise Unreadable(f"chunks of at most {size} bytes; at least {_SMALLEST_CHUNK} are required")
         self._longest = min(CHUNK, size)
 
     def packed(self, kind: bytes, message: Any, request: int = 0) -> bytes:
-        """Chunks of a message of the types of asyncua."""
+        """Chunks of a message."""
         body: bytes = struct_to_binary(message)
         if kind in _PLAIN:
             return _HEADER.pack(kind, _FINAL, _HEADER.size + len(body)) + body
@@ -266,7 +261,7 @@ class Channel:
         return b"".join(chunks)
 
     def read(self, chunk: bytes) -> Received | None:
-        """Message completed by a chunk; None if further chunks are needed. Raises Unreadable."""
+        """Message completed by a chunk; None if further chunks are needed."""
         kind, final, _ = _HEADER.unpack_from(chunk)
         if kind in _PLAIN:
             return Received(kind, 0, chunk[_HEADER.size :])

@@ -46,10 +46,7 @@ _SUSPENDED = "Suspended"
 
 
 def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
-    """All columns of the condition; nan if not available.
-
-    shown: values by browse name (temperatures by column).
-    """
+    """All columns of the condition; nan if not available. shown: values by browse name (temperatures by column)."""
     state, drives = shown.get(STATE), shown.get(DRIVES)
     program = float(_STATES.get(state, math.nan)) if isinstance(state, str) else math.nan
     if state == "Ready" and shown.get(READY) == _SUSPENDED:
@@ -69,7 +66,7 @@ def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
 
 
 def shown_of(condition: Mapping[str, float]) -> dict[str, Any]:
-    """Values by browse name for a condition, the inverse of `condition_of`."""
+    """Inverse of `condition_of`."""
     program, safety = condition[PROGRAM], condition[SAFETY]
     return {
         MODE: _MANUAL_REDUCED if safety == SafetyState.REDUCED else 3,
@@ -97,7 +94,7 @@ _HIERARCHICAL = ua.NodeId(33)
 _ALL_RESULTS = 63
 _MOST_PAGES = 100
 _MOST_NODES = 10_000
-"""Maximum number of child nodes: more than any robot has, and limited by the size of a message."""
+"""Child nodes: more than any robot has, and limited by the size of a message."""
 DEGREE, _RADIAN, CELSIUS, KILOGRAM = 17476, 4405297, 4408652, 4933453
 """Units by number in OPC 10000-8: the letters of the UNECE codes (DD, C81, CEL, KGM) as bytes."""
 _DEG_PER = {DEGREE: 1.0, _RADIAN: math.degrees(1)}
@@ -113,8 +110,7 @@ class Unfit(Exception):
 class RobotNodes:
     """Nodes of a robot.
 
-    axes: position nodes of q1 … q6. deg_per_unit: scale of each position. condition: available condition nodes, by the
-    names of `daq.apps.opc_ua.nodes`.
+    axes: position nodes of q1 … q6. deg_per_unit: scale of each position. condition: available condition nodes.
     """
 
     axes: tuple[Any, ...]
@@ -128,7 +124,7 @@ class RobotNodes:
 
 
 def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
-    """Find the robot. Raises Unfit."""
+    """Find the robot."""
     if feedback.axes and are_nodes(feedback.axes):
         positions = [ua.NodeId.from_string(axis) for axis in feedback.axes]
         deg_per_unit = yield from _deg_per_unit(feedback.axes, positions, feedback)
@@ -243,7 +239,6 @@ def _task(system: Children) -> Talk[dict[str, Any]]:
 
 
 def _children_of(node: Any | None) -> Talk[Children]:
-    """Children of a node; empty for None."""
     if node is None:
         return {}
     return (yield from children([node]))[0]
@@ -279,7 +274,6 @@ def values(variables: Sequence[Any]) -> Talk[list[Any]]:
 
 
 def read_request(variables: Sequence[Any]) -> Any:
-    """A request for present values with source timestamps."""
     request = ua.ReadRequest()
     request.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Source
     request.Parameters.NodesToRead = [ua.ReadValueId(node, ua.AttributeIds.Value) for node in variables]
@@ -319,9 +313,8 @@ def _node_ids_by_name(references: Sequence[Any] | None) -> dict[str, Any]:
 
 
 CHANNEL_MS = 3_600_000
-"""Requested lifetime of a channel before renewal."""
 _SHORTEST_SESSION_S = 10.0
-"""Session time-out. It is short because servers have few sessions, and an abandoned session should expire soon."""
+"""Short, because servers have few sessions, and an abandoned one should expire soon."""
 _NONCE = bytes(32)
 """Some servers require 32 bytes even if encryption is off."""
 _QUEUED_S = 1.0
@@ -330,22 +323,20 @@ _LIFETIME = 10
 
 
 class RequestRefused(Exception):
-    """The server refused a request. The text is the name of the status code."""
+    """The text is the name of the status code."""
 
 
 def hello(feedback: OPCUARobotics) -> Any:
-    """Hello message."""
     sizes = {"ReceiveBufferSize": CHUNK, "SendBufferSize": CHUNK, "MaxMessageSize": LIMIT}
     return ua.Hello(**sizes, MaxChunkCount=CHUNKS, EndpointUrl=endpoint(feedback))
 
 
 def endpoint(feedback: OPCUARobotics) -> str:
-    """Server address in OPC UA notation."""
     return f"opc.{feedback.port}{feedback.path}"
 
 
 def channel_request(*, renew: bool) -> Any:
-    """A request for an unsecured channel, or for the next token of the open channel."""
+    """Request for an unsecured channel, or for the next token of the open channel."""
     request = ua.OpenSecureChannelRequest()
     kind = ua.SecurityTokenRequestType
     request.Parameters.RequestType = kind.Renew if renew else kind.Issue
@@ -376,7 +367,7 @@ def session(feedback: OPCUARobotics) -> Talk[None]:
 
 
 def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
-    """Subscribe to all nodes, with the indices as handles. Raises RequestRefused if the server has no subscriptions."""
+    """Subscribe to all nodes, with the indices as handles. Raises RequestRefused without subscriptions."""
     interval_ms = 1e3 / feedback.rate_hz
     request = ua.CreateSubscriptionRequest()
     asked = request.Parameters
@@ -418,7 +409,6 @@ def _keep_alive(interval_ms: float, feedback: OPCUARobotics) -> int:
 
 
 def publish_request(acknowledged: Any | None = None) -> Any:
-    """A publish request. acknowledged: the previous response."""
     request = ua.PublishRequest()
     if acknowledged is not None:
         number = acknowledged.NotificationMessage.SequenceNumber

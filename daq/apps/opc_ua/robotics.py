@@ -48,7 +48,7 @@ from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import OPCUARobotics
 
 _PUBLISH = 3
-"""Number of simultaneous publish requests: one for each answer in transit."""
+"""Simultaneous publish requests: one for each answer in transit."""
 _RENEW = 0.75
 """Share of the token lifetime before renewal (OPC 10000-4, 5.6.2)."""
 _SHORTEST_MS = 1000
@@ -56,17 +56,15 @@ _SHORTEST_MS = 1000
 
 
 def host(feedback: OPCUARobotics) -> Host:
-    """Host side of the protocol, which reads the joint angles in degrees."""
     return _Host(_Client(feedback), feedback.timeout_s)
 
 
 def device(feedback: OPCUARobotics, read: Read) -> Device:
-    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return RobotServer(feedback, read)
 
 
 class _Host(Streamed):
-    """Host side: receives published data, or sends read requests on schedule."""
+    """Receives published data, or sends read requests on schedule."""
 
     def __init__(self, client: _Client, timeout_s: float) -> None:
         super().__init__(client, timeout_s)
@@ -87,7 +85,7 @@ class _Host(Streamed):
 
 
 class _Client:
-    """Client logic: requests and interpretation of the answers. due_ns: time of the next poll; None if not polling."""
+    """Requests and interpretation of the answers. due_ns: next poll; None if not polling."""
 
     def __init__(self, feedback: OPCUARobotics) -> None:
         self.frames = chunks()
@@ -110,7 +108,6 @@ class _Client:
         return Reaction(hang_up=True)
 
     def poll(self, now_ns: int) -> bytes:
-        """Read request for all values."""
         self.due_ns = None
         return self._request(self._values.request(), asked_ns=now_ns) if self._values else b""
 
@@ -201,7 +198,7 @@ class _Client:
 
 
 def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
-    """Open a session, find the robot and subscribe. Return whether the subscription succeeded."""
+    """Open a session, find the robot and subscribe. True if the subscription succeeded."""
     try:
         yield from session(feedback)
     except RequestRefused as error:
@@ -216,7 +213,7 @@ def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
 
 
 def _response(request: Any, body: bytes) -> Any:
-    """Response to a request, or a ServiceFault. Raises Unreadable."""
+    """Response to a request, or a ServiceFault."""
     kind = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")
     number = type_of(body)
     if number not in (kind().TypeId.Identifier, ua.ObjectIds.ServiceFault_Encoding_DefaultBinary):

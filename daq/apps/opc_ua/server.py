@@ -53,7 +53,6 @@ from rigs.schema.condition import TEMPERATURES, UNDISTURBED
 from rigs.schema.feedback import OPCUARobotics, are_nodes, condition_columns
 
 _OURS = 4
-"""Namespace index of the nodes of this server."""
 _UNIT_NAMES = {DEGREE: "°", CELSIUS: "°C", KILOGRAM: "kg"}
 
 
@@ -70,7 +69,7 @@ class Space:
     units: dict[Any, int] = field(default_factory=dict)
 
     def add(self, path: str, shows: str | None = None, unit: int | None = None, node: Any | None = None) -> Any:
-        """Add a node and missing parents by the path below Objects. Return the node."""
+        """Add a node and missing parents by the path below Objects."""
         above, _, name = path.rpartition("/")
         parent = self.add(above) if above else OBJECTS
         node = node or ua.NodeId(path, _OURS)
@@ -84,7 +83,6 @@ class Space:
         return node
 
     def browsed(self, node: Any) -> Any:
-        """Browse result of a node."""
         references = [
             ua.ReferenceDescription(NodeId=child, BrowseName=ua.QualifiedName(name, _OURS))
             for name, child in self.below.get(node, [])
@@ -104,10 +102,7 @@ class Space:
 
 
 def robot_space(feedback: OPCUARobotics) -> Space:
-    """Address space of a robot with the axes of a rig file.
-
-    If the rig file states the angle unit, the server omits it.
-    """
+    """Address space of a robot. If the rig file states the angle unit, the server omits it."""
     space, unit = Space(), None if feedback.units else DEGREE
     system, robot = "DeviceSet/System", f"DeviceSet/System/MotionDevices/{feedback.device or 'Robot'}"
     # Names of q1 … q6, or the position nodes listed in the rig file
@@ -152,8 +147,8 @@ _LONGEST_TOKEN_MS = 3_600_000
 class RobotServer:
     """OPC UA server of a robot.
 
-    read: returns the axis angles and the columns of `condition_columns` at a time. subscriptions: True if they are
-    supported; otherwise the client must poll. space: address space in place of the default robot of `feedback`.
+    read: axis angles and the columns of `condition_columns` at a time. subscriptions: False if the client must poll.
+    space: in place of the default robot of `feedback`.
     """
 
     EPOCH = datetime(2023, 11, 14, 22, 13, 20, tzinfo=UTC)
@@ -258,7 +253,6 @@ class RobotServer:
         return self._channel.packed(MESSAGE, response, number)
 
     def _served(self, request: Any, now_ns: int) -> Any:
-        """Response to a request."""
         response = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")()
         asked: Any = getattr(request, "Parameters", None)
         match request:
@@ -301,7 +295,6 @@ class RobotServer:
         return self.EPOCH + timedelta(microseconds=(now_ns - self._start_ns) / 1e3)
 
     def _values(self, now_ns: int) -> dict[str, Any]:
-        """Values of the robot by variable name."""
         values = self._read(now_ns)
         condition = UNDISTURBED | dict(zip(condition_columns(self._feedback), values[6:], strict=True))
         in_rad = self._feedback.units == "rad"

@@ -27,8 +27,7 @@ _AXES = 6
 class AxisValue:
     """Value of an axis 0 … 5.
 
-    angle_deg: nan if the server marks it bad. clock_s: time since 1970; nan if there is no stamp. status: 0 for good,
-    otherwise the code of the server.
+    angle_deg: nan if the server marks it bad. clock_s: nan without a stamp. status: 0 for good.
     """
 
     axis: int
@@ -56,7 +55,7 @@ class Together:
         self._open: dict[int, AxisValue] = {}
 
     def take(self, values: Iterable[AxisValue]) -> Iterator[ArmPosition]:
-        """Positions completed by these values, immediately or by a later value."""
+        """Positions completed by these values."""
         ordered = sorted(values, key=lambda value: value.clock_s)
         if any(math.isnan(value.clock_s) for value in ordered):
             # it is unknown which values belong together
@@ -70,7 +69,6 @@ class Together:
                 yield from self.end()
 
     def end(self) -> Iterator[ArmPosition]:
-        """Unfinished position at the end of the data."""
         if not self._open:
             return
         stamps_s = [value.clock_s for value in self._open.values()]
@@ -84,7 +82,6 @@ class Together:
 
 
 _TOGETHER = 0.5
-"""Spread of the stamps of a sample as a share of the interval."""
 _APART_S = 1e-3
 """Spread of stamps above which a fault is reported: at 50 deg/s the axes are then off by 0.05 deg."""
 _UNCERTAIN, _SEVERITY, _CODE = 1, 30, 0xFFFF0000
@@ -94,7 +91,7 @@ _OVERFLOW = 0x480
 
 
 class RobotValues:
-    """Converts values into samples. Values are identified by the index in `RobotNodes.all`."""
+    """Converts values, identified by the index in `RobotNodes.all`, into samples."""
 
     def __init__(self, feedback: OPCUARobotics, nodes: RobotNodes) -> None:
         self._nodes = nodes
@@ -106,7 +103,6 @@ class RobotValues:
         self._apart_reported = False
 
     def request(self) -> Any:
-        """A request for all values."""
         return read_request(self._nodes.all)
 
     def stand_still(self, note: Any) -> bool:
@@ -114,7 +110,6 @@ class RobotValues:
         return bool(self._notes) and self._positions < 2 and not note.NotificationData
 
     def published(self, note: Any, message: Message) -> Iterator[Item]:
-        """Items of a subscription message."""
         at_ns = message.last_byte_ns
         if not note.NotificationData:
             yield from self._samples(self._together.end(), NO_TIME, message)
@@ -132,10 +127,7 @@ class RobotValues:
         yield from self._samples(self._together.take(values), NO_TIME, message)
 
     def polled(self, results: Sequence[Any], asked_ns: int, message: Message) -> Iterator[Item]:
-        """Items of an answer to `request`.
-
-        They have no stamp, because the stamps of the server may be old.
-        """
+        """Items of an answer to `request`, without stamps, because those of the server may be old."""
         values = list[AxisValue]()
         for place, value in enumerate(results):
             yield from self._take(place, value, values, message.last_byte_ns)

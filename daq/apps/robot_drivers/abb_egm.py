@@ -35,7 +35,7 @@ Field = tuple[int, int, int | bytes]
 
 
 def fields(data: bytes) -> list[Field] | None:
-    """Fields of a message in order, or None for an invalid message."""
+    """Fields of a message in order; None for an invalid message."""
     message: list[Field] = []
     at = 0
     while at < len(data):
@@ -58,7 +58,7 @@ def fields(data: bytes) -> list[Field] | None:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """Value and the end position. If the varint is truncated or overlong, the end is beyond the data."""
+    """Value and end position, which is beyond the data if the varint is truncated or overlong."""
     value = 0
     for index, byte in enumerate(data[at : at + _LONGEST_VARINT]):
         value |= (byte & 0x7F) << 7 * index
@@ -68,13 +68,13 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def number_in(message: Sequence[Field], number: int) -> int:
-    """Last value of an integer field, 0 if the field is missing."""
+    """Last value of an integer field, 0 if missing."""
     values = [value for key, wire_type, value in message if key == number and wire_type == VARINT]
     return int(values[-1]) if values else 0
 
 
 def message_in(message: Sequence[Field], number: int) -> list[Field] | None:
-    """A nested message, empty if missing, or None if invalid."""
+    """A nested message, empty if missing; None if invalid."""
     parts = [value for key, wire_type, value in message if key == number and wire_type == BYTES]
     return fields(b"".join(part for part in parts if isinstance(part, bytes)))
 
@@ -87,30 +87,27 @@ def doubles_in(message: Sequence[Field], number: int) -> tuple[float, ...]:
 
 
 def varint(value: int) -> bytes:
-    """Encode an integer."""
     low, high = value & 0x7F, value >> 7
     return bytes([low | 0x80]) + varint(high) if high else bytes([low])
 
 
 def integer(number: int, value: int) -> bytes:
-    """Encode an integer field."""
     return varint(number << 3 | VARINT) + varint(value)
 
 
 def nested(number: int, content: bytes) -> bytes:
-    """Encode a nested message or bytes as a field."""
     return varint(number << 3 | BYTES) + varint(len(content)) + content
 
 
 def doubles(number: int, values: Sequence[float]) -> bytes:
-    """Encode a repeated double in proto2 style, with each value as a separate field."""
+    """A repeated double in proto2 style, with each value as a separate field."""
     key = varint(number << 3 | FIXED64)
     return b"".join(key + struct.pack("<d", value) for value in values)
 
 
 RATE_HZ = 250.0
 _DATA = 2
-"""Message type sent by a controller. The other types are sent to controllers."""
+"""Message type sent by a controller."""
 _CARTESIAN, _MOTORS, _RAPID = 2, 4, 8
 _STATE_OF_MOTORS = {1: 1.0, 2: 0.0}
 """Value of the column `motors_on` by motor state: MOTORS_ON, MOTORS_OFF."""
@@ -147,7 +144,7 @@ def _decode(data: bytes) -> Position | UnusableDatagram:
 
 
 def _pose_in(cartesian: Sequence[Field]) -> tuple[float, ...]:
-    """Columns of the pose: position in mm and quaternion; nan if a number is missing."""
+    """Position in mm and quaternion; nan if a number is missing."""
     parts = [message_in(cartesian, number) or [] for number in (1, 2)]
     numbers = [values[-1] for part, count in zip(parts, (3, 4), strict=True) for values in _doubles_of(part, count)]
     if len(numbers) != 7 or not any(numbers[3:]):
@@ -166,15 +163,12 @@ def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, floa
 
 
 def _cartesian(pose: Sequence[float]) -> bytes:
-    """Encode the columns of a pose."""
     groups = (pose[:3], quaternion_of(pose[3:]))
     place, turn = (b"".join(doubles(key, [value]) for key, value in enumerate(group, 1)) for group in groups)
     return nested(1, place) + nested(2, turn)
 
 
 class _EGMController(SteadyDevice):
-    """Streaming controller."""
-
     EPOCH_S = 1_700_000_000
     """Initial time of the controller's clock."""
 

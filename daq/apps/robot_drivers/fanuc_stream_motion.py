@@ -53,11 +53,9 @@ _STATUS = {
     202: struct.Struct(">IIIBBBBI27ff256s"),
     204: struct.Struct(">IIIBBBBI27f7fI256s"),
 }
-"""Status layouts by type."""
 _STAMP = {0: 8, 202: 7, 204: 7}
 """Index of the time stamp in each layout. The 27 numbers follow it."""
 _BYTES_OF_STATE = 3
-"""Index of the first status byte."""
 _SYSRDY, _ERROR, _E_STOP = 4, 1, 4
 _CONTACT = {2: SafetyState.PROTECTIVE_STOP, 4: SafetyState.RECOVERY}
 STOP = _REQUEST.pack(2, 1)
@@ -65,7 +63,6 @@ ASK_VERSION = _CAPABILITY.pack(_ASK_CAPABILITY, _ASKED_AS, 1, 0, 0, 0, 0)
 
 
 def start_packet(version: int) -> bytes:
-    """Packet that starts the status stream for a version."""
     return _REQUEST.pack(0 if version < 3 else 200, version)
 
 
@@ -100,7 +97,6 @@ def _decode(currents: bool, data: bytes) -> Position | UnusableDatagram:
 
 
 def _nine(values: Sequence[float]) -> list[float]:
-    """Numbers of the nine axes in a status."""
     return [*values, *[0.0] * (9 - len(values))]
 
 
@@ -144,7 +140,7 @@ class _StreamMotionClient:
 
 
 class _StreamMotionController(SteadyDevice):
-    """The controller: sends the status every cycle, from the request until the stop packet."""
+    """Sends the status every cycle, from the request until the stop packet."""
 
     STAMP_START_MS = 86_400_000
     SAMPLING_MS = 8

@@ -32,7 +32,7 @@ _JOINTS = re.compile(rb"<AIPos\b([^<>]*)>")
 _JOINT = re.compile(rb"\bA([1-6])\s*=\s*\"\s*([^\"<>&\s]{1,40})\s*\"")
 _DELAY = re.compile(rb"<Delay\s+D\s*=\s*\"(\d{1,9})\"")
 _IPOC_WRAP = 2**63
-"""Wrap of the counter. It increases while the controller is on, and never approaches 18 digits."""
+"""The counter increases while the controller is on, and never approaches 18 digits."""
 
 
 def host(feedback: KUKARSI) -> Host:
@@ -109,7 +109,7 @@ class _RSIDialect(Positions):
 
 
 class _RSIController(SteadyDevice):
-    """Controller with a running program: sends a datagram per cycle, and counts missing answers."""
+    """Sends a datagram per cycle, and counts missing answers."""
 
     IPOC_START = 4_208_000
 

@@ -28,7 +28,6 @@ RATE_HZ = 100.0
 _BEHIND_S = 1.0
 """Smallest backward step of the clock after a restart of the program. Network delays are shorter."""
 _LEFT_OUT = {"_": 0.0} | dict.fromkeys((SIGNAL, *CONDITION), math.nan)
-"""Values of skipped or empty fields."""
 _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
@@ -44,8 +43,6 @@ def device(feedback: LineFeed, read: Read) -> Device:
 
 
 class _LineFeedDialect:
-    """Lines with the configured fields."""
-
     def __init__(self, feedback: LineFeed) -> None:
         calls = f", and that the program connects to {feedback.port}" if feedback.listens else ""
         asked = ASKED_INSTEAD if tcp_address(feedback.port) and not feedback.listens else ""

@@ -41,8 +41,6 @@ def device(feedback: LinuxCNC, read: Read) -> Device:
 
 
 class _Samples:
-    """Lines of halsampler."""
-
     check = "check that LinuxCNC runs and loads rig.hal"
 
     def __init__(self, feedback: LinuxCNC) -> None:

@@ -21,8 +21,6 @@ _DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
 
 
 def host(feedback: ModbusJoints) -> Host:
-    """Host side of the protocol, which reads the joint angles in degrees."""
-
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         at_ns = message.last_byte_ns
         code = verdict(registers, feedback.status, feedback, at_ns)
@@ -40,8 +38,6 @@ def host(feedback: ModbusJoints) -> Host:
 
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
-    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
-
     def read_registers(now_ns: int) -> list[int] | None:
         """All registers, or None if an angle does not fit."""
         registers = [0] * feedback.count

@@ -34,7 +34,7 @@ _BEHIND_S = 1.0
 
 
 class _Part(BaseModel):
-    """Part of a message. Text in place of numbers and true in place of 1 are refused."""
+    """Text in place of numbers and true in place of 1 are refused."""
 
     model_config = ConfigDict(strict=True)
 
@@ -86,8 +86,6 @@ def device(feedback: ROS2JointStates, read: Read) -> Device:
 
 
 class _JointStates:
-    """Messages of the topic."""
-
     def __init__(self, feedback: ROS2JointStates) -> None:
         self.frames = Datagrams(LIMIT)
         self.check = f"check that the robot's driver publishes on {feedback.topic}"

@@ -57,10 +57,9 @@ from rigs.schema.feedback import URRTDE, RTDESignal, condition_columns
 
 Numbers = Sequence[float]
 VERSION = struct.pack(">H", 2)
-"""Payload of the version request."""
 _HEADER = struct.Struct(">HB")
 _LONGEST = 520
-"""Largest packet in bytes. Packets of our recipes are shorter, and texts have at most 516 bytes."""
+"""Packets of our recipes are shorter, and texts have at most 516 bytes."""
 _FORMATS = {"DOUBLE": (1, "d"), "VECTOR6D": (6, "6d"), "UINT64": (1, "Q"), "UINT32": (1, "I"), "INT32": (1, "i")}
 _SAFETY_FIELD = "safety_status"
 CONDITION_TYPES = {
@@ -71,11 +70,10 @@ CONDITION_TYPES = {
     "payload": "DOUBLE",
     "joint_temperatures": "VECTOR6D",
 }
-"""Fields of the condition. All are optional, because they depend on the controller software."""
+"""Optional, because they depend on the controller software."""
 CURRENT_TYPES = {"actual_current": "VECTOR6D"}
-"""Field of the motor currents, in A."""
 POSE_TYPES = {"actual_TCP_pose": "VECTOR6D", "tcp_offset": "VECTOR6D"}
-"""Fields of the pose: tool in the base and in the flange, each x, y, z in m and a rotation vector in rad."""
+"""Tool in the base and in the flange, each x, y, z in m and a rotation vector in rad."""
 OLDER = {_SAFETY_FIELD: "safety_mode"}
 """Earlier name of a field with the same type and codes."""
 _PROGRAM = {
@@ -106,7 +104,6 @@ _SHOWN_SAFETY = {state: code for code, state in reversed(_SAFETY.items())}
 
 
 def packet(kind: bytes, payload: bytes = b"") -> bytes:
-    """A packet with a header."""
     return _HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload
 
 
@@ -122,13 +119,11 @@ def _length(head: bytes) -> int | None:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Typed fields in order."""
-
     types: Mapping[str, str]
 
     @cached_property
     def layout(self) -> struct.Struct:
-        """Layout of a data packet: recipe number, then the fields."""
+        """Recipe number, then the fields."""
         return struct.Struct(">B" + "".join(_FORMATS[kind][1] for kind in self.types.values()))
 
     def without(self, lacking: Collection[str]) -> Recipe:
@@ -137,12 +132,11 @@ class Recipe:
         return Recipe({name: kind for name, kind in named if name})
 
     def read(self, payload: bytes) -> dict[str, Numbers]:
-        """Decode a data packet, which has the recipe's size, to numbers by field."""
+        """Numbers by field of a data packet, which has the recipe's size."""
         numbers = islice(self.layout.unpack(payload), 1, None)
         return {name: tuple(islice(numbers, _FORMATS[kind][0])) for name, kind in self.types.items()}
 
     def written(self, number: int, fields: Mapping[str, Numbers]) -> bytes:
-        """Encode numbers by field as a data packet."""
         return packet(b"U", self.layout.pack(number, *(value for name in self.types for value in fields[name])))
 
 
@@ -175,7 +169,6 @@ def pose_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
 
 
 def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
-    """Fields for a condition and currents."""
     fields: dict[str, Numbers] = {}
     if PROGRAM in shown:
         safety = _SHOWN_SAFETY[SafetyState(int(shown[SAFETY]))]
@@ -199,11 +192,10 @@ def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
 EMULATED_TOOL = (0.0, 0.02, 0.15, 0.0, 0.3, 0.0)
 """Tool set in the emulated controller: x, y, z in m and rotation vector in rad."""
 _MOST_UNKNOWN = 3
-"""Number of consecutive unknown packets that mean a stream out of step."""
+"""Consecutive unknown packets that mean a stream out of step."""
 _DISPENSABLE = {*CONDITION_TYPES, *OLDER.values(), *CURRENT_TYPES, *POSE_TYPES}
-"""Optional fields."""
 _MAX_CLOCK_S = 1e9
-"""Largest valid time stamp. No controller runs for 30 years without a restart."""
+"""No controller runs for 30 years without a restart."""
 
 
 def host(feedback: URRTDE) -> Host:
@@ -230,7 +222,6 @@ def _signal_field(place: RTDESignal) -> str:
 
 
 def _signal(place: RTDESignal, raw: int) -> float:
-    """Signal contained in a field value."""
     if place.int_register is not None:
         return float(raw)
     return float(sum((raw >> output & 1) << bit for bit, output in enumerate(place.outputs)))
@@ -349,7 +340,7 @@ class _RTDEClient:
 
 
 def _counted(data: bytes) -> tuple[bytes, bytes]:
-    """Split a text with a length prefix from the remaining data."""
+    """Text with a length prefix, and the remaining data."""
     end = 1 + data[0] if data else 0
     return data[1:end], data[end:]
 
@@ -364,7 +355,7 @@ def _refused(detail: str, message: Message) -> Reaction:
 
 
 class _RTDEController(SteadyDevice):
-    """The robot: sends the requested fields at the requested rate, a packet per period even after late ticks."""
+    """Sends the requested fields at the requested rate, a packet per period even after late ticks."""
 
     CLOCK_START_S = 1000.0
     """Initial time of the clock. Controllers count from power-on."""
