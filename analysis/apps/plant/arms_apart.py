@@ -90,12 +90,8 @@ def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
     places = [arm.forward(q_deg).T[:, :3, 3] for arm in nominal]
     if rms(np.linalg.norm(places[1] - places[0], axis=1)) > _OTHER_MODEL_MM:
         problem = f"the arm has a different build than that of {rig.name}: {second.robot.name}, not {rig.robot.name}"
-        raise FileError(
-            second.name,
-            problem,
-            "compare arms of the same model, or add RUN… to compare both with runs",
-            code="compare.other_model",
-        )
+        remedy = "compare arms of the same model, or add RUN… to compare both with runs"
+        raise FileError(second.name, problem, remedy, code="compare.other_model")
     stands = [arm.forward(q_deg) for arm in arms]
     difference, u_mm = pose_error(stands[0].T, stands[1].T), np.hypot(stands[0].u_mm, stands[1].u_mm)
     doubts = [
@@ -130,9 +126,8 @@ def _postures(*arms: CalibratedArm) -> Array:
     if (low > high).any():
         axis = int(np.flatnonzero(low > high)[0]) + 1
         problem = f"the two arms share no angle of axis {axis}, according to the limits and the calibration runs"
-        raise FileError(
-            arms[1].rig.name, problem, "calibrate both over the same angles", code="compare.no_common_range"
-        )
+        remedy = "calibrate both over the same angles"
+        raise FileError(arms[1].rig.name, problem, remedy, code="compare.no_common_range")
     return np.asarray(np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low))))
 
 

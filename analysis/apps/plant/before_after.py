@@ -96,9 +96,8 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     refuse_copies((path, record.readings) for path, record in records)
     robots = sorted({record.rig for record in (*now, *then)})
     if len(robots) > 1:
-        raise FileError(
-            " and ".join(robots), "are different robots", "compare runs of the same robot", code="compare.other_robot"
-        )
+        where, remedy = " and ".join(robots), "compare runs of the same robot"
+        raise FileError(where, "are different robots", remedy, code="compare.other_robot")
     groups: list[tuple[Key, list[RunRecord], list[RunRecord]]] = [
         (key, [record for record in then if _key(record) == key], [record for record in now if _key(record) == key])
         for key in dict.fromkeys(map(_key, now))

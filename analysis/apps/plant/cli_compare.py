@@ -74,12 +74,8 @@ def compare(
     runs = runs_below(with_tables(runs, rig_file))
     if against:
         if rig_file or plot or unseen:
-            raise UseError(
-                "--against",
-                "compares recorded runs without a simulation",
-                "omit --rig, --unseen and --plot",
-                code="compare.option",
-            )
+            problem, remedy = "compares recorded runs without a simulation", "omit --rig, --unseen and --plot"
+            raise UseError("--against", problem, remedy, code="compare.option")
         _before_and_after(runs, runs_below(against), as_json)
         return
     import analysis
@@ -168,12 +164,8 @@ def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
     if not (is_of_library or is_urdf) and "name" in read_yaml(arm.read_text(encoding="utf-8"), str(arm))[1]:
         return load(arm)[0]
     if not all(facts_of(run.table.test).of_places for run in runs):
-        raise FileError(
-            str(arm),
-            "has no tool, but runs with gauges need a tool",
-            "give the rig file of this arm",
-            code="compare.no_tool",
-        )
+        problem, remedy = "has no tool, but runs with gauges need a tool", "give the rig file of this arm"
+        raise FileError(str(arm), problem, remedy, code="compare.no_tool")
     if is_of_library:
         robot = load(arm)[0].robot
     else:

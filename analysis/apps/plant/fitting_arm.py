@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from analysis.apps.report.blocks import Block, Sentence, Table
 from analysis.apps.report.diagnosis_words import micrometres
@@ -15,7 +14,7 @@ from analysis.diagnosis.evidence.observation import by_socket, rms
 from analysis.diagnosis.evidence.placements import observe_runs, split_by_frame, split_by_target
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.runs.loading import Measured
-from analysis.runs.tabular import Tabular, for_json, table_of_rows
+from analysis.runs.tabular import for_json
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -33,7 +32,7 @@ class ArmFit:
 
 
 @dataclass(frozen=True)
-class FittingArm(Tabular):
+class FittingArm:
     """Two arms compared with the same runs."""
 
     fits: tuple[ArmFit, ArmFit]
@@ -52,19 +51,9 @@ class FittingArm(Tabular):
         best, worse = sorted(fit.rms_um for fit in self.fits)
         return worse / best if best > 0 else np.inf
 
-    def to_table(self) -> pa.Table:
-        return table_of_rows(("file", "rms_um", "largest_um"), [asdict(fit) for fit in self.fits])
-
     def to_dict(self) -> dict[str, Any]:
-        plain: dict[str, Any] = for_json(
-            {
-                "fits": [asdict(fit) for fit in self.fits],
-                "better": self.better.file if self.better else None,
-                "times": self.times,
-                "runs": self.runs,
-                "doubts": self.doubts,
-            }
-        )
+        better = self.better.file if self.better else None
+        plain: dict[str, Any] = for_json(asdict(self) | {"better": better, "times": self.times})
         return plain
 
 

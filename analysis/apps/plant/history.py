@@ -108,26 +108,17 @@ def history_of(
     names = {name for run in runs for name in run.figures}
     if not runs:
         problem = "no run has figures" if since is None else f"runs since {since} have no results"
-        raise FileError(
-            collected.robot,
-            problem,
-            "list the runs with rig runs, or give an earlier --since",
-            code="history.no_figures",
-        )
+        remedy = "list the runs with rig runs, or give an earlier --since"
+        raise FileError(collected.robot, problem, remedy, code="history.no_figures")
     if figure is not None and figure not in names:
-        raise UseError(
-            "--figure",
-            f"the runs have no quantity {figure!r}",
-            f"choose from {', '.join(sorted(names))}",
-            code="history.unknown_figure",
-        )
+        problem, remedy = f"the runs have no quantity {figure!r}", f"choose from {', '.join(sorted(names))}"
+        raise UseError("--figure", problem, remedy, code="history.unknown_figure")
     tolerances = collected.limits if limits is None else limits
     picked = []
     for title, group in _programs(runs):
-        measured = {name for run in group for name in run.figures}
-        others = sorted(name for name in measured.difference(WATCHED) if tolerances.of(group[0].test, name) is not None)
-        watched = [*(name for name in WATCHED if name in measured), *others]
-        for name in watched if figure is None else [figure]:
+        test = group[0].test
+        limited = sorted(name for name in names.difference(WATCHED) if tolerances.of(test, name) is not None)
+        for name in [*WATCHED, *limited] if figure is None else [figure]:
             with_figure = tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value))
             if with_figure:
                 picked.append((title, name, with_figure))

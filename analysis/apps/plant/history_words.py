@@ -31,19 +31,25 @@ def sentences(history: History) -> list[str]:
     changed = []
     for group in groups:
         (series, change), *others = sorted(group, key=lambda member: member[1].chance)
-        size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
-        verb = "rose" if change.after > change.before else "fell"
-        also = [f"{its_series.title}" for its_series, _ in others]
+        also = [its_series.title for its_series, _ in others]
         seen = f"; {enumerated(also)} also show{'s' * (len(also) == 1)} the change" if also else ""
-        when = f"{dates(series, change)}{', and may continue' if change.is_last else ''}"
+        size, words = change_words(series, change)
         changed.append(
-            f"{series.label[0].upper()}{series.label[1:]} {verb} from {size.rounded(change.before)} to "
-            f"{size.rounded(change.after)} {series.unit} {when} ({series.title}: by {size}; "
-            f"runs {series.runs[change.first].name} and {series.runs[change.last].name}{seen})."
+            f"{words[0].upper()}{words[1:]} ({series.title}: by {size}; runs {series.runs[change.first].name} and "
+            f"{series.runs[change.last].name}{seen})."
         )
     if moved or changed or all(is_short(series) for series in history.series):
         return [*moved, *limited, *changed]
     return [*limited, "All changes are within the scatter between runs."]
+
+
+def change_words(series: Series, change: Change) -> tuple[Quantity, str]:
+    """Size of a change, and its text with both levels and the dates."""
+    size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
+    verb = "rose" if change.after > change.before else "fell"
+    levels = f"from {size.rounded(change.before)} to {size.rounded(change.after)} {series.unit}"
+    when = f"{dates(series, change)}{', and may continue' if change.is_last else ''}"
+    return size, f"{series.label} {verb} {levels} {when}"
 
 
 def movement_line(marked: MarkedCheck) -> str:

@@ -11,8 +11,7 @@ from typing import Any, Literal
 from analysis.apps.plant.changes import Change
 from analysis.apps.plant.collect import Collected
 from analysis.apps.plant.history import Series, history_of, judge
-from analysis.apps.plant.history_words import against_limit, dates
-from analysis.procedures.shared.quantity import Quantity
+from analysis.apps.plant.history_words import against_limit, change_words
 from rigs.schema.limits import Standing
 
 Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
@@ -155,11 +154,6 @@ def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
         return series.runs[change.last].when, -change.chance
 
     series, change = max(grown or last, key=newest)
-    size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
-    verb = "rose" if change.after > change.before else "fell"
     further = f", and {len(last) - 1} more" if len(last) > 1 else ""
-    words = (
-        f"{series.title}: {series.label} {verb} from {size.rounded(change.before)} to {size.rounded(change.after)} "
-        f"{series.unit} {dates(series, change)}{', and may continue' if change.is_last else ''}{further}"
-    )
+    words = f"{series.title}: {change_words(series, change)[1]}{further}"
     return series.runs[change.last].when.date().isoformat(), words, bool(grown)

@@ -129,12 +129,8 @@ def prepare(path: Path) -> str:
 
     Raises CellError if it cannot be written, and FileError for a file that is not of rig.
     """
-    foreign = FileError(
-        str(path),
-        "is not a file of rig with figures",
-        "choose a different --catalogue, or remove the file",
-        code="figures.foreign",
-    )
+    problem, remedy = "is not a file of rig with figures", "choose a different --catalogue, or remove the file"
+    foreign = FileError(str(path), problem, remedy, code="figures.foreign")
     header = b""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

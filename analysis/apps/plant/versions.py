@@ -113,14 +113,11 @@ def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
     """
     rig, text = load(rig_file)
     former, former_text = load(version)
+    remedy = "name a version that rig versions lists"
     if rig_file.resolve() == version.resolve():
-        raise FileError(
-            str(version), "is the rig file itself", "name a version that rig versions lists", code="versions.itself"
-        )
+        raise FileError(str(version), "is the rig file itself", remedy, code="versions.itself")
     if former.calibration is None or former.calibrated is None:
-        raise FileError(
-            str(version), "has no calibration", "name a version that rig versions lists", code="versions.no_calibration"
-        )
+        raise FileError(str(version), "has no calibration", remedy, code="versions.no_calibration")
     if _identity(former) != _identity(rig):
         problem = f"belongs to a different robot: {former.robot.name} {former.robot.serial}".rstrip()
         raise FileError(str(version), problem, "name a version of this robot", code="versions.other_robot")

@@ -24,26 +24,45 @@ from rigs.schema.probe import Timing
 Read = Callable[[int], Sequence[float]]
 
 
-class OwnClock:
-    """Device side with a clock `ppm` faster than the clock of the caller, starting at 0."""
+class _Wrapped:
+    """A device whose steps are changed before they take effect."""
 
-    def __init__(self, make: Callable[[Read], Device], read: Read, ppm: float) -> None:
-        """make: creates the device from a read function. read: called with the host time."""
-        self._fast = ppm * 1e-6
-        self._device = make(lambda own_ns: read(self._host(own_ns)))
+    def __init__(self, device: Device) -> None:
+        self._device = device
 
     @property
     def sent(self) -> int:
         return self._device.sent
 
     def connected(self, now_ns: int) -> ConversationStep:
-        return self._step(self._device.connected(self._own(now_ns)))
+        return self._after(self._device.connected(now_ns), now_ns)
 
     def received(self, data: bytes, now_ns: int) -> ConversationStep:
-        return self._step(self._device.received(data, self._own(now_ns)))
+        return self._after(self._device.received(data, now_ns), now_ns)
 
     def tick(self, now_ns: int) -> ConversationStep:
-        return self._step(self._device.tick(self._own(now_ns)))
+        return self._after(self._device.tick(now_ns), now_ns)
+
+    def _after(self, step: ConversationStep, now_ns: int) -> ConversationStep:
+        return step
+
+
+class OwnClock(_Wrapped):
+    """Device side with a clock `ppm` faster than the clock of the caller, starting at 0."""
+
+    def __init__(self, make: Callable[[Read], Device], read: Read, ppm: float) -> None:
+        """make: creates the device from a read function. read: called with the host time."""
+        self._fast = ppm * 1e-6
+        super().__init__(make(lambda own_ns: read(self._host(own_ns))))
+
+    def connected(self, now_ns: int) -> ConversationStep:
+        return super().connected(self._own(now_ns))
+
+    def received(self, data: bytes, now_ns: int) -> ConversationStep:
+        return super().received(data, self._own(now_ns))
+
+    def tick(self, now_ns: int) -> ConversationStep:
+        return super().tick(self._own(now_ns))
 
     def _own(self, host_ns: int) -> int:
         return host_ns + round(host_ns * self._fast)
@@ -51,7 +70,7 @@ class OwnClock:
     def _host(self, own_ns: int) -> int:
         return own_ns - round(own_ns * self._fast / (1 + self._fast))
 
-    def _step(self, step: ConversationStep) -> ConversationStep:
+    def _after(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         # A delay of 1 ns prevents rounding from waking the device early.
         return step if step.wake_ns is None else replace(step, wake_ns=self._host(step.wake_ns) + 1)
 
@@ -134,68 +153,48 @@ def timed_device(device: Device, timing: Timing, unsteady: Unsteady, chance: ran
     return _Late(device, round(timing.answer_delay_ms * 1e6)) if timing.answer_delay_ms else device
 
 
-class _Late:
+class _Late(_Wrapped):
     """Instrument that latches on request and answers after `delay_ns`."""
 
     def __init__(self, device: Device, delay_ns: int) -> None:
-        self._device = device
+        super().__init__(device)
         self._delay_ns = delay_ns
         self._answers: deque[tuple[int, ConversationStep]] = deque()
-
-    @property
-    def sent(self) -> int:
-        return self._device.sent
-
-    def connected(self, now_ns: int) -> ConversationStep:
-        return self._device.connected(now_ns)
 
     def received(self, data: bytes, now_ns: int) -> ConversationStep:
         answer = self._device.received(data, now_ns)
         if not answer.send:
-            return replace(answer, wake_ns=self._due_ns(answer.wake_ns))
+            return self._after(answer, now_ns)
         self._answers.append((now_ns + self._delay_ns, answer))
         return ConversationStep(wake_ns=self._answers[0][0])
 
     def tick(self, now_ns: int) -> ConversationStep:
-        if self._answers and self._answers[0][0] <= now_ns:
-            answer = self._answers.popleft()[1]
-            return replace(answer, wake_ns=self._due_ns(answer.wake_ns))
-        step = self._device.tick(now_ns)
-        return replace(step, wake_ns=self._due_ns(step.wake_ns))
+        is_due = bool(self._answers) and self._answers[0][0] <= now_ns
+        return self._after(self._answers.popleft()[1] if is_due else self._device.tick(now_ns), now_ns)
 
-    def _due_ns(self, wake_ns: int | None) -> int | None:
-        due = [at for at in (wake_ns, self._answers[0][0] if self._answers else None) if at is not None]
-        return min(due, default=None)
+    def _after(self, step: ConversationStep, now_ns: int) -> ConversationStep:
+        due = [at for at in (step.wake_ns, self._answers[0][0] if self._answers else None) if at is not None]
+        return replace(step, wake_ns=min(due, default=None))
 
 
-class _Paced:
+class _Paced(_Wrapped):
     """Streaming instrument with a limited rate."""
 
     def __init__(self, device: Device, pace_ns: float, uneven: float, chance: random.Random) -> None:
-        self._device = device
+        super().__init__(device)
         self._pace_ns = pace_ns
         self._uneven = uneven
         self._chance = chance
         self._next_ns = 0
-
-    @property
-    def sent(self) -> int:
-        return self._device.sent
-
-    def connected(self, now_ns: int) -> ConversationStep:
-        return self._delay_wake_up(self._device.connected(now_ns), now_ns)
-
-    def received(self, data: bytes, now_ns: int) -> ConversationStep:
-        return self._delay_wake_up(self._device.received(data, now_ns), now_ns)
 
     def tick(self, now_ns: int) -> ConversationStep:
         if now_ns < self._next_ns:
             return ConversationStep(wake_ns=self._next_ns)
         interval = self._pace_ns * (1 + self._chance.uniform(-self._uneven, self._uneven))
         self._next_ns = now_ns + round(interval)
-        return self._delay_wake_up(self._device.tick(now_ns), now_ns)
+        return super().tick(now_ns)
 
-    def _delay_wake_up(self, step: ConversationStep, now_ns: int) -> ConversationStep:
+    def _after(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         at_once = step.wake_ns is not None and step.wake_ns <= now_ns
         return replace(step, wake_ns=max(self._next_ns, now_ns)) if at_once else step
 
@@ -210,32 +209,22 @@ class Scheduled(Protocol):
         """Start the next transmission at this time, even in the past."""
 
 
-class Punctual:
+class Punctual(_Wrapped):
     """Instrument that acts at the requested wake-up time, or when the line becomes free if that is later."""
 
     def __init__(self, device: Device, line: Scheduled) -> None:
-        self._device = device
+        super().__init__(device)
         self._line = line
         self._wake_ns: int | None = None
-
-    @property
-    def sent(self) -> int:
-        return self._device.sent
-
-    def connected(self, now_ns: int) -> ConversationStep:
-        return self._noted(self._device.connected(now_ns))
-
-    def received(self, data: bytes, now_ns: int) -> ConversationStep:
-        return self._noted(self._device.received(data, now_ns))
 
     def tick(self, now_ns: int) -> ConversationStep:
         asked_ns = now_ns if self._wake_ns is None else self._wake_ns
         at_ns = min(now_ns, max(asked_ns, self._line.free_ns))
-        step = self._noted(self._device.tick(at_ns))
+        step = super().tick(at_ns)
         if step.send:
             self._line.set_out(at_ns)
         return step
 
-    def _noted(self, step: ConversationStep) -> ConversationStep:
+    def _after(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         self._wake_ns = step.wake_ns
         return step
