@@ -38,11 +38,11 @@ def versions(
     from analysis.apps.report.blocks import say_answer
 
     if back_to is not None:
-        done = roll_back(rig_file, back_to, dt.datetime.now(dt.UTC))
-        say(f"{rig_file} now contains {back_to}; the previous file is kept as {done.kept}")
-        if done.differing:
-            which = f"this also changed other keys of the rig file: {', '.join(done.differing)}"
-            say(f"{which}; compare with {done.kept.name}", err=True, mark="note: ")
+        kept, differing = roll_back(rig_file, back_to, dt.datetime.now(dt.UTC))
+        say(f"{rig_file} now contains {back_to}; the previous file is kept as {kept}")
+        if differing:
+            which = f"this also changed other keys of the rig file: {', '.join(differing)}"
+            say(f"{which}; compare with {kept.name}", err=True, mark="note: ")
         say("next: repeat the correction of targets and programs: rig correct", err=True)
         return
     versions_here = versions_in(rig_file, folder or rig_file.parent)

@@ -94,22 +94,11 @@ def _identity(rig: Rig) -> tuple[str, str]:
     return rig.robot.name, rig.robot.serial
 
 
-@dataclass(frozen=True)
-class RolledBack:
-    """Result of a restored version."""
-
-    kept: Path
-    """The previous rig file."""
-    calibration: Path
-    """The calibration file now in use."""
-    differing: tuple[str, ...]
-    """Keys of the rig file, other than effects and calibration, with changed contents."""
-
-
-def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
+def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> tuple[Path, list[str]]:
     """Replace a rig file by a version, atomically, and keep the previous file under a name with the time.
 
-    Refuses a version without a calibration, of a different robot, or the file itself.
+    Returns the kept file, and the keys other than effects and calibration with changed contents. Refuses a version
+    without a calibration, of a different robot, or the file itself.
     """
     rig, text = load(rig_file)
     former, former_text = load(version)
@@ -130,5 +119,4 @@ def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
     write_all_over(rig_file.parent, {named.file: holding(content)})
     write_all_over(rig_file.parent, {rig_file.name: holding(new.encode())})
     fields = [name for name in type(rig).model_fields if name not in ("effects", "calibration", "name")]
-    differing = tuple(name for name in fields if getattr(rig, name) != getattr(former, name))
-    return RolledBack(kept, rig_file.parent / named.file, differing)
+    return kept, [name for name in fields if getattr(rig, name) != getattr(former, name)]
