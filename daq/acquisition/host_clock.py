@@ -1,15 +1,12 @@
 """Monitoring of clocks: steps of the wall clock, suspends, stalls of rigd, and the drift of instrument clocks.
 
 All timestamps are taken from the monotonic clock, which none of these events affect. NTP slews both clocks together, so
-the difference between wall and monotonic time is constant until the wall clock is stepped. The difference between
-CLOCK_BOOTTIME and monotonic time grows by the duration of each suspend.
-
-A thread that only sleeps measures whether rigd runs. Readers report their individual stalls (`StreamBuffer.beat`); this
-thread shows whether all of them were affected.
+the difference between wall and monotonic time is constant until the wall clock is stepped; that between CLOCK_BOOTTIME
+and monotonic time grows by each suspend. A thread that only sleeps shows whether all readers were stalled
+(`StreamBuffer.beat`).
 
 The clock of an instrument is monitored for metrics only. A message can only be late, so the smallest difference (host −
-device) within ten seconds is close to the true offset. A line through these minima gives the drift. Runs contain raw
-timestamps, which the analysis fits independently.
+device) within ten seconds is close to the true offset. A line through these minima gives the drift.
 """
 
 from __future__ import annotations

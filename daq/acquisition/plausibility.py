@@ -1,15 +1,11 @@
 """Faults for well-formed but implausible readings, reported while the operator can still react.
 
-The daemon has no kinematics. It checks for four conditions:
-
-- A *stuck* gauge repeats a value while the robot moves, in a test with permanent contact. A real probe always varies,
-  except a coarse one. A fault therefore requires `STUCK_S`, `STUCK_READINGS` and `STUCK_DEG` of motion, and
-  `COARSE_DEG` if no step finer than `COARSE_MM` was seen.
-- A gauge goes *in and out of error* `TIMES_IN_ERROR` times within `IN_ERROR_S`, for example at the end of its range.
-- The readings of a gauge change permanently by a factor of 25.4, because the in/mm key was pressed. (For gauges that
-  send text, the decimals reveal this earlier: `daq.protocol.numerals`.)
-- A gauge *hung*: the value was constant for `HELD_S` while the robot moved by `HELD_DEG`, and then jumped by more than
-  the usual step.
+A *stuck* gauge repeats a value while the robot moves, in a test with permanent contact. A real probe always varies,
+except a coarse one: a fault requires `STUCK_S`, `STUCK_READINGS` and `STUCK_DEG` of motion, and `COARSE_DEG` if no step
+finer than `COARSE_MM` was seen. A gauge that *hung* was constant for `HELD_S` while the robot moved by `HELD_DEG`, and
+then jumped by more than the usual step. Other faults: a gauge goes in and out of error `TIMES_IN_ERROR` times within
+`IN_ERROR_S`, for example at the end of its range, or its readings change permanently by a factor of 25.4, because the
+in/mm key was pressed.
 
 The checks are pure: items in, faults out. Readings are not changed.
 """

@@ -1,25 +1,18 @@
 """Modbus register reads: RTU, ASCII and TCP. pymodbus encodes and decodes; the framing is implemented here.
 
-The framers of pymodbus, when given a stream, discard everything on a checksum error, search junk for possible frames,
-and raise exceptions. Here they only receive exact frames of known length: TCP gives the length, ASCII ends in CR LF,
-and `RtuReplies` splits RTU.
+The framers of pymodbus discard everything on a checksum error, search junk for possible frames, and raise exceptions.
+Here they only receive exact frames of known length: TCP gives the length, ASCII ends in CR LF, and `RtuReplies` splits
+RTU by the length in the first bytes and the checksum. A host also receives the echo of its request from some adapters,
+and requests of a second host.
 
-Modbus defines only registers of 16 bits, high byte first. The layout of longer numbers, up to 64 bits, depends on the
-instrument, and both orders occur. `word_order` is the order of the registers of a value, `byte_order` the order of the
-bytes in a register.
+Modbus defines only registers of 16 bits, high byte first. The layout of longer numbers depends on the instrument:
+`word_order` is the order of the registers of a value, `byte_order` the order of the bytes in a register.
 
 Late answers contain no number. After a time-out a request of a different length therefore follows, as a probe. An
-instrument answers in order. When a probe is answered, all earlier requests are answered or lost, and the next answer
-belongs to the next request, no matter how slow the instrument is. Until then an answer with the length of a reading
-counts as late. Consecutive probes have different lengths, which repeat after `LENGTHS` probes.
-
-Some instruments may answer only their usual request. Until a probe has been answered, only `TRIES` probes are made,
-plus one for each reading answered in time. A later request is `doubtful`, because the answer may belong to an earlier
-request.
-
-RTU frames end with silence, which a pure protocol cannot observe and adapters do not preserve. Both sides therefore
-recognise a frame by the length in the first bytes and by the checksum. A host also receives other frames: the echo of
-its request from some adapters, and requests of a second host.
+instrument answers in order: when a probe is answered, all earlier requests are answered or lost. Until then an answer
+with the length of a reading counts as late. Consecutive probes have different lengths, which repeat after `LENGTHS`
+probes. Some instruments may answer only their usual request, so until a probe has been answered only `TRIES` probes are
+made, plus one for each reading answered in time. A later request is `doubtful`.
 """
 
 from __future__ import annotations

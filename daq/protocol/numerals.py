@@ -1,17 +1,13 @@
 """Checks of numbers from gauges and robots: format, range, and text that is no number.
 
-In a reply that has no checksum, a lost or doubled character often produces a different valid number. Gauges print all
+In a reply without checksum, a lost or doubled character often produces a different valid number. Gauges print all
 numbers with the same number of decimals, and the length changes only where the value moves there (`+9.9985`,
 `+10.0012`). A reply in another format is therefore a fault unless it is near the last reading, or the next reply
-confirms it. Another number of decimals is always a fault: the user pressed in/mm or changed the resolution.
+confirms it. Another number of decimals is always a fault: the user pressed in/mm or changed the resolution. A digit
+that became another digit keeps the format; a line with parity shows it.
 
-A digit that became another digit keeps the format, and is not detected here; a line with parity shows it.
-
-Text that is not a number, or not a possible angle, gives None and never an exception.
-
-A number beyond the range in the rig file, or beyond any possible length, is not a reading. Incorrectly assembled
-numbers (byte or register order, type, address) are mostly beyond any length: GARBLED. A number outside the specified
-range is a problem of the gauge: DEVICE_ERROR.
+A number beyond any possible length is mostly assembled incorrectly (byte or register order, type, address): GARBLED. A
+number outside the range in the rig file is a problem of the gauge: DEVICE_ERROR.
 """
 
 from __future__ import annotations

@@ -1,30 +1,23 @@
-"""Exchange of requests and answers. A request is sent when it is due and the previous request is answered.
+"""Exchange of requests and answers. A request is sent when it is due and the previous one is answered.
 
 An answer must never be assigned to a later request. Serial answers contain no number, so in ambiguous situations the
-line is *drained*: received data is discarded until the line has been silent for `timeout_s`. This happens
-
-- at connect, because an answer to an earlier request may be in transit,
-- after a time-out (fault SILENT), because the answer may still arrive (fault LATE with the discarded count),
-- after invalid bytes, because the real answer may be among them,
-- after surplus data.
-
-Draining also fills the time in which `rate_hz` permits no request, and occasional pauses (`Stirring`). A slightly late
-request does not delay later requests; otherwise a busy computer could not reach the rate. On a shared line an
-instrument is polled in turn, and data in the meantime belongs to other instruments (`daq.protocol.bus`).
-
-An answer later than twice `timeout_s` can still be misassigned if the protocol offers neither number nor length
+line is *drained*: received data is discarded until the line has been silent for `timeout_s`. This happens at connect,
+after a time-out (fault SILENT, and LATE with the discarded count), after invalid bytes, and after surplus data. An
+answer later than twice `timeout_s` can still be misassigned if the protocol offers neither number nor length
 (`daq.protocol.modbus`): set `timeout_s` to at least half of the slowest answer time. After an error answer the line
 pauses for `PAUSE_NS`, because an instrument refuses immediately.
 
-Occasional pauses prevent a buffering adapter from synchronising with the requests. The latency timer of FTDI is 16 ms.
-If each request follows the previous answer immediately, all answers are delayed equally. Then no answer of a run is as
-fast as the instrument allows, and the latching time is unknown. After `STIR` requests the line therefore pauses for up
-to `STIR_NS`. The duration varies, and the intervals are at least `STIR_EVERY_NS`, because each pause leaves a gap in
-the readings.
+Draining also fills the time in which `rate_hz` permits no request. A slightly late request does not delay later ones;
+otherwise a busy computer could not reach the rate.
 
-Some instruments are polled by a modem line: DTR goes off briefly and the instrument sends a reading, as with cables
-that have no receive line. `Polled` handles such an exchange; the request is then a pulse of the line. DTR stays on
-between two requests for at least the duration of a pulse.
+Occasional pauses (`Stirring`) prevent a buffering adapter from synchronising with the requests: the latency timer of
+FTDI is 16 ms, and if each request follows the previous answer immediately, all answers are delayed equally. Then no
+answer of a run is as fast as the instrument allows, and the latching time is unknown. After `STIR` requests the line
+therefore pauses for a varying time up to `STIR_NS`, at intervals of at least `STIR_EVERY_NS`, because each pause leaves
+a gap in the readings.
+
+Some instruments are polled by a modem line: DTR goes off briefly and the instrument sends a reading. `Polled` handles
+such an exchange; the request is then a pulse of the line (`AskedByLine`).
 """
 
 from __future__ import annotations

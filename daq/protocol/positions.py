@@ -1,18 +1,12 @@
 """Controllers that send joint angles in datagrams, each with a number and a timestamp of the controller.
 
-The interfaces differ in the format of the datagrams and in the start procedure. Each received datagram is a message,
-and each step sends a datagram. `DatagramLines` is for texts: a datagram contains complete lines, the last with no line
-end. Both are framers like those of `daq.protocol.framing`, so conversations are independent of the transport.
-
 The numbers reveal lost, repeated and reordered datagrams. A repeated or overtaken sample is ignored and reported as
 LATE, because a decreasing clock would look like a restarted controller. Missing samples are a SKIPPED fault with the
 count. An overtaken sample is therefore first reported as missing and then as late.
 
-A device of constant rate (`SteadyDevice`) sends by an absolute schedule that does not drift (`SteadyRate`).
-
 A controller may send at a lower rate than requested: at 125 Hz instead of 500 Hz nothing is missing. Timestamps are
-therefore compared with the actual period of the controller. This is the requested period once it was observed,
-otherwise the smallest of the first steps.
+therefore compared with the actual period: the requested one once it was observed, otherwise the smallest of the first
+steps. A device of constant rate sends by an absolute schedule that does not drift.
 """
 
 from __future__ import annotations

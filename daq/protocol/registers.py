@@ -2,9 +2,8 @@
 
 The block is read in a single request: a value of several registers must not be split (Baumer OM20/OM30 manual p. 22,
 confirmed), and all values must be from the same instant. Over TCP the transaction id identifies an old answer. An RTU
-answer has no number. After a time-out the line is therefore drained (`daq.protocol.polled`), followed by a read of a
-different length with an unmistakable answer (`daq.protocol.modbus`). The unit number identifies a late answer on a line
-with several units (`daq.protocol.bus`).
+answer has none: after a time-out the line is drained (`daq.protocol.polled`), and a read of a different length follows
+(`daq.protocol.modbus`).
 """
 
 from __future__ import annotations

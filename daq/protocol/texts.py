@@ -1,12 +1,12 @@
 """Instruments with short text requests and answers: common parts of both sides.
 
-A driver adds a dialect: the request, the end of a message, and `read`, which converts a message into a reading in mm or
-a `Trouble` for a gauge. Gauges on a shared link share the message. A gauge in trouble reads nan next to a good gauge.
-If all gauges are in trouble, there is no sample. `TextDevice` is the instrument, for which a driver adds the answers.
+A driver adds the request, the end of a message, and `read`, which converts a message into a reading in mm or a
+`Trouble` for a gauge. A gauge in trouble reads nan next to a good gauge on the same link; if all are in trouble, there
+is no sample. `TextDevice` is the instrument, for which a driver adds the answers.
 
-Every number is checked against the format of the previous numbers (`daq.protocol.numerals`). This detects line damage,
-and a changed unit on instruments that do not send the unit. A transmitted unit is compared with the rig file (`in_mm`).
-A difference is reported as a fault and never converted, because either the gauge or the file is wrong.
+Every number is checked against the format of the previous ones (`daq.protocol.numerals`). A transmitted unit is
+compared with the rig file (`in_mm`). A difference is reported as a fault and never converted, because either the gauge
+or the file is wrong.
 """
 
 from __future__ import annotations

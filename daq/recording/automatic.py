@@ -1,16 +1,14 @@
 """Start and end of recordings, by operators and by the trigger of the rig file.
 
-The recorder passes the samples of the robot's stream to the trigger, whose commands are executed after each round. The
-trigger is pure: samples in, commands out. Operators have precedence, by the recorder's state machine.
+The trigger is pure: samples of the robot in, commands out. Operators have precedence, by the recorder's state machine.
 
-A signal starts a recording when it changes to the value of a rule. A signal that is active in the first sample is
-ignored, because its start is unknown. The value must remain for 0.1 s, because the outputs that form a number do not
-switch simultaneously. A motion rule starts a recording when the robot leaves a posture in which it stood. Both events
-end the previous run, so that each program has its own.
+A signal starts a recording when it changes to the value of a rule and stays for 0.1 s, because the outputs that form a
+number do not switch simultaneously. A signal that is active in the first sample is ignored, because its start is
+unknown. A motion rule starts a recording when the robot leaves a posture in which it stood. Both events end the
+previous run, so that each program has its own.
 
-A run ends when the robot stands still after the end of the signal. If the robot continues to move, the run ends soon
-after the signal. Surplus readings at both ends are harmless, because the evaluation finds the lap. Missing readings are
-not.
+A run ends when the robot stands still after the end of the signal, or soon after it if the robot continues to move.
+Surplus readings at both ends are harmless, because the evaluation finds the lap. Missing readings are not.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
 """Locations, owners and locks of daemon sockets. A client trusts only a daemon of the same user or of the system.
 
 A user who can write to a directory in the path could place a socket there and imitate rigd, so the owner and
-permissions of each directory are checked, starting at the root. A directory created by the system for a service, such
-as /run/rigd-cell, is trusted with its owner.
+permissions of each directory are checked. A directory created by the system for a service, such as /run/rigd-cell, is
+trusted with its owner.
 
-Each rig has one daemon, by a lock next to the socket, in a directory that only this user can write to. A socket can
-have any name, so the port of each gauge is also locked: otherwise two daemons could poll the same instruments and
-record the same lap twice.
+Each rig has one daemon, by a lock next to the socket. The port of each gauge is also locked: otherwise two daemons
+could poll the same instruments and record the same lap twice.
 """
 
 from __future__ import annotations

@@ -2,19 +2,15 @@
 
 An Arrow stream has no checksum, and zeros at a batch boundary are read as a valid end. Each batch therefore contains a
 number and a CRC-32 of the columns, and the reader counts bytes. All data after the last verified batch, except the
-exact end mark, is damage. Damaged chunks are expected, so damage raises no exception.
+exact end mark, is damage, which raises no exception.
 
 The schema of each file also contains the opening manifest of the run: any surviving chunk identifies the run, rig and
-clock.
+clock. Cells are never null: nan and `NO_TIME` represent missing values, so each column is a plain array. `sequence`
+numbers the rows of a stream across all chunks, so that lost rows are visible as a gap. The checksum covers names, types
+and all bits of the values, but not the Arrow encoding, because recording chunk and Parquet file must have equal
+checksums.
 
-Streams are sample streams (timestamps, followed by values in file units) and the `faults` stream; an imported run has a
-table instead. Cells are never null: nan and `NO_TIME` represent missing values, so each column is a plain array.
-`sequence` numbers the rows of a stream across all chunks, so that lost rows are visible as a gap.
-
-The checksum covers names, types and all bits of the values, but not the Arrow encoding, because recording chunk and
-Parquet file must have equal checksums.
-
-Columns are converted without pandas: pyarrow would import it if installed, which takes half the time of a small run.
+Columns are converted without pandas, whose import takes half the time of a small run.
 """
 
 from __future__ import annotations

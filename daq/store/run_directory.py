@@ -4,12 +4,9 @@ A recording ends while the disk has enough space to close it: the Parquet file o
 ledger, and a margin for other processes. Starting a run requires more space, so that a nearly full disk is not filled
 with runs of a second each.
 
-A daemon runs for months. The memory used for closing a chunk is therefore returned to the system, and all modules are
-loaded at the start.
-
-A directory created by a command is either complete or absent: it is filled under a hidden name and renamed at the end.
-A failed or interrupted command removes the hidden directory, also after signals. Remains after SIGKILL or a power cut
-are removed by the next command in the same place. A command locks the directory it fills.
+A directory created by a command is either complete or absent: it is filled under a hidden name, locked, and renamed at
+the end. A failed or interrupted command removes the hidden directory, also after signals. Remains after SIGKILL or a
+power cut are removed by the next command in the same place.
 """
 
 from __future__ import annotations

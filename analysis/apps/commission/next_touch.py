@@ -2,8 +2,7 @@
 
 In each posture, each cause of each size predicts a reading, so the reading is a mixture of normal distributions. Draws
 from it show how much of the uncertainty about the cause a touch removes, and how often it would name a cause. The sum
-of both ranks the postures: the first part prepares later touches, the second prefers a touch that settles the question.
-The draws are the same for all postures, so the choice is reproducible.
+of both ranks the postures. The draws are the same for all postures, so the choice is reproducible.
 """
 
 from __future__ import annotations

@@ -1,16 +1,11 @@
 """Lap in progress: sense of motion, completed share, number of laps, joint reversals and the growing error curve.
 
 A lap starts at the start angle after the lead-in, as in `analysis.runs.laps`. The sense is known 2° after the start of
-a motion or a reversal. This is more than the noise of any feedback.
+a motion or a reversal, more than the noise of any feedback. Few wrists have two spare turns, so a motion back over a
+complete lap is a return, not a lap in the opposite direction.
 
-Few wrists have two spare turns, so a robot returns after a lap before the next lap. A motion back over a complete lap
-on the circle is this return, not a lap in the opposite direction.
-
-Joint reversals follow the rule of `analysis.procedures.shared.joint_reversals`, applied row by row.
-
-Each direction has an error curve over 720 circle angles: the angle (or the distance, for a single gauge) minus a
-least-squares sine, as in `analysis.procedures.circle`. During a lap the sine is fitted to the existing data.
-Below half a lap it would absorb the error, so only the mean is removed.
+The error over 720 circle angles is the angle (or the distance, for a single gauge) minus a least-squares sine, as in
+`analysis.procedures.circle`. Below half a lap the sine would absorb the error, so only the mean is removed.
 """
 
 from __future__ import annotations

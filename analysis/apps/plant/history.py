@@ -1,9 +1,8 @@
 """History of a robot: each figure of each test over the runs, with dated changes and the standing against the limit.
 
 Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`). A series stands like its newest run.
-It crosses a bound at the first run proven beyond it after the last run proven within, and vice versa: a run whose
-uncertainty contains the bound moves no date. Outliers are excluded, as in the search for changes, except in the newest
-runs: sudden damage looks like an outlier until it has lasted for some runs.
+It crosses a bound at the first run proven beyond it after the last run proven within, and vice versa. Outliers are
+excluded, except in the newest runs: sudden damage looks like an outlier until it has lasted for some runs.
 """
 
 from __future__ import annotations

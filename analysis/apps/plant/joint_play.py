@@ -1,15 +1,13 @@
-"""Backlash of each joint in a circle run: the jump of the readings at joint reversals.
+"""Backlash of each joint in a circle run: the jump of the readings at joint reversals (Y. T. Oh, Applied Sciences 9 (2019), 3.2).
 
-Only backlash causes jumps at reversals; the other errors are smooth along the lap. Angle and distance of a lap are
-therefore fitted by low orders and, for each reversing joint, by the modelled change of the readings caused by backlash.
-A wide backlash is crossed over many degrees, so the shape depends on the size: shapes are computed for several widths,
+Angle and distance of a lap are fitted by low orders and, for each reversing joint, by the modelled change of the
+readings caused by backlash. A wide backlash is crossed over many degrees, so shapes are computed for several widths,
 and the sizes follow from nonlinear least squares in between. If gravity keeps the gears on the same flank, there is no
-jump and the figure is near zero. Source: Y. T. Oh, Applied Sciences 9 (2019), 3.2.
+jump and the figure is near zero.
 
 A gear wave near a reversal can resemble backlash, but a reversing joint passes the same wave twice, which gives a bend
 instead of a jump. Waves of all axes and usual orders are therefore fitted too, each with a size determined by the lap
-(automatic relevance, MacKay 1992). Waves not visible in the lap have no effect, and waves indistinguishable from
-backlash increase the uncertainty.
+(automatic relevance, MacKay 1992). Waves indistinguishable from backlash increase the uncertainty.
 """
 
 from __future__ import annotations

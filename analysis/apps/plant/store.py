@@ -1,8 +1,8 @@
 """Figures of runs in an SQLite file, so that a run is evaluated only once.
 
-`rig history` keeps the file next to the runs. `rig fleet`, and both for a remote directory, keep it in the user's
-cache: the directory of a plant may be read-only. It contains derived data only: a file that is damaged or of a
-different version is rebuilt from the runs. SQLite handles concurrent commands and crashes.
+`rig history` keeps the file next to the runs; `rig fleet`, and both for a remote directory, keep it in the user's
+cache, because the directory of a plant may be read-only. A file that is damaged or of a different version is rebuilt
+from the runs. SQLite handles concurrent commands and crashes.
 """
 
 from __future__ import annotations

@@ -1,18 +1,15 @@
 """Instrument side of a serial line on a pty.
 
-A pty transfers bytes immediately at any baud rate. A real line needs the duration of a character for each, which
-affects the timestamps. This delay is added here on an absolute schedule, and the latency timer of an FTDI adapter is
-emulated (0 for none). Characters sent at a wrong baud rate are converted as by a UART; a pty stores the baud rate of
-the opposite end, but not data bits and parity.
-
-An unplugged adapter loses the tty and returns with a new one, while the name in `/dev/serial/by-id` stays the same. A
-line can have such a name: a symbolic link that follows the tty.
+A pty transfers bytes immediately at any baud rate. The duration of a character, which affects the timestamps, is added
+here on an absolute schedule. Characters sent at a wrong baud rate are converted as by a UART; a pty stores the baud
+rate of the opposite end, but not data bits and parity.
 
 Bytes wait in an FTDI adapter until the latency timer expires or a USB packet is full. The chip sends every `latency_ms`
 (16 by default), counted from the last packet. If there is no data it sends a status packet, so the timer continues. A
 packet carries 62 bytes and two status bytes, and is sent immediately when full (FTDI application note AN232B-04).
 
-On a slow network each piece is delayed randomly. The order does not change.
+An unplugged adapter loses the tty and returns with a new one, while its name, a symbolic link as in `/dev/serial/by-
+id`, stays the same. On a slow network each piece is delayed randomly, in order.
 """
 
 from __future__ import annotations
