@@ -1,4 +1,4 @@
-"""Backlash of each joint in a circle run: the jump of the readings at joint reversals (Y. T. Oh, 2019).
+"""Backlash of each joint in a circle run: the jump at joint reversals (Y. T. Oh, Applied Sciences 9 (2019), 3.2).
 
 Angle and distance of a lap are fitted by low orders and, for each reversing joint, by the modelled change of the
 readings caused by backlash. A wide backlash is crossed over many degrees, so shapes are computed for several widths,
