@@ -70,7 +70,7 @@ GUIDED = Tolerance(5.0, 5.0, float(np.radians(120.0)))
 
 @dataclass(frozen=True)
 class FoundCircle:
-    """A circle found in a path, and the angle in rad over which the path follows it."""
+    """A circle, and the angle in rad over which the path follows it."""
 
     circle: CircleFrame
     turned_rad: float
@@ -237,14 +237,14 @@ _BLOCKS = 80
 _TRIMS = 3
 """Rounds of dropping outlying bins and refitting the circle. The second changes very little."""
 _ROUNDS = 4
-"""Gauss-Newton steps. They start from a circle accurate to 1 %, and each squares the relative error."""
+"""Gauss-Newton steps: the start is accurate to 1 %, and each step squares the relative error."""
 _APART_S = 1e7
 """Time between two runs that makes them uncorrelated. Noise common to both runs is ignored."""
 
 
 @dataclass(frozen=True)
 class Binned:
-    """Motions of the robot in bins, in order of time."""
+    """Motions in bins, in order of time."""
 
     t_s: Array
     """Median timestamps (n,)."""

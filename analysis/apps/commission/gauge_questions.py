@@ -197,7 +197,6 @@ def _readings(watch: PortWatch, numbers: dict[str, str]) -> str:
 
 
 def _completed(answering: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:
-    """Complete a gauge with the values of --key and with answers of the user."""
     keys = dict(options.keys[name])
     for key in answering.lacks:
         if key not in keys:

@@ -32,8 +32,6 @@ from rigs.rig import Rig
 
 @dataclass(frozen=True)
 class GuidedCheck:
-    """A check in progress: the reference, and the touches after a possible movement."""
-
     rig: Rig
     rig_text: str
     placement: str
@@ -111,7 +109,7 @@ class GuidedCheck:
 
 
 def mark_of(result: MovementResult, names: Sequence[str]) -> MovementCheck:
-    """Answer of a check against the named reference runs as a mark of the new run."""
+    """The answer as a mark of the new run."""
     likeliest = result.causes[0]
     named = result.named
     return MovementCheck(

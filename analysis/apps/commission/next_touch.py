@@ -62,7 +62,7 @@ class Candidates:
 
 
 def candidates_of(reference: Reference) -> Candidates:
-    """Postures of a reference that can be touched again; circles have none."""
+    """Postures that can be touched again; circles have none."""
     runs = tuple(run for run in reference.runs if facts_of(run.table.test).of_places)
     every = reference.conditioned.reference
     of_places = np.concatenate([
@@ -131,7 +131,6 @@ def _spread(
 
 
 def _levels(cause: Cause, compared: ReferenceComparison | None) -> tuple[Array, Array]:
-    """Multiples of the typical size of a cause, with probabilities."""
     levels = {NOTHING: np.ones(1), OTHER: OTHER_LEVELS}.get(cause, LEVELS)
     if compared is not None and len(cause.scale) and not cause.members:
         return levels, compared.posterior.estimates[cause].level

@@ -92,7 +92,6 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
 
 
 def _check_options(options: Options) -> None:
-    """Refuse an existing file, and options that contradict each other or the instrument."""
     path, by, given = options.path, options.measured_by, options.given
     if not path.parent.is_dir():
         remedy = "create the directory, or choose a different name"
@@ -225,8 +224,6 @@ def _write_controller_files(options: Options, dialogue: Dialogue, port: str) -> 
 
 
 def _ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Offer the arms of the maker whose interface the robot uses, or all."""
-
     def read(name: str) -> str:
         chosen_arm(name, options.measured_by)
         return name

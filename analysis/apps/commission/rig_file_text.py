@@ -174,7 +174,6 @@ def _feedback(answers: Answers) -> Iterator[str]:
 
 
 def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy) -> Iterator[str]:
-    """Limits from the allowed error and the data sheet."""
     tolerance_mm, test = answers.tolerance_mm, TEST_WITHOUT_GAUGES.get(measured_by)
     if not tolerance_mm and rp_mm is None:
         return

@@ -100,7 +100,7 @@ def on_one_circle(places: Array) -> Mask:
 
 
 def circle_through_stands(arm: Arm, bins: Binned, where: str) -> JoggedCircle:
-    """Fit a circle to the stops, excluding a few stops elsewhere."""
+    """Fit a circle to the stops, except a few stops elsewhere."""
     q = np.array([stand.q for stand in bins.stands])
     T = forward(arm, q)
     together = on_one_circle(T[:, :3, 3])

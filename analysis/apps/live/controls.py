@@ -71,8 +71,6 @@ class RecordingLabel:
 
 @dataclass(frozen=True)
 class StartRecording:
-    """Start a recording, with the zero offsets of the view."""
-
     label: RecordingLabel
     zero_mm: tuple[float, float] = (0.0, 0.0)
 

@@ -43,7 +43,6 @@ def unit_of(view: LiveView, controls: LiveControls) -> tuple[str, float]:
 
 
 def draw_circle(area: Area, view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
-    """Draw the circle with the errors, the tool position and the joint reversals."""
     if view.cell is None or view.cell.frame is None:
         area.put(area.height // 2, 1, "no circle test" if view.cell else "no rig file yet", "dim")
         return
@@ -103,7 +102,7 @@ _QUARTERS = 4
 
 
 def draw_trace(area: Area, view: LiveView, controls: LiveControls) -> None:
-    """Draw the last readings of each gauge relative to their mean, on a common scale."""
+    """The last readings of each gauge relative to their mean, on a common scale."""
     plot = area.part(0, _LABEL, area.width - _LABEL, area.height)
     seconds = max(5.0, plot.width * _SECONDS_A_COLUMN)
     recent, units = view.since(seconds), controls.units
@@ -127,7 +126,6 @@ def draw_trace(area: Area, view: LiveView, controls: LiveControls) -> None:
 
 
 def draw_straight(area: Area, view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
-    """Draw the errors over the circle angle on the scale of the circle."""
     unit, factor = unit_of(view, controls)
     scale = scale_of(curves)
     words = "error over φ"

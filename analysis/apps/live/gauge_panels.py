@@ -26,7 +26,7 @@ _ANGLE_TEXT = "-00.0000"
 
 
 def scale_for(view: LiveView, controls: LiveControls, width: int) -> int:
-    """Return the largest scale at which both gauges fit; at least 1."""
+    """Largest scale at which both gauges fit, at least 1."""
     text = max((_text(view, controls, k, _widest(view, controls, k)) for k in range(2)), key=len)
     text = "".join("0" if character.isdigit() else character for character in text)
     fits = [scale for scale in range(1, _LARGEST_SCALE + 1) if width_of(text, scale) <= width - 2]
@@ -34,12 +34,10 @@ def scale_for(view: LiveView, controls: LiveControls, width: int) -> int:
 
 
 def gauge_rows(scale: int) -> int:
-    """Return the number of rows of a gauge panel."""
     return height_of(scale) + 2
 
 
 def draw_gauge(area: Area, view: LiveView, controls: LiveControls, k: int, scale: int) -> None:
-    """Draw the panel of gauge k: name, unit, zero and trend; reading; range."""
     name, units = f"g{k + 1}", controls.units
     column = area.put(0, 1, name, f"bold {GAUGE_COLOURS[k]}")
     column = area.put(0, column, f" {units.name}")
@@ -67,7 +65,7 @@ def draw_gauge(area: Area, view: LiveView, controls: LiveControls, k: int, scale
 
 
 def draw_angle(area: Area, view: LiveView, controls: LiveControls, scale: int) -> None:
-    """Draw the current yaw or roll in large figures, with circle angle and lap below."""
+    """Yaw or roll in large figures, with circle angle and lap below."""
     degrees = angle_deg(view, controls.zero_mm)
     column = area.put(0, 1, angle_name(view), f"bold {ANGLE_COLOUR}")
     area.put(0, column, " °" if degrees is not None else " needs two gauges", "" if degrees is not None else "dim")
@@ -78,7 +76,7 @@ def draw_angle(area: Area, view: LiveView, controls: LiveControls, scale: int) -
 
 
 def draw_lap(area: Area, view: LiveView) -> None:
-    """Draw the circle angle and the progress of the lap in a row, or why they are missing."""
+    """Circle angle and progress of the lap in a row, or why they are missing."""
     phi, lap = phi_deg(view), lap_state(view)
     if view.cell is None or lap.place == "no_circle":
         area.put(0, 1, "the rig file has no circle test" if view.cell else "", "dim")

@@ -90,7 +90,7 @@ def watch(source: LiveSource, view: LiveView, zero_mm: tuple[float, float] = (0.
 
 
 def print_lines(source: LiveSource, view: LiveView, say: Callable[[str], None], *, as_json: bool) -> None:
-    """Print a line each second until the source ends or the user interrupts."""
+    """Print a line each second until the end or Ctrl-C."""
     controls = LiveControls()
     with suppress(KeyboardInterrupt):
         while True:

@@ -80,7 +80,7 @@ def size_of(out: TextIO) -> tuple[int, int]:
 
 
 class Keys:
-    """Keys of a terminal in unbuffered mode, by its file descriptor; None if there is none."""
+    """Keys of a terminal in unbuffered mode; None: no terminal."""
 
     def __init__(self, descriptor: int | None) -> None:
         self._descriptor = descriptor

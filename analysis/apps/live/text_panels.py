@@ -24,7 +24,6 @@ _LATE_DRIFT_PPM = 500.0
 
 
 def draw_head(area: Area, view: LiveView) -> None:
-    """Draw the rig, the recorded or played run, and the connection to the daemon."""
     column = area.put(0, 1, view.cell.name if view.cell else (view.state or {}).get("rig", "rig live"), "bold") + 2
     if view.lost:
         area.put(0, column, view.lost, "bold red")
@@ -58,7 +57,6 @@ def draw_head(area: Area, view: LiveView) -> None:
 
 
 def draw_joints(area: Area, view: LiveView) -> None:
-    """Draw a row for each joint: angle, sense of motion and last reversal."""
     if not len(view.rows) or not np.isfinite(view.rows.q[-1]).all():
         area.put(0, 1, "joint angles missing: the robot sends no data" if view.readings else "no joints yet", "dim")
         return
@@ -92,7 +90,7 @@ def draw_events(area: Area, view: LiveView) -> None:
 
 
 def draw_links(area: Area, view: LiveView) -> None:
-    """Draw a row for each stream with connection, rate, clock and faults, and a row for disk and recording."""
+    """A row for each stream, and one for disk and recording."""
     state = view.state
     if state is None:
         return
@@ -132,7 +130,7 @@ def draw_links(area: Area, view: LiveView) -> None:
 
 
 def draw_foot(area: Area, view: LiveView, controls: LiveControls) -> None:
-    """Draw the typed label or the keys in the last row, and a message above or, in a single row, instead."""
+    """The typed label or the keys in the last row, and a message above or, in a single row, instead."""
     row = area.height - 1
     if controls.prompt is not None:
         column = area.put(row, 1, "label (name test direction, Esc to leave): ", "bold")
@@ -162,7 +160,6 @@ def draw_help(area: Area) -> None:
 
 
 def _clock(area: Area, row: int, column: int, clock: dict[str, Any] | None) -> int:
-    """Draw drift and delay of the clock of an instrument."""
     if not clock:
         return column
     drift = clock.get("drift_ppm")

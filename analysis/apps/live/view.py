@@ -71,7 +71,7 @@ class LiveEvent:
 
 @dataclass(frozen=True)
 class LiveView:
-    """The complete displayed state. Name, test and direction belong to the recording or the played run."""
+    """The complete displayed state. Name, test and direction are those of the recording or the played run."""
 
     cell: LiveCell | None = None
     rows: LiveRows = NO_ROWS

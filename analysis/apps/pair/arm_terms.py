@@ -37,8 +37,6 @@ class Term:
 
 @dataclass(frozen=True)
 class PairArm:
-    """An arm of a pair with its unknown terms."""
-
     rig: Rig
     terms: tuple[Term, ...]
 

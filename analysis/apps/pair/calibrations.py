@@ -36,7 +36,7 @@ _DIGITS = 6
 
 
 def calibrations(fit: FittedPair, result: PairResult, table: Path) -> tuple[CalibratedModel, CalibratedModel]:
-    """Calibrated model of each arm: its terms with their marginal posterior."""
+    """Each arm with its terms at their marginal posterior."""
     run = CalibratedRun(name=table.name, sha256=hashlib.sha256(table.read_bytes()).hexdigest())
     before_um = 1000 * result.before_mm
     judged = [

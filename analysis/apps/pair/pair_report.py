@@ -46,7 +46,7 @@ def answer_of(result: PairResult, texts: Texts) -> list[Block]:
 
 
 def base_rows(result: PairResult, texts: Texts) -> list[tuple[str, ...]]:
-    """Return the rows of the transform between the bases: name, value, u, unit."""
+    """Transform between the bases: name, value, u, unit."""
     base = result.base
     places = zip("xyz", base.xyz_mm, base.u_xyz_mm, strict=True)
     angles = zip(("roll", "pitch", "yaw"), base.rpy_deg, base.u_rotation_deg, strict=True)
@@ -64,7 +64,7 @@ def _triple(values: Vector) -> str:
 
 
 def constant_rows(result: PairResult) -> list[tuple[str, ...]]:
-    """Return the rows of certain corrections: arm, constant, correction, u, unit."""
+    """Certain corrections: arm, constant, correction, u, unit."""
     certain = [it for it in result.constants if it.is_shown and abs(it.value) > _CERTAIN * it.u]
     rows: list[tuple[str, ...]] = []
     for constant in sorted(certain, key=lambda constant: (constant.arm, constant.axis, constant.key)):
@@ -96,7 +96,7 @@ def plan_answer(planned: PlannedTouches) -> list[Block]:
 def write(
     fit: FittedPair, result: PairResult, texts: tuple[str, str], table: Path, directory: Path, language: Language = "en"
 ) -> list[Path]:
-    """Write both calibrated rig files, the result as JSON and the page; return their paths, the rig files last.
+    """Write both calibrated rig files, the result as JSON and the page; their paths, rig files last.
 
     Raises FileError if one exists or a text cannot be changed in place.
     """

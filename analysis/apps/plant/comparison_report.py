@@ -73,7 +73,6 @@ def save_pictures(compared: Compared, directory: Path) -> list[Path]:
 
 
 def _figure(comparison: Comparison) -> Figure:
-    """Draw measured and simulated values, and below the difference."""
     chart = compared_chart([comparison], [], texts_of("en"))
     measured, simulated = chart.lines
     difference = replace(measured, name="difference", role="quiet", y=measured.y - simulated.y)

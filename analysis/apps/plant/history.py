@@ -40,7 +40,7 @@ _OF_AN_AXIS = {"play_j": "play", "temperature_j": "mean temperature", "warming_j
 
 @dataclass(frozen=True)
 class Series:
-    """A figure of a test and program over the runs (n), in order of time."""
+    """A figure of a test and program over n runs, in order of time."""
 
     title: str
     figure: str

@@ -79,7 +79,7 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
 
 
 def differences_answer(compared: Sequence[Difference]) -> list[Block]:
-    """The comparison around a repair: a sentence per changed figure, and a row per compared figure."""
+    """A sentence per changed figure, and a row per compared figure."""
     rows, title = [], ""
     for difference in compared:
         by = difference.difference

@@ -175,7 +175,7 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
     basis = np.linalg.qr(_smooth())[0]
 
     def rough(curves: Array) -> Array:
-        """Return curves (..., 2 NODES) mm with the smooth part removed."""
+        """Curves (..., 2 NODES) mm without their smooth part."""
         rest_mm: Array = curves - (curves @ basis) @ basis.T
         return rest_mm
 

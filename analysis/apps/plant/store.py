@@ -204,7 +204,7 @@ def entries(path: Path) -> dict[str, Entry]:
 
 
 def save(path: Path, runs: Iterable[tuple[str, str, RunRecord, str]]) -> None:
-    """Store runs, each with its path, signature, record and rig file."""
+    """Store runs: path, signature, record and rig file."""
     with _opened(path) as file:
         for run, signature, record, rig_text in runs:
             sha256 = hashlib.sha256(rig_text.encode("utf-8", "surrogatepass")).hexdigest()
@@ -220,7 +220,7 @@ def forget(path: Path, runs: Iterable[str]) -> None:
 
 
 def records_of(path: Path, key: Key) -> tuple[list[RunRecord], dict[str, str]]:
-    """Records of a robot's runs, and the rig files by run name."""
+    """Records of a robot, and its rig files by run name."""
     folder, robot = key
     with _opened(path) as file:
         rows = file.execute(
@@ -249,7 +249,6 @@ def read_records(path: Path) -> dict[str, RunRecord]:
 
 
 def states(path: Path) -> dict[Key, tuple[str, str]]:
-    """Stored digest and state of each robot."""
     with _opened(path) as file:
         rows = file.execute("select folder, robot, digest, state from states").fetchall()
     return {(os.fsdecode(folder), robot): (digest, state) for folder, robot, digest, state in rows}

@@ -61,7 +61,6 @@ class OutputStore:
         return made.result() if made.done() else None
 
     def file(self, key: str, name: str) -> Path | None:
-        """A made file; None if there is no such file."""
         made = self._made.get(key)
         if made is None or not made.done() or made.exception() is not None:
             return None

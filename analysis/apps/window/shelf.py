@@ -62,7 +62,7 @@ class ShelfRun:
 
     @property
     def standing(self) -> Standing | None:
-        """Worst standing of all figures; None if there are no limits."""
+        """Worst standing of all figures; None without limits."""
         standings = {figure.standing for figure in self.figures}
         return next((worst for worst in _WORST if worst in standings), None)
 
