@@ -1,8 +1,8 @@
 """Local control socket, with a line of JSON per request and answer. There is no network listener.
 
 Only the user and group of the daemon have access. Clients cannot exhaust the server, and thereby the recorder: the
-number of connections in total and per user, and the size and duration of requests and answers are bounded. A new
-connection replaces the longest silent one. docs/decisions/0018-one-gate-for-text.md explains the numbers.
+number of connections, and the size and duration of requests and answers are bounded. At the limit a new connection
+replaces the longest silent one. docs/decisions/0018-one-gate-for-text.md explains the numbers.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import resource
 import select
 import socket
 import threading
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,6 @@ from typing import Any
 from daq import clock
 from daq.recording.warnings import RateLimitedLog
 from daq.service.answers import LONGEST_ANSWER
-from daq.service.trust import peer_user
 from rigs.errors import CellError, RigError
 
 log = logging.getLogger("rigd")
@@ -34,8 +32,8 @@ LONGEST_REQUEST = 65536
 """A label with all fields has 2 kB."""
 _LAST_ANSWERS_S = 15.0
 """Time limit of pending answers when the daemon ends. Closing a long recording takes seconds."""
-_MOST, _MOST_OF_A_USER = 64, 16
-"""Connections, in total and per user. A user needs few: rig live, and one per running command."""
+_MOST = 64
+"""Connections. A user needs few: rig live, and one per running command."""
 _RESERVED = 256
 """Descriptors reserved for ports and run files. A cell with three streams uses 25 while recording."""
 _IDLE_S = 30.0
@@ -62,7 +60,6 @@ class _Connection:
     """Connection of a client."""
 
     sock: socket.socket
-    user: int
     silent_since_s: float
     """Monotonic time of the last answer."""
     busy: bool = False
@@ -135,11 +132,11 @@ class ControlServer:
                 self._warn(f"connections cannot be accepted: {error.strerror or error}")
                 if error.errno in _NO_ROOM:
                     with self._changed:
-                        self._make_room(self._open)
+                        self._make_room()
                 self._closing.wait(pause_s)
                 pause_s = min(2 * pause_s, _BACK_OFF_S[1])
             else:
-                self._admit(_Connection(sock, peer_user(sock), clock.now_s()))
+                self._admit(_Connection(sock, clock.now_s()))
                 pause_s = _BACK_OFF_S[0]
                 self._closing.wait(_ACCEPT_S)
 
@@ -149,12 +146,7 @@ class ControlServer:
     def _admit(self, new: _Connection) -> None:
         """Serve a connection. At the limit, replace an idle connection, or refuse the new one if all are busy."""
         with self._changed:
-            mine = {connection for connection in self._open if connection.user == new.user}
-            limited = None if len(mine) < _MOST_OF_A_USER else mine
-            if limited is None and len(self._open) >= self._most:
-                (user, _), *_ = Counter(connection.user for connection in self._open).most_common(1)
-                limited = {connection for connection in self._open if connection.user == user}
-            if limited is not None and not self._make_room(limited):
+            if len(self._open) >= self._most and not self._make_room():
                 busy = "all connections are busy with other requests"
                 refusal = _as_answer(CellError("rigd", busy, "retry later", code="daemon.busy"))
                 with contextlib.suppress(OSError):
@@ -169,9 +161,9 @@ class ControlServer:
             self._warn(f"a connection cannot be served: {error}")
             self._close_connection(new)
 
-    def _make_room(self, among: set[_Connection]) -> bool:
+    def _make_room(self) -> bool:
         """End the longest silent connection. True if it has ended."""
-        silent = [connection for connection in among if not connection.busy]
+        silent = [connection for connection in self._open if not connection.busy]
         if not silent:
             return False
         oldest = min(silent, key=lambda connection: connection.silent_since_s)
