@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -106,8 +107,22 @@ def _not_drivable(rig: Rig) -> list[str]:
     try:
         circle_program(rig, "acw")
     except RigError as error:
-        return [f"the robot cannot drive a program of this circle: {error.what}; {error.remedy}"]
-    return []
+        problem, remedy = error.what, error.remedy
+    else:
+        return []
+    circle = rig.tests.circle
+    assert circle is not None  # noqa: S101 - it was just fitted
+    # The circle may be possible with an axis turned by a full turn.
+    for axis, turn_deg in product(range(len(circle.posture_deg)), (360.0, -360.0)):
+        posture = list(circle.posture_deg)
+        posture[axis] = round(posture[axis] + turn_deg, 2)
+        turned = circle.model_copy(update={"posture_deg": tuple(posture)})
+        tests = rig.tests.model_copy(update={"circle": turned})
+        with contextlib.suppress(RigError):
+            circle_program(rig.model_copy(update={"tests": tests}), "acw")
+            remedy = f"posture_deg: {posture} would be reachable"
+            break
+    return [f"the robot cannot drive a program of this circle: {problem}; {remedy}"]
 
 
 def _replace(path: Path, old: str, new: str) -> Path:
