@@ -266,12 +266,7 @@ def _distance_from_sphere(places: Array, g_mm: Array, x: Array) -> Array:
 
 
 def _sphere(places: Array, g_mm: Array) -> tuple[Array, Array]:
-    """Fit centre and radius (4,) with
-
-    p - B
-
-    = R + g, with the Jacobian (m, 4) of the distances.
-    """
+    """Fit centre B and radius R (4,) with ‖p - B‖ = R + g, with the Jacobian (m, 4) of the distances."""
     middle = places.mean(axis=0)
     from_middle = places - middle
     algebraic = np.column_stack([2 * from_middle, np.ones(len(places))])
