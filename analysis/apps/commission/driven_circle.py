@@ -232,8 +232,8 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     if path_circle is None:
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         problem = (
-            f"the motion of {length:.0f} mm contains no arc of a circle that is long enough, and the robot rested at "
-            f"only {stood} points; three are needed"
+            f"the motion of {length:.0f} mm contains no arc of a circle that is long enough, and the robot stopped at "
+            f"{stood} points; three are needed"
         )
         raise FileError(where, problem, _LONGER, code="circle.none")
     _check_one_circle(path_circle, tolerance, points, run, where)

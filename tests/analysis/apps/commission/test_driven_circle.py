@@ -215,7 +215,7 @@ def _wandering() -> RobotMotion:
         (lambda: [_rows(0.0, 0.01, 0.02)], ["circle.few_rows"]),
         (lambda: [_rows(0.0, 0.01, 0.02, 5.0)], ["circle.few_rows"]),
         (lambda: [sampled(*stops(around(np.array([0.0, 60.0])), dwell_s=2.0))], ["circle.none"]),
-        (lambda: [_on_line()], ["circle.none"]),
+        (lambda: [_on_line()], ["circle.line"]),
         (lambda: [_short(5)], ["circle.none", "circle.uncertain"]),
         (lambda: [_short(12)], ["circle.none", "circle.uncertain"]),
         (lambda: [joined(_lap(), _lap(radius_mm=55.0, shift_mm=30.0))], ["circle.two"]),
