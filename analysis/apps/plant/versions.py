@@ -14,7 +14,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from analysis.apps.report.blocks import Block, Sentence, Table
+from analysis.apps.report.blocks import Block, Cell, Sentence, Table
 from analysis.runs.written_files import holding, write_all_new, write_all_over
 from rigs.calibration import CalibratedModel, CalibrationFile, verdict_of
 from rigs.edit import extended
@@ -84,9 +84,10 @@ def answer_of(versions: Sequence[Version]) -> list[Block]:
         left_out = "" if model.held_out_um is None else f"{model.held_out_um:.1f}"
         figures = (f"{len(model.runs)}", f"{model.before_um:.1f}", f"{model.calibrated_um:.1f}", left_out)
         verdict = "yes" if verdict_of(model) == "correct" else "no"
-        rows.append(("in use" * version.in_use, f"{model.date}", plain(str(version.path)), *figures, verdict))
-    columns = ("", "date", "rig file", "runs", "before µm", "calibrated µm", "left out µm", "to correct by")
-    return [Table(columns, tuple(rows), frozenset(range(3, len(columns))))]
+        file = Cell(plain(str(version.path)), below=("in use",) if version.in_use else ())
+        rows.append((file, f"{model.date}", *figures, verdict))
+    columns = ("rig file", "date", "runs", "before µm", "calibrated µm", "left out µm", "to correct by")
+    return [Table(columns, tuple(rows), frozenset(range(1, len(columns))))]
 
 
 def _identity(rig: Rig) -> tuple[str, str]:
