@@ -151,8 +151,8 @@ def test_the_runs_that_are_drawn_give_the_figures_of_the_table(rows, simulated):
         ours = rows[where, f"sphere, {name}: band"].ours
         assert result.figures["band_mm"].value == pytest.approx(ours, abs=0.02)
     assert simulated.eccentric.figures["amplitude_deg"].value == pytest.approx(11.58, abs=0.02)
-    spans_deg = np.ptp(simulated.joints.q_deg, axis=0)
-    assert spans_deg[simulated.joints.names.index("gamma")] == pytest.approx(360.0, abs=2.0)  # the full turn
+    _, q_deg, names = simulated.joints
+    assert np.ptp(q_deg[:, names.index("gamma")]) == pytest.approx(360.0, abs=2.0)  # the full turn
 
 
 def test_a_picture_that_cannot_be_written_is_one_line(rows, tmp_path):
