@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.apps.makers.motion_plan import (
     Arc,
     Demand,
@@ -27,6 +26,7 @@ from analysis.apps.makers.program_text import (
     identifier,
     listed,
 )
+from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.robot.kinematics.arm import Array
 
 _WORDS = Words("WAIT {}", 3, "OUTPUT {} ON", "OUTPUT {} OFF", "; {}", 80, "PAUSE")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.apps.emulate.driving import ControllerState
 from analysis.apps.correct.corrected_program import NO_FRAMES, CorrectedProgram, correct_program
+from analysis.apps.emulate.driving import ControllerState
 from analysis.apps.makers.motion_plan import demand_of
-from analysis.apps.programs.planned import plans_of
 from analysis.apps.makers.writing import encoded_programs, programs_of
+from analysis.apps.programs.planned import plans_of
 from analysis.correction.support import supports
 from rigs.load import load
 from tests.worlds.arms.faulty_arm import known
