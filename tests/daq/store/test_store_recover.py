@@ -292,7 +292,7 @@ def test_file_that_may_not_grow(tmp_path, limit):
     read = read_run(path)
     g1, robot = (len(read.streams[stream]["sequence"]) for stream in ("g1", "robot"))
     assert synced <= robot <= g1 <= synced + 4
-    assert load_manifest(path).reason == "disk full"
+    assert load_manifest(path).reason == "the disk is full"
     assert load_manifest(path).exit_status == ("failed" if closed == "closed" else "recovered")
 
 
