@@ -21,6 +21,7 @@ from analysis.diagnosis.evidence.observation import ObservedRun, observe_run
 from analysis.diagnosis.evidence.setups import FittedRuns, without_a_fold
 from analysis.diagnosis.fit.responses import rms_by_block
 from analysis.diagnosis.fit.search import SearchResult, search
+from analysis.diagnosis.judge.alternatives import hypotheses_of
 from analysis.diagnosis.judge.budget import effect_changes
 from analysis.diagnosis.judge.validation import gap, stages_of
 from analysis.diagnosis.judge.verdict import named_effects
@@ -42,7 +43,7 @@ LISTED = 12
 def faults(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
     """The faults, each with what it does to the readings in µm."""
     gains = [None] * len(look.effects)
-    found = named_effects(look, FittedRuns([seen]), gains, effect_changes(look))
+    found = named_effects(look, hypotheses_of(look), FittedRuns([seen]), gains, effect_changes(look))
     return [(label_of(one.effect), one.contribution_um) for one in found if one.is_confirmed]
 
 

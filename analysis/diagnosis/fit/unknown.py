@@ -28,7 +28,7 @@ _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 """Units of the columns: a thousandth of a degree and of a millimetre."""
 _PRIOR = -2.0
 """Log prior odds of an unknown cause. Chosen: names of cells with known truth are equally likely from -3 to 0."""
-_AMPLITUDES = 2.0 ** np.arange(-3, 10)
+_AMPLITUDES: Array = 2.0 ** np.arange(-3.0, 10.0)
 """Amplitudes in these units, from an eighth of a µm to half a millimetre."""
 _POSTURE_RAD = (0.02, 0.3, 0.8, 2.0)
 """Lengths over which an error changes with the posture. Chosen: from each target by itself to half the range."""
@@ -62,20 +62,23 @@ class UnknownCauses:
 
     def gain(self, posterior: CoefficientPosterior) -> float:
         """Return the log evidence that an unknown cause of any kind gains in addition to a state."""
-        gains = self.gains(posterior)
-        return _PRIOR + float(np.logaddexp.reduce([*gains.values()]) - np.log(len(gains))) if gains else -np.inf
+        gains = [float(np.logaddexp.reduce(of_kind)) for of_kind in self._gains(posterior)]
+        return _PRIOR + float(np.logaddexp.reduce(gains) - np.log(len(gains) * len(_AMPLITUDES))) if gains else -np.inf
 
-    def gains(self, posterior: CoefficientPosterior) -> dict[str, float]:
-        """Return the log evidence that each kind gains, averaged over its amplitudes."""
-        if not self.columns:
-            return {}
+    def likeliest(self, posterior: CoefficientPosterior) -> tuple[str, Array]:
+        """Return the kind with the largest gain in addition to a state, and its columns of the likeliest amplitude."""
+        subjects, gains = list(self.columns), np.array(self._gains(posterior))
+        kind, amplitude = np.unravel_index(int(np.argmax(gains)), gains.shape)
+        return subjects[kind], _AMPLITUDES[amplitude] * self.columns[subjects[kind]]
+
+    def _gains(self, posterior: CoefficientPosterior) -> list[Array]:
+        """Return the log evidence (a,) that each kind gains with each amplitude."""
         gains = []
-        for products, slope in posterior.cavities_within_limits(self._responses):
+        for products, slope in posterior.cavities_within_limits(self._responses) if self.columns else ():
             power, turn = np.linalg.eigh(products)
             seen = (turn.T @ slope) ** 2
-            each = [cavity_evidence(np.maximum(power, 0.0), seen, amplitude**2) for amplitude in _AMPLITUDES.tolist()]
-            gains.append(float(np.logaddexp.reduce(each) - np.log(len(each))))
-        return dict(zip(self.columns, gains, strict=True))
+            gains.append(cavity_evidence(np.maximum(power, 0.0), seen, np.square(_AMPLITUDES)[:, None]))
+        return gains
 
 
 def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
