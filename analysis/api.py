@@ -379,7 +379,6 @@ def _diagnosed(
     tolerance_um: float | None,
     given: Sequence[Effect] | None,
 ) -> Diagnosis:
-    from analysis.correction.few_places import widened_for_few_places  # noqa: PLC0415
     from analysis.correction.passport import passport_of  # noqa: PLC0415
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
     from analysis.movement.between import with_movements, without_moved  # noqa: PLC0415
@@ -393,8 +392,6 @@ def _diagnosed(
     refuse_copied_rows(every)
     sound, movements, doubts = without_moved(model, used)
     diagnosis = diagnose_with(model, sound, held_out, elsewhere, progress or _silent, tolerance_um, given)
-    if diagnosis.calibrated is not None and model.calibrated is None:
-        diagnosis = replace(diagnosis, calibrated=widened_for_few_places(diagnosis.calibrated, sound))
     return replace(with_movements(diagnosis, movements, doubts), passport=passport_of(diagnosis))
 
 

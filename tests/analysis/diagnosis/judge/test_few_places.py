@@ -1,0 +1,28 @@
+"""Uncertainty of a calibration by few places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis import calibrate
+from analysis.diagnosis.judge.misses import factor_of_few_places
+from analysis.runs.tables import PoseTable
+from tests.support.pose_runs import pose_run
+from tests.trials.moved_states import cell_with
+
+
+@pytest.mark.parametrize(
+    ("neighbourhoods", "expected"),
+    [(2, 1.654), (4, 1.654), (5, 1.435), (7, 1.259), (20, 1.0)],  # t of 3, 3, 4 and 6 degrees of freedom for 95.45 %
+)
+def test_factor_is_at_least_students_t_of_the_neighbourhoods(neighbourhoods: int, expected: float) -> None:
+    assert factor_of_few_places(neighbourhoods) == pytest.approx(expected, abs=2e-3)
+
+
+def test_a_calibration_by_few_poses_has_a_widened_u() -> None:
+    run = cell_with("ur10e", [{}], np.random.default_rng(21)).runs[0]
+    assert isinstance(run.table, PoseTable)
+    few = pose_run("ur10e", run.table.q[:22], run.table.xyz_mm[:22])
+    calibrated = calibrate([few]).calibrated
+    assert calibrated is not None and calibrated.widened > 1.6
