@@ -39,7 +39,7 @@ _STEPS, _RIDGE = 50, 1e-3
 @dataclass(frozen=True)
 class Stated:
     """A name of an answer with its stated probability. world: `unknown` if the cell has a cause that rig does not
-    know, otherwise `known`. log_odds: before the calibration, None if the answer does not state them.
+    know, otherwise `known`. log_odds: before the calibration, None for names of usual size or if not stated.
     """
 
     world: str
@@ -84,7 +84,9 @@ def _of_unknown_trial(root: Path) -> Iterator[Stated]:
 def _stated(cell: tuple[str, str, str, int], judged: Iterator[tuple[Any, bool | None]]) -> Iterator[Stated]:
     for effect, is_right in judged:
         if is_right is not None and effect.get("posterior") is not None:
-            yield Stated(*cell, effect["name"], effect["posterior"], effect.get("log_odds"), is_right)
+            # The decision is about faults: effects of usual size do not determine the calibration.
+            log_odds = effect.get("log_odds") if effect.get("doubt") != "usual" else None
+            yield Stated(*cell, effect["name"], effect["posterior"], log_odds, is_right)
 
 
 def _read(file: Path) -> dict[str, Any]:
