@@ -7,7 +7,8 @@ from contextlib import suppress
 from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm
 from analysis.correction.work import rest_mm, rms_um, spread_angles, tool_poses
 from analysis.diagnosis.judge.passport import Passport
-from analysis.diagnosis.judge.result import CERTAIN_ODDS, SURE_SIGMA, Diagnosis, Named
+from analysis.diagnosis.judge.probability import CONFIRMED
+from analysis.diagnosis.judge.result import SURE_SIGMA, Diagnosis, Named
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.description.controller_constants import data_sheet_of
 from analysis.robot.kinematics.arm import Array, arm_of, controller_arm, forward
@@ -44,6 +45,6 @@ def passport_of(diagnosis: Diagnosis) -> Passport | None:
 
 def _has_changed(diagnosis: Diagnosis, named: Named) -> bool:
     """True for a fault and, if constants of this robot are known, for every certain difference from them."""
-    is_certain = named.probability >= CERTAIN_ODDS and named.contribution_um > SURE_SIGMA * named.u_um
+    is_certain = named.probability >= CONFIRMED and named.contribution_um > SURE_SIGMA * named.u_um
     is_own = not diagnosis.rig.reference.is_data_sheet
     return named.is_confirmed or (is_own and named.doubt == "usual" and is_certain)

@@ -37,8 +37,8 @@ from analysis.apps.report.texts import Phrase, Texts, capital, joined, keys_of, 
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import IMITATED, Act
+from analysis.diagnosis.judge.probability import CONFIRMED
 from analysis.diagnosis.judge.result import (
-    CERTAIN_ODDS,
     LARGE_SHARE,
     BudgetPart,
     Diagnosis,
@@ -198,7 +198,7 @@ class _SummaryWords(ActWords):
         diagnosis, causes = self.diagnosis, []
         for named in diagnosis.standing:
             part = part_of(diagnosis, named)
-            is_certain = named.probability >= CERTAIN_ODDS and not likely_rivals(named)
+            is_certain = named.probability >= CONFIRMED and not likely_rivals(named)
             share = part.share if part else 0.0
             causes.append(_Cause(share, self._effect(named, part, is_fault=True), is_certain, is_fault=True))
         for part in large_parts(diagnosis):
@@ -233,7 +233,7 @@ class _SummaryWords(ActWords):
             causes = self.likeliest_first(named)[: _MOST_RIVALS + 1]
             likely = [f"{self.noun(cause.effect)} ({sure(cause.probability)})" for cause in causes]
             return joined([self.texts("one_of", causes=self.texts("or").join(likely)), share], ", ")
-        odds = "" if named.probability >= CERTAIN_ODDS else self.texts("likely", odds=sure(named.probability))
+        odds = "" if named.probability >= CONFIRMED else self.texts("likely", odds=sure(named.probability))
         rank = "fault" if is_fault else part.rank if part and part.rank in ("usual", "difference") else ""
         kind = self.texts(f"size_{rank}") if rank else ""
         first = joined([self.noun(named.effect), size(named), odds, kind, share], ", ")
@@ -342,5 +342,5 @@ class _SummaryWords(ActWords):
             return f"{name} ({self.texts('not_confirmed')})"
         if named is not None and named.probability < _LIKELY and likely_rivals(named):
             return self.with_rivals(named)
-        is_open = named is not None and named.probability < CERTAIN_ODDS
+        is_open = named is not None and named.probability < CONFIRMED
         return f"{name} ({self.texts('likely', odds=sure(named.probability))})" if named and is_open else name

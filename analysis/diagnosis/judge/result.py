@@ -14,6 +14,7 @@ from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn
 from analysis.diagnosis.judge.alternatives import Alternative
 from analysis.diagnosis.judge.passport import Passport
+from analysis.diagnosis.judge.probability import CONFIRMED
 from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained, independent_um
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.staircase import Staircase
@@ -114,7 +115,7 @@ class BudgetPart:
     def cause(self) -> GroupMember | None:
         """The certain member of a group: the only dominant effect, with known contribution."""
         likeliest = next(iter(self.members), None)
-        is_cause = likeliest and likeliest.odds >= CERTAIN_ODDS and likeliest.um > SURE_SIGMA * likeliest.u_um
+        is_cause = likeliest and likeliest.odds >= CONFIRMED and likeliest.um > SURE_SIGMA * likeliest.u_um
         return likeliest if is_cause else None
 
     @property
@@ -166,8 +167,6 @@ ODDS = 20.0
 
 SURE_SIGMA = 3.0
 """Standard uncertainties from which an effect with no rival is certain. Chosen: odds of 400 to 1."""
-CERTAIN_ODDS = ODDS / (1 + ODDS)
-"""Share of the evidence from which a named effect has no rival."""
 LARGE_SHARE = 1 / 3
 """Share of the error from which the first sentence mentions a part, and a group lists its possible causes."""
 CERTAIN_SIGMA = 7.0
@@ -199,7 +198,7 @@ class Rival:
 
 
 _PROBABLE = 0.5
-_PRESENT: tuple[Doubt | None, ...] = (None, "usual")
+PRESENT: tuple[Doubt | None, ...] = (None, "usual")
 """Doubts with which an effect is nevertheless present."""
 
 
@@ -258,7 +257,7 @@ class Named:
     @property
     def is_imitation(self) -> bool:
         """True if the effect is of the size of a fault, but probably a cause that rig does not know."""
-        return self.doubt not in _PRESENT and self.unknown > _PROBABLE
+        return self.doubt not in PRESENT and self.unknown > _PROBABLE
 
     @property
     def contradicted(self) -> bool:
@@ -603,9 +602,7 @@ def is_open(part: BudgetPart, named: Named) -> bool:
     """Return whether the cause of a large share of the error is undecided: the effect is not a fault, or usual errors
     may have the same result, and its odds are below those of a certain effect.
     """
-    return (
-        part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.probability < CERTAIN_ODDS
-    )
+    return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.probability < CONFIRMED
 
 
 def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
@@ -618,5 +615,5 @@ def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
 
 def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether a part is certain: an effect without rivals, or a group of small terms."""
-    is_certain = part.index is None or diagnosis.effects[part.index].probability >= CERTAIN_ODDS
+    is_certain = part.index is None or diagnosis.effects[part.index].probability >= CONFIRMED
     return is_certain and is_certain_part(diagnosis, part)

@@ -31,8 +31,8 @@ from analysis.diagnosis.judge.probability import CONFIRMED, Probabilities, proba
 from analysis.diagnosis.judge.remains import independent_um
 from analysis.diagnosis.judge.residuals import bands_above_noise
 from analysis.diagnosis.judge.result import (
-    CERTAIN_ODDS,
     CERTAIN_SIGMA,
+    PRESENT,
     Accuracy,
     BudgetPart,
     Condition,
@@ -148,8 +148,6 @@ CRUMBS = 0.05
 to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %."""
 _NEGLIGIBLE = 1e-4
 """Odds at or below which a rival is not listed."""
-_SURE: tuple[Doubt | None, ...] = (None, "usual")
-"""Doubts with which an effect is nevertheless present."""
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
 """Limits at an unseen place: multiple of the noise floor from which a gap is real, factor by which the calibrated
 model must be worse than the named effects, and smallest share of the energy gained by a correct model. Source: a
@@ -235,7 +233,7 @@ class Gaps:
 
 def ambiguous_names(named: Sequence[Named]) -> list[Named]:
     """Return the confirmed named effects with rivals that cannot be dismissed."""
-    return [name for name in named if name.is_confirmed and name.probability < CERTAIN_ODDS]
+    return [name for name in named if name.is_confirmed and name.probability < CONFIRMED]
 
 
 def named_effects(
@@ -353,7 +351,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     unexplained = beyond + linear.without_set_up(imitated)
     um = min(GapMeasure(linear).um(unexplained), train.before_um)
     # No model contains vibrations, because each run has another phase.
-    vibrations = [name for name in named if name.doubt in _SURE and is_vibration(name.effect)]
+    vibrations = [name for name in named if name.doubt in PRESENT and is_vibration(name.effect)]
     vibration_um = float(np.linalg.norm([name.contribution_um for name in vibrations]))
     is_material = plain_rms_by_block(linear, unexplained).is_material(np.maximum(limits, LEAST_MATERIAL_UM))
     if vibrations:  # the mean of repeats contains a part of them
@@ -388,7 +386,7 @@ def _missing_in_export_um(result: SearchResult, named: Sequence[Named]) -> float
     """
     measure, effects = GapMeasure(result.linear), (*result.effects, *background_effects(result.calibrated_posterior))
     residual = result.linear.residual(effects)
-    sure = [name.effect for name in named if name.doubt in _SURE]
+    sure = [name.effect for name in named if name.doubt in PRESENT]
     departures = [change for effect, change in zip(result.effects, result.departures, strict=True) if effect in sure]
     fitted = residual - sum(departures, np.zeros_like(residual))
     return independent_um(measure.um(residual), measure.with_free_set_ups_um(fitted))

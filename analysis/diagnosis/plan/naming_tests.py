@@ -17,7 +17,8 @@ from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.acts import Cost, NamingTest
-from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Named, fault_rivals, is_open, likely_rivals
+from analysis.diagnosis.judge.probability import CONFIRMED
+from analysis.diagnosis.judge.result import BudgetPart, Named, fault_rivals, is_open, likely_rivals
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, without_bands
 from analysis.diagnosis.plan.further_tests import FurtherTests, PossibleTest, shortest, sigma_between
 from rigs.effects import Effect
@@ -55,7 +56,7 @@ class NamingTests:
     def _cheapest(
         self, sigma: Callable[[PossibleTest], float], among: int, names: tuple[str, ...]
     ) -> tuple[NamingTest, Cost] | None:
-        named = shortest(self.possible, sigma, lambda sigmas: _odds(sigmas, among) >= CERTAIN_ODDS)
+        named = shortest(self.possible, sigma, lambda sigmas: _odds(sigmas, among) >= CONFIRMED)
         if named is None:
             return None
         best, sigmas = named
