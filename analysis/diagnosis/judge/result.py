@@ -197,7 +197,6 @@ class Rival:
         return _of_effect(self.effect, self.sd, self.probability)
 
 
-_PROBABLE = 0.5
 PRESENT: tuple[Doubt | None, ...] = (None, "usual")
 """Doubts with which an effect is nevertheless present."""
 
@@ -253,11 +252,6 @@ class Named:
     def unknown(self) -> float:
         """Probability of a cause that rig does not know, behind this effect alone or behind several."""
         return self.alternatives.get("unknown", 0.0) + self.alternatives.get("several", 0.0)
-
-    @property
-    def is_imitation(self) -> bool:
-        """True if the effect is of the size of a fault, but probably a cause that rig does not know."""
-        return self.doubt not in PRESENT and self.unknown > _PROBABLE
 
     @property
     def contradicted(self) -> bool:

@@ -336,12 +336,12 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     """Return the remainder beyond the noise, at most the gap of the runs used. It is material if it exceeds the limits
     (b,) µm.
 
-    The remainder includes the contributions of effects that imitate an unknown cause, and the residual of the
+    The remainder includes the contributions of contradicted effects, and the residual of the
     calibrated model beyond the noise: a non-repeating error looks like scatter about the mean of the runs. The
     prediction error at places not used in the fit replaces it if that error is larger and not negligible.
     """
     train = gaps.train
-    imitating = [name for name in named if name.contradicted or name.is_imitation]
+    imitating = [name for name in named if name.contradicted]
     effects = result.effects
     imitated = sum(
         (result.contributions[effects.index(name.effect)] for name in imitating), np.zeros_like(result.linear.y)
@@ -412,13 +412,9 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     seen = [f"similar to {form.words}" for form in forms if form.gain > 0]
     alike = []
     for named in imitating:
-        name = name_in_words(label_of(named.effect))
-        if named.contradicted:
-            sizes = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares]
-            shown = " and ".join(sizes).replace(FRAME, ", placement ")
-            alike.append(f"similar to {name}, but the set-ups show {shown}")
-        else:
-            alike.append(f"similar to {name}, but more probably an unknown cause")
+        sizes = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares]
+        shown = " and ".join(sizes).replace(FRAME, ", placement ")
+        alike.append(f"similar to {name_in_words(label_of(named.effect))}, but the set-ups show {shown}")
     return "; ".join([*where, seen[0] if seen else "without a simple form", *alike])
 
 
