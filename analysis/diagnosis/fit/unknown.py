@@ -9,8 +9,8 @@ addition to the effects of a state tells how well such a cause explains the rest
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Self
 
@@ -21,8 +21,9 @@ from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evide
 from analysis.diagnosis.fit.free_forms import circle_waves, drive_rates, half_waves, times_of_lap
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.procedures.facts import facts_of
-from analysis.robot.kinematics.arm import Array
+from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.scene import pull
+from rigs.effects import LinkGeometry
 
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 """Units of the columns: a thousandth of a degree and of a millimetre."""
@@ -38,6 +39,8 @@ _NEGLIGIBLE = 1e-3
 """Variance of a function relative to the largest below which it is omitted."""
 _MOST = 100
 """Largest number of functions of postures or places for each coordinate. Chosen: some hundred places are usual."""
+_SHARE = 0.001
+"""Unit of the deviation of a form, relative to the contribution of the effect."""
 _SLOW = np.radians(0.2)
 """Speed in rad/s below which the direction of a joint is unclear. Chosen: a fraction of the slowest joint's."""
 
@@ -60,14 +63,30 @@ class UnknownCauses:
     def _responses(self) -> list[Response]:
         return [Response(columns) for columns in self.columns.values()]
 
-    def gain(self, posterior: CoefficientPosterior) -> float:
-        """Return the log evidence that an unknown cause of any kind gains in addition to a state."""
-        gains = [float(np.logaddexp.reduce(of_kind)) for of_kind in self._gains(posterior)]
+    def with_forms(self, contributions: Sequence[Array], band: Integers) -> Self:
+        """Return these kinds and, for each named effect, a deviation of its form: its contribution (N,) has a different
+        size in each band.
+        """
+        bands = band[:, None] == np.unique(band)
+        forms = {f"form {k}": _SHARE * bands * change[:, None] for k, change in enumerate(contributions)}
+        return replace(self, columns={**self.columns, **forms})
+
+    def gain(self, posterior: CoefficientPosterior, absent: Collection[int] = ()) -> float:
+        """Return the log evidence that an unknown cause of any kind gains in addition to a state, in which some names
+        are absent.
+        """
+        skipped = {f"form {k}" for k in absent}
+        kinds = zip(self.columns, self._gains(posterior), strict=True)
+        gains = [float(np.logaddexp.reduce(of_kind)) for kind, of_kind in kinds if kind not in skipped]
         return _PRIOR + float(np.logaddexp.reduce(gains) - np.log(len(gains) * len(_AMPLITUDES))) if gains else -np.inf
 
     def likeliest(self, posterior: CoefficientPosterior) -> tuple[str, Array]:
-        """Return the kind with the largest gain in addition to a state, and its columns of the likeliest amplitude."""
-        subjects, gains = list(self.columns), np.array(self._gains(posterior))
+        """Return the kind with the largest gain in addition to a state, and its columns of the likeliest amplitude.
+
+        Deviations of the form are none: they would explain their effect.
+        """
+        subjects = [subject for subject in self.columns if not subject.startswith("form")]
+        gains = np.array(self._gains(posterior)[: len(subjects)])
         kind, amplitude = np.unravel_index(int(np.argmax(gains)), gains.shape)
         return subjects[kind], _AMPLITUDES[amplitude] * self.columns[subjects[kind]]
 
@@ -104,6 +123,18 @@ def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
         if rests:
             others = [by_joint(partial(angle, other))[:, :12] for other in joints if other != joint]
             yield f"other angles {joint + 1}", np.concatenate(others, axis=1)
+            yield f"wander {joint + 1}", _wander(linear, joint, partial(angle, joint))
+
+
+def _wander(linear: Linearisation, joint: int, angle: _Functions) -> Array:
+    """Return displacements and tilts (N, c) of a joint axis over its angle, as by its bearing, for runs at rest."""
+    axes = [axis for axis in (joint + 1, joint + 2) if axis <= linear.axes]
+    constants = [LinkGeometry(axis=axis, field=field, delta=0.1) for axis in axes for field in ("a", "alpha", "d")]
+    moved = linear.columns(constants) / 100  # of a micrometre or a thousandth of a degree
+    samples = [angle(block)[block.samples, :8] / _UNIT_RAD for block in linear.blocks]
+    waves = linear.at_entries([np.repeat(each, block.values.shape[1], axis=0)
+                               for block, each in zip(linear.blocks, samples, strict=True)])  # fmt: skip
+    return np.asarray((moved[:, :, None] * waves[:, None]).reshape(len(moved), -1), dtype=float)
 
 
 def _directions(block: Block) -> Array:

@@ -8,7 +8,7 @@ The log odds of a name are its log evidence minus that of all alternatives.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -17,6 +17,7 @@ import numpy as np
 
 from analysis.diagnosis.fit.discrepancy import LEAST_STRENGTH
 from analysis.diagnosis.fit.joint_curves import is_of_curve
+from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.fit.responses import Response
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import SelectionState, least_fault
@@ -61,7 +62,8 @@ def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list
     only_commanded: the runs contain commanded angles, and an angle that the arm did not reach explains the readings as
     well as any error of the arm.
     """
-    return _Comparison(result, UnknownCauses.in_runs(result.linear), only_commanded).hypotheses()
+    causes = UnknownCauses.in_runs(result.linear).with_forms(result.contributions, result.columns.band)
+    return _Comparison(result, causes, only_commanded).hypotheses()
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class _Comparison:
     def hypotheses(self) -> list[Hypotheses]:
         names = range(len(self.result.effects))
         without = [self.result.selection.without(self.state, k) for k in names]
-        of_unknown = [self.with_unknown(each) - self.of_name for each in without]
+        of_unknown = [self.with_unknown(each, [k]) - self.of_name for k, each in enumerate(without)]
         of_several = self._of_several(of_unknown)
         return [self._hypotheses(k, self._of_noise(k), of_unknown[k], of_several[k]) for k in names]
 
@@ -94,6 +96,8 @@ class _Comparison:
     def _hypotheses(self, k: int, of_noise: float, of_unknown: float, of_several: float) -> Hypotheses:
         odds, twins, rivals = self.result.rival_odds[k], list[_Share](), list[_Share]()
         for tried, share in odds.rivals:
+            if ended_at_limit(tried.effects[-1]):
+                continue  # no effect of that kind is so large
             apart = self.result.linear.without_set_up(tried.refined.residual - self.result.fit.residual)
             (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append((tried, share))
         own = odds.odds + sum(share for _, share in twins)
@@ -114,13 +118,13 @@ class _Comparison:
         alone = [self.result.selection.evidence(each) for each in _with_noise(self.result.state)]
         return float(np.logaddexp.reduce([*alone, self.with_unknown(self.state)]))
 
-    def with_unknown(self, state: SelectionState) -> float:
+    def with_unknown(self, state: SelectionState, absent: Collection[int] = ()) -> float:
         """Log evidence of unknown causes in addition to the names of a state, at the noise of the state or of the
         readings alone: what a name explained must not become noise."""
         each = []
         for at_noise in _with_noise(state):
             evidence = self.result.selection.evidence(at_noise)
-            each.append(evidence + self.causes.gain(self.result.selection.posterior(at_noise)))
+            each.append(evidence + self.causes.gain(self.result.selection.posterior(at_noise), absent))
             each += [evidence] if self.state is not self.result.state else []  # the state contains one already
         return float(np.logaddexp.reduce(each))
 
@@ -150,7 +154,7 @@ class _Comparison:
                 is_compared = count == len(order) or (order is doubtful and count <= _MOST)
                 if count > 1 and is_compared and removed not in compared:
                     compared.add(removed)
-                    together = self.with_unknown(without) - self.of_name
+                    together = self.with_unknown(without, removed) - self.of_name
                     best = [max(value, together) if k in removed else value for k, value in enumerate(best)]
         return best
 
