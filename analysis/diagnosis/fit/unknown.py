@@ -9,8 +9,8 @@ addition to the effects of a state tells how well such a cause explains the rest
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Self
 
@@ -21,7 +21,7 @@ from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evide
 from analysis.diagnosis.fit.free_forms import circle_waves, drive_rates, half_waves, times_of_lap
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.procedures.facts import facts_of
-from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.scene import pull
 from rigs.effects import LinkGeometry
 
@@ -39,8 +39,6 @@ _NEGLIGIBLE = 1e-3
 """Variance of a function relative to the largest below which it is omitted."""
 _MOST = 100
 """Largest number of functions of postures or places for each coordinate. Chosen: some hundred places are usual."""
-_SHARE = 0.001
-"""Unit of the deviation of a form, relative to the contribution of the effect."""
 _SLOW = np.radians(0.2)
 """Speed in rad/s below which the direction of a joint is unclear. Chosen: a fraction of the slowest joint's."""
 
@@ -63,30 +61,14 @@ class UnknownCauses:
     def _responses(self) -> list[Response]:
         return [Response(columns) for columns in self.columns.values()]
 
-    def with_forms(self, contributions: Sequence[Array], band: Integers) -> Self:
-        """Return these kinds and, for each named effect, a deviation of its form: its contribution (N,) has a different
-        size in each band.
-        """
-        bands = band[:, None] == np.unique(band)
-        forms = {f"form {k}": _SHARE * bands * change[:, None] for k, change in enumerate(contributions)}
-        return replace(self, columns={**self.columns, **forms})
-
-    def gain(self, posterior: CoefficientPosterior, absent: Collection[int] = ()) -> float:
-        """Return the log evidence that an unknown cause of any kind gains in addition to a state, in which some names
-        are absent.
-        """
-        skipped = {f"form {k}" for k in absent}
-        kinds = zip(self.columns, self._gains(posterior), strict=True)
-        gains = [float(np.logaddexp.reduce(of_kind)) for kind, of_kind in kinds if kind not in skipped]
+    def gain(self, posterior: CoefficientPosterior) -> float:
+        """Return the log evidence that an unknown cause of any kind gains in addition to a state."""
+        gains = [float(np.logaddexp.reduce(of_kind)) for of_kind in self._gains(posterior)]
         return _PRIOR + float(np.logaddexp.reduce(gains) - np.log(len(gains) * len(_AMPLITUDES))) if gains else -np.inf
 
     def likeliest(self, posterior: CoefficientPosterior) -> tuple[str, Array]:
-        """Return the kind with the largest gain in addition to a state, and its columns of the likeliest amplitude.
-
-        Deviations of the form are none: they would explain their effect.
-        """
-        subjects = [subject for subject in self.columns if not subject.startswith("form")]
-        gains = np.array(self._gains(posterior)[: len(subjects)])
+        """Return the kind with the largest gain in addition to a state, and its columns of the likeliest amplitude."""
+        subjects, gains = list(self.columns), np.array(self._gains(posterior))
         kind, amplitude = np.unravel_index(int(np.argmax(gains)), gains.shape)
         return subjects[kind], _AMPLITUDES[amplitude] * self.columns[subjects[kind]]
 

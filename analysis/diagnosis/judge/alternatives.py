@@ -8,7 +8,7 @@ The log odds of a name are its log evidence minus that of all alternatives.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -62,8 +62,7 @@ def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list
     only_commanded: the runs contain commanded angles, and an angle that the arm did not reach explains the readings as
     well as any error of the arm.
     """
-    causes = UnknownCauses.in_runs(result.linear).with_forms(result.contributions, result.columns.band)
-    return _Comparison(result, causes, only_commanded).hypotheses()
+    return _Comparison(result, UnknownCauses.in_runs(result.linear), only_commanded).hypotheses()
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ class _Comparison:
     def hypotheses(self) -> list[Hypotheses]:
         names = range(len(self.result.effects))
         without = [self.result.selection.without(self.state, k) for k in names]
-        of_unknown = [self.with_unknown(each, [k]) - self.of_name for k, each in enumerate(without)]
+        of_unknown = [self.with_unknown(each) - self.of_name for each in without]
         of_several = self._of_several(of_unknown)
         return [self._hypotheses(k, self._of_noise(k), of_unknown[k], of_several[k]) for k in names]
 
@@ -118,13 +117,13 @@ class _Comparison:
         alone = [self.result.selection.evidence(each) for each in _with_noise(self.result.state)]
         return float(np.logaddexp.reduce([*alone, self.with_unknown(self.state)]))
 
-    def with_unknown(self, state: SelectionState, absent: Collection[int] = ()) -> float:
+    def with_unknown(self, state: SelectionState) -> float:
         """Log evidence of unknown causes in addition to the names of a state, at the noise of the state or of the
         readings alone: what a name explained must not become noise."""
         each = []
         for at_noise in _with_noise(state):
             evidence = self.result.selection.evidence(at_noise)
-            each.append(evidence + self.causes.gain(self.result.selection.posterior(at_noise), absent))
+            each.append(evidence + self.causes.gain(self.result.selection.posterior(at_noise)))
             each += [evidence] if self.state is not self.result.state else []  # the state contains one already
         return float(np.logaddexp.reduce(each))
 
@@ -154,7 +153,7 @@ class _Comparison:
                 is_compared = count == len(order) or (order is doubtful and count <= _MOST)
                 if count > 1 and is_compared and removed not in compared:
                     compared.add(removed)
-                    together = self.with_unknown(without, removed) - self.of_name
+                    together = self.with_unknown(without) - self.of_name
                     best = [max(value, together) if k in removed else value for k, value in enumerate(best)]
         return best
 

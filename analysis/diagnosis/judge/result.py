@@ -207,7 +207,7 @@ class Named:
 
     effect: the effect with its fitted parameters.
     sd: standard uncertainty of each parameter, in the unit of the parameter.
-    probability: share of the evidence among this effect and its rivals.
+    probability: calibrated probability that the effect exists (docs/probability.md).
     rivals: other effects that may explain the readings instead.
     gap_without_um: rms residual in µm on the runs used if only this effect is removed from the model.
     remedy: recommended action.
