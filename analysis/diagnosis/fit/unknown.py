@@ -9,7 +9,7 @@ addition to the effects of a state tells how well such a cause explains the rest
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Self
@@ -61,25 +61,23 @@ class UnknownCauses:
     def _responses(self) -> list[Response]:
         return [Response(columns) for columns in self.columns.values()]
 
-    def gain(self, posterior: CoefficientPosterior) -> float:
-        """Return the log evidence that an unknown cause of any kind gains in addition to a state."""
-        gains = [float(np.logaddexp.reduce(of_kind)) for of_kind in self._gains(posterior)]
-        return _PRIOR + float(np.logaddexp.reduce(gains) - np.log(len(gains) * len(_AMPLITUDES))) if gains else -np.inf
-
-    def likeliest(self, posterior: CoefficientPosterior) -> tuple[str, Array]:
-        """Return the kind with the largest gain in addition to a state, and its columns of the likeliest amplitude."""
-        subjects, gains = list(self.columns), np.array(self._gains(posterior))
-        kind, amplitude = np.unravel_index(int(np.argmax(gains)), gains.shape)
-        return subjects[kind], _AMPLITUDES[amplitude] * self.columns[subjects[kind]]
-
-    def _gains(self, posterior: CoefficientPosterior) -> list[Array]:
-        """Return the log evidence (a,) that each kind gains with each amplitude."""
+    def gains(self, posterior: CoefficientPosterior) -> dict[str, Array]:
+        """Return the log evidence (a,) that each kind gains in addition to a state, with each amplitude."""
         gains = []
         for products, slope in posterior.cavities_within_limits(self._responses) if self.columns else ():
             power, turn = np.linalg.eigh(products)
             seen = (turn.T @ slope) ** 2
             gains.append(cavity_evidence(np.maximum(power, 0.0), seen, np.square(_AMPLITUDES)[:, None]))
-        return gains
+        return dict(zip(self.columns, gains, strict=True))
+
+    def likeliest_columns(self, kind: str, gains: Mapping[str, Array]) -> Array:
+        """Return the columns (N, c) of a kind with its likeliest amplitude."""
+        return np.asarray(_AMPLITUDES[np.argmax(gains[kind])] * self.columns[kind], dtype=float)
+
+
+def total_gain(gains: Mapping[str, Array]) -> float:
+    """Return the log evidence of an unknown cause of any kind and amplitude, after its prior odds."""
+    return _PRIOR + float(np.logaddexp.reduce(each := np.concatenate([*gains.values()])) - np.log(each.size))
 
 
 def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:

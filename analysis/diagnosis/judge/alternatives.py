@@ -21,7 +21,7 @@ from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.fit.responses import Response
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import SelectionState, least_fault
-from analysis.diagnosis.fit.unknown import UnknownCauses
+from analysis.diagnosis.fit.unknown import UnknownCauses, total_gain
 from rigs.effects import Effect
 from rigs.schema.effect import size_of
 from rigs.schema.scene import OUTSIDE_ARM
@@ -73,24 +73,16 @@ class _Comparison:
 
     def hypotheses(self) -> list[Hypotheses]:
         names = range(len(self.result.effects))
-        without = [self.result.selection.without(self.state, k) for k in names]
+        without = [self.result.selection.without(self.result.state, k) for k in names]
         of_unknown = [self.with_unknown(each) - self.of_name for each in without]
         of_several = self._of_several(of_unknown)
-        return [self._hypotheses(k, self._of_noise(k), of_unknown[k], of_several[k]) for k in names]
+        return [self._hypotheses(k, self._of_noise(without[k]), of_unknown[k], of_several[k]) for k in names]
 
     @cached_property
-    def state(self) -> SelectionState:
-        """The state of the search, with an unknown cause in addition to the names if the readings show one.
-
-        A second unknown cause can then compete with each name.
-        """
-        state = self.result.state
-        posterior = self.result.selection.posterior(_with_noise(state)[-1])
-        if self.causes.gain(posterior) <= 0:
-            return state
-        _, columns = self.causes.likeliest(posterior)
-        free = Response(np.concatenate([state.refined.free.columns, columns], axis=1))
-        return replace(state, refined=replace(state.refined, free=free))
+    def present(self) -> str | None:
+        """The kind of unknown cause that the readings show in addition to all names; None if they show none."""
+        gains = self.causes.gains(self.result.selection.posterior(_with_noise(self.result.state)[-1]))
+        return max(gains, key=lambda kind: gains[kind].max()) if gains and total_gain(gains) > 0 else None
 
     def _hypotheses(self, k: int, of_noise: float, of_unknown: float, of_several: float) -> Hypotheses:
         odds, twins, rivals = self.result.rival_odds[k], list[_Share](), list[_Share]()
@@ -115,22 +107,29 @@ class _Comparison:
     def of_name(self) -> float:
         """Log evidence of all names together, with or without an unknown cause in addition."""
         alone = [self.result.selection.evidence(each) for each in _with_noise(self.result.state)]
-        return float(np.logaddexp.reduce([*alone, self.with_unknown(self.state)]))
+        return float(np.logaddexp.reduce([*alone, self.with_unknown(self.result.state)]))
 
     def with_unknown(self, state: SelectionState) -> float:
-        """Log evidence of unknown causes in addition to the names of a state, at the noise of the state or of the
-        readings alone: what a name explained must not become noise."""
-        each = []
-        for at_noise in _with_noise(state):
-            evidence = self.result.selection.evidence(at_noise)
-            each.append(evidence + self.causes.gain(self.result.selection.posterior(at_noise)))
-            each += [evidence] if self.state is not self.result.state else []  # the state contains one already
-        return float(np.logaddexp.reduce(each))
+        """Log evidence of an unknown cause in addition to the names of a state, at the noise of the state or of the
+        readings alone: what a name explained must not become noise.
 
-    def _of_noise(self, k: int) -> float:
+        If the readings show an unknown cause anyway, another one may exist beside it.
+        """
+        selection, each = self.result.selection, list[float]()
+        for at_noise in _with_noise(state):
+            gains = self.causes.gains(selection.posterior(at_noise))
+            each += [selection.evidence(at_noise) + total_gain(gains)] if gains else []
+            if self.present:
+                columns = [state.refined.free.columns, self.causes.likeliest_columns(self.present, gains)]
+                refined = replace(state.refined, free=Response(np.concatenate(columns, axis=1)))
+                beside = replace(at_noise, refined=refined)
+                evidence = selection.evidence(beside)
+                each += [evidence, evidence + total_gain(self.causes.gains(selection.posterior(beside)))]
+        return float(np.logaddexp.reduce(each, initial=-np.inf))
+
+    def _of_noise(self, without: SelectionState) -> float:
         """Return the log evidence without a name, with the noise estimated again."""
         selection = self.result.selection
-        without = selection.without(self.result.state, k)
         louder = replace(without, strength=selection.hyperparameters.strength(without, selection.posterior(without)))
         return max(selection.evidence(without), selection.evidence(louder)) - self.of_name
 
@@ -146,7 +145,7 @@ class _Comparison:
         faults = [k for k in doubtful if abs(size_of(effects[k])) > least_fault(effects[k], reference)]
         compared = set[frozenset[int]]()
         for order in (order for order in (doubtful, waves, faults) if len(order) > 1):
-            without = self.state
+            without = self.result.state
             for count, place in enumerate(order, start=1):
                 removed = frozenset(order[:count])
                 without = self.result.selection.without(without, place - sum(k < place for k in order[: count - 1]))

@@ -11,7 +11,7 @@ from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.rivals import RivalOdds
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection import Selection
-from analysis.diagnosis.fit.unknown import UnknownCauses
+from analysis.diagnosis.fit.unknown import UnknownCauses, total_gain
 from analysis.diagnosis.judge.alternatives import Hypotheses, hypotheses_of
 from analysis.diagnosis.judge.probability import CONFIRMED, probabilities_of, probability_of
 from rigs.effects import Backlash
@@ -53,14 +53,15 @@ def test_unknown_cause_is_the_kind_that_the_readings_show() -> None:
     causes = UnknownCauses.in_runs(healthy())
     result = _result(_wandering(2))
     posterior = result.selection.posterior(replace(result.state, strength=np.ones_like(result.state.strength)))
-    assert causes.gain(posterior) > 100 and causes.likeliest(posterior)[0] == "angle 2"
+    gains = causes.gains(posterior)
+    assert total_gain(gains) > 100 and max(gains, key=lambda kind: gains[kind].max()) == "angle 2"
     sound = _result(np.zeros(len(healthy().y)))
-    assert causes.gain(sound.posterior) < 0
+    assert total_gain(causes.gains(sound.posterior)) < 0
 
 
 def test_backlash_of_the_readings_wins_and_one_that_imitates_an_unknown_cause_loses() -> None:
     play = Backlash(axis=1, width_deg=0.05)
-    (present,) = hypotheses_of(_result(-shown_by(healthy(), [play]), play))
+    (present,) = hypotheses_of(_result(shown_by(healthy(), [play]), play))
     assert present.log_odds() > 20
     (absent,) = hypotheses_of(_result(_wandering(2), play))
     assert absent.log_odds() < 0 and probabilities_of(absent).strongest == "unknown"
@@ -68,5 +69,5 @@ def test_backlash_of_the_readings_wins_and_one_that_imitates_an_unknown_cause_lo
 
 def test_commanded_angles_are_an_alternative_to_an_error_of_the_arm() -> None:
     play = Backlash(axis=1, width_deg=0.05)
-    (found,) = hypotheses_of(_result(-shown_by(healthy(), [play]), play), only_commanded=True)
+    (found,) = hypotheses_of(_result(shown_by(healthy(), [play]), play), only_commanded=True)
     assert probabilities_of(found).name < CONFIRMED and probabilities_of(found).strongest == "commanded"
