@@ -7,13 +7,14 @@ With 16 bits and 0.001 mm per count, -0.019 mm is read as 65.517 mm.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 _BITS = (8, 12, 16, 24, 32)
 """Widths of registers and of converters."""
+_MODBUS_BITS = (16, 32)
+"""Those that a rig file names as `type`."""
 _DECIMALS = range(7)
 """Decimal digits of a count: 1 mm to 1 nm. A gauge in other units has a scale in the rig file."""
 _MOST_SHARE = 0.1
@@ -26,35 +27,8 @@ _EXACT = 1e-3
 """Tolerance of a jump as a share of the span of the readings."""
 
 
-@dataclass(frozen=True)
-class UnsignedReadings:
-    """Evidence of negative readings that were decoded as large positive ones.
-
-    bits: size of the integer type. jump: full range of the type. largest: largest reading. meant: signed value of that
-    reading.
-    """
-
-    bits: int
-    jump: float
-    largest: float
-    meant: float
-
-    @property
-    def words(self) -> str:
-        """Description of the problem with the largest value and its signed equivalent."""
-        return (
-            f"a signed value was read as unsigned: readings jump by 2^{self.bits} counts "
-            f"({self.jump:.6g}), so {self.largest:.6g} means {self.meant:.6g}"
-        )
-
-    @property
-    def remedy(self) -> str:
-        """Type to set in the rig file."""
-        return f"set `type: int{self.bits}`"
-
-
-def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ()) -> UnsignedReadings | None:
-    """Evidence that readings (n,) contain signed values decoded as unsigned; None if there is none.
+def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ()) -> tuple[str, str] | None:
+    """Fact and remedy if readings (n,) contain signed values decoded as unsigned.
 
     scales: sizes of a count in the unit of the readings, in addition to decimal sizes.
     """
@@ -71,7 +45,12 @@ def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ())
         for scale in (*(abs(scale) for scale in scales), *(10.0**-digits for digits in _DECIMALS)):
             jump = scale * 2**bits
             if _is_wrapped(lower, upper, jump, 10 * max(step, scale)):
-                return UnsignedReadings(bits, jump, float(upper[-1]), float(upper[-1] - jump))
+                fact = (
+                    f"a signed value was read as unsigned: readings jump by 2^{bits} counts ({jump:.6g}), "
+                    f"so {upper[-1]:.6g} means {upper[-1] - jump:.6g}"
+                )
+                modbus = f" (Modbus: `type: int{bits}`)" if bits in _MODBUS_BITS else ""
+                return fact, f"decode it as a signed integer of {bits} bits{modbus}"
     return None
 
 

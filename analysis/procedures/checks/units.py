@@ -89,7 +89,8 @@ def impossible_travel(name: str, reading: Array, radius_mm: float) -> Iterator[t
     if travel > radius_mm:
         fact = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
         if wrapped := unsigned_readings(reading):
-            yield f"{fact}: {wrapped.words}", wrapped.remedy
+            unsigned, remedy = wrapped
+            yield f"{fact}: {unsigned}", remedy
             return
         yield fact, "convert it to mm: the values are probably µm" if travel > 3 * radius_mm else "check the unit"
 
@@ -260,7 +261,8 @@ def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         value = getattr(dict(rig.gauges).get(name), "value", None)
         shown = unsigned_readings(column, [value.scale] if isinstance(value, ValueRegister) else [])
         if shown is not None:
-            fact, remedy = f"{name}_mm: {shown.words} mm", f"{shown.remedy} for {name}, and read it again"
+            fact, remedy = shown
+            fact, remedy = f"{name}_mm: {fact} mm", f"{remedy}, and read {name} again"
             yield Finding(UNITS, "decisive", (f"{name}_mm",), "signed values", fact, remedy)
 
 

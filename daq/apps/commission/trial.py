@@ -191,7 +191,8 @@ def of_signs(stream: Stream, trial: Trial) -> Iterator[CellFinding]:
     for name, column in zip(stream.columns, values.T, strict=True):
         shown = unsigned_readings(column) if name.endswith("_mm") else None
         if shown is not None:
-            yield wrong(stream.name, f"{name}: {shown.words}", shown.remedy)
+            fact, remedy = shown
+            yield wrong(stream.name, f"{name}: {fact}", remedy)
 
 
 def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> CellFinding:

@@ -232,4 +232,4 @@ def test_wrapped_counts_are_not_called_micrometres():
     true = np.round(0.02 * np.sin(np.linspace(0, 7, 400)), 4)
     wrapped = np.where(true < 0, true + 1e-4 * 2.0**32, true)
     ((_, remedy),) = impossible_travel("g1_mm", wrapped, 70.0)
-    assert remedy == "set `type: int32`"
+    assert "`type: int32`" in remedy
