@@ -24,8 +24,8 @@ def export(
     to: Annotated[
         Format,
         typer.Option(
-            help="Format: csv, parquet or xlsx for the table, mcap for the raw streams, map for that of an imported "
-            "table."
+            help="Format: csv, parquet or xlsx for the table, mcap for the raw streams, map: the column map of an "
+            "imported table."
         ),
     ],
     output: Annotated[
@@ -36,24 +36,9 @@ def export(
     """Write the table of each run as CSV, Parquet or a workbook, its raw streams as MCAP, or the map of its import.
 
     Foxglove and PlotJuggler show an MCAP file."""
-    from rigs.errors import FileError
-
     if len(paths) == 1:
         _export(paths[0], to, output)
         return
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        raise FileError(
-            str(output),
-            "is a file, but several runs need a directory",
-            "choose a different --output",
-            code="export.not_a_directory",
-        ) from None
-    except OSError as error:
-        raise FileError(
-            str(output), error.strerror or str(error), "choose a different --output", code="export.not_written"
-        ) from None
     for_each(paths, lambda path: _export(path, to, output / f"{path.name}.{to}"))
 
 
@@ -68,12 +53,14 @@ def _export(path: Path, to: Format, output: Path) -> None:
     from daq.store import durable, mark_exported, read_run
     from rigs.errors import CellError, RigError
 
+    if to == "map":
+        write_new(output, holding(_map_of(read_run(path))))
+        say(output)
+        return
     doubts: tuple[str, ...] = ()
     with progress_of(f"exporting {path}"):
         run = read_run(path)
-        if to == "map":
-            write_new(output, holding(_map_of(run)))
-        elif to == "mcap":
+        if to == "mcap":
             write_new(output, partial(write_mcap, run))
         else:
             measured = measured_of(run)
@@ -82,11 +69,8 @@ def _export(path: Path, to: Format, output: Path) -> None:
             write_new(output, partial(write, measured.to_table()))
     for doubt in doubts:
         say(f"note: {doubt}", err=True)
-    if to == "map":
-        say(output)
-        return
     try:
-        durable.persist(output)  # Rigd may delete a marked run, and a power failure must not destroy the only copy.
+        durable.persist(output)  # rigd may delete a marked run, and a power failure must not destroy the only copy.
     except OSError as error:
         problem = f"could not be written durably, so {path} is not marked as exported: {error.strerror or error}"
         raise CellError(str(output), problem, "export to a different disk", code="export.not_written") from None
@@ -103,10 +87,6 @@ def _map_of(run: Run) -> bytes:
     table = run.manifest.table
     if table is None or not table.map:
         problem = "was imported without a column map" if table else "is a recorded run without an imported table"
-        raise FileError(
-            str(run.path),
-            problem,
-            "give a run that rig import created from a table with different columns",
-            code="export.not_written",
-        )
+        remedy = "give a run that rig import created from a table with different columns"
+        raise FileError(str(run.path), problem, remedy, code="export.no_map")
     return table.map.encode()

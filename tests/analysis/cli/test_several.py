@@ -8,6 +8,7 @@ from typer.testing import CliRunner, Result
 
 from analysis.cli import app
 from daq.store import read_run
+from rigs.errors import RigError
 from rigs.load import SHIPPED
 from tests.support.store_cases import crash, finished, record
 from tests.support.table_cases import csv_text, plain
@@ -69,4 +70,10 @@ def test_several_runs_are_exported_to_a_directory(runs, tmp_path):
         f"{run.name}.mcap" for run in (runs[0], runs[2])
     )
     taken = ran("export", runs[0], runs[2], "--to", "mcap", "-o", next((tmp_path / "out").iterdir()))
-    assert taken.exit_code != 0 and "choose a different --output" in str(taken.exception)
+    assert taken.exit_code == 3 and taken.stderr.count("choose a different --output") == 2
+
+
+def test_run_without_a_map_is_refused(runs, tmp_path):
+    done = ran("export", runs[0], "--to", "map", "-o", tmp_path / "map.yaml")
+    assert isinstance(done.exception, RigError) and done.exception.code == "export.no_map"
+    assert not (tmp_path / "map.yaml").exists()
