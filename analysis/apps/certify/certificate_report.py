@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from analysis.apps.certify.certificate import RISK, Certified, Judged
 from analysis.apps.report.blocks import Block, Sentence, Table
+from rigs.text import counted
 
 _COLUMNS = ("feature", "tolerance / mm", "error ± u / mm", "verdict", "after rig correct", "largest cause")
 _NOTE = (
@@ -19,10 +20,10 @@ _MOST_REASONS = 5
 def answer_of(judged: Sequence[Certified]) -> list[Block]:
     now, after = (Counter(getattr(one, state).verdict for one in judged) for state in ("now", "corrected"))
     first, second = (
-        f"{count['accept']} are inside, {count['reject']} outside, {count['undecided']} undecided"
-        for count in (now, after)
+        f"{count['accept']} inside, {count['reject']} outside, {count['undecided']} undecided" for count in (now, after)
     )
-    headline = f"Of {len(judged)} features {first}." + ("" if after == now else f" After rig correct: {second}.")
+    corrected = "" if after == now else f" After rig correct: {second}."
+    headline = f"{counted(len(judged), 'feature')}: {first}.{corrected}"
     rows = tuple(
         (one.feature.name, f"{one.feature.tolerance_mm:g}", *_cells(one.now), _cells(one.corrected)[1], one.cause or "")
         for one in judged

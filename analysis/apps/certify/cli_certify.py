@@ -84,7 +84,7 @@ def certify(
     from analysis.apps.certify.certificate import certify as certified
     from analysis.apps.certify.certificate_report import answer_of
     from analysis.apps.certify.drift import drifts_of
-    from analysis.apps.certify.features import features_of, stated_features
+    from analysis.apps.certify.features import features_of
     from analysis.apps.certify.program import programmed_places, targets_of, with_lines
     from analysis.apps.correct.corrected_program import frames_of, start_of
     from analysis.apps.plant.collect import Workers, collect
@@ -97,17 +97,17 @@ def certify(
 
     if output:
         check_page_file(output)
-    texts, errors = stated_features(tolerances or (), table)
     rig, _ = load(with_controller(rig_file, calibration))
     with named_by(rig_file, rig), progress_of("judging the features"):
         of_user = frames_of(rig.robot, tools or (), frames or ())
         listed = targets_of(program, rig, of_user, start_of(start), load_kg)
         notes = [f"line {listed.lines[row]}: {listed.names[row]} {why}" for row, why in sorted(listed.unknown.items())]
-        features, wrong = features_of(texts, listed.names, listed.lines, programmed_places(listed))
+        places = programmed_places(listed)
+        features, errors = features_of(tolerances or (), table, listed.names, listed.lines, places)
         listed, features, not_driven = with_lines(rig, listed, features)
         drifts = drifts_of(history_of(collect(history, rig.name, Workers(), lambda *_: None))) if history else ()
         judged = certified(rig, listed, features, rp_mm=rp_mm, drifts=drifts)
-    errors += [*wrong, *not_driven]
+    errors += not_driven
     if as_json:
         counts = Counter(one.now.verdict for one in judged)
         say_json({

@@ -39,6 +39,8 @@ class Feature:
     kind: Kind
     tolerance_mm: float
     rows: Integers
+    where: str = ""
+    """Argument or line of the table that states it, for errors."""
 
     def values(self, nominal: Array, moved: Array) -> Array:
         """Return the error (k,) mm for nominal (m, 3) and k displaced sets of points (k, m, 3), in mm."""
@@ -72,36 +74,39 @@ def _scatter(points: Array) -> Array:
     return np.asarray(off.transpose(0, 2, 1) @ off)
 
 
-@dataclass(frozen=True)
-class FeatureText:
-    """A feature as written: `where` for errors, name, kind, target names with ranges, and tolerance in mm."""
+def features_of(
+    tolerances: Sequence[str], table: Path | None, names: Sequence[str], lines: Sequence[int], places: Array
+) -> tuple[list[Feature], list[RigError]]:
+    """Read arguments of --tolerance and a table of features, on targets with these names and line numbers.
 
-    where: str
-    name: str
-    kind: str
-    targets: str
-    tolerance_mm: float
-
-
-def stated_features(tolerances: Sequence[str], table: Path | None) -> tuple[list[FeatureText], list[RigError]]:
-    """Parse arguments of --tolerance, and a table of features with the columns name, kind, targets and tolerance_mm.
-
-    Also return an error for each invalid one. Raises UseError if there are none, and FileError for another table.
+    Also return an error for each feature that is not possible. `position:all` is a feature for each target.
+    places (n, 3): programmed positions in mm, NaN if unknown. Raises UseError without any tolerance, and FileError for
+    a table without the columns name, kind, targets and tolerance_mm.
     """
     if not tolerances and table is None:
         remedy = "add --tolerance hole1=0.2mm, or --features TABLE.csv"
         raise UseError("rig certify", "has no tolerance", remedy, code="certify.no_tolerance")
     written = [(f"--tolerance {text}", "", text) for text in tolerances]
-    features, errors = list[FeatureText](), list[RigError]()
-    for where, name, text in [*written, *(_rows_in(table) if table else ())]:
+    features, errors = list[Feature](), list[RigError]()
+    for where, label, text in [*written, *(_rows_in(table) if table else ())]:
         try:
-            features.append(_stated(where, name, text))
+            name, kind, targets, tolerance_mm = _stated(where, label, text)
+            if (kind, targets) == ("position", "all"):
+                for row, (target, line) in enumerate(zip(names, lines, strict=True)):
+                    unique = target if names.count(target) == 1 else f"{target} in line {line}"
+                    features.append(Feature(unique, kind, tolerance_mm, np.array([row]), where))
+                continue
+            rows = np.array(_rows_of(where, targets, names, lines), dtype=int)
+            feature = Feature(name, kind, tolerance_mm, rows, where)
+            _check(feature, places[rows])
+            features.append(feature)
         except UseError as error:
             errors.append(error)
     return features, errors
 
 
-def _stated(where: str, name: str, text: str) -> FeatureText:
+def _stated(where: str, label: str, text: str) -> tuple[str, Kind, str, float]:
+    """Return name, kind, targets and tolerance in mm of a feature as written, such as `distance:A,B=0.1mm`."""
     feature, equals, tolerance = (part.strip() for part in text.rpartition("="))
     if not equals or not feature:
         raise UseError(where, "is not FEATURE=MM", f"write {_SIGN}", code="certify.feature")
@@ -109,9 +114,15 @@ def _stated(where: str, name: str, text: str) -> FeatureText:
         is_number = re.fullmatch(r"[\d.]+", tolerance)
         problem = f"{tolerance!r} has no unit" if is_number else f"{tolerance!r} is not a tolerance in mm or µm"
         raise UseError(where, problem, f"write {_SIGN}", code="certify.tolerance")
-    size_mm = float(match[1]) * (1.0 if match[2] == "mm" else 1e-3)
+    tolerance_mm = float(match[1]) * (1.0 if match[2] == "mm" else 1e-3)
+    if not 0 < tolerance_mm < np.inf:
+        problem = f"the tolerance is {tolerance_mm:g} mm"
+        raise UseError(where, problem, "give more than 0 mm", code="certify.tolerance")
     kind, colon, targets = feature.partition(":")
-    return FeatureText(where, name or feature, kind if colon else "position", targets or feature, size_mm)
+    if colon and kind not in get_args(Kind):
+        remedy = f"choose from {', '.join(get_args(Kind))}"
+        raise UseError(where, f"{kind!r} is no feature", remedy, code="certify.feature")
+    return label or feature, cast("Kind", kind if colon else "position"), targets.strip() or feature, tolerance_mm
 
 
 def _rows_in(table: Path) -> list[tuple[str, str, str]]:
@@ -131,65 +142,37 @@ def _rows_in(table: Path) -> list[tuple[str, str, str]]:
     ]  # fmt: skip
 
 
-def features_of(
-    texts: Sequence[FeatureText], names: Sequence[str], lines: Sequence[int], places: Array
-) -> tuple[list[Feature], list[RigError]]:
-    """Return the features on targets with these names and line numbers, and an error for each that is not possible.
-
-    places (n, 3): programmed positions in mm, NaN if unknown. `position:all` is a feature for each target.
-    """
-    features, errors = list[Feature](), list[RigError]()
-    for text in texts:
-        try:
-            rows = _rows_of(text, names, lines)
-            if text.kind == "position" and text.targets.strip() == "all":
-                listed = list(zip(names, lines, strict=True))
-                unique = [name if names.count(name) == 1 else f"{name} in line {line}" for name, line in listed]
-                features += [Feature(unique[row], "position", text.tolerance_mm, np.array([row])) for row in rows]
-                continue
-            feature = Feature(text.name, cast("Kind", text.kind), text.tolerance_mm, np.array(rows))
-            _check(text, feature, places[feature.rows])
-            features.append(feature)
-        except RigError as error:
-            errors.append(error)
-    return features, errors
-
-
-def _check(text: FeatureText, feature: Feature, nominal: Array) -> None:
+def _check(feature: Feature, nominal: Array) -> None:
     """Raise UseError for a feature that its targets cannot have."""
     fewest, count = _FEWEST[feature.kind], len(feature.rows)
     if count < fewest or (feature.kind == "position" and count > 1):
         problem = f"has {count} targets, and a {feature.kind} needs {fewest}{' or more' * (feature.kind != 'position')}"
-        raise UseError(text.where, problem, f"write {_SIGN}", code="certify.feature")
+        raise UseError(feature.where, problem, f"write {_SIGN}", code="certify.feature")
     is_form = feature.kind in ("flatness", "straightness") and np.isfinite(nominal).all()
     if is_form and (width := float(_widths(nominal[None], feature.kind == "flatness")[0])) > _NOMINAL_MM:
         element = "plane" if feature.kind == "flatness" else "straight line"
         problem = f"its targets leave a {element} by {width:.3g} mm as programmed"
-        raise UseError(text.where, problem, "choose others", code="certify.form")
+        raise UseError(feature.where, problem, "choose others", code="certify.form")
 
 
-def _rows_of(text: FeatureText, names: Sequence[str], lines: Sequence[int]) -> list[int]:
+def _rows_of(where: str, targets: str, names: Sequence[str], lines: Sequence[int]) -> list[int]:
     """Return the rows of the targets of a feature; `A..B` are all from A to B. Raises UseError."""
-    if text.kind not in get_args(Kind):
-        remedy = f"choose from {', '.join(get_args(Kind))}"
-        raise UseError(text.where, f"{text.kind!r} is no feature", remedy, code="certify.feature")
-    if not 0 < text.tolerance_mm < np.inf:
-        raise UseError(
-            text.where, f"the tolerance is {text.tolerance_mm:g} mm", "give more than 0 mm", code="certify.tolerance"
-        )
-    if text.targets.strip() == "all":
+    if targets == "all":
         return list(range(len(names)))
     rows: list[int] = []
-    for part in text.targets.split(","):
-        ends = [_row_of(text, end.strip(), names, lines) for end in part.split("..")]
-        rows += range(ends[0], ends[-1] + 1) or ends
+    for part in targets.split(","):
+        ends = [_row_of(where, end.strip(), names, lines) for end in part.split("..")]
+        if len(ends) > 2 or ends[-1] < ends[0]:
+            remedy = "write FIRST..LAST in the order of the program"
+            raise UseError(where, f"{part.strip()!r} is no range of targets", remedy, code="certify.feature")
+        rows += range(ends[0], ends[-1] + 1)
     if len(set(rows)) < len(rows):
         problem, remedy = "names a target twice", "name each target once, in the order of the program"
-        raise UseError(text.where, problem, remedy, code="certify.feature")
+        raise UseError(where, problem, remedy, code="certify.feature")
     return rows
 
 
-def _row_of(text: FeatureText, name: str, names: Sequence[str], lines: Sequence[int]) -> int:
+def _row_of(where: str, name: str, names: Sequence[str], lines: Sequence[int]) -> int:
     of_name = [row for row, known in enumerate(names) if known.lower() == name.lower()]
     line = re.fullmatch(r"(?:line )?(\d+)", name)
     if not of_name and line:
@@ -203,4 +186,4 @@ def _row_of(text: FeatureText, name: str, names: Sequence[str], lines: Sequence[
     if of_name:
         problem = f"{name!r} names {len(of_name)} targets"
         remedy = f"name one by its line: {', '.join(f'line {lines[row]}' for row in of_name[:8])}"
-    raise UseError(text.where, problem, remedy, code="certify.no_target")
+    raise UseError(where, problem, remedy, code="certify.no_target")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.certify.drift import Drift, drifts_of, until
-from analysis.apps.certify.features import Feature
+from analysis.apps.certify.features import Feature, features_of
 from analysis.apps.plant.collect import Collected
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.records import RunRecord
@@ -98,6 +98,8 @@ def test_unmeasured_arm_decides_nothing(tmp_path):
         ("roundness:A,B=0.3mm", "certify.feature"),
         ("distance:A=0.3mm", "certify.feature"),
         ("distance:A,A=0.3mm", "certify.feature"),
+        ("distance:A,D..B=0.3mm", "certify.feature"),
+        ("flatness:A..B..D=0.3mm", "certify.feature"),
         ("flatness:A..far=0.3mm", "certify.form"),
     ],
 )
@@ -105,6 +107,11 @@ def test_wrong_feature_is_one_error_and_the_others_are_judged(tmp_path, toleranc
     found = certified(tmp_path, SHIFT, "--tolerance", tolerance, "--tolerance", "B=5mm")
     assert [error["code"] for error in found["errors"]] == [code]
     assert (found["exit_code"], list(found["by_name"])) == (2, ["B"])
+
+
+def test_flatness_of_a_program_without_targets_is_an_error():
+    features, errors = features_of(["flatness:all=1mm"], None, (), (), np.empty((0, 3)))
+    assert not features and [error.code for error in errors] == ["certify.feature"]
 
 
 def test_table_of_features_and_page(tmp_path):
@@ -149,6 +156,7 @@ def test_program_judges_understood_targets_and_lists_the_others(tmp_path):
     assert len(names) == 5
     assert sum(feature["probability"] is None for feature in found["features"]) == len(found["not_understood"]) == 1
     assert [error["code"] for error in found["errors"]] == ["certify.no_line"]
+    assert found["errors"][0]["where"] == "--tolerance straightness:3,8=1mm"
 
 
 LEVEL = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [100, 100, 0]])
