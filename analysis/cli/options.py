@@ -29,22 +29,15 @@ def operator_or_user(operator: str) -> str:
 
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")]
-_STANDS_FOR = "a directory or URL with runs selects all runs."
-RunsBelow = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="RUN…", parser=location, autocompletion=completion.runs, help=f"Run directories or URLs; {_STANDS_FOR}"
-    ),
-]
-RobotRunsBelow = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="RUN…",
-        parser=location,
-        autocompletion=completion.runs,
-        help=f"Run directories or URLs of one robot; {_STANDS_FOR}",
-    ),
-]
+
+
+def _runs_below(what: str) -> Any:
+    words = f"{what}; a directory or URL with runs selects all runs."
+    return typer.Argument(metavar="RUN…", parser=location, autocompletion=completion.runs, help=words)
+
+
+RunsBelow = Annotated[list[Path], _runs_below("Run directories or URLs")]
+RobotRunsBelow = Annotated[list[Path], _runs_below("Run directories or URLs of one robot")]
 RunsElsewhere = Annotated[
     list[Path] | None,
     typer.Option(

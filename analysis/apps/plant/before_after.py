@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.plant.changes import FALSE_ALARMS, trend_of
-from analysis.apps.plant.history import WATCHED, label_of, title_of
+from analysis.apps.plant.history import WATCHED, label_of, programs_of
 from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of
 from analysis.apps.plant.store import FILE, read_records
 from analysis.procedures.shared.quantity import Quantity, student_factor
 from analysis.runs.loading import refuse_copies
+from analysis.runs.remote import fetched
 from analysis.runs.tabular import for_json
 from daq.store import load_manifest
 from rigs.errors import FileError
@@ -28,7 +29,6 @@ _FEWEST_OF_HISTORY = 10
 """Minimum number of runs in a series for a spread from the history."""
 _EFFICIENCY = 0.37
 """Efficiency of a median absolute deviation relative to a standard deviation (normal distribution)."""
-Key = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     if both := {run.resolve() for run in after} & {run.resolve() for run in before}:
         remedy = "give the run either before or after --against"
         raise FileError(str(min(both)), "is on both sides", remedy, code="compare.both_sides")
-    directories = {Path(run).parent.resolve() for run in (*before, *after)}
+    directories = {run.resolve().parent for run in (*before, *after)}
     histories = {directory: read_records(directory / FILE) for directory in directories}
     now, then = ([_record(run, histories) for run in side] for side in (after, before))
     records = zip((*before, *after), (*then, *now), strict=True)
@@ -98,36 +98,33 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     if len(robots) > 1:
         where, remedy = " and ".join(robots), "compare runs of the same robot"
         raise FileError(where, "are different robots", remedy, code="compare.other_robot")
-    groups: list[tuple[Key, list[RunRecord], list[RunRecord]]] = [
-        (key, [record for record in then if _key(record) == key], [record for record in now if _key(record) == key])
-        for key in dict.fromkeys(map(_key, now))
-    ]
-    picked = [(key, name, b, a) for key, b, a in groups if b for name in WATCHED if _all_have(name, [*b, *a])]
+    picked = []
+    for title, group in programs_of([*then, *now]):
+        old, new = ([record for record in side if record.key == group[0].key] for side in (then, now))
+        if old and new:
+            picked += [(title, name, old, new) for name in WATCHED if _all_have(name, group)]
     if not picked:
         problem = "the two sides share no combination of test, direction, placement and program"
         raise FileError("--against", problem, "give runs of the same test on both sides", code="compare.nothing_common")
-    return [_difference(key, name, b, a, len(picked), histories) for key, name, b, a in picked]
+    return [_difference(title, name, old, new, len(picked), histories) for title, name, old, new in picked]
 
 
 def _record(run: Path, histories: dict[Path, dict[str, RunRecord]]) -> RunRecord:
-    """Record of a run, from an up-to-date history in the same directory if possible."""
+    """Record of a run, from an up-to-date history in the same local directory if possible."""
     path = run.resolve()
-    manifest = load_manifest(path)
-    try:
-        fingerprint = fingerprint_of(path)
-    except OSError as error:
-        remedy = "check the disk and the permissions"
-        raise FileError(str(path), error.strerror or str(error), remedy, code="file.unreadable") from None
-    record = histories.get(path.parent, {}).get(path.name)
-    if record is None or record.fingerprint != fingerprint:
-        record = record_of(path, manifest, fingerprint)
-    if record.problem:
-        raise FileError(str(run), record.problem, "remove it, or see rig verify", code="run.no_figures")
-    return record
-
-
-def _key(record: RunRecord) -> Key:
-    return record.title, record.placement, record.program, record.corrected
+    with fetched(path) as directory:
+        manifest = load_manifest(directory)
+        try:
+            fingerprint = fingerprint_of(directory)
+        except OSError as error:
+            remedy = "check the disk and the permissions"
+            raise FileError(str(path), error.strerror or str(error), remedy, code="file.unreadable") from None
+        record = histories[path.parent].get(path.name)
+        if record is None or record.fingerprint != fingerprint:
+            record = record_of(directory, manifest, fingerprint)
+        if record.problem:
+            raise FileError(str(run), record.problem, "remove it, or see rig verify", code="run.no_figures")
+        return record
 
 
 def _all_have(figure: str, records: Sequence[RunRecord]) -> bool:
@@ -135,7 +132,7 @@ def _all_have(figure: str, records: Sequence[RunRecord]) -> bool:
 
 
 def _difference(
-    key: Key,
+    title: str,
     figure: str,
     before: Sequence[RunRecord],
     after: Sequence[RunRecord],
@@ -148,7 +145,7 @@ def _difference(
     then, now = (float(side.mean()) for side in sides)
     freedom = float(sum(len(side) - 1 for side in sides))
     squares = float(sum(((side - side.mean()) ** 2).sum() for side in sides))
-    spread, of_history = _spread_of_history(key, figure, histories)
+    spread, of_history = _spread_of_history(before[0].key, figure, histories)
     freedom, squares = freedom + of_history, squares + of_history * spread**2
     unit = before[0].figures[figure].unit
     u = limit = np.inf
@@ -157,17 +154,19 @@ def _difference(
         u = error * student_factor(freedom)
         limit = error * float(stdtrit(freedom, 1 - FALSE_ALARMS / count / 2))
     difference = Quantity(now - then, u, unit)
-    return Difference(title_of(key[0], key[1], key[3]), figure, then, now, difference, limit, len(before), len(after))
+    return Difference(title, figure, then, now, difference, limit, len(before), len(after))
 
 
-def _spread_of_history(key: Key, figure: str, histories: dict[Path, dict[str, RunRecord]]) -> tuple[float, float]:
+def _spread_of_history(
+    key: tuple[str, str, str, str], figure: str, histories: dict[Path, dict[str, RunRecord]]
+) -> tuple[float, float]:
     """Standard deviation between runs in the longest history, and the degrees of freedom; 0 and 0 without one."""
     best: list[RunRecord] = []
     for records in histories.values():
         series = [
             record
             for record in records.values()
-            if not record.problem and _key(record) == key and _all_have(figure, [record])
+            if not record.problem and record.key == key and _all_have(figure, [record])
         ]
         best = max(best, series, key=len)
     if len(best) < _FEWEST_OF_HISTORY:

@@ -15,7 +15,7 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import app, command, taking_all
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow
+from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, RunsElsewhere, location
 from analysis.procedures.facts import facts_of
 from rigs.errors import FileError, UseError
 
@@ -34,18 +34,13 @@ def compare(
         list[Path] | None,
         typer.Option(
             metavar="RUN…",
+            parser=location,
             autocompletion=completion.runs,
             help="Runs before a repair, if RUN… are those after it; default: the simulation.",
         ),
     ] = None,
     rig_file: ModelRig = None,
-    unseen: Annotated[
-        list[Path] | None,
-        typer.Option(
-            autocompletion=completion.runs,
-            help="Run directory at a different place or radius, with a set-up of its own; repeatable; default: none.",
-        ),
-    ] = None,
+    unseen: RunsElsewhere = None,
     as_json: AsJson = False,
     plot: Annotated[
         Path | None,

@@ -114,7 +114,7 @@ def history_of(
         raise UseError("--figure", problem, remedy, code="history.unknown_figure")
     tolerances = collected.limits if limits is None else limits
     picked = []
-    for title, group in _programs(runs):
+    for title, group in programs_of(runs):
         test = group[0].test
         limited = sorted(name for name in names.difference(WATCHED) if tolerances.of(test, name) is not None)
         for name in [*WATCHED, *limited] if figure is None else [figure]:
@@ -130,26 +130,21 @@ def history_of(
     return History(collected, tuple(series))
 
 
-def title_of(test: str, placement: str, corrected: str) -> str:
-    """Title of a group of runs: `yaw acw, placement left, corrected programs`."""
-    qualifiers = (f"placement {placement}" if placement else "", CORRECTED.get(corrected, ""))
-    return ", ".join([test, *filter(None, qualifiers)])
+def programs_of(runs: Iterable[RunRecord]) -> list[tuple[str, list[RunRecord]]]:
+    """Runs with equal keys, each group with a title, such as `yaw acw, placement left, corrected programs`.
 
-
-def _programs(runs: Iterable[RunRecord]) -> list[tuple[str, list[RunRecord]]]:
-    """Runs by test, direction, placement, program and correction, each group with a title.
-
-    Runs of a corrected program show the correction, not the state of the arm.
+    The title has the program if several were driven at one placement. Runs of a corrected program show the correction,
+    not the state of the arm.
     """
     groups: dict[tuple[str, str, str, str], list[RunRecord]] = {}
     for run in runs:
-        groups.setdefault((run.title, run.placement, run.program, run.corrected), []).append(run)
+        groups.setdefault(run.key, []).append(run)
     driven = Counter((title, placement) for title, placement, _ in {key[:3] for key in groups})
     titled = []
     for (title, placement, program, corrected), group in sorted(groups.items()):
-        words = [title_of(title, placement, corrected)]
+        words = [title, f"placement {placement}" if placement else "", CORRECTED.get(corrected, "")]
         words += [f"program {program}"] if driven[title, placement] > 1 else []
-        titled.append((", ".join(words), group))
+        titled.append((", ".join(filter(None, words)), group))
     return titled
 
 

@@ -70,7 +70,7 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
             ends = replace(begin, text=first), replace(end, text=last)
             cells = [Cell(f"{len(quantities)}"), *ends, *map(Cell, (rounded, sparkline(series.values), ways))]
         if is_limited:
-            cells.append(Cell(against_limit(series).partition(" since")[0]))
+            cells.append(Cell(against_limit(series, dated=False)))
         rows.append(("" if series.title == title_before else series.title, series.label, *cells))
         title_before = series.title
     ranks = tuple("unusual" if series.trend.changes else "" for series in all_series)

@@ -122,13 +122,13 @@ def is_short(series: Series) -> bool:
     return len(series.runs) < 2 * FEWEST
 
 
-def against_limit(series: Series) -> str:
+def against_limit(series: Series, *, dated: bool = True) -> str:
     """Standing of a series, such as `beyond 0.1 since 2026-05-03`; empty if it has no limit."""
     judged = judge(series)
     if judged is None:
         return ""
     word = {"pass": "within", "watch": "watch", "fail": "beyond"}[judged.standing]
-    is_dated = judged.standing != "pass" and judged.count > 1
+    is_dated = dated and judged.standing != "pass" and judged.count > 1
     since = f" since {judged.since.when.date()}" if is_dated else ""
     return f"{word} {judged.bound:g}{since}"
 

@@ -80,6 +80,11 @@ class RunRecord:
         return f"{self.test} {self.direction}".strip()
 
     @property
+    def key(self) -> tuple[str, str, str, str]:
+        """Title, placement, program and correction: the figures of runs with equal keys are comparable."""
+        return self.title, self.placement, self.program, self.corrected
+
+    @property
     def when(self) -> datetime:
         """Start of the run in the time zone of this computer, used for counting days."""
         when = datetime.fromisoformat(self.started)

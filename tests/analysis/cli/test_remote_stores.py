@@ -123,6 +123,17 @@ def test_a_page_is_that_of_the_directory(store, tmp_path):
     assert pages[1].replace(made.url, str(plant)) == pages[0]
 
 
+@pytest.mark.parametrize("store", ["file"], indirect=True)
+def test_both_sides_of_a_comparison_may_be_remote(store):
+    plant, made = store
+    before, after = (f"robot-001/{run.name}" for run in sorted((plant / "robot-001").glob("*_robot-001-*"))[:2])
+    here = printed_here("compare", f"{plant}/{after}", "--against", f"{plant}/{before}", "--json")
+    there = printed_there(
+        plant, made.url, "compare", f"{made.url}/{after}", "--against", f"{made.url}/{before}", "--json"
+    )
+    assert there == here and here[0] == 0
+
+
 @pytest.mark.parametrize("store", ["file", "s3", pytest.param("sftp", marks=pytest.mark.nightly)], indirect=True)
 def test_unchanged_runs_are_not_read_again(store, tmp_path):
     plant, made = store

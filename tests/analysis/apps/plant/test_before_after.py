@@ -10,7 +10,7 @@ from analysis.apps.plant import store
 from analysis.apps.plant.before_after import differences, headlines
 from analysis.apps.plant.records import RunRecord, fingerprint_of, record_of
 from analysis.procedures.shared.quantity import Quantity
-from daq.store.manifest import load_manifest
+from daq.store.manifest import Manifest, load_manifest
 from rigs.errors import FileError
 from tests.support.dated_runs import dated_run
 from tests.support.refusals import refused
@@ -67,6 +67,18 @@ def scattered(record: RunRecord, rng: np.random.Generator) -> dict[str, Quantity
     return {
         name: replace(one, value=one.value + 0.0005 * rng.standard_normal()) for name, one in record.figures.items()
     }
+
+
+def test_two_programs_of_a_test_have_different_titles(runs, monkeypatch):
+    """Every second run counts as one of another program."""
+
+    def recorded(path: Path, manifest: Manifest, fingerprint: str) -> RunRecord:
+        return replace(record_of(path, manifest, fingerprint), program="01"[runs.index(path) % 2])
+
+    monkeypatch.setattr("analysis.apps.plant.before_after.record_of", recorded)
+    found = differences(runs[3:5], runs[:2])
+    assert {one.title for one in found} == {"yaw acw, program 0", "yaw acw, program 1"}
+    assert len({one.sentence for one in found}) == len(found)
 
 
 def test_runs_that_cannot_be_compared_are_refused(runs, tmp_path):

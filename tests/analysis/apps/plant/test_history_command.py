@@ -120,6 +120,12 @@ def test_compare_takes_every_run_after_against(runs):
         ran("compare", *after, "--rig", "ur10e", "--against", *before)
 
 
+def test_options_with_runs_of_a_comparison_take_urls(runs):
+    for option in ("--against", "--unseen"):
+        with refused("url.form"):
+            ran("compare", runs / "000-acw", option, "s3:///nowhere")
+
+
 def test_change_shown_by_several_tests_is_one_sentence():
     history = history_of(collected(GREW))
     (play,) = [one for one in sentences(history) if "axis 2" in one]

@@ -36,6 +36,11 @@ def judged_words(values: list[float], u: float = 0.0005) -> tuple[str, list[str]
     return against_limit(series), [line for line in sentences(history) if "limit" in line]
 
 
+def test_the_table_has_the_standing_without_its_day():
+    (series,) = history_of(collected(runs_of([0.006, 0.024, 0.026]), LIMITS)).series
+    assert against_limit(series) == f"{against_limit(series, dated=False)} since 2026-05-02"
+
+
 def test_a_figure_that_crosses_is_reported_with_its_day():
     table, lines = judged_words([0.024, 0.006, 0.0205, 0.024, 0.0205, 0.026])
     assert table == "beyond 0.02 since 2026-05-04"  # on the 3rd and 5th the uncertainty reaches over the limit
