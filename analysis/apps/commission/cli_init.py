@@ -36,8 +36,8 @@ def init(
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Host of the robot, tcp://host:port, udp://address:port or linuxcnc://host; none: typed joints; "
-            "default: interactive.",
+            help="Host of the robot, tcp://host:port, udp://address:port or linuxcnc://host; for sockets also none "
+            "(typed joints); default: interactive.",
         ),
     ] = None,
     port: Annotated[

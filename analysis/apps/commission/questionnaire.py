@@ -101,6 +101,10 @@ def _check_options(options: Options) -> None:
     if other and options.robot not in (None, NO_ROBOT):
         problem = f"is not used with {other}: the table contains the joints"
         raise UseError("--robot", problem, "remove it", code="init.option_unused")
+    if by == "gauges" and options.robot == NO_ROBOT:
+        problem = "cannot be none with gauges: the joints are read while the gauges measure"
+        remedy = "give the address of the robot, or --measured-by sockets"
+        raise UseError("--robot", problem, remedy, code="init.option_unused")
     gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": given.get("baseline_mm")}
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
     gauges |= {"--radius-mm": options.radius_mm}

@@ -260,6 +260,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         (["--baseline-mm", "5", "--robot", "x"], "gauge.baseline"),
         (["--name", "My Cell", "--robot", "x"], "init.value"),
         (["--key", "g1.interface=tesa_tt", "--robot", "x"], "init.gauge_unnamed"),
+        (["--robot", "none"], "init.option_unused"),
         (["--measured-by", "tracker", "--port", "/dev/none"], "init.option_unused"),
         (["--measured-by", "sockets", "--key", "g1.range_mm=9"], "init.option_unused"),
         (["--measured-by", "tracker", "--radius-mm", "300"], "init.option_unused"),
