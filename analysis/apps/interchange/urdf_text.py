@@ -48,7 +48,7 @@ def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
 
 
 def joint_origins(arm: Arm) -> Array:
-    """Joint frames (6, 4, 4) in mm with all angles zero, each relative to the previous joint."""
+    """Joint frames (n, 4, 4) in mm with all angles zero, each relative to the previous joint."""
     c, s = np.cos(arm.offset), np.sin(arm.offset)
     turned = np.tile(np.eye(4), (len(arm.a), 1, 1))
     turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
@@ -86,6 +86,10 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
     where: rig file named in errors. remarks: sentences at the top. Raises FileError if axes are coupled or a name is
     invalid.
     """
+    return xml_text(_urdf(robot, arm, where, remarks))
+
+
+def _urdf(robot: Robot, arm: Arm, where: str, remarks: Sequence[str]) -> ElementTree.Element:
     senses = joint_senses(arm, where, "a URDF")
     require_names(robot, where)
     fixed = _fixed_joints(robot)
@@ -110,7 +114,7 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
     _joint(root, fixed[1], "fixed", (before, "flange"), np.eye(4))
     _link(root, "tool")
     _joint(root, fixed[2], "fixed", ("flange", "tool"), arm.T_flange_tool)
-    return xml_text(root)
+    return root
 
 
 def require_names(robot: Robot, where: str) -> None:
@@ -200,13 +204,11 @@ def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) 
                 f"{where}, robot", f"xacro would evaluate the name {name!r}", "remove the $ from it", code="export.name"
             )
     ElementTree.register_namespace("xacro", _XACRO)
-    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))  # noqa: S314 - it is ours
-    urdf = ElementTree.fromstring(urdf_text(robot, arm, where, remarks).encode(), parser)  # noqa: S314
     root = ElementTree.Element("robot")
     name = macro_name(robot)
     root.append(ElementTree.Comment(f' include this file, then: <xacro:{name} prefix="left_" parent="table"/> '))
     macro = ElementTree.SubElement(root, f"{{{_XACRO}}}macro", name=name, params="prefix:='' parent:=world")
-    for part in urdf:
+    for part in _urdf(robot, arm, where, remarks):
         if part.get("name") == "world" and part.tag == "link":
             continue
         # add the prefix to link and joint names, and replace the world by the parent
