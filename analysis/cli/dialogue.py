@@ -40,7 +40,7 @@ class Dialogue:
         """Ask a question until `read` accepts the answer.
 
         Repetitions show only the last line of the question. option: the command-line option that answers the question
-        if there is no terminal. Raises UseError if neither a terminal nor the option is available, and Stopped.
+        if there is no terminal. Raises UseError if neither a terminal nor the option is available, and DialogueEnded.
         """
         if not self.terminal:
             if usual is None:

@@ -26,13 +26,14 @@ def import_(
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Run directory to create; of several tables, the directory for a run named as each."
+            "--output",
+            "-o",
+            help="Run directory to create; with several tables: directory in which each run gets the name of its "
+            "table.",
         ),
     ],
     calibration: Calibration = None,
-    test: Annotated[
-        TestName | None, typer.Option(help="Test that the tables are of; default: by their columns.")
-    ] = None,
+    test: Annotated[TestName | None, typer.Option(help="Test of the tables; default: by their columns.")] = None,
     direction: Annotated[
         Direction | None, direction_option("Direction of yaw and roll; default: the column direction of the table")
     ] = None,

@@ -34,6 +34,7 @@ from analysis.runs.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.part import Vector
+from rigs.text import counted
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,8 @@ def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = Fal
         for name in sorted({run.setup for run in new} - known)
     ]
     if reference.wild:
-        doubts.append(f"{reference.wild} readings of the reference are outliers and are ignored")
+        one, several = "reading of the reference is an outlier and is", "readings of the reference are outliers and are"
+        doubts.append(f"{counted(reference.wild, one, several)} ignored")
     compared = compare(reference, shared) if shared else None
     if compared is not None and compared.distance_mm > MOST_MM:
         far = f"the readings are {compared.distance_mm:.0f} mm from the positions of the reference"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis import diagnose
-from analysis.apps.commission.what_moved import what_moved_in
+from analysis.apps.commission.what_moved import study_runs, what_moved, what_moved_in
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.texts import texts_of
 from analysis.diagnosis.judge.result import Diagnosis
@@ -97,6 +97,17 @@ def test_too_few_readings_of_the_latest_state_are_refused():
     with pytest.raises(FileError) as error:
         what_moved_in(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs[:2], cell.runs[2:])
     assert error.value.code == "movement.few_readings" and error.value.where == "run_2"
+
+
+def test_outliers_of_the_reference_are_counted_in_words():
+    cell = cell_with("ur10e", [{}], np.random.default_rng(16))
+    reference = study_runs(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs)
+    for count, begin in (
+        (1, "1 reading of the reference is an outlier"),
+        (2, "2 readings of the reference are outliers"),
+    ):
+        (doubt,) = what_moved(replace(reference, wild=count), []).doubts
+        assert doubt.startswith(begin)
 
 
 def with_rows(run: Measured, count: int) -> Measured:
