@@ -92,6 +92,7 @@ def end_blocks(session: Session, directory: Path) -> list[Block]:
         blocks += summary_blocks(session.summary, _TEXTS)
     elif answer:  # a session of an earlier version
         blocks += [Sentence(answer.headline), Sentence((session.judged or answer).accuracy)]
+        blocks += [_parts(answer.parts)] if answer.parts else []
     if after:
         now = now_sentence(after, _TEXTS)
         blocks += [*path_blocks(after, _TEXTS), *([Sentence(now, "strong")] if now else [])]
