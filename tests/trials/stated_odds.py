@@ -12,7 +12,7 @@ import math
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from itertools import pairwise
 from pathlib import Path
@@ -181,15 +181,26 @@ def draw_diagram(names: Sequence[Stated], file: Path) -> None:
 
 def fitted_calibration(names: Sequence[Stated]) -> tuple[float, float]:
     """Intercept and slope of the logistic function that is most likely for these names (Platt 1999)."""
-    used = [one for one in names if one.log_odds is not None]
-    A = np.array([[1.0, float(one.log_odds)] for one in used])  # type: ignore[arg-type]
-    is_right = np.array([one.is_right for one in used], dtype=float)
+    used = [(one.log_odds, one.is_right) for one in names if one.log_odds is not None]
+    A = np.array([[1.0, log_odds] for log_odds, _ in used])
+    is_right = np.array([right for _, right in used], dtype=float)
     found: Array = np.zeros(2)
     for _ in range(_STEPS):
         p = 1 / (1 + np.exp(-(A @ found)))
         curvature = A.T @ (A * (p * (1 - p))[:, None]) + _RIDGE * np.eye(2)
         found = found + np.linalg.solve(curvature, A.T @ (is_right - p) - _RIDGE * found)
     return float(found[0]), float(found[1])
+
+
+def with_calibration(names: Sequence[Stated], file: Path) -> list[Stated]:
+    """Names with the probabilities of a calibration in place of those that were stated."""
+    content = _read(file)
+    intercept, slope = float(content["intercept"]), float(content["slope"])
+    return [
+        replace(one, probability=1 / (1 + math.exp(-intercept - slope * one.log_odds)))
+        for one in names
+        if one.log_odds is not None
+    ]
 
 
 def write_calibration(names: Sequence[Stated], file: Path) -> None:
@@ -217,6 +228,8 @@ def draw(given: Namespace) -> Iterator[Namespace]:
 
 def judged(given: Namespace) -> str:
     names = [one for root in given.keep for one in stated_in(Path(root))]
+    if given.calibration:
+        names = with_calibration(names, given.calibration)
     if not names:
         return "no names"
     if given.picture:
@@ -232,6 +245,7 @@ TRIAL = Trial(
     options={
         "KEEP": ([], "directories that were given to those trials as --keep"),
         "picture": (Path, "write the reliability diagram to this PNG file"),
+        "calibration": (Path, "judge the probabilities by this calibration, not those of the answers"),
         "fit": (Path, "fit the calibration to these names, and write it to this JSON file"),
     },
 )

@@ -86,8 +86,10 @@ def test_kept_answers_make_table_diagram_and_calibration(tmp_path):
         wrong = named("time_lag", "lag_s", 0.01, 0.6, 0.2)
         keep_blind(tmp_path, number, named("backlash 1", "width_deg", 0.1, 0.995), wrong)
     picture, file = tmp_path / "odds.png", tmp_path / "calibration.json"
-    said = judged(Namespace(keep=[tmp_path], picture=picture, fit=file))
+    said = judged(Namespace(keep=[tmp_path], picture=picture, fit=file, calibration=None))
     assert "3 of 3" in said and "Brier score" in said
     assert picture.read_bytes().startswith(b"\x89PNG")
+    again = judged(Namespace(keep=[tmp_path], picture=None, fit=None, calibration=file))
+    assert "6 of 6" not in again and "3 of 6" in again
     content = json.loads(file.read_text())
     assert (content["cells"], content["names"], content["seeds"]) == (3, 6, [0, 2]) and content["slope"] > 0
