@@ -167,7 +167,8 @@ def draw_diagram(names: Sequence[Stated], file: Path) -> None:
             right = 100 * np.array([one.right / one.names for one in shown])
             low, high = 100 * np.array([one.interval for one in shown]).T
             label = f"{readings} ({len(own)} names)"
-            axes.errorbar(stated, right, [right - low, high - right], fmt="o^s"[k], capsize=3, label=label)
+            error = np.maximum([right - low, high - right], 0)  # rounded, the interval may end short of 0 or 100 %
+            axes.errorbar(stated, right, error, fmt="o^s"[k], capsize=3, label=label)
         axes.set(xlim=(-2, 103), ylim=(-2, 103), title=f"{world} causes", xlabel="stated probability in %, class mean")
         axes.legend(loc="upper left", frameon=False)
         axes.grid(color="0.9")
