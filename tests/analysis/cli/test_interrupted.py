@@ -135,7 +135,6 @@ _KNOWN = {
     "runs/remote.py": "copies in a temporary directory",
     "apps/emulate/served_cell.py": "the directory of a cell, whose files durable.replace writes",
     "apps/emulate/robot.py": "the same",
-    "apps/interchange/cli_export.py": "the directory of many exports, whose files write_new writes",
     "apps/emulate/cli_emulate.py": "the directory of many tables, whose files write_new writes",
     "runs/written_files.py": "the one place where files are made",
     "apps/plant/store.py": "a database, which has its own journal",
