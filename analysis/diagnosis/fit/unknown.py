@@ -23,7 +23,7 @@ from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.scene import pull
-from rigs.effects import LinkGeometry
+from rigs.effects import changed
 
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 """Units of the columns: a thousandth of a degree and of a millimetre."""
@@ -109,7 +109,7 @@ def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
 def _wander(linear: Linearisation, joint: int, angle: _Functions) -> Array:
     """Return displacements and tilts (N, c) of a joint axis over its angle, as by its bearing, for runs at rest."""
     axes = [axis for axis in (joint + 1, joint + 2) if axis <= linear.axes]
-    constants = [LinkGeometry(axis=axis, field=field, delta=0.1) for axis in axes for field in ("a", "alpha", "d")]
+    constants = [changed(axis, key, 0.1) for axis in axes for key in ("a_mm", "alpha_deg", "d_mm")]
     moved = linear.columns(constants) / 100  # of a micrometre or a thousandth of a degree
     samples = [angle(block)[block.samples, :8] / _UNIT_RAD for block in linear.blocks]
     waves = linear.at_entries([np.repeat(each, block.values.shape[1], axis=0)
