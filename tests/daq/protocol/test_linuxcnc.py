@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import threading
+import time
 
 import pytest
 
@@ -69,6 +71,8 @@ def test_served_client_gets_complete_lines_until_another_connects():
         thread = threading.Thread(target=rigfeed.serve, args=(lines, server))
         thread.start()
         os.write(sampler, b"old 1\nol")
+        while select.select([lines], [], [], 0)[0]:  # read before a client connects
+            time.sleep(0.001)
         with socket.create_connection(server.getsockname()) as first:
             os.write(sampler, b"d 2\nnew\nha")
             assert set(iter(first.makefile("rb").readline, b"new\n")) <= {b"old 1\n", b"old 2\n"}
