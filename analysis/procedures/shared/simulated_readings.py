@@ -201,7 +201,7 @@ _RATE_HZ = 100.0
 """Positions per second; trackers record ten times as many, without more information about a simulated arm."""
 _ACCELERATION_MM_S2 = 200.0
 """Acceleration of the programs (analysis/apps/makers/motion_plan.py)."""
-_STEPS = 2000
+_PATH_STEPS = 2000
 """Steps along each path with linear joint interpolation: on the circles the deviation is below 1 µm."""
 
 
@@ -247,7 +247,7 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
 
 def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str) -> Array:
     """Joints (n, 6) rad along a path from rest to rest, with the standstill after it."""
-    s = np.linspace(0.0, path.length_mm, _STEPS)
+    s = np.linspace(0.0, path.length_mm, _PATH_STEPS)
     s = np.unique(np.concatenate([s, path.arc_length_mm])) if isinstance(path, Polygon) else s
     q = joints_along(arm, cube, path, s, where)
     ramp_s = min(speed_mm_s / _ACCELERATION_MM_S2, float(np.sqrt(path.length_mm / _ACCELERATION_MM_S2)))
