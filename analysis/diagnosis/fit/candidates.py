@@ -225,8 +225,7 @@ class Columns:
     of joints, ball and stamps. `band` (N,): index of the band of each entry. `healthy` and `fixed` (p,): prior
     variances of the coefficients in a healthy arm, growing with the level and constant; `healthy_mean` (p,): their
     means at level 1. `not_seen`: effects invisible at any fault size. `constants_apart`: constants of the arm have
-    separate widths, as for touches. `turned` (axes): turns of joints. `functions`: number of free functions, the last
-    columns, for causes outside the library.
+    separate widths, as for touches. `turned` (axes): turns of joints.
     """
 
     X: Array
@@ -239,7 +238,6 @@ class Columns:
     not_seen: tuple[str, ...] = ()
     constants_apart: bool = False
     turned: tuple[float, ...] = ()
-    functions: int = 0
     _products: WeakKeyDictionary[Response, tuple[bytes, Array]] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
@@ -261,12 +259,7 @@ class Columns:
     @property
     def scattered(self) -> int:
         """Number of columns of scatter between runs, which follow the columns of set-ups."""
-        return int(self.X.shape[1] - self.set_ups.stop - self.functions)
-
-    @property
-    def discrepancy(self) -> slice:
-        """Columns of free functions, which represent causes outside the library."""
-        return slice(self.X.shape[1] - self.functions, self.X.shape[1])
+        return int(self.X.shape[1] - self.set_ups.stop)
 
     @cached_property
     def likelihoods(self) -> Array:
@@ -418,30 +411,15 @@ class Columns:
         """Return the level (p,) of each column, in healthy sizes."""
         return np.asarray(level.values[self.level_indices(level)])
 
-    def variance(self, level: Level, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
-        """Return the prior variance (p,) of the coefficients in an arm with `level` times the healthy size of the
-        effects.
+    def variance(self, level: Level, curves: JointCurves | None = None) -> Array:
+        """Prior variance (p,) of the coefficients in an arm with `level` times the healthy size of the effects.
 
-        Waves of joints have the variance of the `curves`, if given. `discrepancy`: amplitude of causes outside the
-        library.
+        Waves of joints have the variance of the `curves`, if given.
         """
         variance: Array = self.levels(level) ** 2 * self.healthy + self.fixed
         if curves is not None:
             variance[self.curves.columns] = self.curves.variance(curves)
-        variance[self.discrepancy] = discrepancy**2
         return variance
-
-    def with_discrepancy(self, functions: Array) -> Columns:
-        """Return the same columns with free functions (N, c) of unit amplitude appended."""
-        none = np.zeros(functions.shape[1])
-        return replace(
-            self,
-            X=np.concatenate([self.X, functions], axis=1),
-            healthy=np.concatenate([self.healthy, none]),
-            fixed=np.concatenate([self.fixed, none]),
-            healthy_mean=np.concatenate([self.healthy_mean, none]),
-            functions=functions.shape[1],
-        )
 
     def usual_variance(self, level: Level) -> Array:
         """Return the largest usual variance (p,), in healthy sizes squared, of the coefficients at a level.

@@ -16,7 +16,6 @@ from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
-from analysis.diagnosis.fit.discrepancy import add_discrepancy
 from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.refine import Refined
 from analysis.diagnosis.fit.responses import (
@@ -147,10 +146,9 @@ class SearchResult:
 
     @property
     def free_share(self) -> Array:
-        """Contribution (N,) of free forms and discrepancy to the whitened readings."""
-        free, own = self.fit.free.columns, self.columns.discrepancy
-        of_forms = free @ self.posterior.term_means[len(self.posterior.term_means) - free.shape[1] :]
-        return np.asarray(of_forms + self.columns.X[:, own] @ self.posterior.mean[own], dtype=float)
+        """Contribution (N,) of unknown causes to the whitened readings."""
+        free = self.fit.free.columns
+        return np.asarray(free @ self.posterior.term_means[len(self.posterior.term_means) - free.shape[1] :], float)
 
     @cached_property
     def departures(self) -> list[Array]:
@@ -162,14 +160,14 @@ class SearchResult:
 
     @cached_property
     def calibrated_posterior(self) -> CoefficientPosterior:
-        """The posterior without free forms and discrepancy, because a calibrated model does not contain them.
+        """The posterior without unknown causes, because a calibrated model does not contain them.
 
         If they were included, errors shared between them and the background would be missing in the model: 92 µm
         remained in one case, compared with 19 µm for the named effects only.
         """
-        if not self.state.free_forms and not self.state.discrepancy:
+        if not self.state.unknown:
             return self.posterior
-        return self.selection.posterior(self.selection.without_free_forms(self.state))
+        return self.selection.posterior(self.selection.with_names_only(self.state))
 
     @property
     def residual(self) -> Array:
@@ -200,10 +198,10 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
                 break
         so_far = state.effects
         setups = selection.linear.setups_moved_by(selection.moves(state))
-    selection, foreign = add_discrepancy(selection, state)
-    if foreign.discrepancy:
-        progress("comparing names with causes outside the library")
-        state, odds = compare_with_rivals(selection, foreign, limits_um(selection.linear))
+    progress("comparing names with unknown causes")
+    compared = selection.against_unknown(state)
+    if compared is not state:
+        state, odds = compare_with_rivals(selection, compared, limits_um(selection.linear))
     return SearchResult(selection, state, odds)
 
 

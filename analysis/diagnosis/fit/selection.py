@@ -14,7 +14,7 @@ import numpy as np
 
 from analysis.diagnosis.fit.candidates import HEALTHY, HEALTHY_APART
 from analysis.diagnosis.fit.effort import Effort
-from analysis.diagnosis.fit.joint_curves import JointCurves
+from analysis.diagnosis.fit.joint_curves import JointCurves, is_of_curve
 from analysis.diagnosis.fit.refine import no_effects, refine
 from analysis.diagnosis.fit.selection_state import (
     MOST_LEVEL,
@@ -162,25 +162,25 @@ class Selection(SelectionSteps):
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
         """Return the state with all effects that cover their penalty and no others.
 
-        If a free form explained more than the best named effect, the search accepting it is tried too, and the state
-        with more evidence is returned. If `stops` is set, the search ends at the first new fault that invalidates the
-        columns, unless a free form explained more before.
+        If an unknown cause explained more than the best named effect, the search accepting it is tried too, and the
+        state with more evidence is returned. If `stops` is set, the search ends at the first new fault that invalidates
+        the columns, unless an unknown cause explained more before.
         """
-        named, with_free_form = self._stepwise(state, accept_free_forms=False, stops=stops)
-        if with_free_form is None:
+        named, with_unknown = self._stepwise(state, accept_unknown=False, stops=stops)
+        if with_unknown is None:
             return named
-        return self.likeliest([named, self._stepwise(with_free_form, accept_free_forms=True)[0]])[1]
+        return self.likeliest([named, self._stepwise(with_unknown, accept_unknown=True)[0]])[1]
 
     def _stepwise(
-        self, state: SelectionState, *, accept_free_forms: bool, stops: bool = False
+        self, state: SelectionState, *, accept_unknown: bool, stops: bool = False
     ) -> tuple[SelectionState, SelectionState | None]:
-        """Return the result of a stepwise search, and the first state in which a free form explained more than the best
-        name, if any.
+        """Return the result of a stepwise search, and the first state in which an unknown cause explained more than the
+        best name, if any.
 
-        accept_free_forms: use such a form. stops: end at a new fault that invalidates the columns, unless there is such
-        a form. The search also ends at a series of waves.
+        accept_unknown: use such a cause. stops: end at a new fault that invalidates the columns, unless there is such
+        a cause. The search also ends at a series of waves.
         """
-        with_free_form = None
+        with_unknown = None
         # Unnamed faults resemble an arm with a high level; names are therefore selected at level 1 first.
         for level_cap in (1.0, MOST_LEVEL):
             level, state = state.level, self.renewed(replace(state, level_cap=level_cap))
@@ -196,25 +196,66 @@ class Selection(SelectionSteps):
                 # effects are removed.
                 changed = self.backward_step(state, posterior, below=0.0)
                 if changed is None:
-                    may_try_free = accept_free_forms or with_free_form is None
-                    changed, unnamed = self.forward_step(state, posterior, try_free_forms=may_try_free)
-                    with_free_form = with_free_form or unnamed
-                    if accept_free_forms and unnamed:
+                    may_try_unknown = accept_unknown or with_unknown is None
+                    changed, unnamed = self.forward_step(state, posterior, try_unknown=may_try_unknown)
+                    with_unknown = with_unknown or unnamed
+                    if accept_unknown and unnamed:
                         changed = unnamed
                     elif changed is not None and changed.may_be_fault(-1):
                         newest = changed.effects[-1]
                         is_new = not any(is_alike(effect, newest) for effect in self.linear.reference)
-                        if stops and with_free_form is None and is_new and not self.is_valid_for(changed):
+                        if stops and with_unknown is None and is_new and not self.is_valid_for(changed):
                             self._note_round(state, changed)
                             return changed, None
                         changed = self.settled(*beginnings(changed))
                 changed = changed or self.backward_step(state, posterior, below=_SURE_EVIDENCE)
-                changed = changed or self.without_free_form(state) or self.step_from_noise(state)
+                changed = changed or self.without_unknown_cause(state) or self.step_from_noise(state)
                 if changed is None:
                     break
                 before, state = state, self.renewed(changed)
                 self._note_round(before, state)
-        return self.renewed(self.refitted(state)), with_free_form
+        return self.renewed(self.refitted(state)), with_unknown
+
+    def against_unknown(self, state: SelectionState) -> SelectionState:
+        """Compare the names with unknown causes: add the causes that the readings still show, and put one in place of
+        the names that it explains as well.
+
+        A name that imitates an unknown cause leaves a residual, to which the next name is fitted. All waves of joints
+        are therefore also tried together: they approximate any function of angles.
+        """
+        if not self.holds_unknown:
+            return state
+        while (more := self._with_cause(state)) is not None:
+            state = more
+        waves = [k for k, effect in enumerate(state.effects) if is_of_curve(effect)]
+        if len(waves) > 1:
+            state = self._cause_instead(state, waves) or state
+        place = 0
+        while place < len(state.effects):
+            instead = self._cause_instead(state, [place])
+            place, state = (place + 1, state) if instead is None else (place, instead)
+        return state
+
+    def _with_cause(self, state: SelectionState) -> SelectionState | None:
+        """Return the state with one more unknown cause, if that is likelier."""
+        tried = [self._likeliest_cause_in(begun) for begun in beginnings(state)]
+        found = [self.settled(each) for each in tried if each is not None]
+        evidence, likeliest = self.likeliest(found) if found else (-np.inf, None)
+        return likeliest if evidence > self.evidence(state) else None
+
+    def _cause_instead(self, state: SelectionState, places: Sequence[int]) -> SelectionState | None:
+        """Return the state without the names at these places, with or without an unknown cause in place of them, if
+        that explains the readings as well."""
+        without = state
+        for place in reversed(places):
+            without = self.without(without, place)
+        tried = [without, *filter(None, [self._likeliest_cause_in(without)])]
+        evidence, likeliest = self.likeliest([self.settled(each) for each in tried])
+        return likeliest if evidence >= self.evidence(state) else None
+
+    def _likeliest_cause_in(self, state: SelectionState) -> SelectionState | None:
+        cause = self.causes.likeliest(self.posterior(state), {cause.kind for cause in state.unknown})
+        return None if cause is None or cause.gain < 0 else replace(state, unknown=(*state.unknown, cause))
 
     def _note_round(self, before: SelectionState, after: SelectionState) -> None:
         """Note the effort of a round of the search, by its gain of log evidence and of unexplained energy."""

@@ -20,10 +20,10 @@ from analysis.diagnosis.fit.candidates import (
     order_of,
     remaining_column_shares,
 )
-from analysis.diagnosis.fit.free_forms import FreeForm
 from analysis.diagnosis.fit.joint_curves import JointCurves
 from analysis.diagnosis.fit.refine import Refined
 from analysis.diagnosis.fit.responses import Linearisation
+from analysis.diagnosis.fit.unknown import UnknownCause
 from analysis.robot.kinematics.arm import Array, Mask
 from rigs.calibration import Term, effects_of, is_nothing
 from rigs.effects import Effect, healthy_size, size_field
@@ -72,9 +72,8 @@ class SelectionState:
     `refined` contains the fitted effects and `origins` the indices of the forms of origin, -1 for none. `level` is that
     of the background and `level_cap` the upper limit. `strength` (b,) is the ratio of the variance of the residual in
     each band to that of the noise, and `robust` (N,) the weights of the entries. `refused` contains the indices of
-    forms that did not cover their penalty, `free_forms` the free forms in use and `replaced_forms` the descriptions of
-    those replaced by a named effect. `discrepancy` is the amplitude of causes outside the library, 0 if not used.
-    `curves` is the size of the curves of joints, None unless all readings are poses.
+    forms that did not cover their penalty, `unknown` the unknown causes in use and `replaced` the kinds of those
+    replaced by a named effect. `curves` is the size of the curves of joints, None unless all readings are poses.
     """
 
     refined: Refined
@@ -85,9 +84,8 @@ class SelectionState:
     refused: frozenset[int] = frozenset()
     level_cap: float = 1.0
     curves: JointCurves | None = None
-    free_forms: tuple[FreeForm, ...] = ()
-    replaced_forms: frozenset[str] = frozenset()
-    discrepancy: float = 0.0
+    unknown: tuple[UnknownCause, ...] = ()
+    replaced: frozenset[str] = frozenset()
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -188,7 +186,7 @@ class Backgrounds:
     def of(self, state: SelectionState) -> Background:
         """Return the background of all contributions not fitted as an effect in a state."""
         columns = self.columns
-        variance, mean = columns.variance(state.level, state.curves, state.discrepancy), columns.mean(state.level)
+        variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
         if has_compliant_base_only(state.effects):
             variance, mean = self._usual_load**2 * variance, self._usual_load * mean
         for effect in state.effects:
@@ -402,7 +400,7 @@ class Hyperparameters:
                 break
             state = replace(state, level=Level.of_values(level))
             posterior = posterior_of(state)
-        return state if state.free_forms else self._at_quieter_level(state, posterior, with_prior)
+        return state if state.unknown else self._at_quieter_level(state, posterior, with_prior)
 
     def _at_quieter_level(
         self, state: SelectionState, posterior: CoefficientPosterior, with_prior: Callable[[SelectionState], float]

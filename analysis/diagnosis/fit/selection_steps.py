@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from analysis.diagnosis.fit.background import CoefficientPosterior
-from analysis.diagnosis.fit.free_forms import FreeForm, best_free_form, free_forms_of
 from analysis.diagnosis.fit.refine import FIT_ROUNDS, refine
 from analysis.diagnosis.fit.responses import Response
 from analysis.diagnosis.fit.selection_state import (
@@ -27,10 +26,10 @@ _DEPTH = 40
 """Largest number of fitted effects: real arms that were never calibrated have 9 to 14 faults, and as many visible
 healthy effects."""
 _MUCH = 50.0
-"""Log evidence from which a free form competes with names. Chosen: foreign effects leave 50 to 500 in log evidence, and
-effects of the library mostly less than 8."""
+"""Log evidence from which an unknown cause competes with names. Chosen: foreign effects leave 50 to 500, and effects of
+the library mostly less than 8."""
 _MARGIN = 1.2
-"""Factor by which a free form must explain more than the best name, whose first fit is not at the optimum. Chosen."""
+"""Factor by which an unknown cause must explain more than the best name, whose first fit is not optimal. Chosen."""
 _UNEXPLAINED, _ENOUGH_FROM_NOISE = 4.0, 5.0
 """Strength of a band, relative to the noise, from which effects are tried in its place, and the log evidence that they
 must gain. Chosen: twice the noise, and odds of 150 to 1.
@@ -55,22 +54,20 @@ alternating with the noise. Chosen: in a development case the first two gained n
 class SelectionSteps(StateEvidence):
     """Steps from one state to the next: forward, backward, and settling."""
 
-    @property
-    def shows_free_forms(self) -> bool:
-        """Whether the readings show unnamed errors."""
-        return bool(self._free)
-
     @cached_property
-    def _free(self) -> tuple[FreeForm, ...]:
-        # With targets only, a free form follows the scatter: on poses of a UR10 it replaced names, and the rms of
-        # held-out poses was 0.317 mm instead of the 0.141 mm with names only.
-        return tuple(free_forms_of(self.linear)) if any(block.sampling for block in self.linear.blocks) else ()
+    def holds_unknown(self) -> bool:
+        """True if an unknown cause may replace names during the search: on circles.
+
+        With targets only, it follows the scatter: on poses of a UR10 it replaced names, and the rms of held-out poses
+        was 0.317 mm instead of the 0.141 mm with names only.
+        """
+        return any(block.sampling for block in self.linear.blocks)
 
     def forward_step(
-        self, state: SelectionState, posterior: CoefficientPosterior, *, try_free_forms: bool
+        self, state: SelectionState, posterior: CoefficientPosterior, *, try_unknown: bool
     ) -> tuple[SelectionState | None, SelectionState | None]:
-        """Return the state with the effect of largest gain, if an effect covers the penalty, and the state with a
-        free form instead, if those are tried and any explains much more.
+        """Return the state with the effect of largest gain, if an effect covers the penalty, and the state with an
+        unknown cause instead, if those are tried and any explains much more.
         """
         gain = self._gains_of_allowed(state, posterior)
         most_gain, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
@@ -79,7 +76,7 @@ class SelectionSteps(StateEvidence):
             with_each = {k: self.with_form(state, posterior, k) for k in best}
             if twice := frozenset(k for k, added in with_each.items() if is_duplicate(added.effects)):
                 state = replace(state, refused=state.refused | twice)
-                return self.forward_step(state, posterior, try_free_forms=try_free_forms)
+                return self.forward_step(state, posterior, try_unknown=try_unknown)
             # The level remaining after each name may decide: with the right name the arm is quieter.
             # The present state is renewed too, because a new estimate of noise or level alone would look like a gain.
             renewed = self.renewed if len(with_each) > 1 else (lambda added: added)
@@ -89,16 +86,15 @@ class SelectionSteps(StateEvidence):
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:
                     state = self.refusing(state, self.columns.forms[k].effect)
-                return self.forward_step(state, posterior, try_free_forms=try_free_forms)
+                return self.forward_step(state, posterior, try_unknown=try_unknown)
             most_gain = max(float(gain[best[0]]), rise)
-        taken = state.replaced_forms | {form.words for form in state.free_forms}
-        forms = [form for form in self._free if form.words not in taken] if try_free_forms else []
-        free_form = best_free_form(forms, posterior) if forms else None
+        taken = state.replaced | {cause.kind for cause in state.unknown}
+        cause = self.causes.likeliest(posterior, taken) if try_unknown and self.holds_unknown else None
         # A fit may be worse than the linear prediction if it moves the set-up by a large amount; the next turn corrects
         # that.
-        if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most_gain):
+        if cause is None or cause.gain < max(_MUCH, _MARGIN * most_gain):
             return changed, None
-        return changed, self.refitted(replace(state, free_forms=(*state.free_forms, free_form)))
+        return changed, self.refitted(replace(state, unknown=(*state.unknown, cause)))
 
     def _gains_of_allowed(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
         """Return the gains (n,) of the forms, minus infinity for refused forms, as log evidence."""
@@ -164,19 +160,18 @@ class SelectionSteps(StateEvidence):
             return None
         return self.refusing(without, state.effects[place], state.origins[place])
 
-    def without_free_form(self, state: SelectionState) -> SelectionState | None:
-        """Return the state with a free form removed if the best name in the same role, or no effect, explains as
+    def without_unknown_cause(self, state: SelectionState) -> SelectionState | None:
+        """Return the state with an unknown cause removed if the best name in the same role, or no effect, explains as
         much, and None otherwise.
         """
-        whole = self.evidence(state) if state.free_forms else 0.0
-        for k in range(len(state.free_forms)):
-            kept = (*state.free_forms[:k], *state.free_forms[k + 1 :])
-            without_it = self.refitted(replace(state, free_forms=kept))
+        whole = self.evidence(state) if state.unknown else 0.0
+        for k, cause in enumerate(state.unknown):
+            without_it = self.refitted(replace(state, unknown=(*state.unknown[:k], *state.unknown[k + 1 :])))
             posterior = self.posterior(without_it)
             best = int(np.argmax(self.gains(without_it, posterior)))
             for simpler in (without_it, self.refitted(self.with_form(without_it, posterior, best))):
                 if self.evidence(simpler) > whole:
-                    return replace(simpler, replaced_forms=state.replaced_forms | {state.free_forms[k].words})
+                    return replace(simpler, replaced=state.replaced | {cause.kind})
         return None
 
     def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
@@ -212,10 +207,10 @@ class SelectionSteps(StateEvidence):
         origins = (*state.origins[:place], *state.origins[place + 1 :])
         return replace(state, refined=replace(kept, residual=self.linear.residual(kept.effects)), origins=origins)
 
-    def without_free_forms(self, state: SelectionState) -> SelectionState:
-        """Return the state with the free forms removed, with the same effects and the noise reestimated."""
+    def with_names_only(self, state: SelectionState) -> SelectionState:
+        """Return the state without unknown causes, with the same effects and the noise reestimated."""
         none = Response(np.empty((len(self.linear.y), 0)))
-        return self.renewed(replace(state, free_forms=(), discrepancy=0.0, refined=replace(state.refined, free=none)))
+        return self.renewed(replace(state, unknown=(), refined=replace(state.refined, free=none)))
 
     def renewed(self, state: SelectionState) -> SelectionState:
         """Return the state with strengths, robust weights and level estimated again."""
@@ -223,7 +218,7 @@ class SelectionSteps(StateEvidence):
 
     def refitted(self, state: SelectionState, rounds: int = FIT_ROUNDS) -> SelectionState:
         """Return the state with all effects fitted together in at most this number of rounds."""
-        free = np.concatenate([np.empty((len(self.linear.y), 0)), *(form.columns for form in state.free_forms)], axis=1)
+        free = np.concatenate([np.empty((len(self.linear.y), 0)), *(cause.columns for cause in state.unknown)], axis=1)
         refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)
 

@@ -11,7 +11,6 @@ import numpy as np
 from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evidence, fault_evidence
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns
 from analysis.diagnosis.fit.effect_prices import HEALTHY_PRICE, EffectPrices
-from analysis.diagnosis.fit.free_forms import FREE_PRICE
 from analysis.diagnosis.fit.refine import whole_order_gain
 from analysis.diagnosis.fit.responses import Linearisation
 from analysis.diagnosis.fit.selection_state import (
@@ -21,6 +20,7 @@ from analysis.diagnosis.fit.selection_state import (
     SelectionState,
     has_compliant_base_only,
 )
+from analysis.diagnosis.fit.unknown import UnknownCauses
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import healthy_size
 from rigs.schema.effect import name_of
@@ -54,6 +54,11 @@ class StateEvidence:
         return EffectPrices(self.linear, self.columns)
 
     @cached_property
+    def causes(self) -> UnknownCauses:
+        """The kinds of unknown causes that the runs may show."""
+        return UnknownCauses.in_runs(self.linear)
+
+    @cached_property
     def hyperparameters(self) -> Hyperparameters:
         """The noise, its weights and the level of states."""
         return Hyperparameters(self.linear, self.columns)
@@ -74,7 +79,7 @@ class StateEvidence:
         prices += sum(whole_order_gain(state.refined, place) for place in range(len(state.effects)))
         if has_compliant_base_only(state.effects):
             prices -= HEALTHY_PRICE  # the softness of the shoulder is then free, as if it were fitted
-        return evidence + prices - FREE_PRICE * len(state.free_forms)
+        return evidence + prices - (self.causes.price * len(state.unknown) if state.unknown else 0.0)
 
     def evidence_of_names(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant, for a comparison of names."""

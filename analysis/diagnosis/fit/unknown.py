@@ -9,7 +9,7 @@ addition to the effects of a state tells how well such a cause explains the rest
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Self
@@ -18,10 +18,11 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evidence
-from analysis.diagnosis.fit.free_forms import circle_waves, drive_rates, half_waves, times_of_lap
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.procedures.facts import facts_of
-from analysis.robot.kinematics.arm import Array
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.geometry.driven_programs import circle_of
+from analysis.robot.kinematics.arm import Array, forward
 from analysis.robot.model.scene import pull
 from rigs.effects import changed
 
@@ -31,6 +32,9 @@ _PRIOR = -2.0
 """Log prior odds of an unknown cause. Chosen: names of cells with known truth are equally likely from -3 to 0."""
 _AMPLITUDES: Array = 2.0 ** np.arange(-3.0, 10.0)
 """Amplitudes in these units, from an eighth of a µm to half a millimetre."""
+_WAVES = 24
+"""Half waves over the range of a quantity, with an amplitude inversely proportional to the order, as for a random walk,
+so that bends and steps are possible. Chosen: fine enough for features of a few degrees."""
 _POSTURE_RAD = (0.02, 0.3, 0.8, 2.0)
 """Lengths over which an error changes with the posture. Chosen: from each target by itself to half the range."""
 _PLACE = (0.1, 0.3)
@@ -46,6 +50,38 @@ _Functions = Callable[[Block], Array]
 
 
 @dataclass(frozen=True)
+class UnknownCause:
+    """A cause that rig does not know, with columns (N, c) of its likeliest amplitude, in standard deviations of the
+    noise, and the log evidence that it gains after its price."""
+
+    kind: str
+    columns: Array
+    gain: float
+
+    @property
+    def words(self) -> str:
+        """The quantity with which the error varies, as a noun phrase."""
+        subject, _, of = self.kind.partition(" ")
+        return _WORDS[subject.rstrip(",")].format(of.removeprefix("angles "))
+
+
+_WORDS = {
+    "angle": "an error of axis {} over its angle",
+    "load": "an error of axis {} over its load",
+    "direction": "an error of axis {} that depends on the directions of motion",
+    "speed": "an error of axis {} over its speed",
+    "other": "an error of axis {} over the angles of other axes",
+    "wander": "an axis {} that wanders while it turns",
+    "time": "a change of the gauges over time",
+    "ball": "an error of the ball that varies with the position of the link",
+    "friction": "friction in the ball joint",
+    "order": "a change with time",
+    "posture": "an error that varies with the posture",
+    "place": "an error that varies with the place",
+}
+
+
+@dataclass(frozen=True)
 class UnknownCauses:
     """Kinds of unknown causes that runs may show, each with columns (N, c) of unit amplitude by its quantity."""
 
@@ -53,7 +89,7 @@ class UnknownCauses:
 
     @classmethod
     def in_runs(cls, linear: Linearisation) -> Self:
-        """Return the kinds of causes that change the readings of a linearisation."""
+        """The kinds of causes that change the readings of a linearisation."""
         kinds = dict([*_of_joints(linear), *_of_circles(linear), *_of_places(linear)])
         return cls({subject: columns for subject, columns in kinds.items() if np.any(columns)})
 
@@ -61,8 +97,13 @@ class UnknownCauses:
     def _responses(self) -> list[Response]:
         return [Response(columns) for columns in self.columns.values()]
 
+    @property
+    def price(self) -> float:
+        """Log evidence that a cause of one kind and amplitude must gain: the choices, and its prior odds."""
+        return float(np.log(max(len(self.columns), 1) * len(_AMPLITUDES))) - _PRIOR
+
     def gains(self, posterior: CoefficientPosterior) -> dict[str, Array]:
-        """Return the log evidence (a,) that each kind gains in addition to a state, with each amplitude."""
+        """Log evidence (a,) that each kind gains in addition to a state, with each amplitude."""
         gains = []
         for products, slope in posterior.cavities_within_limits(self._responses) if self.columns else ():
             power, turn = np.linalg.eigh(products)
@@ -70,8 +111,16 @@ class UnknownCauses:
             gains.append(cavity_evidence(np.maximum(power, 0.0), seen, np.square(_AMPLITUDES)[:, None]))
         return dict(zip(self.columns, gains, strict=True))
 
+    def likeliest(self, posterior: CoefficientPosterior, excluded: Collection[str] = ()) -> UnknownCause | None:
+        """The cause that explains most of what a state leaves; None if every kind is excluded."""
+        gains = {kind: gain for kind, gain in self.gains(posterior).items() if kind not in excluded}
+        if not gains:
+            return None
+        kind = max(gains, key=lambda kind: float(gains[kind].max()))
+        return UnknownCause(kind, self.likeliest_columns(kind, gains), float(gains[kind].max()) - self.price)
+
     def likeliest_columns(self, kind: str, gains: Mapping[str, Array]) -> Array:
-        """Return the columns (N, c) of a kind with its likeliest amplitude."""
+        """Columns (N, c) of a kind with its likeliest amplitude."""
         return np.asarray(_AMPLITUDES[np.argmax(gains[kind])] * self.columns[kind], dtype=float)
 
 
@@ -87,7 +136,7 @@ def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
     rests = not any(block.sampling for block in linear.blocks)
 
     def angle(joint: int, block: Block) -> Array:
-        return half_waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
+        return _half_waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
 
     def direction(joint: int, block: Block) -> Array:
         ways = _directions(block)
@@ -120,7 +169,7 @@ def _wander(linear: Linearisation, joint: int, angle: _Functions) -> Array:
 def _directions(block: Block) -> Array:
     """Return the direction (n, axes) of each joint: of its motion on a circle, of its approach to a place."""
     if block.sampling:
-        return np.asarray(np.tanh(drive_rates(block) / _SLOW), dtype=float)
+        return np.asarray(np.tanh(_drive_rates(block) / _SLOW), dtype=float)
     sides, count = block.table.sides, len(block.path.q)
     return np.zeros(block.drives.q.shape) if sides is None else np.repeat(sides * 1.0, count // len(sides), axis=0)
 
@@ -128,11 +177,11 @@ def _directions(block: Block) -> Array:
 def _load(joint: int, block: Block) -> Array:
     torque: Array = pull(block.model.arm, block.model.load, block.path.q).torque[:, joint]
     most = float(np.abs(torque).max())
-    return half_waves((torque / max(most, 1e-12) + 1) / 2, _UNIT_RAD)[:, :8] * (most > 0)
+    return _half_waves((torque / max(most, 1e-12) + 1) / 2, _UNIT_RAD)[:, :8] * (most > 0)
 
 
 def _speed(joint: int, block: Block) -> Array:
-    rate = np.abs(drive_rates(block)[:, [joint]])
+    rate = np.abs(_drive_rates(block)[:, [joint]])
     return np.asarray(_UNIT_RAD * (rate / max(float(rate.max()), 1e-12)) ** np.array([0.5, 1.0, 2.0]), dtype=float)
 
 
@@ -140,9 +189,9 @@ def _of_circles(linear: Linearisation) -> Iterator[tuple[str, Array]]:
     """Yield errors of the gauges that vary with time, errors of the ball, and friction of the ball joint."""
     circles = [k for k, block in enumerate(linear.blocks) if block.sampling]
     if circles:
-        both = [linear.by_gauge(shares, times_of_lap) for shares in ((1.0, 0.0), (0.0, 1.0))]
+        both = [linear.by_gauge(shares, _times_of_lap) for shares in ((1.0, 0.0), (0.0, 1.0))]
         yield "time", np.concatenate(both, axis=1)
-        yield "ball", linear.by_gauge((1.0, 1.0), circle_waves)
+        yield "ball", linear.by_gauge((1.0, 1.0), _circle_waves)
         friction = np.zeros((len(linear.y), 2 * len(circles)))
         for column, k in enumerate(circles):
             constant = np.broadcast_to(_UNIT_MM * np.eye(2), (len(linear.blocks[k].values), 2, 2))
@@ -157,7 +206,7 @@ def _of_places(linear: Linearisation) -> Iterator[tuple[str, Array]]:
         return
 
     def order(block: Block) -> Array:
-        functions = half_waves(np.linspace(0, 1, len(block.path.q)), _UNIT_RAD)[:, :8]
+        functions = _half_waves(np.linspace(0, 1, len(block.path.q)), _UNIT_RAD)[:, :8]
         return functions * (not block.sampling)
 
     yield "order", np.concatenate([linear.by_joint(axis, order) for axis in range(1, linear.axes + 1)], axis=1)
@@ -190,3 +239,32 @@ def _smooth(linear: Linearisation, at: Sequence[Array], length: float) -> Array:
             errors = block.whitened(errors.reshape(*block.values.shape, -1))
         parts.append(errors)
     return linear.at_entries(parts)
+
+
+def _times_of_lap(block: Block) -> Array:
+    """Functions (n, c) mm of the time of a block's samples."""
+    t = block.path.t_s
+    return _half_waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
+
+
+def _circle_waves(block: Block) -> Array:
+    """Functions (n, c) mm of the circle angle of a block's samples."""
+    q = block.path.q
+    if not block.sampling:
+        return np.zeros((len(q), 2 * _WAVES))
+    tool = forward(block.model.arm, q)[:, :3, 3]
+    turned = frame_of(circle_of(block.model.rig)).angle(tool)[:, None] * np.arange(1, _WAVES + 1)
+    waves = np.concatenate([np.cos(turned), np.sin(turned)], axis=1)
+    return _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
+
+
+def _half_waves(share: Array, unit: float) -> Array:
+    """Half waves (n, c) of a share (n,) between 0 and 1."""
+    number = np.arange(1, _WAVES + 1)
+    return unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
+
+
+def _drive_rates(block: Block) -> Array:
+    """Speeds (n, 6) rad/s of the drives; zero at targets."""
+    drives = block.drives
+    return np.gradient(drives.q, drives.t_s, axis=0) if block.sampling else np.zeros_like(drives.q)

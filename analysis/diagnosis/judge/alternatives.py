@@ -15,13 +15,12 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.diagnosis.fit.discrepancy import LEAST_STRENGTH
 from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.fit.responses import Response
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import SelectionState, least_fault
-from analysis.diagnosis.fit.unknown import UnknownCauses, total_gain
+from analysis.diagnosis.fit.unknown import total_gain
 from rigs.effects import Effect
 from rigs.schema.effect import size_of
 from rigs.schema.scene import OUTSIDE_ARM
@@ -32,6 +31,9 @@ behind this name and others; or an angle that the arm was commanded but did not 
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
 1.0, both would be confused in a third of all repeats."""
+_LOUDER = 1.5
+"""Strength of a band above which its residual counts as more than noise. Chosen: cells without unknown causes have up
+to 1.2."""
 _MOST = 6
 """Largest number of least certain names that an unknown cause replaces step by step. Chosen: each costs a fit."""
 _Share = tuple[SelectionState, float]
@@ -62,13 +64,12 @@ def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list
     only_commanded: the runs contain commanded angles, and an angle that the arm did not reach explains the readings as
     well as any error of the arm.
     """
-    return _Comparison(result, UnknownCauses.in_runs(result.linear), only_commanded).hypotheses()
+    return _Comparison(result, only_commanded).hypotheses()
 
 
 @dataclass(frozen=True)
 class _Comparison:
     result: SearchResult
-    causes: UnknownCauses
     only_commanded: bool = False
 
     def hypotheses(self) -> list[Hypotheses]:
@@ -81,7 +82,7 @@ class _Comparison:
     @cached_property
     def present(self) -> str | None:
         """The kind of unknown cause that the readings show in addition to all names; None if they show none."""
-        gains = self.causes.gains(self.result.selection.posterior(_with_noise(self.result.state)[-1]))
+        gains = self.result.selection.causes.gains(self.result.selection.posterior(_with_noise(self.result.state)[-1]))
         return max(gains, key=lambda kind: gains[kind].max()) if gains and total_gain(gains) > 0 else None
 
     def _hypotheses(self, k: int, of_noise: float, of_unknown: float, of_several: float) -> Hypotheses:
@@ -115,16 +116,22 @@ class _Comparison:
 
         If the readings show an unknown cause anyway, another one may exist beside it.
         """
-        selection, each = self.result.selection, list[float]()
+        selection, causes, each = self.result.selection, self.result.selection.causes, list[float]()
         for at_noise in _with_noise(state):
-            gains = self.causes.gains(selection.posterior(at_noise))
+            gains = causes.gains(selection.posterior(at_noise))
             each += [selection.evidence(at_noise) + total_gain(gains)] if gains else []
             if self.present:
-                columns = [state.refined.free.columns, self.causes.likeliest_columns(self.present, gains)]
+                columns = [
+                    state.refined.free.columns,
+                    causes.likeliest_columns(self.present, gains),
+                ]
                 refined = replace(state.refined, free=Response(np.concatenate(columns, axis=1)))
                 beside = replace(at_noise, refined=refined)
                 evidence = selection.evidence(beside)
-                each += [evidence, evidence + total_gain(self.causes.gains(selection.posterior(beside)))]
+                each += [
+                    evidence,
+                    evidence + total_gain(causes.gains(selection.posterior(beside))),
+                ]
         return float(np.logaddexp.reduce(each, initial=-np.inf))
 
     def _of_noise(self, without: SelectionState) -> float:
@@ -163,5 +170,5 @@ def _log_ratio(share: float, own: float) -> float:
 
 def _with_noise(state: SelectionState) -> list[SelectionState]:
     """Return a state and, if its residual counts as more than the noise, the state with only the noise."""
-    is_louder = (state.strength > LEAST_STRENGTH).any()
+    is_louder = (state.strength > _LOUDER).any()
     return [state, *([replace(state, strength=np.minimum(state.strength, 1.0))] if is_louder else [])]

@@ -12,7 +12,6 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.setups import FRAME, FittedRuns
 from analysis.diagnosis.fit.candidates import order_of
-from analysis.diagnosis.fit.free_forms import best_free_form, free_forms_of
 from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.out_of_range import OutOfRange
 from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, plain_rms_by_block, rms_by_block
@@ -408,8 +407,8 @@ def _missed_elsewhere_um(gaps: Gaps, blocks: Sequence[Block]) -> float:
 def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
     where = [f"{band.test}{f' {band.direction}' * bool(band.direction)}, {band.part}: {band.words}" for band in first]
-    forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.calibrated_posterior)]
-    seen = [f"similar to {form.words}" for form in forms if form.gain > 0]
+    causes = result.state.unknown or filter(None, [result.selection.causes.likeliest(result.calibrated_posterior)])
+    seen = [f"similar to {cause.words}" for cause in causes if cause.gain > 0]
     alike = []
     for named in imitating:
         sizes = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares]

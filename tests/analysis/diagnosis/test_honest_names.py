@@ -10,9 +10,7 @@ import pytest
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
-from analysis.diagnosis.fit.discrepancy import add_discrepancy
 from analysis.diagnosis.fit.effort import Effort
-from analysis.diagnosis.fit.free_forms import discrepancy_evidence, discrepancy_functions
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.judge.budget import GapMeasure
@@ -101,30 +99,6 @@ def _wandering(axis: int) -> Array:
 
     added = healthy().without_set_up(healthy().by_joint(axis, off))[:, 0]
     return np.asarray(5000 * added / np.linalg.norm(added), dtype=float)
-
-
-def test_a_discrepancy_is_there_in_a_foreign_world_alone_and_widens_what_is_known() -> None:
-    linear, functions = healthy(), discrepancy_functions(healthy())
-    gains = []
-    for foreign in (np.zeros(len(linear.y)), _wandering(2) + _wandering(3)):
-        selection = Selection(holding(linear, white(linear, 5) + foreign), healthy_columns())
-        state = selection.initial_state(())
-        posterior = selection.posterior(replace(state, strength=np.ones_like(state.strength)))
-        gains.append(discrepancy_evidence(functions, posterior))
-    assert gains[0][0] <= 0 < gains[1][0]
-    columns = healthy_columns().with_discrepancy(functions)
-    beside = Selection(holding(linear, white(linear, 5) + foreign), columns)
-    state = beside.initial_state((replaced := TransmissionError(axis=2, order=20, amplitude_deg=0.02),))
-    narrow, wide = (
-        beside.posterior(replace(state, discrepancy=amplitude)).term_covariance[0, 0] for amplitude in (0.0, 4.0)
-    )
-    assert wide > 1.2 * narrow, label_of(replaced)
-
-
-def test_nothing_changes_where_nothing_is_foreign() -> None:
-    selection = Selection(holding(healthy(), white(healthy(), 5)), healthy_columns())
-    state = selection.initial_state(())
-    assert add_discrepancy(selection, state) == (selection, state)
 
 
 def test_a_search_ends_when_its_effort_is_spent() -> None:

@@ -32,7 +32,7 @@ def _found(state: SelectionState) -> dict[str, Effect]:
 
 def test_nothing_is_found_in_noise() -> None:
     _, state = _searched(white(healthy(), 11))
-    assert state.effects == () and state.free_forms == ()
+    assert state.effects == () and state.unknown == ()
     assert state.level.values.max() < 0.1  # an arm without effects is far below a healthy one
 
 
@@ -66,7 +66,7 @@ def test_a_new_estimate_of_the_noise_is_not_a_gain_of_a_name(monkeypatch: pytest
     tried = iter([[0, next(k for k, name in enumerate(names) if name != names[0])], []])
     monkeypatch.setattr(Selection, "_worth_trying", lambda *_: next(tried))  # private: nothing is worth trying here
     posterior = selection.posterior(too_noisy)
-    assert selection.forward_step(too_noisy, posterior, try_free_forms=False) == (None, None)
+    assert selection.forward_step(too_noisy, posterior, try_unknown=False) == (None, None)
 
 
 def test_faults_whose_shapes_are_local_optima_are_fitted_again() -> None:
