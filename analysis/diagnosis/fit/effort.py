@@ -15,7 +15,7 @@ of a UR10 end after 1 to 9 rounds, of which up to five are vain. A healthy cell 
 in 60 rounds, most of which left the unexplained energy as it was.
 """
 _LITTLE = 50.0
-"""Log evidence below which a gain is little: that from which a free form competes with names."""
+"""Log evidence below which a gain is little: that from which an unknown cause competes with names."""
 _UNEXPLAINED, _REDUCED = 0.02, 0.02
 """Energy beyond the noise, as a share of that of the noise, from which a part is unexplained, and the share of it that
 a round must remove. Chosen: both change a standard uncertainty by 1 %."""

@@ -67,7 +67,7 @@ class Refined:
     `values` (q,) and `covariance` (q, q) belong to the unknowns. `to_limit` (q,) is the distance to the limit of each
     unknown that the next step would move there, and NaN for the others. `residual` (N,) is the whitened residual with
     the effects, with set-ups and background unchanged; `tangents` are the derivatives by the unknowns of each effect,
-    in order. `departures` contains those of each effect, and `free` the columns of free forms, scaled to a standard
+    in order. `departures` contains those of each effect, and `free` the columns of unknown causes, scaled to a standard
     deviation.
     """
 
@@ -139,8 +139,8 @@ def refine(
     removes it. A new effect starts within the limits of the size, which also apply to the effects fitted with it; if
     others resemble it, it is first fitted separately.
 
-    `free` (N, f) contains the columns of free forms, scaled to a standard deviation, and `rounds` is the largest number
-    of Gauss-Newton rounds of a fit. If `begins` is set, the fit ends before the joint fit with effects resembling the
+    `free` (N, f) contains the columns of unknown causes, scaled to a standard deviation, and `rounds` is the largest
+    number of Gauss-Newton rounds of a fit. If `begins` is set, the fit ends before the joint fit with effects resembling the
     new effect.
     """
     before = fitted or no_effects(linear)
@@ -210,7 +210,7 @@ def no_effects(linear: Linearisation) -> Refined:
 
 @dataclass(frozen=True)
 class _Projected:
-    """Values in the background, and `across` (f, k), their products with the departures and free forms."""
+    """Values in the background, and `across` (f, k), their products with the departures and unknown causes."""
 
     marginal: MarginalValues
     across: Array
@@ -239,7 +239,7 @@ class _Problem:
 
     @cached_property
     def _allowed(self) -> MarginalValues:
-        """Deviations allowed in addition to the effects: the columns (N, f) of departures and free forms, marginal."""
+        """Marginal columns (N, f) of the deviations allowed beside the effects: departures and unknown causes."""
         return self.background.marginal_responses((*self.departures, self.free))
 
     @cached_property
@@ -305,7 +305,7 @@ class _Problem:
         return self._projected(self.background.marginal_residual(self.linear.residual(effects)))
 
     def _projected(self, marginal: MarginalValues) -> _Projected:
-        """Return marginal values (N, k) with their products with the departures and the free forms."""
+        """Return marginal values (N, k) with their products with the departures and the unknown causes."""
         return _Projected(marginal, self._allowed.products(marginal))
 
     def _product(self, first: _Projected, second: _Projected) -> Array:

@@ -221,7 +221,7 @@ class Budget:
                 )  # fmt: skip
                 drawn.append(_PartVector(part, vector))
         parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
-        # Remainder above the noise, with the free forms representing an unnamed effect.
+        # Remainder above the noise, with the unknown causes.
         result = self.result
         remains = self.measure.of(result.beyond_noise * result.posterior.residual + result.free_share)
         unexplained = BudgetPart("unexplained", float(np.linalg.norm(remains)), 0.0, self.share(remains))
