@@ -140,8 +140,8 @@ def refine(
     others resemble it, it is first fitted separately.
 
     `free` (N, f) contains the columns of unknown causes, scaled to a standard deviation, and `rounds` is the largest
-    number of Gauss-Newton rounds of a fit. If `begins` is set, the fit ends before the joint fit with effects resembling the
-    new effect.
+    number of Gauss-Newton rounds of a fit. If `begins` is set, the fit ends before the joint fit with effects
+    resembling the new effect.
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)

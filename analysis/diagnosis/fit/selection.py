@@ -223,7 +223,7 @@ class Selection(SelectionSteps):
         A name that imitates an unknown cause leaves a residual, to which the next name is fitted. All waves of joints
         are therefore also tried together: they approximate any function of angles.
         """
-        if not self.holds_unknown:
+        if not self.causes_of_circles.columns:
             return state
         while (more := self._with_cause(state)) is not None:
             state = more
@@ -254,7 +254,7 @@ class Selection(SelectionSteps):
         return likeliest if evidence >= self.evidence(state) else None
 
     def _likeliest_cause_in(self, state: SelectionState) -> SelectionState | None:
-        cause = self.causes.likeliest(self.posterior(state), {cause.kind for cause in state.unknown})
+        cause = self.causes_of_circles.likeliest(self.posterior(state), {cause.kind for cause in state.unknown})
         return None if cause is None or cause.gain < 0 else replace(state, unknown=(*state.unknown, cause))
 
     def _note_round(self, before: SelectionState, after: SelectionState) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -54,15 +53,6 @@ alternating with the noise. Chosen: in a development case the first two gained n
 class SelectionSteps(StateEvidence):
     """Steps from one state to the next: forward, backward, and settling."""
 
-    @cached_property
-    def holds_unknown(self) -> bool:
-        """True if an unknown cause may replace names during the search: on circles.
-
-        With targets only, it follows the scatter: on poses of a UR10 it replaced names, and the rms of held-out poses
-        was 0.317 mm instead of the 0.141 mm with names only.
-        """
-        return any(block.sampling for block in self.linear.blocks)
-
     def forward_step(
         self, state: SelectionState, posterior: CoefficientPosterior, *, try_unknown: bool
     ) -> tuple[SelectionState | None, SelectionState | None]:
@@ -89,7 +79,7 @@ class SelectionSteps(StateEvidence):
                 return self.forward_step(state, posterior, try_unknown=try_unknown)
             most_gain = max(float(gain[best[0]]), rise)
         taken = state.replaced | {cause.kind for cause in state.unknown}
-        cause = self.causes.likeliest(posterior, taken) if try_unknown and self.holds_unknown else None
+        cause = self.causes_of_circles.likeliest(posterior, taken) if try_unknown else None
         # A fit may be worse than the linear prediction if it moves the set-up by a large amount; the next turn corrects
         # that.
         if cause is None or cause.gain < max(_MUCH, _MARGIN * most_gain):

@@ -93,6 +93,11 @@ class UnknownCauses:
         kinds = dict([*_of_joints(linear), *_of_circles(linear), *_of_places(linear)])
         return cls({subject: columns for subject, columns in kinds.items() if np.any(columns)})
 
+    def of_circles(self) -> Self:
+        """The kinds that circles show, without those of readings at rest."""
+        at_rest = ("order", "posture", "place")
+        return type(self)({kind: columns for kind, columns in self.columns.items() if not kind.startswith(at_rest)})
+
     @cached_property
     def _responses(self) -> list[Response]:
         return [Response(columns) for columns in self.columns.values()]

@@ -148,7 +148,7 @@ class _JudgedRun:
     block (N,).
 
     `before` is the residual of the initial model and `residual` that of the complete model. `free_share` is the
-    additional contribution of unknown causes, zero if unknown. `contributions` are the changes when each effect is removed.
+    additional contribution of unknown causes. `contributions` are the changes when each effect is removed.
     `basis` (N, s) is orthonormal and spans the changes that the set-up could absorb. `limit_um` is the rms change from
     which an effect is material compared with the scatter of a run.
     """
