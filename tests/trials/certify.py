@@ -29,8 +29,8 @@ from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.load import parse
 from tests.support.measured_series import jacobi, ur10
+from tests.support.pose_runs import calibrated, with_tool
 from tests.support.trial import Trial, main, markdown, seeds
-from tests.trials.postures import calibrated, with_tool
 from tests.worlds.arms.seven_axes import run_of
 
 Array = NDArray[np.float64]

@@ -30,10 +30,10 @@ from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig
+from tests.support.pose_runs import calibrated, with_tool
 from tests.support.trial import Trial, main, markdown, seeds
 from tests.trials.certify import POOLS, rig_text
 from tests.trials.certify import pool_of as measured_pool
-from tests.trials.postures import calibrated, with_tool
 from tests.worlds.arms.seven_axes import run_of
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ Each series is compared with each shape of a change under each kind of noise (`S
 ratio between the best shape and no change, both with their best noise, so slow noise is not mistaken for a change.
 After a detection, the runs before and after are searched in the same way (binary segmentation: A. J. Scott and M.
 Knott, Biometrics 30 (1974)). Single outliers are removed first (F. R. Hampel, J. Am. Stat. Assoc. 69 (1974)). The false
-alarm probability of a robot is divided among the figures (Bonferroni); `scripts/dev history` measures it.
+alarm probability of a robot is divided among the figures (Bonferroni); docs/evidence/history.md has the measured one.
 
 A shape is a plateau, a straight ramp and a second plateau: a step is the shortest ramp, and slow growth a ramp up to
 the last run. The noise is white plus a slow part common to neighbouring runs, with a grid of shares and lengths, as in

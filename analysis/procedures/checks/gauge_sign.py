@@ -53,7 +53,7 @@ _CLOSER = 0.5
 """Largest ratio of the distance between the two eccentricities with exchanged gauges to the distance as labelled."""
 _BEYOND = 2.0
 """Minimum distance between the two eccentricities as a multiple of the rms of all other orders. This factor and
-_CLOSER are chosen: `scripts/dev conventions` counts wrong doubts and missed exchanges.
+_CLOSER are chosen: docs/evidence/conventions.md counts wrong doubts and missed exchanges.
 """
 _SEEN_MM, _NEGATED = 0.2, 0.25
 """Relative difference up to which the two eccentricities agree if one gauge is inverted, and their smallest size.

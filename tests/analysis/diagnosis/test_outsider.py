@@ -1,4 +1,4 @@
-"""What the engine states of a fit is the posterior of the forward model (`scripts/dev outsider`, without emcee)."""
+"""Means and uncertainties of a fit are those of the posterior of the forward model."""
 
 from __future__ import annotations
 

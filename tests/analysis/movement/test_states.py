@@ -20,7 +20,7 @@ from rigs.errors import FileError
 from rigs.load import load
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.moved_cell import Case, label, observed
-from tests.trials.moved_states import cell_with
+from tests.support.pose_runs import cell_with
 from tests.worlds import moved as world
 
 STATES: dict[str, tuple[str, list[dict[int, float]]]] = {

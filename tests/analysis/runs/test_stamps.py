@@ -1,4 +1,4 @@
-"""Stamps against the emulated truth, in simulated time; scripts/dev stamps prints the same for longer."""
+"""Stamps against the emulated truth, in simulated time."""
 
 from __future__ import annotations
 

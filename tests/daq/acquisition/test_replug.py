@@ -1,4 +1,4 @@
-"""`scripts/dev replug` in small: cables pulled and put back under a recording, and what a reader says of it."""
+"""Cables pulled and put back under a recording, and what a reader says of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An answer is never credited to a later request, however late it comes: `scripts/dev late`, in small."""
+"""An answer is never credited to a later request, however late it comes."""
 
 from __future__ import annotations
 

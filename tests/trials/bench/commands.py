@@ -106,7 +106,7 @@ def small_lines() -> Iterator[Line]:
 def diagnose_lines() -> Iterator[Line]:
     """`rig diagnose` of one case of the blind trial: readings at 50 Hz."""
     with tempfile.TemporaryDirectory() as root:
-        job = Job(*DIAGNOSED, Path(root), "quiet")
+        job = Job(*DIAGNOSED, Path(root))
         make_case(job)
         train = [str(run) for run in runs_of(job.case)["train"]]
         best = min(cost("rig", "diagnose", *train, "--json").cpu_s for _ in range(2))

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from tests.support.trial import Trial, main, seeds
-from tests.trials.blind.scoring import as_json, real_cases_of, real_report
+from tests.trials.blind.scoring import real_cases_of, real_report
 from tests.trials.blind.trial import Job, answered, make_case
 from tests.worlds.stranger import REAL_KINDS
 
-Result = tuple[Job, dict[str, Any], Path | None]
+Result = tuple[Job, dict[str, Any]]
 
 
 def draw(given: Namespace) -> Iterator[tuple[Job, Namespace]]:
@@ -36,30 +36,26 @@ def judged(case: tuple[Job, Namespace]) -> Result:
     job, given = case
     if given.generate_only:
         make_case(job)
-        return job, {}, None
-    return job, answered(job) | {"truth": json.loads(job.truth.read_text(encoding="utf-8"))}, given.scores
+        return job, {}
+    return job, answered(job) | {"truth": json.loads(job.truth.read_text(encoding="utf-8"))}
 
 
 def line(result: Result) -> str:
-    job, answer, _ = result
+    job, answer = result
     return f"{job}: {answer.get('condition', answer.get('error', f'{job.case}, truth {job.truth}'))}"
 
 
 def report(done: Sequence[Result]) -> str:
-    answers = {job.name: answer for job, answer, _ in done if answer}
+    answers = {job.name: answer for job, answer in done if answer}
     cases = real_cases_of([answer.pop("truth") for answer in answers.values()], answers)
-    if done and (file := done[0][2]):
-        file.write_text(json.dumps(as_json(cases), indent=1) + "\n", encoding="utf-8")
     return f"{len(cases)} cases\n{real_report(cases)}" if cases else ""
 
 
 TRIAL = Trial(
     draw, judged, report, line=line, count=20,
     options={
-        "world": ("real", "cells as they are", ("real",)),
         "kinds": (",".join(REAL_KINDS), f"some of {','.join(REAL_KINDS)} (all)"),
         "generate_only": (False, "make the cases of --keep, diagnose nothing"),
-        "scores": (Path, "write the table to this JSON file too"),
         "keep": (Path, "a directory for cases, truths and answers; what is there is used again"),
     },
 )  # fmt: skip

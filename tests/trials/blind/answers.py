@@ -22,24 +22,18 @@ class Named:
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer of a diagnosis; its condition is `none` if it is missing or ended in an error.
-
-    left: share of the hidden error that remains with the effects, by place, computed from the truth.
-    """
+    """Answer of a diagnosis; its condition is `none` if it is missing or ended in an error."""
 
     condition: str = "none"
     listed: tuple[Named, ...] = ()
-    left: Mapping[str, float] = field(default_factory=dict)
     seconds: float = math.nan
-    remainder_um: float = math.nan
 
 
 def answer_of(data: Mapping[str, Any] | None) -> Answer:
     if data is None or "condition" not in data:
         return Answer()
     listed = tuple(map(_named, data["effects"]))
-    left, seconds = data.get("left_by_truth", {}), data.get("seconds", math.nan)
-    return Answer(data["condition"], listed, left, seconds, (data.get("remainder") or {}).get("um", math.nan))
+    return Answer(data["condition"], listed, data.get("seconds", math.nan))
 
 
 def _named(effect: Mapping[str, Any]) -> Named:

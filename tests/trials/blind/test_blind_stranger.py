@@ -1,23 +1,16 @@
-"""The generator: shares no code with the project, kinematics by closed forms, cases fixed by their seed and sound."""
+"""The generator: shares no code with the project, kinematics by closed forms."""
 
 from __future__ import annotations
 
 import ast
-import csv
-import filecmp
-import json
 import sys
-from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from py_opw_kinematics import KinematicModel, Robot
 
-from tests.support.nightly import cases
 from tests.worlds import stranger
 from tests.worlds.stranger.cell import ROBOTS, read_cell
 from tests.worlds.stranger.gauges import Link
@@ -122,43 +115,3 @@ def test_the_papers_eccentricity():
     ball = cell.circle.centre + 10.0 * (cell.circle.u + cell.circle.v)
     g = measure(cell, moving, [], Link(ball, np.zeros(2), cell.gauge_at))
     assert np.degrees(np.arctan((g[:, 1] - g[:, 0]) / 50)).max() == pytest.approx(11.655, abs=0.01)
-
-
-@pytest.fixture(scope="module")
-def generated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, Path]]:
-    """A case of a kind with seed 3, and the file of its truth: each generated once."""
-
-    @cache
-    def case(kind: str) -> tuple[Path, Path]:
-        root = tmp_path_factory.mktemp(kind)
-        return stranger.generate(kind, 3, root / "cases", root / "truth"), root / "truth" / "case-00003.json"
-
-    return case
-
-
-def test_a_case_is_fixed_by_kind_and_seed(generated, tmp_path):
-    first, truth = generated("two")
-    second = stranger.generate("two", 3, tmp_path / "b", tmp_path / "tb")
-    names = sorted(path.name for path in first.iterdir())
-    assert filecmp.cmpfiles(first, second, names, shallow=False)[0] == names
-    assert truth.read_bytes() == (tmp_path / "tb" / "case-00003.json").read_bytes()
-
-
-@pytest.mark.parametrize("kind", cases(stranger.KINDS, ("two", "outside")))
-def test_cases_hide_their_kind(kind, generated):
-    case, path = generated(kind)
-    truth = json.loads(path.read_text(encoding="utf-8"))
-    count = {"none": 0, "outside": 0, "two": 2, "three": 3}.get(kind, 1)
-    assert len(truth["hidden"]) == count
-    assert all(7 <= one["snr"] <= 60 and one["name"] in one["class"] for one in truth["hidden"])
-    assert (truth["outside"] is not None) == (kind == "outside")
-    assert kind != "outside" or truth["outside"]["snr_unexplained"] >= 20
-    assert {one["name"] for one in truth["hidden"]}.isdisjoint(fault["name"] for fault in truth["background"])
-    for name in ("rig", "unseen"):
-        assert yaml.safe_load((case / f"{name}.yaml").read_text(encoding="utf-8"))["effects"] == []
-    runs = list(csv.DictReader((case / "runs.csv").read_text(encoding="utf-8").splitlines()))
-    uses = [(run["test"], run["direction"], run["use"]) for run in runs]
-    assert len(uses) == 17
-    for test in ("yaw", "roll"):
-        assert all(uses.count((test, way, "train")) == 3 for way in ("acw", "cw"))
-    assert [uses.count(("yaw", "cw", use)) for use in ("held_out", "unseen")] == [1, 1]

@@ -50,43 +50,28 @@ def test_wilson_interval():
 
 
 @pytest.mark.parametrize(
-    ("answer", "hidden", "first", "listed", "every", "wrong"),
+    ("answer", "hidden", "first", "every", "wrong"),
     [
-        (said("named", PLAY, LAG), [BACKLASH], True, True, True, 1),
-        (said("named", LAG, PLAY), [BACKLASH], False, True, True, 1),
-        (said("named", named("servo_lag 1")), [BACKLASH], True, True, True, 0),
-        (said("named", named("ball_form", rivals=[PLAY])), [BACKLASH], False, True, False, 1),
-        (said("named", PLAY, ZERO), [BACKLASH, A5], True, True, True, 0),
-        (said("named", PLAY), [BACKLASH, A5], True, True, False, 0),
-        (said("outside_library", PLAY), [BACKLASH], True, True, True, 0),
-        (said("nothing_unusual", LAG | {"stands": False}), [], False, False, True, 0),
-        (None, [BACKLASH], False, False, False, 0),
-        ({"error": "singular"}, [BACKLASH], False, False, False, 0),
+        (said("named", PLAY, LAG), [BACKLASH], True, True, 1),
+        (said("named", LAG, PLAY), [BACKLASH], False, True, 1),
+        (said("named", named("servo_lag 1")), [BACKLASH], True, True, 0),
+        (said("named", named("ball_form", rivals=[PLAY])), [BACKLASH], False, False, 1),
+        (said("named", PLAY, ZERO), [BACKLASH, A5], True, True, 0),
+        (said("named", PLAY), [BACKLASH, A5], True, False, 0),
+        (said("outside_library", PLAY), [BACKLASH], True, True, 0),
+        (said("nothing_unusual", LAG | {"stands": False}), [], False, True, 0),
+        (None, [BACKLASH], False, False, 0),
+        ({"error": "singular"}, [BACKLASH], False, False, 0),
     ],
 )
-def test_names_are_right_by_fault_or_twin(answer, hidden, first, listed, every, wrong):
+def test_names_are_right_by_fault_or_twin(answer, hidden, first, every, wrong):
     one = case("one", answer, *hidden)
-    assert (one.first, one.listed, one.all_named, len(one.wrong)) == (first, listed, every, wrong)
+    assert (one.first, one.all_named, len(one.wrong)) == (first, every, wrong)
 
 
 @pytest.mark.parametrize(("lag_s", "wrong"), [(0.006, 0), (0.004, 1)])
 def test_a_name_is_not_wrong_from_five_healthy_sizes_on(lag_s, wrong):
     assert len(case("healthy", said("named", LAG), background=[large_share(lag_s)]).wrong) == wrong
-
-
-@pytest.mark.parametrize(
-    ("answer", "tells", "gives_away"),
-    [
-        (said("outside_library"), True, False),
-        (said("named", LAG), False, True),  # 36 % of the energy
-        (said("named", LAG | {"worth_um": 40.0}), False, False),  # 16 %
-        (said("named", named("time_lag")), False, True),  # an unknown worth counts as the worst
-        (said("named", remainder={"um": 70.0}), True, False),
-    ],
-)
-def test_foreign_signal_is_reported_or_missed(answer, tells, gives_away):
-    one = case("foreign_large", answer, outside=[FOREIGN])
-    assert (one.tells_foreign, one.gives_foreign_away) == (tells, gives_away)
 
 
 def perfect() -> list[RealCase]:
@@ -101,7 +86,7 @@ def perfect() -> list[RealCase]:
             elif kind == "foreign_large":
                 cases.append(case(kind, said("outside_library"), outside=foreign))
             else:
-                answer = said("named", far, left_by_truth={"unseen_place": 0.0001}, remainder={"um": 70.0})
+                answer = said("named", far)
                 cases.append(case(kind, answer, BACKLASH, outside=foreign))
     return cases
 
@@ -110,5 +95,5 @@ def test_right_answers_reach_every_figure_and_wrong_ones_hardly_any():
     assert all(row.reached is not False for row in rows_of(perfect()))
     wrong = [RealCase(one.truth, case("x", said("named", LAG, seconds=99.0)).answer) for one in perfect()]
     reached = [row.reached for row in rows_of(wrong)]
-    assert reached.count(False) > 20 and reached.count(True) < 6
+    assert reached.count(False) > 12 and reached.count(True) < 5
     assert all(row.reached is None for row in rows_of([])) and real_report([])

@@ -1,6 +1,5 @@
 """The blind trial: cases are generated, imported, diagnosed and scored. Only this module uses both the independent
-world
-and rig.
+world and rig.
 
 The truth is stored in a separate tree, and the diagnosis has no access to it.
 """
@@ -12,20 +11,16 @@ import csv
 import hashlib
 import io
 import json
-import math
 import shutil
 import time
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from tests.worlds.stranger import energy_of, gap_of_real, generate, generate_real
-from tests.worlds.stranger.cases import Lap
+from tests.worlds.stranger import generate_real
 
 _WHOLE = "imported"
 """Marks a case that is all there."""
@@ -36,13 +31,11 @@ _INTERRUPTED = 130
 
 @dataclass(frozen=True)
 class Job:
-    """One case to try: where its tables and its truth go. scale: of the quiet world."""
+    """One case to try: where its tables and its truth go."""
 
     kind: str
     seed: int
     root: Path
-    world: str = "real"
-    scale: str = "limits"
 
     def __str__(self) -> str:
         return f"{self.kind} {self.seed}"
@@ -50,8 +43,7 @@ class Job:
     @property
     def name(self) -> str:
         """Tells nothing: the diagnosis sees it in the paths of the runs."""
-        what = self.scale if self.world == "quiet" else self.world
-        return f"case-{zlib.crc32(f'{self.kind} {self.seed} {what}'.encode()):08x}"
+        return f"case-{zlib.crc32(f'{self.kind} {self.seed} real'.encode()):08x}"
 
     @property
     def case(self) -> Path:
@@ -67,10 +59,7 @@ def make_case(job: Job) -> None:
     if (job.case / _WHOLE).exists():
         return
     shutil.rmtree(job.case, ignore_errors=True)
-    if job.world == "real":
-        generate_real(job.kind, job.seed, job.case.parent, job.truth.parent, name=job.name)
-    else:
-        generate(job.kind, job.seed, job.case.parent, job.truth.parent, scale=job.scale, name=job.name)
+    generate_real(job.kind, job.seed, job.case.parent, job.truth.parent, name=job.name)
     import_case(job.case)
     (job.case / _WHOLE).touch()
 
@@ -87,10 +76,6 @@ def run_job(job: Job) -> dict[str, Any]:
     except (Exception, SystemExit) as error:  # noqa: BLE001 - one bad case is an answer that is missing
         answer = {"error": f"{type(error).__name__}: {error}"}
     answer |= {"seconds": time.process_time() - begin, "code": code()}
-    truth = json.loads(job.truth.read_text(encoding="utf-8"))
-    # A vibration begins with a phase of its own in every run: nothing takes it out.
-    if job.world == "real" and truth["hidden"] and all(one["effect"] != "vibration" for one in truth["hidden"]):
-        answer["left_by_truth"] = left_by_truth(truth, job.case, answer)
     (job.case / _ANSWER).write_text(json.dumps(answer, indent=1) + "\n", encoding="utf-8")
     return answer
 
@@ -128,74 +113,6 @@ def runs_of(case: Path) -> dict[str, list[Path]]:
 def _listed(case: Path) -> list[tuple[dict[str, str], Path]]:
     with (case / "runs.csv").open(encoding="utf-8", newline="") as file:
         return [(line, case / "runs" / Path(line["file"]).stem) for line in csv.DictReader(file)]
-
-
-def left_by_truth(truth: Mapping[str, Any], case: Path, answer: Mapping[str, Any]) -> dict[str, float]:
-    """Share of the faults' energy at the unseen place that those effects of an answer leave which stand.
-
-    A name that is no fault is held against its healthy share, which is in the arm as well.
-    """
-    standing = [one for one in answer.get("effects") or [] if one.get("stands") is not False]
-    faults, named, there = gap_of_real(truth, case, {one["name"] for one in standing})
-    energy = energy_of(faults, [lap.added for lap in faults])
-    # Below a thousandth of a micrometre the faults do not show at this place.
-    if energy < 1e-12 * sum(lap.added.size for lap in faults):
-        return {}
-    effects = [effect_of(one) for one in standing]
-    rig_file, setup = case / "unseen.yaml", truth["setup"]["unseen"]
-    starts = (there, np.array(setup["ball_mm"]))
-    left = min(_left_fitted(effects, rig_file, setup, named, ball) for ball in starts)
-    return {"unseen_place": left / energy}
-
-
-def _left_fitted(
-    effects: Sequence[Any], rig_file: Path, setup: Mapping[str, Any], laps: Sequence[Lap], ball: Any
-) -> float:
-    """mm² that effects leave of laps. The ball of the model is fitted, from a place (3,) mm on: a wrong length moves it
-    by millimetres, more than a linear fit bears."""
-    A = np.concatenate([lap.by_setup for lap in laps])
-    left = math.inf
-    for _ in range(8):
-        said = said_by(effects, rig_file, setup, laps, ball)
-        rest = [lap.added - one for lap, one in zip(laps, said, strict=True)]
-        left = min(left, energy_of(laps, rest))
-        step = np.linalg.lstsq(A, np.concatenate([part.ravel() for part in rest]), rcond=0.05)[0][:3]
-        ball = ball + step
-        if np.abs(step).max() < 1e-4:
-            break
-    return left
-
-
-def said_by(
-    effects: Sequence[Any], rig_file: Path, setup: Mapping[str, Any], laps: Sequence[Lap], ball_mm: Any = None
-) -> list[Any]:
-    """What effects, and a ball (3,) elsewhere, add to the readings of laps, (m, 2) mm each, as rig's simulator has
-    it."""
-    from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict  # noqa: PLC0415
-    from analysis.robot.model.predict import model_of  # noqa: PLC0415
-    from analysis.runs.tables import CircleTable  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
-
-    plain = model_of(load(str(rig_file))[0])
-    grown = replace(plain, effects=tuple(effects))
-    said = []
-    for lap in laps:
-        table = CircleTable("yaw", lap.direction, lap.t_s, lap.q, np.zeros((len(lap.t_s), 2)))  # type: ignore[arg-type]
-        nominal = nominal_setup(plain.rig, table)
-        there = replace(nominal, ball=np.array(setup["ball_mm"]), zeros_mm=np.array(setup["zeros_mm"]))
-        moved = there if ball_mm is None else replace(there, ball=ball_mm)
-        path = path_of(plain, table)
-        said.append(predict(grown, table, path, moved) - predict(plain, table, path, there))
-    return said
-
-
-def effect_of(one: Mapping[str, Any]) -> Any:
-    """An effect of an answer as a rig file would have it."""
-    from rigs.effects import VOCABULARY  # noqa: PLC0415
-
-    keys = {key: one[key] for key in ("axis", "field", "gauge", "from_axis", "to_axis") if one.get(key) is not None}
-    values = {key: given["value"] for key, given in one["parameters"].items()}
-    return VOCABULARY[one["effect"]].model_validate(values | keys)
 
 
 def diagnose_case(run_dirs: Sequence[Path], held_out: Sequence[Path], unseen: Sequence[Path]) -> dict[str, Any]:

@@ -32,8 +32,8 @@ from tests.worlds.arms.seven_axes import (
     touch_table,
 )
 from tests.worlds.stranger.faults import SIZE, Key, healthy_of, name_of
+from tests.worlds.stranger.real.oracle import SEEN
 from tests.worlds.stranger.screws import Constants, arm_from, pose, torque_nm
-from tests.worlds.stranger.sight import LEAST_SNR
 
 ARMS = ("franka-fr3", "kuka-lbr-iiwa-14", "ur5e")
 FAULTS = {"sound": 0, "one": 1, "two": 2}
@@ -125,7 +125,7 @@ def truth_of(
         left = signal @ signal - across @ np.linalg.solve(np.eye(len(U)) + U @ U.T, across)
         sigma = float(np.sqrt(max(left, 0.0)))
         alike = [one.name for one, own in zip(parts, cosine, strict=True) if own > ALIKE]
-        hidden.append(told(int(k)) | {"class": alike, "sigma": sigma, "testable": sigma >= LEAST_SNR})
+        hidden.append(told(int(k)) | {"class": alike, "sigma": sigma, "testable": sigma >= SEEN})
     kind = "one" if len(hidden) == 1 else "two" if hidden else "healthy"
     return {"kind": kind, "hidden": hidden, "background": [told(int(k)) for k in np.flatnonzero(~apart)]}
 

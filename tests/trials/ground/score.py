@@ -172,7 +172,7 @@ def fault_figures(cases: Sequence[RealCase], _: str = "") -> Scores:
         "one fault that shows: named first": [case.first for case in seen("one", "one_large")],
         "two or three that show: all named": [case.all_named for case in seen("two", "three")],
         "names that are right": [name not in case.wrong for case in whole for name in case.standing],
-        "sizes within 2 u": sizes_within(whole),
+        "sizes within 2 u": [size for case in whole for size in case.sizes_within_2u()],
         "one circle each way, sound: no part named": [sound(case) for case in of("healthy", among=short)],
         "one circle each way, one fault: named first": [case.first for case in of("one_large", among=short)],
         "one circle each way: names that are right": [n not in case.wrong for case in short for n in case.standing],
@@ -191,7 +191,7 @@ def arm_figures(cases: Sequence[RealCase], what: str) -> Scores:
             if one["testable"]
         ],
         f"{what}: names that are right": [name not in case.wrong for case in cases for name in case.standing],
-        f"{what}: sizes within 2 u": sizes_within(cases),
+        f"{what}: sizes within 2 u": [size for case in cases for size in case.sizes_within_2u()],
     }
     return shares(rows, cases)
 
@@ -200,18 +200,6 @@ def shares(rows: dict[str, list[bool]], cases: Sequence[RealCase]) -> Scores:
     """Each row as a share, with that of the cases that were answered."""
     entered = share([case.answer.condition != "none" for case in cases])
     return {row: {"share": share(hits), "answered": entered} for row, hits in rows.items()}
-
-
-def sizes_within(cases: Sequence[RealCase]) -> list[bool]:
-    """True if each size that was told of a hidden fault, by its very name, lies within 2 u of the truth."""
-    found = []
-    for case in cases:
-        for named in case.standing:
-            one = case.fault_of(named.name)
-            if one is not None and one["name"] == named.name:
-                value, u = named.parameters[one["size"]]
-                found.append(math.isfinite(value) and abs(value - one["parameters"][one["size"]]) <= 2 * u)
-    return found
 
 
 def share(hits: Sequence[bool]) -> Figure:

@@ -9,16 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tests.worlds.stranger.motion import Motion
 from tests.worlds.stranger.screws import Array
-
-_RESOLUTION_MM = 1e-4
-
-
-def write_table(path: Path, motion: Motion, g_mm: Array, encoder_deg: float) -> None:
-    """Write a run with angles rounded to encoder steps and readings rounded to the display."""
-    marks = motion.labels or ("acw" if motion.sense > 0 else "cw")
-    write_rows(path, motion.t[motion.rows], motion.q[motion.rows], g_mm, marks, encoder_deg=encoder_deg)
 
 
 def write_rows(
@@ -29,7 +20,7 @@ def write_rows(
     marks: Mapping[str, Array] | str,
     *,
     encoder_deg: float,
-    resolution_mm: float = _RESOLUTION_MM,
+    resolution_mm: float,
 ) -> None:
     """Write the rows of a run: t_s (m,), q (m, 6) rad, g_mm (m, k); marks: labels (m,) of targets, or direction of a
     circle.

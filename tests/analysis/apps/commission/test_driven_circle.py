@@ -277,6 +277,6 @@ def _fitted(motion: Motion) -> DrivenCircle:
 )
 def test_errors_of_independent_motions_agree_with_the_uncertainty(kind: Kind, seeds: range) -> None:
     errors = _errors(kind, seeds)
-    # scripts/dev circle_fit has the coverage of hundreds; here what a wrong u would break at once.
+    # docs/evidence/uncertainty.md has the coverage of hundreds; here what a wrong u would break at once.
     assert (np.abs(errors) < 1.96).mean() > 0.8 and np.sqrt((errors**2).mean()) < 1.6
     assert np.sqrt((errors**2).mean()) > 0.3

@@ -8,8 +8,7 @@ import pytest
 from analysis import calibrate
 from analysis.diagnosis.judge.misses import factor_of_few_places
 from analysis.runs.tables import PoseTable
-from tests.support.pose_runs import pose_run
-from tests.trials.moved_states import cell_with
+from tests.support.pose_runs import cell_with, pose_run
 
 
 @pytest.mark.parametrize(

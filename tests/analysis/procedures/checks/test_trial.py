@@ -1,4 +1,4 @@
-"""A few cells of the trial `scripts/dev conventions`: sound ones are let through, broken ones told."""
+"""Sound cells are let through, and cells with a broken convention are told (docs/evidence/conventions.md)."""
 
 import numpy as np
 import pytest

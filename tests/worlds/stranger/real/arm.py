@@ -9,9 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.worlds.stranger.draw import candidate, foreign
 from tests.worlds.stranger.faults import SIGNED, SIZE, Fault
-from tests.worlds.stranger.names import drawn_shape, everything
+from tests.worlds.stranger.names import COUPLED, drawn_shape, everything
 from tests.worlds.stranger.real.noise import log_uniform
 
 TIMES = (5.0, 100.0)
@@ -22,6 +21,18 @@ OFF_GRID = ("backlash", "transmission_error", "compliance", "reversal_spike", "t
 """Effects with a continuous shape parameter."""
 WAVES = ("transmission_error", "ball_form", "gauge_cyclic", "vibration")
 """Effects of which a healthy arm may have several waves with different orders, lobes or periods."""
+WEIGHTS = {
+    "backlash": 3.0,
+    "transmission_error": 3.0,
+    "reversal_spike": 2.0,
+    "compliance": 2.0,
+    "joint_offset": 2.0,
+    "link_geometry": 2.0,
+    "clock_rate": 0.5,
+    "vibration": 0.5,
+}
+"""Relative frequency of effects, 1 by default. Joint effects are more frequent because they are the purpose of rig."""
+OUTSIDE = ("cross_term", "slip", "speed_error", "foreign_friction", "dent", "thermal_step", "rate_hysteresis")
 
 
 def healthy_arm(level: float, rng: np.random.Generator) -> list[Fault]:
@@ -76,6 +87,19 @@ def _without_phase(fault: Fault) -> dict[str, float]:
     return {key: x for key, x in fault.shape.items() if key != "phase_deg"} if fault.effect in WAVES else {}
 
 
+def candidate(rng: np.random.Generator, effects: Sequence[str] | None, rough: tuple[float, float]) -> Fault:
+    """A fault of healthy size at a random seat."""
+    every = everything()
+    known = list(dict.fromkeys(effect for effect, _ in every)) if effects is None else list(effects)
+    weights = np.array([WEIGHTS.get(effect, 1.0) for effect in known])
+    effect = str(rng.choice(known, p=weights / weights.sum()))
+    seats = [keys for other, keys in every if other == effect]
+    keys = seats[rng.integers(len(seats))]
+    sign = float(rng.choice([-1.0, 1.0])) if effect in SIGNED else 1.0
+    fault = Fault(effect, keys, 1.0, drawn_shape(effect, rng), float(rng.uniform(*rough)), float(rng.uniform(-1, 1)))
+    return fault.sized(sign * fault.healthy)
+
+
 def drawn_fault(rng: np.random.Generator, kind: str) -> Fault | None:
     """A random fault with a size according to its kind; None if there is no such cell. An effect name is also
     a kind.
@@ -103,6 +127,30 @@ def _off_grid(fault: Fault, rng: np.random.Generator) -> dict[str, float]:
     if "period_mm" in shape:
         shape["period_mm"] = float(log_uniform(0.08, 2.0, rng))
     return shape
+
+
+def foreign(rng: np.random.Generator) -> Fault:
+    """A random effect of outside.py of size 0.005° or 0.005 mm."""
+    effect = str(rng.choice(OUTSIDE))
+    axis, other = (int(k) for k in rng.permutation(np.arange(1, 6))[:2])
+    phase = float(rng.uniform(0, 360))
+    fault = Fault(effect, {"axis": axis}, 0.005)
+    match effect:
+        case "cross_term":
+            before, after = COUPLED[0] if rng.uniform() < 0.3 else (axis, other)
+            shape = {"order": float(rng.integers(3, 25)), "phase_deg": phase}
+            return replace(fault, keys={"axis": before, "other": after}, shape=shape)
+        case "slip":
+            return replace(fault, shape={"share": float(rng.uniform(0.25, 0.75))})
+        case "foreign_friction":
+            return replace(fault, keys={"axis": axis, "other": other})
+        case "dent":
+            return replace(fault, keys={}, shape={"at_deg": phase, "wide_deg": float(rng.uniform(4, 15))})
+        case "thermal_step":
+            return replace(fault, keys={}, shape={"share": float(rng.uniform(0.3, 0.7))})
+        case "rate_hysteresis":
+            return replace(fault, keys={"gauge": str(rng.choice(["g1", "g2"]))})
+    return fault
 
 
 def drawn_foreign(rng: np.random.Generator) -> Fault:

@@ -1,7 +1,8 @@
 """A realistic case: an arm with all healthy effects and possibly faults, measured in a noisy cell.
 
-The files are those of `stranger.cases`: rig files, a CSV table per run and `runs.csv`; the truth is in another
-directory.
+`case-0001/` contains `rig.yaml` (without effects), `unseen.yaml` (the same cell with a different circle), a CSV table
+per run, and `runs.csv` with the description of each table. The truth is written to a different directory. Kind and seed
+determine everything.
 """
 
 from __future__ import annotations
@@ -17,28 +18,25 @@ from typing import Any
 import numpy as np
 import yaml
 
-from tests.worlds.stranger.cases import elsewhere, fault_json
-from tests.worlds.stranger.cell import ROBOTS, Cell
-from tests.worlds.stranger.draw import NothingToHideError
+from tests.worlds.stranger.cell import ROBOTS, Cell, Place, moved
 from tests.worlds.stranger.faults import SIZE, Fault
 from tests.worlds.stranger.gauges import Link, own_errors
 from tests.worlds.stranger.measure import trace_of
-from tests.worlds.stranger.motion import Motion, Track, approaches, visits
+from tests.worlds.stranger.motion import Motion, Track, approaches, track_of, visits
+from tests.worlds.stranger.reach import OutOfReachError
 from tests.worlds.stranger.real import arm as arms
 from tests.worlds.stranger.real import noise as noises
 from tests.worlds.stranger.real.oracle import Oracle, Seen
 from tests.worlds.stranger.real.programs import BY_RUN, Program, at, circle, program
 from tests.worlds.stranger.real.setups import centred, watched
 from tests.worlds.stranger.screws import Array
-from tests.worlds.stranger.sight import REPEATS, sight_of
+from tests.worlds.stranger.sight import REPEATS, Sight, sight_of
 from tests.worlds.stranger.tables import write_rows
 
-RATES_HZ = {"rate_50": 50.0, "rate_500": 500.0, "rate_4000": 4000.0}
 REAL_KINDS = (
     "healthy", "one", "one_large", "two", "three", "foreign_large", "foreign_third", "background_low",
-    "background_high", "heavy_tails", "off_grid", "dirty", *RATES_HZ,
+    "background_high", "heavy_tails", "off_grid", "dirty",
 )  # fmt: skip
-"""Kinds of cases. A seed gives the same case for all kinds `rate_…`, sampled at these rates."""
 LEVEL = {"background_low": 0.3, "background_high": 3.0}
 COUNT = {"healthy": 0, "foreign_large": 0, "two": 2, "three": 3}
 LEAST_MM = 0.003
@@ -50,6 +48,10 @@ _APPROACH_MM, _ROUNDS = 3.0, 3
 _RUN_MIN = 1.5
 """Minutes between runs of a set-up."""
 _TRIES = 300
+
+
+class NothingToHideError(Exception):
+    """No random draw satisfied the requirements."""
 
 
 @dataclass(frozen=True)
@@ -84,18 +86,17 @@ class Day:
 
 def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, *, name: str = "") -> Path:
     """Write a case and its truth. Return the directory of the case, `case-SEED` or `name` in `directory`."""
-    drawn_as = "rate" if kind in RATES_HZ else kind
-    rng = np.random.default_rng([seed, zlib.crc32(f"real {drawn_as}".encode())])
+    rng = np.random.default_rng([seed, zlib.crc32(f"real {kind}".encode())])
     day, mode = drawn_day(kind, rng)
     oracle = Oracle(sight_of(day.robot).placed(day.links), day.noise, day.levels, 2 * day.radials, LAPS)
     level = LEVEL.get(kind, 1.0)
     healthy = arms.healthy_arm(level, rng)
-    drawn, seen = _faults(oracle, drawn_as, level, rng)
+    drawn, seen = _faults(oracle, kind, level, rng)
     hidden, rest = [], healthy
     for fault in drawn:
         whole, rest = arms.plant(rest, fault)
         hidden.append(whole)
-    foreign = _foreign(oracle, drawn_as, [*hidden, *rest], hidden, rng)
+    foreign = _foreign(oracle, kind, [*hidden, *rest], hidden, rng)
     case = directory / (name or f"case-{seed:05d}")
     case.mkdir(parents=True)
     faults = [*hidden, *rest, *foreign]
@@ -127,7 +128,7 @@ def drawn_day(kind: str, rng: np.random.Generator) -> tuple[Day, dict[str, Any]]
     sight = sight_of(robot)
     unseen, mode = elsewhere(sight, rng)
     rate = float(noises.log_uniform(50, 500, rng)) if rng.uniform() < 0.15 else 50.0
-    noise = noises.drawn_cell(rng, kind, RATES_HZ.get(kind, rate))
+    noise = noises.drawn_cell(rng, kind, rate)
     cell, targets = sight.cell, sight.targets
     held_out, radials = str(rng.choice(["yaw", "roll"])), int(rng.integers(1, 3))
     numbers = sorted({int(k) for k in targets["target"]})
@@ -143,6 +144,29 @@ def drawn_day(kind: str, rng: np.random.Generator) -> tuple[Day, dict[str, Any]]
     }
     day = Day(robot, cell, sight.track, unseen, links, levels, noise, targets, held_out, radials)
     return day, mode
+
+
+def elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Track], dict[str, Any]]:
+    """Cell with a circle at a different place or of a different radius, and the change."""
+    circle = sight.cell.circle
+    for _ in range(30):
+        if rng.uniform() < 0.5:
+            way = rng.standard_normal(3)
+            place = replace(
+                circle, centre=np.round(circle.centre + rng.uniform(70, 130) * way / np.linalg.norm(way), 3)
+            )
+            mode = {"place_mm": [float(x) for x in place.centre - circle.centre]}
+        else:
+            place = replace(circle, radius=float(rng.choice([50.0, 90.0])))
+            mode = {"radius_mm": place.radius}
+        try:
+            track = track_of(sight.cell, place)
+        except (OutOfReachError, np.linalg.LinAlgError):
+            continue
+        start = np.array([np.interp(0.0, track.psi, column) for column in track.q.T])
+        there: Place = replace(place, posture=start)
+        return (moved(sight.cell, there), replace(track, place=there)), mode
+    raise OutOfReachError("no other place for the circle")
 
 
 def _faults(oracle: Oracle, kind: str, level: float, rng: np.random.Generator) -> tuple[list[Fault], list[Seen]]:
@@ -293,6 +317,18 @@ def _hidden_json(oracle: Oracle, whole: Fault, planted: Fault, seen: Seen) -> di
         "testable": seen.testable,
         "class": sorted({whole.name, *seen.twins}),
         "nearest_rival": {"name": seen.rival, "sigma": seen.rival_sigma},
+    }
+
+
+def fault_json(fault: Fault) -> dict[str, Any]:
+    size = {SIZE.get(fault.effect, "size"): fault.size}
+    form = {"rough": fault.rough, "begin": fault.begin}
+    return {
+        "name": fault.name,
+        "effect": fault.effect,
+        **fault.keys,
+        "parameters": size | dict(fault.shape),
+        "form": form,
     }
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from tests.worlds.stranger.measure import measure
 from tests.worlds.stranger.real.noise import CellNoise, Levels, along_lap
 from tests.worlds.stranger.real.setups import centred, watched
 from tests.worlds.stranger.screws import Array
-from tests.worlds.stranger.sight import REPEATS, Frame, Scales, Sight, View, by_ball, flat, setup_rows
+from tests.worlds.stranger.sight import REPEATS, Sight, View, by_ball, flat, setup_rows
 
 SEEN = 7.0
 """Sigma above which a fault is testable."""
@@ -62,7 +63,7 @@ class _Centred(Sight):
         return found
 
 
-class Oracle(Scales):
+class Oracle:
     """Lengths and angles between signatures in the true noise of a cell; levels by test."""
 
     def __init__(self, sight: Sight, noise: CellNoise, levels: Mapping[str, Levels], visits: int, laps: int) -> None:
@@ -75,8 +76,18 @@ class Oracle(Scales):
         self.names, library = sight.library
         self._raw_setup = np.linalg.qr(setup_rows(sight).T)[0].T
         self._Q = np.linalg.qr(self._unit(setup_rows(sight)).T)[0].T
-        self.scatter = np.empty((0, library.shape[1]))
         self.library = self.whiten(library)
+
+    def frame(self, level: float, apart: Sequence[str] = ()) -> Frame:
+        """Scales with a healthy background of `level` times its standard deviation, without the names `apart`."""
+        share = np.array([0.0 if name in apart else level for name in self.names])
+        counts = np.array([self.names.count(name) for name in self.names])
+        return Frame(self, (self.library * (share / np.sqrt(counts))[:, None])[share > 0])
+
+    def whiten(self, rows: Array) -> Array:
+        """Convert raw rows (n, D) to unit noise, without the part absorbed by the set-up."""
+        unit = self._unit(rows)
+        return unit - (unit @ self._Q.T) @ self._Q
 
     def _unit(self, rows: Array) -> Array:
         out, start = np.empty_like(rows), 0
@@ -108,18 +119,64 @@ class Oracle(Scales):
 
     def look(self, faults: Sequence[Fault], level: float) -> list[Seen]:
         """Visibility of each fault, with a healthy background of `level` times its standard deviation."""
-        frame = self.frame(dict.fromkeys(self.names, level), [fault.name for fault in faults])
+        frame = self.frame(level, [fault.name for fault in faults])
         rows = np.array([frame.of([fault]) for fault in faults])
         alone = 1 / np.sqrt(np.maximum(np.diag(np.linalg.pinv(rows @ rows.T)), 1e-30))
         return [_seen(frame, fault, x, float(sigma)) for fault, x, sigma in zip(faults, rows, alone, strict=True)]
 
     def unexplained(self, fault: Fault, level: float) -> tuple[float, str]:
         """Sigma of a foreign fault unexplained by any single name, and the nearest name."""
-        frame = self.frame(dict.fromkeys(self.names, level))
+        frame = self.frame(level)
         x = frame.of([fault])
         alike = frame.likeness(x)
         nearest = max(alike, key=lambda name: alike[name])
         return float(np.linalg.norm(x)) * float(np.sqrt(max(0.0, 1 - alike[nearest] ** 2))), nearest
+
+
+class Frame:
+    """Signatures x as W x with W'W = (1 + U U')^-1, so their lengths are in sigma."""
+
+    def __init__(self, oracle: Oracle, U: Array) -> None:
+        self.oracle, self._U = oracle, U
+        square, V = np.linalg.eigh(U @ U.T)
+        square = np.maximum(square, 1e-30)
+        self._middle = (V * ((1 - 1 / np.sqrt(1 + square)) / square)) @ V.T
+
+    def seen(self, rows: Array) -> Array:
+        """Convert rows (n, D) of unit noise to sigma."""
+        return rows - (rows @ self._U.T) @ self._middle @ self._U
+
+    def of(self, faults: Sequence[Fault]) -> Array:
+        """Signature (D,) of faults in sigma."""
+        return self.seen(self.oracle.whiten(flat(self.oracle.sight.signature(faults, exact=True))[None]))[0]
+
+    @cached_property
+    def library(self) -> dict[str, Array]:
+        """Return by name all possible appearances (looks, D) in sigma."""
+        seen, names = self.seen(self.oracle.library), self.oracle.names
+        return {name: seen[[other == name for other in names]] for name in dict.fromkeys(names)}
+
+    def likeness(self, x: Array) -> dict[str, float]:
+        """Return by name the similarity of x (D,) to its best appearance: a cosine, 0 … 1."""
+        size = float(np.linalg.norm(x))
+        return {
+            name: max(_cosine(x, look) for look in _looks(name, rows)) / size for name, rows in self.library.items()
+        }
+
+
+def _looks(name: str, rows: Array) -> list[Array]:
+    """Return bases (k, D): sine and cosine are combined, and so are the shapes between two ends."""
+    apart = name.split(maxsplit=1)[0] in ("transmission_error", "ball_form", "gauge_cyclic", "vibration")
+    return [rows[k : k + 2] for k in range(0, len(rows), 2)] if apart else [rows]
+
+
+def _cosine(x: Array, rows: Array) -> float:
+    """Length of the projection of x onto the span of rows, using well-conditioned directions only."""
+    gram = rows @ rows.T
+    value, V = np.linalg.eigh(gram)
+    good = value > 1e-8 * value[-1] + 1e-12
+    coordinates = (V[:, good].T @ (rows @ x)) / np.sqrt(value[good])
+    return float(np.linalg.norm(coordinates))
 
 
 def _seen(frame: Frame, fault: Fault, x: Array, sigma: float) -> Seen:
