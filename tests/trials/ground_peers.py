@@ -8,7 +8,6 @@ pybotics fits the same constants by its own `optimize_accuracy`.
 
 from __future__ import annotations
 
-import csv
 import sys
 import time
 import warnings
@@ -28,7 +27,6 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from tests.support.trial import Trial, main
-from tests.trials.ground.constants_entry import named_in_cell, named_in_poses, named_in_touches
 from tests.trials.ground.plain_arm import (
     Array,
     Frame,
@@ -37,6 +35,7 @@ from tests.trials.ground.plain_arm import (
     framed,
     framed_at,
     read_arm,
+    read_columns,
     read_poses,
     write_rows,
 )
@@ -189,13 +188,6 @@ ENTRIES: dict[str, Callable[[PlainArm, Poses, Poses], Answer]] = {
     "gaussian-process": by_gaussian_process,
     "pybotics": by_pybotics,
 }
-NAMING = {"fault": named_in_cell, "fault_in_poses": named_in_poses, "fault_in_touches": named_in_touches}
-"""Functions that name faults by least squares, by kind of task."""
-
-
-def tasks_of(directory: Path, kind: str) -> list[str]:
-    with (directory / "tasks.csv").open(encoding="utf-8", newline="") as file:
-        return [row["name"] for row in csv.DictReader(file) if row["kind"] == kind]
 
 
 def write_answer(path: Path, answer: Answer) -> None:
@@ -206,22 +198,18 @@ def write_answer(path: Path, answer: Answer) -> None:
     write_rows(path, ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), rows)
 
 
-def draw(given: Namespace) -> Iterator[tuple[str, str, Path, Path]]:
-    """Entry, kind, task and answer of every task that the entry answers."""
-    for kind in ("poses", *(NAMING if given.entry == "least-squares" else ())):
-        for name in tasks_of(given.tasks, kind):
-            yield given.entry, kind, given.tasks / name, given.answers / f"{name}.csv"
+def draw(given: Namespace) -> Iterator[tuple[str, Path, Path]]:
+    """Entry, task and answer of every task."""
+    for name in read_columns(given.tasks / "tasks.csv")["name"]:
+        yield given.entry, given.tasks / str(name), given.answers / f"{name}.csv"
 
 
-def answered(case: tuple[str, str, Path, Path]) -> str:
-    entry, kind, here, path = case
+def answered(case: tuple[str, Path, Path]) -> str:
+    entry, here, path = case
     warnings.simplefilter("ignore", ConvergenceWarning)  # lengths at a bound: the joint does not matter
     begin = time.process_time()
-    if kind == "poses":
-        poses = (read_poses(here / f"{one}.csv") for one in ("train", "test"))
-        write_answer(path, ENTRIES[entry](read_arm(here / "arm.csv"), *poses))
-    else:
-        write_rows(path, ("part", "axis", "size", "u"), NAMING[kind](here))
+    poses = (read_poses(here / f"{one}.csv") for one in ("train", "test"))
+    write_answer(path, ENTRIES[entry](read_arm(here / "arm.csv"), *poses))
     return f"{entry}: {here.name}, {time.process_time() - begin:.1f} s"
 
 

@@ -1,4 +1,4 @@
-"""The proving ground: tasks for any program that finds or corrects the errors of robot arms, and their scorer.
+"""The proving ground: tasks for any program that corrects the errors of robot arms, and their scorer.
 
 Tasks are plain CSV; the truth lies in a directory of its own. docs/how-to/enter-the-proving-ground.md
 describes the tasks and how to enter.

@@ -114,35 +114,6 @@ def read_poses(path: Path) -> Poses:
     return Poses(q, np.column_stack(places), columns["placement"])
 
 
-@dataclass(frozen=True)
-class Touches:
-    """Postures q (m, n) rad at which the ball sat in its socket (m,), and where (m, n) rad each joint came from."""
-
-    q: Array
-    came_from: Array
-    socket: NDArray[np.str_]
-
-
-def write_touches(path: Path, touches: Touches) -> None:
-    names = ["touch", "socket", *joints(touches.q.shape[1]), *came_from(touches.q.shape[1])]
-    rows = np.degrees(np.hstack([touches.q, touches.came_from]))
-    write_rows(path, names, [
-        [str(k), socket, *(f"{value:.6f}" for value in row)]
-        for k, (socket, row) in enumerate(zip(touches.socket, rows, strict=True), start=1)
-    ])  # fmt: skip
-
-
-def read_touches(path: Path, axes: int) -> Touches:
-    columns = read_columns(path)
-    q, before = (np.radians(np.column_stack([columns[one] for one in names(axes)])) for names in (joints, came_from))
-    return Touches(q, before, columns["socket"])
-
-
-def came_from(count: int) -> list[str]:
-    """Names of the columns of the angles that joints came from."""
-    return [f"q{k}_from_deg" for k in range(1, count + 1)]
-
-
 def read_columns(path: Path) -> dict[str, NDArray[np.generic]]:
     """Read a CSV file as columns, numeric if all values are numbers."""
     with path.open(encoding="utf-8", newline="") as file:

@@ -1,13 +1,11 @@
 """rig in the proving ground: reads the tasks (docs/how-to/enter-the-proving-ground.md), answers by the public API.
 
 Poses are answered by the calibrated model, with the set-up that `calibrate` fitted; u is that of the model with frame
-and target taught at the poses given, and the noise of the readings. Faults are those by which `diagnose` stands.
+and target taught at the poses given, and the noise of the readings.
 """
 
 from __future__ import annotations
 
-import csv
-import math
 import sys
 import tempfile
 import time
@@ -17,22 +15,19 @@ from typing import Any
 import numpy as np
 import yaml
 
-from analysis import Diagnosis, Measured, RigError, calibrate, diagnose, read_table
+from analysis import Diagnosis, Measured, RigError, calibrate, read_table
 from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm, where_known
 from analysis.procedures.shared.test_kind import path_of, predict
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.effect import size_field
-from tests.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_columns, read_poses, write_rows
-from tests.trials.ground.tasks import Task, read_tasks
+from tests.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_poses, write_rows
+from tests.trials.ground.tasks import read_tasks
 
 TEMPLATE = "ur10"
 """A shipped rig file, of which everything but the arm stays: it has no part in poses."""
 SPEED_DEG_S = 120
-BALL_MM = [0, 0, 120]
-"""Position of the ball on the flange, as stated by the page."""
 
 
 def answered(tasks: Path, answers: Path) -> None:
@@ -43,18 +38,14 @@ def answered(tasks: Path, answers: Path) -> None:
         begin = time.process_time()
         try:
             with tempfile.TemporaryDirectory(prefix="ground-") as work:
-                answer(task, tasks / task.name, answers / f"{task.name}.csv", Path(work))
+                answer(tasks / task.name, answers / f"{task.name}.csv", Path(work))
         except RigError as error:
             print(f"rig: {task.name}: {error}", flush=True)
             continue
         print(f"rig: {task.name}, {time.process_time() - begin:.1f} s", flush=True)
 
 
-def answer(task: Task, here: Path, path: Path, work: Path) -> None:
-    if task.kind != "poses":
-        runs = {"fault": cell_runs, "fault_in_poses": pose_runs, "fault_in_touches": touch_runs}[task.kind](here, work)
-        write_rows(path, ("part", "axis", "size", "u"), faults(runs))
-        return
+def answer(here: Path, path: Path, work: Path) -> None:
     arm, given, asked = read_arm(here / "arm.csv"), *(read_poses(here / f"{one}.csv") for one in ("train", "test"))
     places, u = placed(arm, given, asked, work)
     rows = [
@@ -62,10 +53,6 @@ def answer(task: Task, here: Path, path: Path, work: Path) -> None:
         for k, (place, own) in enumerate(zip(places, u, strict=True), start=1)
     ]
     write_rows(path, ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), rows)
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Poses
 
 
 def placed(arm: PlainArm, given: Poses, asked: Poses, work: Path) -> tuple[Array, Array]:
@@ -135,48 +122,6 @@ def predicted(found: Diagnosis, rig: Rig, placement: str, q: Array, taught: Arra
     known = CalibratedUncertainty(rig, found.calibrated)
     noise = 1e-3 * found.train.noise_floor_um
     return places, where_known(known, q, np.hypot(frame_u_mm(rig, known, q, taught), noise))
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Faults
-
-
-def cell_runs(here: Path, _: Path) -> list[Measured]:
-    runs = []
-    with (here / "runs.csv").open(encoding="utf-8", newline="") as file:
-        for line in csv.DictReader(file):
-            direction: Any = line["direction"] or None
-            runs.append(read_table(here / line["file"], here / "cell.yaml", line["test"], direction))  # type: ignore[arg-type]
-    return runs
-
-
-def pose_runs(here: Path, work: Path) -> list[Measured]:
-    """Read poses of an arm, in the order in which they were driven."""
-    rig_file = write_rig(bare(rig_of(read_arm(here / "arm.csv"))), work)
-    given = read_poses(here / "train.csv")
-    return [run_of(given, str(placement), rig_file, work) for placement in np.unique(given.placement)]
-
-
-def touch_runs(here: Path, work: Path) -> list[Measured]:
-    """Read touches of sockets."""
-    sockets = sorted({str(one) for one in read_columns(here / "touches.csv")["socket"]})
-    data = bare(rig_of(read_arm(here / "arm.csv"))) | {"tests": {"touch": {"sockets": sockets, "ball_mm": BALL_MM}}}
-    return [read_table(here / "touches.csv", write_rig(data, work), "touch")]
-
-
-def bare(data: dict[str, Any]) -> dict[str, Any]:
-    """A rig file with nothing that hangs at the flange."""
-    return data | {"robot": data["robot"] | {"payload_kg": 0}}
-
-
-def faults(runs: list[Measured]) -> list[list[str]]:
-    """A row for each fault by which the diagnosis of runs stands, the surest first."""
-    rows = []
-    for named in diagnose(runs).standing:
-        field = size_field(named.effect)
-        size, u = getattr(named.effect, field), named.sd.get(field, math.nan)
-        rows.append([named.effect.effect, named.effect.seat, f"{size:.9g}", f"{u:.9g}"])
-    return rows
 
 
 if __name__ == "__main__":

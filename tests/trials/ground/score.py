@@ -1,24 +1,19 @@
 """Scoring answers: CSV files beside truths, each figure with a 95 % interval.
 
-Shares of cells have Wilson's interval; figures of poses that of a bootstrap that draws whole neighbourhoods, because
-errors of neighbours go together. What is not answered counts as what the nominal arm says, or as nothing named.
+The interval is that of a bootstrap that draws whole neighbourhoods, because errors of neighbours go together. What is
+not answered counts as what the nominal arm says.
 """
 
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from tests.support.rates import wilson
-from tests.trials.blind.answers import Answer, Named
-from tests.trials.blind.scoring import RealCase
 from tests.trials.ground.plain_arm import Array, read_columns
 from tests.trials.ground.tasks import Task, read_tasks
 
@@ -50,22 +45,12 @@ def scored(directory: Path, answers: Path) -> Scores:
 
     The figures of a row of poses: `error_um` rms of the distance, `nominal_um` that of the nominal arm, `removed` the
     share of it that is gone, `answered` the share of poses that were, and `error_over_u` rms, `within_2u` share, `u_um`
-    median where u was told. Those of faults are the `share` of cells, names or sizes, and `answered` that of cells.
+    median where u was told.
     """
     truth = directory / "truth"
     tasks = read_tasks(truth)
-    rows = list(dict.fromkeys(task.row for task in tasks if task.kind == "poses"))
-    found: Scores = {
-        row: pose_figures([judged(task, truth, answers) for task in tasks if task.row == row]) for row in rows
-    }
-    for kind, figures in (("fault", fault_figures), ("fault_in_poses", arm_figures), ("fault_in_touches", arm_figures)):
-        if own := [task for task in tasks if task.kind == kind]:
-            found |= figures([case_of(task, truth, answers) for task in own], own[0].row)
-    return found
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Poses
+    rows = dict.fromkeys(task.row for task in tasks)
+    return {row: pose_figures([judged(task, truth, answers) for task in tasks if task.row == row]) for row in rows}
 
 
 @dataclass(frozen=True)
@@ -131,82 +116,6 @@ def pose_figures(parts: Sequence[Judged]) -> dict[str, Figure]:
         "within_2u": of(lambda at: float(np.mean(error[at] <= 2 * u[at])), told),
         "u_um": of(lambda at: 1e3 * float(np.median(u[at])), told),
     }
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Faults
-
-
-def case_of(task: Task, truth: Path, answers: Path) -> RealCase:
-    """A cell with the named faults. A missing file names no fault, and does not count as "healthy"."""
-    true: dict[str, Any] = json.loads((truth / f"{task.name}.json").read_text(encoding="utf-8"))
-    path = answers / f"{task.name}.csv"
-    sizes = {one["name"]: one["size"] for one in true["hidden"]}
-    named = [
-        Named(name, (), {sizes.get(name, "size"): (number(row.get("size")), number(row.get("u")))})
-        for row in rows_of(path)
-        if (name := f"{row.get('part', '').strip()} {row.get('axis', '').strip()}".strip())
-    ]
-    said = "none" if not path.is_file() else "named" if named else "nothing_unusual"
-    return RealCase(true, Answer(said, tuple(named)))
-
-
-def sound(case: RealCase) -> bool:
-    """True if a sound arm was called so: nothing is named of which it has no five usual sizes."""
-    return case.answer.condition == "nothing_unusual" or (case.answer.condition == "named" and not case.wrong)
-
-
-def fault_figures(cases: Sequence[RealCase], _: str = "") -> Scores:
-    """Rows of cells: what is asked of healthy arms, of one fault and of several, and of sizes."""
-    whole = [case for case in cases if not case.truth["two_runs"]]
-    short = [case for case in cases if case.truth["two_runs"]]
-
-    def of(*kinds: str, among: Sequence[RealCase] = whole) -> list[RealCase]:
-        return [case for case in among if case.kind in kinds]
-
-    def seen(*kinds: str) -> list[RealCase]:
-        return [case for case in of(*kinds) if case.testable]
-
-    rows = {
-        "sound arms: no part named": [sound(case) for case in of("healthy")],
-        "one fault that shows: named first": [case.first for case in seen("one", "one_large")],
-        "two or three that show: all named": [case.all_named for case in seen("two", "three")],
-        "names that are right": [name not in case.wrong for case in whole for name in case.standing],
-        "sizes within 2 u": [size for case in whole for size in case.sizes_within_2u()],
-        "one circle each way, sound: no part named": [sound(case) for case in of("healthy", among=short)],
-        "one circle each way, one fault: named first": [case.first for case in of("one_large", among=short)],
-        "one circle each way: names that are right": [n not in case.wrong for case in short for n in case.standing],
-    }
-    return shares(rows, cases)
-
-
-def arm_figures(cases: Sequence[RealCase], what: str) -> Scores:
-    """Rows of arms with faults in poses or touches, each fault that shows by itself."""
-    rows = {
-        f"{what}, sound: no part named": [sound(case) for case in cases if not case.truth["hidden"]],
-        f"{what}, one or two faults: those that show are named": [
-            bool({named.name for named in case.standing} & set(one["class"]))
-            for case in cases
-            for one in case.truth["hidden"]
-            if one["testable"]
-        ],
-        f"{what}: names that are right": [name not in case.wrong for case in cases for name in case.standing],
-        f"{what}: sizes within 2 u": [size for case in cases for size in case.sizes_within_2u()],
-    }
-    return shares(rows, cases)
-
-
-def shares(rows: dict[str, list[bool]], cases: Sequence[RealCase]) -> Scores:
-    """Each row as a share, with that of the cases that were answered."""
-    entered = share([case.answer.condition != "none" for case in cases])
-    return {row: {"share": share(hits), "answered": entered} for row, hits in rows.items()}
-
-
-def share(hits: Sequence[bool]) -> Figure:
-    """A share with Wilson's interval."""
-    if not hits:
-        return Figure(math.nan, math.nan, math.nan, 0)
-    return Figure(sum(hits) / len(hits), *wilson(sum(hits), len(hits)), len(hits))
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:

@@ -15,22 +15,13 @@ COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:
 
 
 def markdown(entries: Entries) -> str:
-    """Tables of accuracy, uncertainty and faults, an entry a column."""
-    poses = [row for row in rows_of(entries) if "error_um" in any_scores(entries)[row]]
-    faults = [row for row in rows_of(entries) if row not in poses]
-    parts = []
-    if poses:
-        parts += ["Accuracy: rms of the error in µm at poses that were not given.", "", accuracy(entries, poses), ""]
-        parts += [
-            "Uncertainty: rms of error over stated u (1 where u is true; above, too sure), share within 2 u.",
-            "",
-            table(["task", *entries], [[row, *(honesty(scores[row]) for scores in entries.values())] for row in poses]),
-            "",
-        ]
-    if faults:
-        parts += ["Faults: shares of cells, names and sizes.", ""]
-        parts += [table(["", *entries], [[row, *(shared(one, row) for one in entries.values())] for row in faults])]
-    return "\n".join(parts)
+    """Tables of accuracy and uncertainty, an entry a column."""
+    honest = [[row, *(honesty(scores[row]) for scores in entries.values())] for row in rows_of(entries)]
+    return "\n".join([
+        "Accuracy: rms of the error in µm at poses that were not given.", "", accuracy(entries, rows_of(entries)), "",
+        "Uncertainty: rms of error over stated u (1 where u is true; above, too sure), share within 2 u.", "",
+        table(["task", *entries], honest),
+    ])  # fmt: skip
 
 
 def any_scores(entries: Entries) -> Scores:
@@ -67,16 +58,6 @@ def honesty(own: Mapping[str, Figure]) -> str:
     return f"{interval(ratio, lambda value: f'{value:.2f}')}; {100 * within.value:.0f} %"
 
 
-def shared(scores: Scores, row: str) -> str:
-    """A share with the number of cases."""
-    one = scores[row]["share"]
-    if scores[row]["answered"].value == 0:
-        return "not entered"
-    if not one.of:
-        return "–"
-    return f"{interval(one, lambda value: f'{100 * value:.0f}')} % of {one.of}"
-
-
 def interval(one: Figure, told: Callable[[float], str]) -> str:
     return "–" if math.isnan(one.value) else f"{told(one.value)} ({told(one.low)} … {told(one.high)})"
 
@@ -91,7 +72,7 @@ def draw(entries: Entries, path: Path) -> None:
     import matplotlib.pyplot as plt  # noqa: PLC0415 - slow to import
     from matplotlib.ticker import NullLocator, ScalarFormatter  # noqa: PLC0415
 
-    rows = [row for row in rows_of(entries) if "error_um" in any_scores(entries)[row]]
+    rows = rows_of(entries)
     figure, (left, right) = plt.subplots(
         1, 2, figsize=(11, 1 + 0.5 * len(rows)), width_ratios=(3, 2), sharey=True, layout="constrained"
     )

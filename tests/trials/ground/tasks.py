@@ -1,8 +1,7 @@
 """Making the tasks of the proving ground: files for entrants in one directory, the truth in another.
 
-Worlds are those of other trials: cells of the blind trial, arms with joint curves behind a tracker, arms with faults in
-poses and touches, and measured series of others where their directory is given. Splits of measured series are fixed;
-everything else is drawn by the seed.
+Arms with joint curves behind a tracker are drawn by the seed. Measured series of others have fixed splits, where their
+directory is given.
 """
 
 from __future__ import annotations
@@ -10,59 +9,38 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from tests.support.measured_series import UR5, jacobi, ur10
-from tests.trials.ground.arms import Seen, write_arm_fault
 from tests.trials.ground.plain_arm import Array, PlainArm, Poses, framed, write_arm, write_poses, write_rows
 from tests.worlds.arms import soft_arm
-from tests.worlds.stranger import generate_real
-from tests.worlds.stranger.faults import SIZE, healthy_of, name_of
-from tests.worlds.stranger.names import ON_AXES, everything
 
-FAULTS = {"healthy": 4, "one": 4, "one_large": 4, "two": 3, "three": 3}
-"""Cells of each kind of the real world, with all their runs."""
-CIRCLES = {"healthy": 2, "one_large": 4}
-"""Cells of which two runs are given alone, one circle each way."""
-IN_POSES = IN_TOUCHES = {"sound": 8, "one": 8, "two": 8}
-"""Arms of each kind of which poses are given to find faults in, and of which touches are."""
-POSES, TOUCHES = 200, 40
-"""Poses and touches of such an arm."""
 ARMS = 3
 """Arms with joint curves."""
 MANY, FEW, ASKED = 400, 30, 200
 """Number of poses of a complete and of a short calibration, and of requested poses, for an arm with joint curves."""
 GROUPS = 20
 """Neighbourhoods of poses, which the scorer draws whole."""
-Kind = Literal["fault", "fault_in_poses", "fault_in_touches", "poses"]
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much is made: cells by kind with all runs and with two, arms, and poses given, few and asked of each; arms by
-    kind with faults in poses and in touches, and how many of these are given."""
+    """Number of arms with joint curves, and of poses given, few and asked of each."""
 
-    faults: dict[str, int]
-    circles: dict[str, int]
     arms: int = ARMS
     many: int = MANY
     few: int = FEW
     asked: int = ASKED
-    in_poses: Mapping[str, int] = field(default_factory=dict)
-    in_touches: Mapping[str, int] = field(default_factory=dict)
-    poses: int = POSES
-    touches: int = TOUCHES
 
 
-WHOLE = Size(FAULTS, CIRCLES, in_poses=IN_POSES, in_touches=IN_TOUCHES)
-TINY = Size({}, {}, arms=1, many=40, few=12, asked=20)
+WHOLE = Size()
+TINY = Size(arms=1, many=40, few=12, asked=20)
 
 
 @dataclass(frozen=True)
@@ -72,7 +50,7 @@ class Task:
     """
 
     name: str
-    kind: Kind
+    kind: str
     row: str
     split: str = ""
 
@@ -95,22 +73,17 @@ def make(directory: Path, seed: int, size: Size, data: Path | None) -> list[str]
     made = [write_split(one, tasks, truth) for one in simulated_splits(seed, size)]
     measured, left_out = measured_splits(data, seed, size)
     made += [write_split(one, tasks, truth) for one in measured]
-    made += list(fault_tasks(seed, size, tasks, truth))
-    made += list(arm_tasks(seed, size, "poses", tasks, truth))
-    made += list(arm_tasks(seed, size, "touches", tasks, truth))
     names = [asdict(one) for one in made]
     write_rows(tasks / "tasks.csv", list(names[0]), [list(one.values()) for one in names])
-    write_rows(tasks / "parts.csv", ("part", "axis", "unit", "usual"), [list(one) for one in parts()])
     shutil.copy(tasks / "tasks.csv", truth / "tasks.csv")
     (truth / "made.json").write_text(json.dumps({"seed": seed, "left_out": left_out}) + "\n", encoding="utf-8")
     (tasks / "README.txt").write_text(README, encoding="utf-8")
     return left_out
 
 
-README = """The tasks of a proving ground for programs that find and correct the errors of robot arms.
+README = """The tasks of a proving ground for programs that correct the errors of robot arms.
 
 tasks.csv   every task: name (its directory), kind, row (of the table), split
-parts.csv   what can be wrong: part, axis, unit of its size, and the size that a sound arm shows anyway
 NAME/       the files of one task
 
 Lengths are in mm and angles in degrees. Arms are modified Denavit-Hartenberg,
@@ -122,32 +95,7 @@ kind poses   arm.csv, train.csv (pose, placement, q1_deg ..., x_mm, y_mm, z_mm: 
              target on the flange, which no file tells. Answer NAME.csv: pose, x_mm, y_mm, z_mm, u_mm; u_mm is the
              standard uncertainty of the distance between your place and the instrument's, of three coordinates
              together.
-kind fault   cell.yaml (arm, and where circle and hemisphere lie), runs.csv (file, test, direction), a table a run.
-             Answer NAME.csv: part, axis, size, u; a row for each part that is wrong, the surest first, none for a sound
-             arm. Parts and units are those of parts.csv.
-kind fault_in_poses    arm.csv, and train.csv in the order in which the poses were driven. Answered as kind fault.
-kind fault_in_touches  arm.csv, touches.csv (touch, socket, q1_deg ..., q1_from_deg ...: where the joints stood when a
-             ball on the flange sat in its socket, and where each came from). A socket is always at the same place,
-             which no file tells; each coordinate of the ball is within 20 mm of
-             (0, 0, 120) of the last frame. Answered as kind fault.
 """
-
-
-def parts() -> Iterator[tuple[str, str, str, str]]:
-    """Yield each part that can be wrong: part, axis, unit of its size, usual size."""
-    seventh = [(effect, {"axis": 7}) for effect in (*ON_AXES, "transmission_error")]
-    seventh += [("link_geometry", {"axis": 7, "field": own}) for own in ("a", "alpha", "d")]
-    for effect, keys in [*everything(), *seventh]:
-        part, _, axis = name_of(effect, keys).partition(" ")
-        unit = SIZE[effect].rpartition("_")[2] if "_" in SIZE[effect] else SIZE[effect]
-        if effect == "link_geometry":
-            unit = "mm" if keys["field"] in ("a", "d") else "deg"
-        unit = {"deg_per_Nm": "deg/Nm", "mm_per_Nm": "mm/Nm", "mm_per_min": "mm/min"}.get(SIZE[effect], unit)
-        yield part, axis, unit, f"{healthy_of(effect, keys):g}"
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Poses
 
 
 def write_split(split: Split, tasks: Path, truth: Path) -> Task:
@@ -297,56 +245,6 @@ def wam_splits(grid: Path, random: Path) -> list[Split]:
     return [Split(task, arm, given, asked)]
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Faults
-
-
-def fault_tasks(seed: int, size: Size, tasks: Path, truth: Path) -> Iterator[Task]:
-    """Write the cells of the blind trial in an order that tells nothing, and yield their tasks."""
-    rng = np.random.default_rng([seed, 0])
-    wanted = [(kind, k, "fault") for kind, count in size.faults.items() for k in range(count)]
-    wanted += [(kind, k, "circle") for kind, count in size.circles.items() for k in range(100, 100 + count)]
-    order = rng.permutation(len(wanted))
-    for number, place in enumerate(order, start=1):
-        kind, k, what = wanted[place]
-        name = f"{what}-{number:02d}"
-        yield write_fault(kind, seed + k, name, tasks, truth, two_runs=what == "circle")
-
-
-def write_fault(kind: str, seed: int, name: str, tasks: Path, truth: Path, *, two_runs: bool) -> Task:
-    """Write a cell as a task; two_runs: with one circle each way alone."""
-    here = generate_real(kind, seed, tasks, truth, name=name)
-    with (here / "runs.csv").open(encoding="utf-8", newline="") as file:
-        runs = list(csv.DictReader(file))
-    kept = [run for run in runs if run["use"] == "train"]
-    if two_runs:
-        kept = [next(run for run in kept if (run["test"], run["direction"]) == ("yaw", way)) for way in ("acw", "cw")]
-    for run in runs:
-        if run not in kept:
-            (here / run["file"]).unlink()
-    write_rows(here / "runs.csv", ("file", "test", "direction"), [
-        [run["file"], run["test"], run["direction"]] for run in kept
-    ])  # fmt: skip
-    (here / "rig.yaml").rename(here / "cell.yaml")
-    (here / "unseen.yaml").unlink()
-    sealed = truth / f"{name}.json"
-    content: dict[str, Any] = json.loads(sealed.read_text(encoding="utf-8"))
-    sealed.write_text(json.dumps(content | {"two_runs": two_runs}) + "\n", encoding="utf-8")
-    return Task(name, "fault", "one circle each way" if two_runs else "all runs of a cell")
-
-
-def arm_tasks(seed: int, size: Size, seen: Seen, tasks: Path, truth: Path) -> Iterator[Task]:
-    """Write the arms with faults in poses or touches in an order that tells nothing, and yield their tasks."""
-    wanted, count = (size.in_poses, size.poses) if seen == "poses" else (size.in_touches, size.touches)
-    kinds = [kind for kind, arms in wanted.items() for _ in range(arms)]
-    world = 1 if seen == "poses" else 2
-    for number, place in enumerate(np.random.default_rng([seed, 0, world]).permutation(len(kinds)), start=1):
-        name = f"fault-in-{seen}-{number:02d}"
-        rng = np.random.default_rng([seed, 0, world, number])
-        write_arm_fault(kinds[place], seen, count, rng, tasks / name, truth / f"{name}.json")
-        yield Task(name, "fault_in_poses" if seen == "poses" else "fault_in_touches", seen)
-
-
 def read_tasks(directory: Path) -> Sequence[Task]:
     with (directory / "tasks.csv").open(encoding="utf-8", newline="") as file:
-        return [Task(row["name"], row["kind"], row["row"], row["split"]) for row in csv.DictReader(file)]  # type: ignore[arg-type]
+        return [Task(row["name"], row["kind"], row["row"], row["split"]) for row in csv.DictReader(file)]

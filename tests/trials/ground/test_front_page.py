@@ -67,10 +67,10 @@ def test_diagnosis_finds_the_effects_of_the_page(tmp_path):
 @pytest.mark.parametrize(("task_name", "row"), cases(ROWS.items(), [("ur5-few", "UR5, 30 poses")]))
 def test_table_of_real_arms_is_reproduced(task_name, row, tmp_path):
     """The rows of the UR5; the others take minutes: `scripts/dev ground run`."""
-    make(tmp_path, 97, Size({}, {}, arms=0), DATA)
+    make(tmp_path, 97, Size(arms=0), DATA)
     answer = runpy.run_path(str(ROOT / "tests" / "trials" / "ground" / "rig_entry.py"))["answer"]
     (task,) = (one for one in read_tasks(tmp_path / "tasks") if one.name == task_name)
-    answer(task, tmp_path / "tasks" / task.name, tmp_path / f"{task.name}.csv", tmp_path)
+    answer(tmp_path / "tasks" / task.name, tmp_path / f"{task.name}.csv", tmp_path)
     found = scored(tmp_path, tmp_path)
     (told,) = re.findall(rf"^\| {row} \| 20 \| \d+ \| (\d+) ", _section("What it reached on real arms"), re.M)
     assert found[row]["error_um"].value == pytest.approx(float(told), rel=LIKE)
