@@ -15,7 +15,7 @@ from daq.apps.emulate.replay import Replay
 from daq.wire.capture import Capture, read_capture
 from rigs.load import parse
 from tests.support.bench import PATIENCE_S, Bench
-from tests.support.corpus_recording import CORPUS, heard
+from tests.support.captures import CORPUS, heard
 from tests.support.refusals import refused
 
 NAMES = sorted(folder.name for folder in CORPUS.iterdir() if (folder / "cell.log").exists())

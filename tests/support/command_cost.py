@@ -9,7 +9,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-RIG = (sys.executable, "-c", "from analysis.cli import main; main()")
 _KEEPING = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 """A user's environment, where Python keeps compiled modules. Without it every turn would compile rig again, a fifth of
 a small run, but not packages that pip compiled."""

@@ -7,7 +7,7 @@ capability is also covered by cheaper tests, and names those.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
@@ -50,15 +50,6 @@ def moved() -> tuple[dict[str, Any], ...]:
 def is_moved(nodeid: str) -> bool:
     """True if a test runs only at night, according to the table of nightly tests."""
     return any(nodeid.startswith(entry["of"]) and _names(entry, nodeid) for entry in moved())
-
-
-def unmatched(nodeids: Collection[str]) -> Iterator[str]:
-    """Names and cases in the table that match no existing test."""
-    for entry in moved():
-        there = [nodeid.partition("::")[2] for nodeid in nodeids if nodeid.startswith(entry["of"])]
-        yield from (name for name in entry["tests"] if not any(_is_of(test, name) for test in there))
-        cases = [_case(test) for test in there if any(_is_of(test, name) for name in entry["tests"])]
-        yield from (kept for kept in entry.get("keep", ()) if not any(fnmatchcase(case, kept) for case in cases))
 
 
 def _names(entry: dict[str, Any], nodeid: str) -> bool:

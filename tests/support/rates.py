@@ -39,15 +39,6 @@ def counted(figure: str, goal: float, hits: int, n: int, *, most: bool = False) 
     return Row(figure, f"{sign} {100 * goal:g} %", value, hits / n <= goal if most else hits / n >= goal)
 
 
-def quantile(figure: str, goal: float, values: Sequence[float], percent: float, *, most: bool = False) -> Row:
-    sign = "≤" if most else "≥"
-    if not len(values):
-        return Row(figure, f"{sign} {100 * goal:g} %", "no cases", None)
-    value = float(np.percentile(values, percent))
-    text = f"{100 * value:.2f} % of {len(values)}"
-    return Row(figure, f"{sign} {100 * goal:g} %", text, value <= goal if most else value >= goal)
-
-
 def time_row(times_s: Iterable[float], most_s: float) -> Row:
     seconds = [time_s for time_s in times_s if math.isfinite(time_s)]
     if not seconds:

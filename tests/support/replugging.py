@@ -11,7 +11,6 @@ import random
 import signal
 import threading
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -201,16 +200,4 @@ def swallow(bench: Bench) -> None:
     bench.daemon.stderr.read()
 
 
-def report(kind: str, cycles: int, found: Replugged) -> str:
-    """Format the table of a rig."""
-    lines = []
-    for name, back_s in found.back_s.items():
-        p50, worst = (float(np.quantile(back_s, q)) if back_s else float("nan") for q in (0.5, 1.0))
-        lines.append(
-            f"{kind} {name}: {len(back_s)} of {cycles} replugged, {found.lost[name]} disconnects counted, back after "
-            f"{p50:.2f} s (p50), {worst:.2f} s (worst), {found.readings[name]} readings held against the truth"
-        )
-    return "\n".join([*lines, f"{kind}: {found.held}", *found.problems])
-
-
-KINDS: Sequence[str] = ("serial", "modbus")
+KINDS = ("serial", "modbus")

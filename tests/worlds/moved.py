@@ -87,14 +87,6 @@ def drawn_arm(kind: Kind, rng: np.random.Generator) -> TrueArm:
     )  # fmt: skip
 
 
-def nominal_arm(kind: Kind) -> TrueArm:
-    """Arm of the data sheet."""
-    zero = np.zeros(len(kind.a))
-    wave = np.zeros((len(kind.a), 2))
-    return TrueArm(kind, np.array(kind.a, float), np.radians(kind.alpha_deg), np.array(kind.d, float), zero, wave, zero,
-                   np.array(kind.tool))  # fmt: skip
-
-
 def _step(arm: TrueArm, q: Array, place: Array) -> Array:
     """Damped step (n, axes) rad that moves the balls to a place (3,) or places (n, 3) mm."""
     tips, J = arm.tips_and_slopes(q)

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
@@ -8,15 +7,12 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pymodbus.framer import FramerRTU
 from wsproto import ConnectionType, WSConnection
 from wsproto.events import AcceptConnection
 
 import daq.feedback
 import daq.gauges
-from daq.protocol.conversation import Conversation
 from daq.protocol.framing import LIMIT
-from rigs.schema.feedback import carries_signal
 
 # private _data, _rtde, _rtu, _tcp: frames as the conversations of the other tests have them
 from tests.daq.protocol.test_conversations import (
@@ -30,11 +26,8 @@ from tests.daq.protocol.test_conversations import (
     _rtu,
     _tcp,
 )
-from tests.daq.protocol.test_datagrams import EGM, PACKED, ROB, egm_robot, rob, status
 from tests.daq.protocol.test_gauge_conversations import value
 from tests.support.drivers import (
-    FEEDBACKS,
-    GAUGES,
     OPC_UA,
     PANDA,
     TCP,
@@ -49,7 +42,7 @@ from tests.support.drivers import (
 )
 from tests.support.nightly import examples
 from tests.support.replies import POLLED
-from tests.support.simulated_conversation import S, Script, asked, held
+from tests.support.simulated_conversation import S, Script, asked
 
 HELD_MAX = 3 * LIMIT
 HELD_BY = {"joint states": 16 * 1024, "opc ua": 65_536 + HELD_MAX}
@@ -183,92 +176,3 @@ def test_the_cut_makes_no_difference(name, examples):
         assert _outcome(begin, [stream[k : k + 1] for k in range(len(stream))]) == whole
 
     holds()
-
-
-def _sides() -> dict[str, tuple[Callable[[], Conversation], list[bytes]]]:
-    sides: dict[str, tuple[Callable[[], Conversation], list[bytes]]] = {}
-    replies = [reply for _, choices, _ in STREAMS.values() for reply in choices if len(reply) < LIMIT]
-    replies += [EGM, PACKED, ROB, egm_robot(8), rob(123645634567), status(1), status(2)]
-    requests = [case.request for case in POLLED.values()]
-    requests += [
-        b"OUTPUT RS422\n",
-        b":01031F42000299\r\n",
-        b"?\r",
-        b"OUT1\r",
-        b"M0\r\n",
-        _rtu(1, 4, 0, 200, 0, 13),
-        _tcp(1, 1, 4, 0, 200, 0, 13),
-    ]
-    rates = (500.0, 1e-300, float("inf"), float("nan"), -1.0)
-    recipes = [_rtde(b"O", struct.pack(">d", rate) + b"timestamp,actual_q") for rate in rates]
-    requests += [*recipes, _rtde(b"V", b"\0\2"), _rtde(b"S"), _rtde(b"P"), _rtde(b"O"), _rtde(b"M")]
-    requests += [b'<Sen Type="ImFree"><IPOC>4208000</IPOC></Sen>', b"\0\0\0\0\0\0\0\1", b"\0\0\0\2\0\0\0\1"]
-    for name, gauges, _ in GAUGES:
-        if gauges[0].units != "mm":
-            continue  # the same bytes, times a factor
-        sides[f"{name} host"] = (lambda gauges=gauges: daq.gauges.host(gauges)), replies
-        sides[f"{name} device"] = (
-            (lambda gauges=gauges: daq.gauges.device(gauges, lambda now_ns: [1e6] * len(gauges))),
-            requests,
-        )
-    for name, feedback in FEEDBACKS:
-        sides[f"{name} host"] = (lambda feedback=feedback: daq.feedback.host(feedback)), replies
-        sides[f"{name} device"] = (
-            (
-                lambda feedback=feedback: daq.feedback.device(
-                    feedback, lambda now_ns: [1.0] * (6 + carries_signal(feedback))
-                )
-            ),
-            requests,
-        )
-    return sides
-
-
-SIDES = _sides()
-
-
-@st.composite
-def _mutated(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
-    data = bytearray(draw(st.sampled_from(good)))
-    for _ in range(draw(st.integers(0, 3))):
-        if data:
-            data[draw(st.integers(0, len(data) - 1))] = draw(st.integers(0, 255))
-    return bytes(data)
-
-
-@pytest.mark.parametrize("name", SIDES)
-@examples(8, 25)
-def test_no_bytes_raise_or_fill_the_memory(name, examples):
-    @settings(max_examples=examples)
-    @given(data=st.data())
-    def holds(data: st.DataObject) -> None:
-        begin, good = SIDES[name]
-        held_max = next((most for kind, most in HELD_BY.items() if kind in name), HELD_MAX)
-        conversation = begin()
-        conversation.connected(0)
-        now_ns = S  # a polled host has listened long enough to ask
-        step = conversation.tick(now_ns)
-        pieces = data.draw(st.lists(st.binary(max_size=300) | _mutated(good), max_size=25))
-        for piece in pieces:
-            now_ns += data.draw(st.sampled_from([0, 1000, S // 5, 2 * S]))
-            if step.wake_ns is not None and step.wake_ns <= now_ns:
-                step = conversation.tick(now_ns)
-            step = conversation.received(piece, now_ns)
-            assert held(conversation) <= held_max
-        for byte in (b"\0", b"+", b"\xff", b"1,"):
-            conversation.received(byte * 2 * LIMIT, now_ns)
-            assert held(conversation) <= held_max
-
-    holds()
-
-
-@pytest.mark.parametrize("port", ["/dev/ttyS0", TCP])
-def test_modbus_gauge_survives_every_function(port):
-    device = daq.gauges.device([modbus(port=port)], lambda now_ns: [1.0])
-    for function in range(256):
-        for filler in (0, 1, 200, 255):
-            body = bytes([1, function, filler, filler, filler, filler])
-            number = FramerRTU.compute_CRC(body).to_bytes(2, "big")
-            device.received(_tcp(1, *body) if port == TCP else body + number, 0)
-    request = _tcp(1, 1, 4, 0, 202, 0, 2) if port == TCP else _rtu(1, 4, 0, 202, 0, 2)
-    assert device.received(request, 0).send

@@ -13,7 +13,7 @@ from daq.protocol.framing import Message
 from daq.protocol.modbus import Resync, RtuRequests
 from daq.protocol.polled import STIR_EVERY_NS, Polled
 from tests.support.drivers import TCP, modbus
-from tests.support.lateness import TIMEOUT_S, Numbered, polled, simulated, wired
+from tests.support.lateness import TIMEOUT_S, Numbered, polled, simulated
 from tests.support.simulated_conversation import S, simulate
 
 CASES = polled()
@@ -91,9 +91,3 @@ def test_burst_after_a_menu_shifts_nothing(name):
     assert max(early_ns) < TIMEOUT_S * S
     assert all(instrument.took_ns(s) <= s.first_byte_ns for s in samples)
     assert min(s.last_byte_ns for s in samples) < S and max(s.last_byte_ns for s in samples) > 11 * S
-
-
-@pytest.mark.real_time
-def test_over_a_pty_as_well():
-    late = wired(RTU, 10, 7)
-    assert late.requests >= 10 and late.shifted == 0 and late.samples

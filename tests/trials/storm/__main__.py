@@ -10,17 +10,13 @@ from collections.abc import Iterator, Sequence
 
 from tests.support.trial import Trial, main
 from tests.trials.storm.life import Told
-from tests.trials.storm.mutants import MUTANTS
 from tests.trials.storm.storm import weather
 
-_PLANTED_IN = 30
-"""Worlds in which a bug must be found."""
 
-
-def draw(given: Namespace) -> Iterator[int | str]:
-    """Seeds of worlds until the time is over, or one; or the names of the bugs to plant."""
-    if given.planted or given.seed is not None:
-        yield from MUTANTS if given.planted else [given.seed]
+def draw(given: Namespace) -> Iterator[int]:
+    """Seeds of worlds until the time is over, or one."""
+    if given.seed is not None:
+        yield given.seed
         return
     until_s, seed = time.monotonic() + given.seconds, given.first
     while time.monotonic() < until_s:
@@ -28,22 +24,7 @@ def draw(given: Namespace) -> Iterator[int | str]:
         seed += 1
 
 
-def judged(case: int | str) -> Told | tuple[str, int | None]:
-    """What became of a world; or the name of a bug and the seed of the first world that shows it."""
-    return weather(case) if isinstance(case, int) else (case, planted_bug_found(case))
-
-
-def planted_bug_found(name: str) -> int | None:
-    for seed in range(_PLANTED_IN):
-        with MUTANTS[name]():
-            if weather(seed).violations:
-                return seed
-    return None
-
-
-def line(told: Told | tuple[str, int | None]) -> str:
-    if isinstance(told, tuple):
-        return f"{told[0]}: found in the world of seed {told[1]}" if told[1] is not None else f"{told[0]}: NOT found"
+def line(told: Told) -> str:
     return _told(told) * bool(told.violations)
 
 
@@ -56,8 +37,7 @@ def _told(told: Told) -> str:
     ])  # fmt: skip
 
 
-def report(done: Sequence[Told | tuple[str, int | None]]) -> str:
-    found = [told for told in done if isinstance(told, Told)]
+def report(found: Sequence[Told]) -> str:
     if not found:
         return ""
     blows, faults = Counter[str](), Counter[str]()
@@ -82,13 +62,13 @@ def report(done: Sequence[Told | tuple[str, int | None]]) -> str:
     return "\n".join(lines)
 
 
-def is_wrong(done: Sequence[Told | tuple[str, int | None]]) -> bool:
-    return any(told[1] is None if isinstance(told, tuple) else told.violations for told in done)
+def is_wrong(done: Sequence[Told]) -> bool:
+    return any(told.violations for told in done)
 
 
 TRIAL = Trial(
     draw,
-    judged,
+    weather,
     report,
     line=line,
     failed=is_wrong,
@@ -96,7 +76,6 @@ TRIAL = Trial(
         "SECONDS": (60.0, "how long in real time; the last worlds are finished (60)"),
         "seed": (int, "this world alone, as it was when it failed"),
         "first": (0, "seed of the first world (0)"),
-        "planted": (False, "how soon bugs that are planted are found"),
     },
 )
 

@@ -28,15 +28,13 @@ SOUND_DEG, SOUND_MM = 0.015, 0.15
 """Standard deviations of zeros and twists, and of lengths, of a sound arm."""
 SOUND_SOFT, SOUND_PLAY_DEG = (1e-6, 6e-6), (0.0, 0.004)
 """Ranges of compliance (rad/Nm) and backlash of a sound arm."""
-KINDS = ("zero", "length", "play", "compliance")
-"""Kinds of faults that `draw_faults` draws."""
 
 
 @dataclass(frozen=True)
 class Sizes:
     """Error sizes of arms of a build. Sound arms: standard deviations of zeros and twists (deg) and of lengths (mm);
     ranges of compliance (rad/Nm), backlash (deg), joint curve (deg) and scatter of a coordinate (mm); encoder
-    counts per turn, 0 for negligible steps. Faults: ranges of zero (deg), length (mm) and backlash (deg).
+    counts per turn, 0 for negligible steps.
     """
 
     angle_deg: float = SOUND_DEG
@@ -46,17 +44,12 @@ class Sizes:
     curve_deg: tuple[float, float] = (0.005, 0.02)
     scatter_mm: tuple[float, float] = (0.02, 0.05)
     counts: int = 0
-    kinds: tuple[str, ...] = KINDS
-    zero_fault_deg: tuple[float, float] = (0.15, 0.5)
-    length_fault_mm: tuple[float, float] = (1.5, 4.0)
-    play_fault_deg: tuple[float, float] = (0.05, 0.15)
 
 
 INDUSTRY = Sizes()
 HOBBY = Sizes(
     angle_deg=0.2, length_mm=0.4, soft=(2e-5, 1e-4), play_deg=(0.3, 1.3), curve_deg=(0.02, 0.1),
-    scatter_mm=(0.05, 0.2), counts=4096, kinds=("zero", "length", "play"), zero_fault_deg=(1.5, 4.0),
-    length_fault_mm=(3.0, 6.0), play_fault_deg=(1.7, 1.95),
+    scatter_mm=(0.05, 0.2), counts=4096,
 )  # fmt: skip
 """Arms with 12-bit encoders on the output shafts of servos, printed or cut brackets, and joints set by eye.
 Backlash: 0.87 to 1.49 degrees were measured on new Feetech STS3215, specified as 0.5 (robonine.com, 2025).
@@ -70,7 +63,7 @@ def sizes_of(robot: Robot) -> Sizes:
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault. kind: zero, length, twist, play or compliance; axis from 1; field of a constant; size in deg, mm or
+    """A fault. kind: zero, length, play or compliance; axis from 1; field of a constant; size in deg, mm or
     deg/Nm.
     """
 
@@ -90,8 +83,7 @@ class Fault:
 @dataclass(frozen=True)
 class Truth:
     """True errors of an arm. soft (axes,): rad/Nm; waves: joint, order, amplitude (rad) and phase of each; play
-    (axes,) rad; scatter_mm: of a coordinate; off: errors of the constants relative to the rig file; slip: joint
-    from 0, angle (rad) above which its link is displaced, and the displacement in rad, as after a slipped tooth.
+    (axes,) rad; scatter_mm: of a coordinate; off: errors of the constants relative to the rig file.
     """
 
     arm: Arm
@@ -100,7 +92,6 @@ class Truth:
     play: Array
     scatter_mm: float
     off: Constants
-    slip: tuple[int, float, float] | None = None
     counts: int = 0
 
     def reported(self, q: Array) -> Array:
@@ -108,22 +99,11 @@ class Truth:
         count = 2 * np.pi / self.counts if self.counts else 0.0
         return np.asarray(np.round(q / count) * count if count else q)
 
-    def size_of(self, fault: Fault) -> float:
-        """True size at the seat of a fault, in its unit: the fault plus the error of a sound arm."""
-        k = fault.axis - 1
-        sizes = {"zero": self.off.zero, "twist": self.off.alpha, "play": self.play, "compliance": self.soft}
-        if fault.kind == "length":
-            return float({"a": self.off.a, "d": self.off.d}[fault.field][k])
-        return float(np.degrees(sizes[fault.kind][k]))
-
     def link_q(self, q: Array, came_from: Array) -> Array:
         """Return link-side angles (n, axes) at reported angles q (n, axes), with each joint arriving from came_from."""
         out = q + torque_nm(self.arm, q) * self.soft
         for joint, order, amplitude, phase in self.waves:
             out[:, joint] += amplitude * np.sin(order * q[:, joint] + phase)
-        if self.slip is not None:
-            joint, beyond, step = self.slip
-            out[:, joint] += np.where(q[:, joint] > beyond, step, 0.0)
         return out + self._lag(q, came_from)
 
     def _lag(self, q: Array, came_from: Array) -> Array:
@@ -169,29 +149,6 @@ def constants_of(robot: Robot) -> Constants:
 _KEYS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg", "mass_kg")
 
 
-def draw_faults(robot: Robot, rng: np.random.Generator, count: int) -> tuple[Fault, ...]:
-    """Draw observable faults of different kinds.
-
-    The first and the last joint are excluded, because set-up and tool absorb their errors. Only joints under load get
-    a compliance. Each fault is at least five times the error of a sound arm, a servo backlash twice.
-    """
-    found, last, sizes = list[Fault](), len(robot.axes), sizes_of(robot)
-    for kind in rng.choice(sizes.kinds, count, replace=False):
-        axis, sign = int(rng.integers(2, last)), float(rng.choice([-1, 1]))
-        match str(kind):
-            case "zero":
-                found.append(Fault("zero", axis, sign * rng.uniform(*sizes.zero_fault_deg)))
-            case "length":
-                field = "d" if abs(robot.axes[axis - 1].d_mm) > 1 else "a"
-                found.append(Fault("length", axis, sign * rng.uniform(*sizes.length_fault_mm), field))
-            case "play":
-                found.append(Fault("play", axis, rng.uniform(*sizes.play_fault_deg)))
-            case "compliance":
-                carries = [2, 4] if last > 6 else [2, 3]
-                found.append(Fault("compliance", int(rng.choice(carries)), rng.uniform(0.005, 0.02)))
-    return tuple(found)
-
-
 def draw_truth(robot: Robot, rng: np.random.Generator, faults: tuple[Fault, ...]) -> Truth:
     """Draw a sound arm of this build and add faults. The amplitudes of joint waves are inversely proportional to the
     order.
@@ -211,8 +168,6 @@ def draw_truth(robot: Robot, rng: np.random.Generator, faults: tuple[Fault, ...]
                 c.zero[k] += rad
             case "length":
                 {"a": c.a, "d": c.d}[fault.field][k] += fault.size
-            case "twist":
-                c.alpha[k] += rad
             case "play":
                 play[k] += rad
             case "compliance":

@@ -1,0 +1,179 @@
+"""Recorded conversations of the drivers: two files of tests/daq/conversations for each interface.
+
+`NAME.log` has a section for each conversation: a title, the peers, and both sides.
+
+    # a silence ends the counting
+    gauge INTERFACE {KEYS}    rig reads this gauge, or this `robot`; `emulated gauge`, `emulated robot`: it plays it
+    = 1.5 nan                 the next values that an emulated instrument measures
+    500 < BYTES               bytes come after 500 ms
+    500 .                     nothing has come until the time for which the conversation asked
+    > BYTES                   what it sends thereupon
+    ~ 750                     when it wants to go on if nothing comes; `x`: it hangs up
+    ? BYTES                   a reply in place of all that follows, each in a conversation of its own
+
+`NAME.readings` has what comes of each section: the values of a sample with its times in ms, or the kind of a fault.
+`python -m tests.support.conversation_logs` writes both from the inputs; look at the difference in git.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+import daq.feedback
+import daq.gauges
+from daq.protocol.conversation import NO_TIME, Conversation, Fault, Item, Sample
+from rigs.schema.feedback import Feedback
+from tests.support.drivers import gauge
+from tests.support.simulated_conversation import Script
+
+FOLDER = Path(__file__).parents[1] / "daq" / "conversations"
+_ROBOT: TypeAdapter[Any] = TypeAdapter(Feedback)
+
+
+@dataclass
+class Section:
+    """A conversation: the peers, then inputs as (ms, bytes or None for a tick), and replies to try after them."""
+
+    title: str
+    peers: list[str] = field(default_factory=list)
+    measured: list[list[float]] = field(default_factory=list)
+    inputs: list[tuple[float, bytes | None]] = field(default_factory=list)
+    replies: list[bytes] = field(default_factory=list)
+
+    @property
+    def models(self) -> list[Any]:
+        """Gauges or the robot of the rig file."""
+        found = []
+        for line in self.peers:
+            kind, interface, keys = [*line.removeprefix("emulated ").split(" ", 2), "{}"][:3]
+            values = json.loads(keys)
+            robot = {"interface": interface} | values
+            found.append(gauge(interface, **values) if kind == "gauge" else _ROBOT.validate_python(robot))
+        return found
+
+    def conversation(self) -> Conversation:
+        models, measured = self.models, list(self.measured)
+
+        def read(now_ns: int) -> list[float]:
+            return measured.pop(0) if len(measured) > 1 else measured[0]
+
+        is_robot, is_emulated = "robot" in self.peers[0].split()[:2], self.peers[0].startswith("emulated")
+        drivers, given = (daq.feedback, models[0]) if is_robot else (daq.gauges, models)
+        return drivers.device(given, read) if is_emulated else drivers.host(given)  # type: ignore[attr-defined]
+
+    def begun(self) -> Script:
+        """The conversation after all inputs."""
+        script = Script(self.conversation())
+        for _ in self._played(script):
+            pass
+        script.sent = b""
+        script.taken()
+        return script
+
+    def _played(self, script: Script) -> Iterator[str]:
+        """Give the inputs; yield the lines of the log."""
+        yield from _answer(script)
+        for at_ms, data in self.inputs:
+            script.sent = b""
+            if data is None:
+                script.wake()
+                yield f"{_ms(script.now_ns)} ."
+            else:
+                script.receive(data, round(at_ms * 1e6))
+                yield f"{_ms(script.now_ns)} < {_text(data)}"
+            yield from _answer(script)
+
+    def transcript(self) -> tuple[str, str]:
+        """The section as it stands in the log, and in the readings, by what the drivers do now."""
+        script = Script(self.conversation())
+        log = [f"# {self.title}", *self.peers, *(f"= {' '.join(map(_number, one))}" for one in self.measured)]
+        log += self._played(script)
+        readings = [f"# {self.title}", *map(_reading, script.taken())]
+        for reply in self.replies:
+            alone = self.begun()
+            alone.receive(reply, alone.now_ns)
+            log.append(f"? {_text(reply)}")
+            readings.append("; ".join(map(_reading, alone.taken())) or "nothing")
+        return "\n".join(log) + "\n", "\n".join(readings) + "\n"
+
+
+def _answer(script: Script) -> Iterator[str]:
+    if script.sent:
+        yield f"> {_text(script.sent)}"
+    if script.step.wake_ns is not None:
+        yield f"~ {_ms(script.step.wake_ns)}"
+    if script.step.hang_up:
+        yield "x"
+
+
+def _reading(item: Item) -> str:
+    if isinstance(item, Fault):
+        return str(item.kind) + (f" × {item.count}" if item.count != 1 else "")
+    assert isinstance(item, Sample)
+    came = [_ms(item.first_byte_ns), _ms(item.last_byte_ns)]
+    parts = [" ".join(map(_number, item.values)), f"{' to '.join(dict.fromkeys(came))} ms", f"{item.size} bytes"]
+    parts += [f"asked at {_ms(item.requested_ns)}"] * (item.requested_ns != NO_TIME)
+    parts += [f"clock {item.device_time_s:.9g} s"] * (not math.isnan(item.device_time_s))
+    return ", ".join([*parts, *[f"status {item.status}"] * bool(item.status)])
+
+
+def _number(value: float) -> str:
+    return f"{value:.9g}"
+
+
+def _ms(time_ns: int) -> str:
+    return f"{time_ns / 1e6:.6f}".rstrip("0").rstrip(".")
+
+
+def _text(data: bytes) -> str:
+    """Bytes as Python writes them, on one line without a quote."""
+    return data.decode("latin1").encode("unicode_escape").decode("ascii")
+
+
+def _bytes(text: str) -> bytes:
+    return text.encode("ascii").decode("unicode_escape").encode("latin1")
+
+
+def sections_of(log: Path) -> list[Section]:
+    """The inputs of a log."""
+    found: list[Section] = []
+    for line in log.read_text(encoding="ascii").splitlines():
+        first, _, rest = line.partition(" ")
+        if first == "#":
+            found.append(Section(rest))
+        elif first in ("gauge", "robot", "emulated"):
+            found[-1].peers.append(line)
+        elif first == "=":
+            found[-1].measured.append([float(value) for value in rest.split()])
+        elif first == "?":
+            found[-1].replies.append(_bytes(rest))
+        elif first not in (">", "~", "x"):
+            data = None if rest == "." else _bytes(rest[2:])
+            found[-1].inputs.append((float(first), data))
+    return found
+
+
+LOGS = {log.stem: sections_of(log) for log in sorted(FOLDER.glob("*.log"))}
+
+
+def written(sections: Sequence[Section]) -> tuple[str, str]:
+    """Both files of an interface."""
+    logs, readings = zip(*(one.transcript() for one in sections), strict=True)
+    return "\n".join(logs), "\n".join(readings)
+
+
+def main() -> None:
+    for name, sections in LOGS.items():
+        for suffix, text in zip((".log", ".readings"), written(sections), strict=True):
+            (FOLDER / f"{name}{suffix}").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
