@@ -16,7 +16,6 @@ from tests.worlds.stranger.cell import ROBOTS, read_cell
 from tests.worlds.stranger.gauges import Link
 from tests.worlds.stranger.measure import measure
 from tests.worlds.stranger.motion import circle_frames, lap, track_of
-from tests.worlds.stranger.play import lagging, reversals
 from tests.worlds.stranger.screws import Arm, arm_from, pose, torque_nm
 
 HERE = Path(stranger.__file__).parent
@@ -90,22 +89,6 @@ def _hung(arm: Arm, q: np.ndarray, k: int) -> float:
     end = arm.end.copy()
     end[k] = arm.hung[k]
     return float(pose(replace(arm, end=end), q).end[0, k, 2])
-
-
-@pytest.mark.parametrize("rounded", [0.0, 0.3, 1.0])
-def test_a_play_lags_by_half_its_width_however_round(rounded):
-    x = np.concatenate([np.linspace(0, 10, 500), np.linspace(10, 0, 500)])
-    lag = lagging(x, 0.5, rounded, begin=0.4)
-    assert lag[499] == pytest.approx(-0.5, abs=1e-6)
-    assert lag[-1] == pytest.approx(0.5, abs=1e-6)
-    assert (np.abs(lag) <= 0.5 + 1e-9).all()
-
-
-def test_reversals_are_found_with_their_direction():
-    t = np.linspace(0, 10, 2001)
-    found = reversals(t, np.radians(5 * np.sin(t) + 0.001 * np.sin(300 * t)))
-    assert [direction for _, direction in found] == [-1, 1, -1]
-    assert [when for when, _ in found] == pytest.approx([np.pi / 2, 3 * np.pi / 2, 5 * np.pi / 2], abs=0.05)
 
 
 def test_the_papers_eccentricity():

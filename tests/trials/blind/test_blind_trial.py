@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -36,19 +35,6 @@ def test_a_blind_case_is_diagnosed_as_the_scorer_has_it(kind, seed, condition, b
         assert said["held_out_gain"] > 0
 
 
-@pytest.mark.parametrize(
-    ("there", "again"),
-    [({"condition": "named"}, False), ({"condition": "named", "code": "old"}, True), ({"error": "x"}, True)],
-)
-def test_a_campaign_uses_an_answer_of_the_same_code_again(there, again, tmp_path, monkeypatch):
-    job = Job("one", 2, tmp_path)
-    job.case.mkdir(parents=True)
-    kept = {"code": trial.code()} | there
-    (job.case / "answer.json").write_text(json.dumps(kept))
-    monkeypatch.setattr(trial, "run_job", lambda _: {"condition": "anew"})
-    assert trial.answered(job) == ({"condition": "anew"} if again else kept)
-
-
 def test_refused_tables_are_a_missing_answer(tmp_path, monkeypatch):
     def refused(_: Job) -> None:
         raise FileError("a.csv", "gauges", "exchange")
@@ -60,12 +46,3 @@ def test_refused_tables_are_a_missing_answer(tmp_path, monkeypatch):
     monkeypatch.setattr(trial, "make_case", refused)
     assert "gauges" in run_job(job)["error"]
     assert "gauges" in json.loads((job.case / "answer.json").read_text())["error"]
-
-
-def test_ctrl_c_ends_the_trial_and_not_one_diagnosis_alone(monkeypatch):
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("analysis.runs.loading.load_measured", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        trial.diagnose_case([Path("a")], [], [])

@@ -5,8 +5,7 @@ from typing import Any
 import pytest
 
 from tests.support.rates import wilson
-from tests.trials.blind.scoring import RealCase, real_cases_of, real_report, rows_of
-from tests.worlds.stranger import REAL_KINDS
+from tests.trials.blind.scoring import RealCase, real_cases_of
 
 BACKLASH = {
     "name": "backlash 1",
@@ -18,7 +17,6 @@ BACKLASH = {
     "testable": True,
 }
 A5 = BACKLASH | {"name": "link_geometry 5.a", "class": ["joint_offset 5", "link_geometry 5.a"]}
-FOREIGN = {"name": "dent", "effect": "dent", "rms_um": 100.0, "testable": True}
 
 
 def named(name: str, **more: Any) -> dict[str, Any]:
@@ -72,28 +70,3 @@ def test_names_are_right_by_fault_or_twin(answer, hidden, first, every, wrong):
 @pytest.mark.parametrize(("lag_s", "wrong"), [(0.006, 0), (0.004, 1)])
 def test_a_name_is_not_wrong_from_five_healthy_sizes_on(lag_s, wrong):
     assert len(case("healthy", said("named", LAG), background=[large_share(lag_s)]).wrong) == wrong
-
-
-def perfect() -> list[RealCase]:
-    """Right answers to twenty cells of each kind: one size in twenty is off, names of 99.5 % are right."""
-    cases = []
-    for kind in REAL_KINDS:
-        foreign = [FOREIGN] if kind.startswith("foreign") else []
-        for number in range(20):
-            far = PLAY | {"parameters": {"width_deg": {"value": 0.6, "sd": 0.01}}} if number == 0 else PLAY
-            if kind == "healthy":
-                cases.append(case(kind, said("nothing_unusual")))
-            elif kind == "foreign_large":
-                cases.append(case(kind, said("outside_library"), outside=foreign))
-            else:
-                answer = said("named", far)
-                cases.append(case(kind, answer, BACKLASH, outside=foreign))
-    return cases
-
-
-def test_right_answers_reach_every_figure_and_wrong_ones_hardly_any():
-    assert all(row.reached is not False for row in rows_of(perfect()))
-    wrong = [RealCase(one.truth, case("x", said("named", LAG, seconds=99.0)).answer) for one in perfect()]
-    reached = [row.reached for row in rows_of(wrong)]
-    assert reached.count(False) > 12 and reached.count(True) < 5
-    assert all(row.reached is None for row in rows_of([])) and real_report([])

@@ -7,8 +7,6 @@ import json
 import pytest
 
 # private _Continuous, _label: what stands behind a gauge's messages and a request, the innermost that inputs reach
-from daq.apps.gauge_drivers.sylvac_opto_rs import _Continuous
-from daq.protocol.framing import DelimitedLines
 from daq.service.control import reply
 from daq.service.daemon import _label
 from tests.trials.fuzz.fuzzing import Block, is_file, run_block, targets
@@ -21,28 +19,6 @@ def test_a_sample_of_mutated_inputs_does_no_harm(target):
     inputs = SAMPLE[target] if is_file(target) else 800
     outcome = run_block(Block(target, 5, 0, inputs))
     assert outcome.failure == "" and outcome.inputs >= inputs
-
-
-def test_a_reader_that_raises_is_found_and_its_input_shown(monkeypatch):
-    monkeypatch.setattr(_Continuous, "read", lambda self, message: float(message.data))
-    outcome = run_block(Block("sylvac_opto_rs", 5, 0, 800))
-    assert "inputs: " in outcome.failure and "sylvac_opto_rs 5 0 " in outcome.failure
-
-
-def test_a_framer_that_keeps_everything_is_found(monkeypatch):
-    monkeypatch.setattr("daq.protocol.framing.LIMIT", 10**9)
-    assert "bytes" in run_block(Block("sylvac_opto_rs", 5, 0, 200)).failure
-
-
-def test_a_conversation_that_never_recovers_is_found(monkeypatch):
-    feed = DelimitedLines.feed
-
-    def stuck(self: DelimitedLines, data: bytes, now_ns: int) -> object:
-        self.dead = getattr(self, "dead", False) or b"\0" in data
-        return [] if self.dead else feed(self, data, now_ns)
-
-    monkeypatch.setattr(DelimitedLines, "feed", stuck)
-    assert "no reading" in run_block(Block("sylvac_opto_rs", 5, 0, 2000)).failure
 
 
 @pytest.mark.parametrize("key", ["k" * 5000, "a\nb", "\ud800"])

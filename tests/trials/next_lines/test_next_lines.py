@@ -3,7 +3,7 @@ import pytest
 from tests.support import nightly
 from tests.support.measured_series import DATA
 from tests.trials.next_lines.next_line_cases import cases, followed
-from tests.trials.next_lines.next_lines import Place, follow, hints_of, table
+from tests.trials.next_lines.next_lines import hints_of, table
 
 CASES = list(cases(DATA))
 
@@ -24,21 +24,6 @@ CASES = list(cases(DATA))
 )
 def test_the_commands_of_a_line_are_seen(tmp_path, line, commands):
     assert [str(hint) for hint in hints_of(line, tmp_path) if hint.words[1:] and hint.words[1] != "finds"] == commands
-
-
-@pytest.mark.parametrize(
-    ("line", "dead"),
-    [
-        ("see rig arms", False),
-        ("see rig frobnicate --all", True),
-        ("see rig arms --none", True),
-        ("see rig arms nobody", False),  # its error says: rig arms lists all
-        ("see rig simulate nobody.yaml", True),  # its error names no command
-    ],
-)
-def test_a_dead_end_is_seen(tmp_path, line, *, dead):
-    (tmp_path / "place").mkdir()
-    assert bool(follow(line, Place(tmp_path / "place"), tmp_path).dead) == dead
 
 
 @pytest.mark.cpu_limit(120)

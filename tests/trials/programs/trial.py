@@ -7,7 +7,7 @@ import re
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -118,11 +118,11 @@ def reached(draft: Draft, program: Any, world: World, ways: Ways) -> list[Reache
     return list(machine.robot.reached)
 
 
-def judge(draft: Draft, correction: Callable[[Draft], Corrected] = correct) -> Verdict:
+def judge(draft: Draft) -> Verdict:
     begin = time.process_time()
     verdict = Verdict(draft)
     try:
-        verdict.corrected = corrected = correction(draft)
+        verdict.corrected = corrected = correct(draft)
     except RigError as error:
         verdict.error = str(error)
         verdict.seconds = time.process_time() - begin
