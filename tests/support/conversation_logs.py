@@ -11,7 +11,7 @@
     ~ 750                     when it wants to go on if nothing comes; `x`: it hangs up
     ? BYTES                   a reply in place of all that follows, each in a conversation of its own
 
-`NAME.readings` has what comes of each section: the values of a sample with its times in ms, or the kind of a fault.
+`NAME.readings` has what comes of each section: the values of a sample with its times in ms, or a fault.
 `python -m tests.support.conversation_logs` writes both from the inputs; look at the difference in git.
 """
 
@@ -28,6 +28,7 @@ from pydantic import TypeAdapter
 
 import daq.feedback
 import daq.gauges
+from daq.acquisition.streams import robot_stream
 from daq.protocol.conversation import NO_TIME, Conversation, Fault, Item, Sample
 from rigs.schema.feedback import Feedback
 from tests.support.drivers import gauge
@@ -64,9 +65,18 @@ class Section:
         def read(now_ns: int) -> list[float]:
             return measured.pop(0) if len(measured) > 1 else measured[0]
 
-        is_robot, is_emulated = "robot" in self.peers[0].split()[:2], self.peers[0].startswith("emulated")
-        drivers, given = (daq.feedback, models[0]) if is_robot else (daq.gauges, models)
+        is_emulated = self.peers[0].startswith("emulated")
+        drivers, given = (daq.feedback, models[0]) if self.is_of_robot else (daq.gauges, models)
         return drivers.device(given, read) if is_emulated else drivers.host(given)  # type: ignore[attr-defined]
+
+    @property
+    def is_of_robot(self) -> bool:
+        return "robot" in self.peers[0].split()[:2]
+
+    @property
+    def is_stream(self) -> bool:
+        """Whether bytes come to a host, in whatever pieces."""
+        return not self.peers[0].startswith("emulated") and "udp://" not in self.peers[0]
 
     def begun(self) -> Script:
         """The conversation after all inputs."""
@@ -95,13 +105,28 @@ class Section:
         script = Script(self.conversation())
         log = [f"# {self.title}", *self.peers, *(f"= {' '.join(map(_number, one))}" for one in self.measured)]
         log += self._played(script)
-        readings = [f"# {self.title}", *map(_reading, script.taken())]
+        readings = [f"# {self.title}", *map(self._reading, script.taken())]
         for reply in self.replies:
             alone = self.begun()
             alone.receive(reply, alone.now_ns)
-            log.append(f"? {_text(reply)}")
-            readings.append("; ".join(map(_reading, alone.taken())) or "nothing")
+            log += [f"? {_text(reply)}", *_answer(alone)]
+            readings.append("; ".join(map(self._reading, alone.taken())) or "nothing")
         return "\n".join(log) + "\n", "\n".join(readings) + "\n"
+
+    def _reading(self, item: Item) -> str:
+        if isinstance(item, Fault):
+            return f"{item.kind}{f' × {item.count}' if item.count != 1 else ''}: {item.detail}"
+        assert isinstance(item, Sample)
+        values, beside = [*map(_number, item.values)], []
+        if self.is_of_robot:
+            columns = robot_stream(self.models[0]).columns[6:]
+            beside = [f"{name} {value}" for name, value in zip(columns, values[6:], strict=True)]
+        parts = [" ".join(values[: len(values) - len(beside)]), *beside]
+        came = dict.fromkeys([_ms(item.first_byte_ns), _ms(item.last_byte_ns)])
+        parts += [f"{' to '.join(came)} ms", f"{item.size} bytes"]
+        parts += [f"asked at {_ms(item.requested_ns)}"] * (item.requested_ns != NO_TIME)
+        parts += [f"clock {item.device_time_s:.9g} s"] * (not math.isnan(item.device_time_s))
+        return ", ".join([*parts, *[f"status {item.status}"] * bool(item.status)])
 
 
 def _answer(script: Script) -> Iterator[str]:
@@ -113,17 +138,6 @@ def _answer(script: Script) -> Iterator[str]:
         yield "x"
 
 
-def _reading(item: Item) -> str:
-    if isinstance(item, Fault):
-        return str(item.kind) + (f" × {item.count}" if item.count != 1 else "")
-    assert isinstance(item, Sample)
-    came = [_ms(item.first_byte_ns), _ms(item.last_byte_ns)]
-    parts = [" ".join(map(_number, item.values)), f"{' to '.join(dict.fromkeys(came))} ms", f"{item.size} bytes"]
-    parts += [f"asked at {_ms(item.requested_ns)}"] * (item.requested_ns != NO_TIME)
-    parts += [f"clock {item.device_time_s:.9g} s"] * (not math.isnan(item.device_time_s))
-    return ", ".join([*parts, *[f"status {item.status}"] * bool(item.status)])
-
-
 def _number(value: float) -> str:
     return f"{value:.9g}"
 
@@ -133,18 +147,21 @@ def _ms(time_ns: int) -> str:
 
 
 def _text(data: bytes) -> str:
-    """Bytes as Python writes them, on one line without a quote."""
-    return data.decode("latin1").encode("unicode_escape").decode("ascii")
+    """Bytes as Python writes them, on one line without a quote; in hexadecimal where few of them are text."""
+    text = data.decode("latin1").encode("unicode_escape").decode("ascii")
+    return text if len(text) <= 2 * len(data) + 2 else f"0x{data.hex()}"
 
 
 def _bytes(text: str) -> bytes:
+    if text.startswith("0x"):
+        return bytes.fromhex(text[2:])
     return text.encode("ascii").decode("unicode_escape").encode("latin1")
 
 
 def sections_of(log: Path) -> list[Section]:
     """The inputs of a log."""
     found: list[Section] = []
-    for line in log.read_text(encoding="ascii").splitlines():
+    for line in filter(None, log.read_text(encoding="ascii").splitlines()):
         first, _, rest = line.partition(" ")
         if first == "#":
             found.append(Section(rest))

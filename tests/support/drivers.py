@@ -20,16 +20,13 @@ from rigs.schema.feedback import (
     OPCUARobotics,
     ROS2JointStates,
 )
-from rigs.schema.gauges import Gauge, KeyenceDLRS1A, SylvacOptoRS
-from rigs.schema.modbus import ModbusMap
+from rigs.schema.gauges import Gauge
 
 _GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
 
 SERIAL, TCP = "/dev/ttyUSB0", "tcp://127.0.0.1:502"
-BAUMER = {
-    "interface": "modbus_map",
-    "port": SERIAL,
-    "offset_mm": 25,
+BAUMER: dict[str, object] = {
+    "rate_hz": 1e10,  # the request at once, in simulated time
     "line": "57600 8E1",
     "unit": 1,
     "function": 4,
@@ -65,23 +62,21 @@ NEEDED: dict[str, dict[str, object]] = {
     "cdi_iq": {},
     "micro_epsilon_ild1420": {"range_mm": 10},
     "solartron_orbit": LINE | {"parameter": 2, "status_parameter": 3},
+    "modbus_map": BAUMER,
 }
 """Settings required by each interface in addition to port and position."""
 
 
-def sylvac(**changes: object) -> SylvacOptoRS:
-    fields = {"interface": "sylvac_opto_rs", "port": SERIAL, "offset_mm": 25}
-    return SylvacOptoRS.model_validate(fields | changes)
+def sylvac(**changes: object) -> Any:
+    return gauge("sylvac_opto_rs", **changes)
 
 
-def keyence(**changes: object) -> KeyenceDLRS1A:
-    fields = {"interface": "keyence_dl_rs1a", "port": SERIAL, "offset_mm": 25}
-    return KeyenceDLRS1A.model_validate(fields | changes)
+def keyence(**changes: object) -> Any:
+    return gauge("keyence_dl_rs1a", **changes)
 
 
-def modbus(**changes: object) -> ModbusMap:
-    # sends the request immediately, in simulated time
-    return ModbusMap.model_validate(BAUMER | {"rate_hz": 1e10} | changes)
+def modbus(**changes: object) -> Any:
+    return gauge("modbus_map", **changes)
 
 
 def rtde(**changes: object) -> URRTDE:

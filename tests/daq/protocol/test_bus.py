@@ -22,8 +22,8 @@ from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import open_link
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
-from tests.support.drivers import PLAIN, TCP, gauge, modbus
-from tests.support.simulated_conversation import S, Script
+from tests.support.drivers import PLAIN, gauge, modbus
+from tests.support.simulated_conversation import S
 from tests.support.simulated_line import SimulatedLine
 
 LINE = Line.model_validate("115200 8E1")
@@ -145,39 +145,6 @@ def _rtu(*content: int) -> bytes:
     return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
 
 
-def _answer(unit: int, value: float) -> bytes:
-    return _rtu(unit, 4, 4, *struct.pack(">HH", *struct.unpack(">HH", struct.pack(">f", value))[::-1]))
-
-
-def _two(**changes: object) -> Script:
-    """Units 1 and 2, the first of which has just been asked."""
-    script = Script(daq.gauges.host([_unit(1, **changes), _unit(2, **changes)]))
-    assert script.wake().send == _rtu(1, 4, 0, 200, 0, 2)
-    return script
-
-
-def test_answer_of_another_unit_is_named():
-    script = _two()
-    script.receive(_answer(9, 1.5))
-    (fault,) = script.taken()
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
-    assert "unit 9, function 4 answered" in fault.detail
-    assert script.wake().send == _rtu(2, 4, 0, 200, 0, 2)
-
-
-def test_late_answer_of_a_silent_unit_is_not_that_of_the_next():
-    script = _two()
-    assert script.wake().wake_ns is not None
-    while not script.sent.endswith(_rtu(2, 4, 0, 200, 0, 2)):
-        script.wake()
-    script.taken()
-    script.receive(_answer(1, 1.5))
-    script.receive(_answer(2, 2.5))
-    late, sample = script.taken()
-    assert isinstance(late, Fault) and late.kind is FaultKind.LATE and "unit 1" in late.detail
-    assert isinstance(sample, Sample) and math.isnan(sample.values[0]) and sample.values[1] == 2.5
-
-
 @pytest.mark.parametrize("alone", [True, False])
 def test_another_master_is_named(alone):
     units = [_unit(1)] if alone else [_unit(1), _unit(2)]
@@ -207,39 +174,6 @@ def test_an_adapter_that_echoes_does_no_harm(framing, count):
     line = SimulatedLine(LINE.character_ns, echo=True)
     items = _simulated(daq.gauges.host(units), units, 10, line)
     assert len(_samples(items, 0)) > 500 and not [item for item in items if isinstance(item, Fault)]
-
-
-def test_an_echo_in_single_bytes():
-    unit = _unit(1, address=0x0204, value={"address": 0x0204, "type": "int16"}, count=1)
-    script = Script(daq.gauges.host([unit]))
-    request = script.wake().send
-    for byte in request + _rtu(1, 4, 2, 0, 7):
-        script.receive(bytes([byte]))
-    (sample,) = script.taken()
-    assert isinstance(sample, Sample) and sample.values == (7.0,)
-
-
-def test_an_answer_that_is_intact_without_its_last_byte_is_whole():
-    """The checksum of this one ends in 0, and so does what is left of it."""
-    script = Script(daq.gauges.host([_unit(2, word_order="big", byte_order="little")]))
-    script.wake()
-    for byte in bytes.fromhex("02 04 04 84 3a 35 63 97 00"):
-        script.receive(bytes([byte]))
-    (sample,) = script.taken()
-    assert isinstance(sample, Sample) and sample.size == 9
-
-
-def test_a_gateway_is_asked_with_one_numbering():
-    script = Script(daq.gauges.host([_unit(1, port=TCP), _unit(2, port=TCP)]))
-    requests = [script.wake().send]
-    for number in range(1, 6):
-        unit = 2 - number % 2
-        content = bytes([unit, 4, 4]) + _answer(unit, unit / 4)[3:7]
-        requests.append(script.receive(struct.pack(">HHH", number, 0, len(content)) + content).send)
-    assert [request[:2] for request in requests] == [number.to_bytes(2, "big") for number in range(1, 7)]
-    assert [request[6] for request in requests] == [1, 2, 1, 2, 1, 2]
-    values = [sample.values for sample in samples_of(script.taken())]
-    assert [values[0][0], values[1][1]] == [0.25, 0.5] and len(values) == 5
 
 
 def test_two_probes_of_one_orbit_unit():

@@ -8,11 +8,11 @@ import pytest
 from pydantic import ValidationError
 
 import daq.gauges
-from daq.protocol.conversation import Fault, FaultKind, Sample
+from daq.protocol.conversation import Fault, Sample
 from daq.protocol.modbus import fits, pack, unpack
 from rigs.schema.modbus import ModbusMap, StatusRegister, ValueRegister
-from tests.support.drivers import PLAIN, TCP, gauge, keyence, modbus
-from tests.support.simulated_conversation import Script, asked
+from tests.support.drivers import PLAIN, TCP, modbus
+from tests.support.simulated_conversation import Script
 
 NUMPY = {"int": "i", "uint": "u", "float": "f"}
 VALUES = {
@@ -70,51 +70,9 @@ def test_ranges_of_the_types(kind, most, too_much):
     pack([0] * 13, register, modbus(), most)
 
 
-def _read(gauge_: ModbusMap, registers: list[int]) -> Sample | Fault:
-    script = asked(daq.gauges.host([gauge_]))
-    content = struct.pack(f">BBB{len(registers)}H", 1, 4, 2 * len(registers), *registers)
-    script.receive(struct.pack(">HHH", 1, 0, len(content)) + content)
-    (item,) = script.taken()
-    assert isinstance(item, Sample | Fault)
-    return item
-
-
 def _float_gauge(**changes: object) -> ModbusMap:
     value = {"address": 200, "type": "float32"}
     return modbus(port=TCP, count=2, word_order="big", value=value, **PLAIN, **changes)
-
-
-@pytest.mark.parametrize("clock_s", [12.5, math.inf, -math.inf, math.nan])
-def test_a_clock_that_is_no_time_is_none(clock_s):
-    value, clock = {"address": 200, "type": "float32"}, {"address": 202, "type": "float32"}
-    plain = PLAIN | {"clock_s": clock}
-    item = _read(
-        modbus(port=TCP, count=4, word_order="big", value=value, **plain),
-        [*_laid(0.25, "float32", "big", "big"), *_laid(clock_s, "float32", "big", "big")],
-    )
-    assert isinstance(item, Sample)
-    assert item.device_time_s == clock_s if math.isfinite(clock_s) else math.isnan(item.device_time_s)
-
-
-def _swapped(value_mm: float) -> list[int]:
-    return _laid(value_mm, "float32", "big", "little")
-
-
-@pytest.mark.parametrize("value_mm", [0.3, 0.8, 69.743, 1.0])
-def test_swapped_bytes_are_a_fault_that_names_the_order(value_mm):
-    item = _read(_float_gauge(), _swapped(value_mm))
-    assert isinstance(item, Fault) and item.kind is FaultKind.GARBLED
-    assert f"{value_mm:.4g} mm" in item.detail and "byte_order: little" in item.detail
-    good = _read(_float_gauge(byte_order="little"), _swapped(value_mm))
-    assert isinstance(good, Sample) and good.values == pytest.approx((value_mm,))
-
-
-def test_swapped_bytes_within_any_length_are_out_of_the_stated_range():
-    """12.34 mm would be 3098 mm, which only the range of the gauge excludes."""
-    assert isinstance(_read(_float_gauge(), _swapped(12.34)), Sample)
-    item = _read(_float_gauge(range_mm=(-20, 20)), _swapped(12.34))
-    assert isinstance(item, Fault) and item.kind is FaultKind.DEVICE_ERROR
-    assert "-20 to 20 mm" in item.detail and "range_mm" in item.detail
 
 
 def _answered(script: Script, registers: list[int]) -> Sample | Fault | None:
@@ -158,69 +116,11 @@ def test_constant_swapped_number_below_a_nanometre_is_a_fault():
     assert isinstance(first, Fault) and "0.731 mm" in first.detail and "word_order: little" in first.detail
 
 
-@pytest.mark.parametrize("value_mm", [0.0, -1.96e-16, 3e-8])
-def test_near_zero_result_is_a_reading(value_mm):
-    """A gauge that reckons in double precision may send its rounding error in single."""
-    item = _read(_float_gauge(), _laid(value_mm, "float32", "big", "big"))
-    assert isinstance(item, Sample) and item.values[0] == pytest.approx(value_mm, abs=1e-12)
-
-
 def test_correct_order_gives_all_readings_through_zero():
     script = Script(daq.gauges.host([_float_gauge()]))
     travel_mm = np.float32(0.3) - np.linspace(0.2, 0.4, 2001, dtype=np.float32)
     items = [_answered(script, _laid(float(v), "float32", "big", "big")) for v in travel_mm]
     assert all(isinstance(item, Sample) for item in items)
-
-
-def test_reading_at_the_limit_passes_and_one_beyond_does_not():
-    ranged = _float_gauge(range_mm=(-2, 2))
-    at_limit = _read(ranged, _laid(2.0, "float32", "big", "big"))
-    assert isinstance(at_limit, Sample) and at_limit.values == (2.0,)
-    assert isinstance(_read(ranged, _laid(2.001, "float32", "big", "big")), Fault)
-
-
-@pytest.mark.parametrize(
-    ("interface", "reply"),
-    [
-        ("tesa_tt", b"+0003.10\r\n"),
-        ("mahr_c1202", b"1 +003.1000 mm\r"),
-        ("mitutoyo_usb", b"01A+0003.100\r"),
-        ("cdi_iq", b"+  3.1000, MM\r\n"),
-        ("sylvac_opto_rs", b"+3.1\r"),
-    ],
-)
-def test_a_text_gauge_out_of_its_range(interface, reply):
-    for range_mm, kind in (((-4, 4), Sample), ((-3, 3), Fault)):
-        script = asked(daq.gauges.host([gauge(interface, range_mm=range_mm)]))
-        script.receive(reply)
-        (item,) = script.taken()
-        assert isinstance(item, kind)
-        assert isinstance(item, Sample) or "-3 to 3 mm" in item.detail
-
-
-def test_a_streamed_gauge_out_of_its_range():
-    script = Script(daq.gauges.host([gauge("sylvac_opto_rs", mode="continuous", range_mm=(-3, 3))]))
-    script.receive(b"+3.100\r+2.900\r")
-    fault, sample = script.taken()
-    assert isinstance(fault, Fault) and isinstance(sample, Sample) and sample.values == (2.9,)
-
-
-def test_one_head_out_of_its_range_leaves_the_other():
-    script = asked(daq.gauges.host([keyence(channel=1, range_mm=(-1, 1)), keyence(channel=2, range_mm=(-9, 9))]))
-    script.receive(b"M0,+01.100,+01.200\r\n")
-    sample, fault = script.taken()
-    assert isinstance(sample, Sample) and math.isnan(sample.values[0]) and sample.values[1] == 1.2
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.DEVICE_ERROR
-
-
-def test_an_orbit_probe_out_of_its_range():
-    script = Script(daq.gauges.host([gauge("solartron_orbit", range_mm=(-1, 1))]))
-    device = daq.gauges.device([gauge("solartron_orbit")], lambda now_ns: [1.5])
-    sent = script.wake().send
-    for _ in range(2):
-        sent = script.receive(device.received(sent, 0).send).send
-    (item,) = script.taken()
-    assert isinstance(item, Fault) and "-1 to 1 mm" in item.detail
 
 
 def test_a_doubtful_status_that_a_run_cannot_keep_is_refused():

@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+
+import pytest
+
+from daq.protocol.framing import LIMIT
+from tests.support.conversation_logs import FOLDER, LOGS, Section, written
+from tests.support.simulated_conversation import S
+
+ENDLESS = b"x" * (2 * LIMIT + 17)
+STREAMS = [one for sections in LOGS.values() for one in sections if one.replies and one.is_stream]
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_both_sides_say_what_is_recorded(name):
+    """`python -m tests.support.conversation_logs` records them anew."""
+    log, readings = written(LOGS[name])
+    assert log == (FOLDER / f"{name}.log").read_text(encoding="ascii")
+    assert readings == (FOLDER / f"{name}.readings").read_text(encoding="utf-8")
+
+
+def _outcome(section: Section, pieces: Sequence[bytes]) -> tuple[bytes, list[object], bool]:
+    script = section.begun()
+    now_ns = script.now_ns + S // 10
+    for piece in pieces:
+        script.receive(piece, now_ns)
+    hung_up = script.step.hang_up
+    for _ in range(3):
+        if script.step.wake_ns is not None:
+            script.wake()
+    return script.sent, list(script.items), hung_up
+
+
+@pytest.mark.parametrize("section", STREAMS, ids=lambda section: f"{section.peers[0].split()[1]}: {section.title}")
+def test_cut_replies_make_no_difference(section):
+    dice = random.Random(5)
+    for reply in [*section.replies, ENDLESS]:
+        whole = _outcome(section, [reply])
+        assert whole[1]  # a stream that tells nothing tests nothing
+        cuts = sorted(dice.choices(range(len(reply) + 1), k=5))
+        pieces = [reply[a:b] for a, b in zip([0, *cuts], [*cuts, len(reply)], strict=True)]
+        assert _outcome(section, list(filter(None, pieces))) == whole
+        assert _outcome(section, [reply[k : k + 1] for k in range(len(reply))]) == whole
