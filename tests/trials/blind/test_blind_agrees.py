@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.model.predict import model_of
@@ -26,39 +27,39 @@ from tests.worlds.stranger.motion import Motion, lap, targets, track_of, visits
 OFF = np.array([0.6, -0.4, 0.3])
 FEW_PERCENT = 0.04
 
-EXAMPLES: list[tuple[str, dict[str, Any], dict[str, float], float]] = [
-    ("joint_offset", {"axis": 2}, {}, 0.02),
-    ("joint_offset", {"axis": 5}, {}, -0.02),
-    ("joint_scale", {"axis": 2}, {}, 1e-3),
-    ("link_geometry", {"axis": 2, "field": "a"}, {}, 0.2),
-    ("link_geometry", {"axis": 3, "field": "beta"}, {}, 0.02),
-    ("link_geometry", {"axis": 4, "field": "d"}, {}, 0.2),
-    ("link_geometry", {"axis": 5, "field": "alpha"}, {}, 0.02),
-    ("backlash", {"axis": 1}, {}, 0.02),
-    ("backlash", {"axis": 5}, {}, 0.02),
-    ("transmission_error", {"axis": 4}, {"order": 8.0, "phase_deg": 40.0}, 0.005),
-    ("compliance", {"axis": 2}, {"payload_kg": 7.0}, 5e-5),
-    ("compliance", {"axis": 3}, {"payload_kg": 0.0}, 5e-5),
-    ("strain_wave", {"axis": 2}, {"knee_Nm": 40.0}, 1e-4),
-    ("strain_wave", {"axis": 3}, {"knee_Nm": 5.0}, 1e-4),
-    ("link_bending", {"axis": 2}, {}, 1e-4),
-    ("link_bending", {"axis": 3}, {}, 1e-4),
-    ("reversal_spike", {"axis": 1}, {"decay_s": 1.0}, 0.005),
-    ("wrist_coupling", {"from_axis": 4, "to_axis": 5}, {}, 1e-3),
-    ("servo_lag", {"axis": 3}, {}, 5e-4),
-    ("thermal_growth", {}, {"time_constant_s": 60.0}, 20.0),
-    ("ball_form", {}, {"lobes": 3, "phase_deg": 20.0}, 0.001),
-    ("gauge_scale", {"gauge": "g1"}, {}, 5e-4),
-    ("gauge_baseline", {}, {}, 0.05),
-    ("gauge_inclination", {"gauge": "g1"}, {}, 5.0),
-    ("gauge_dead_band", {"gauge": "g1"}, {}, 0.01),
-    ("gauge_drift", {"gauge": "g1"}, {}, 0.01),
-    ("link_growth", {}, {"time_constant_s": 60.0}, 0.01),
-    ("gauge_cyclic", {"gauge": "g1"}, {"period_mm": 0.5, "phase_deg": 30.0}, 2e-4),
-    ("time_lag", {}, {}, 5e-3),
-    ("clock_rate", {}, {}, 200.0),
-    ("vibration", {}, {"frequency_hz": 3.0, "phase_deg": 10.0}, 0.002),
-]  # fmt: skip
+EXAMPLES: list[tuple[str, dict[str, Any], dict[str, float], float]] = yaml.safe_load("""
+- [joint_offset, {axis: 2}, {}, 0.02]
+- [joint_offset, {axis: 5}, {}, -0.02]
+- [joint_scale, {axis: 2}, {}, 0.001]
+- [link_geometry, {axis: 2, field: a}, {}, 0.2]
+- [link_geometry, {axis: 3, field: beta}, {}, 0.02]
+- [link_geometry, {axis: 4, field: d}, {}, 0.2]
+- [link_geometry, {axis: 5, field: alpha}, {}, 0.02]
+- [backlash, {axis: 1}, {}, 0.02]
+- [backlash, {axis: 5}, {}, 0.02]
+- [transmission_error, {axis: 4}, {order: 8.0, phase_deg: 40.0}, 0.005]
+- [compliance, {axis: 2}, {payload_kg: 7.0}, 5.0e-05]
+- [compliance, {axis: 3}, {payload_kg: 0.0}, 5.0e-05]
+- [strain_wave, {axis: 2}, {knee_Nm: 40.0}, 0.0001]
+- [strain_wave, {axis: 3}, {knee_Nm: 5.0}, 0.0001]
+- [link_bending, {axis: 2}, {}, 0.0001]
+- [link_bending, {axis: 3}, {}, 0.0001]
+- [reversal_spike, {axis: 1}, {decay_s: 1.0}, 0.005]
+- [wrist_coupling, {from_axis: 4, to_axis: 5}, {}, 0.001]
+- [servo_lag, {axis: 3}, {}, 0.0005]
+- [thermal_growth, {}, {time_constant_s: 60.0}, 20.0]
+- [ball_form, {}, {lobes: 3, phase_deg: 20.0}, 0.001]
+- [gauge_scale, {gauge: g1}, {}, 0.0005]
+- [gauge_baseline, {}, {}, 0.05]
+- [gauge_inclination, {gauge: g1}, {}, 5.0]
+- [gauge_dead_band, {gauge: g1}, {}, 0.01]
+- [gauge_drift, {gauge: g1}, {}, 0.01]
+- [link_growth, {}, {time_constant_s: 60.0}, 0.01]
+- [gauge_cyclic, {gauge: g1}, {period_mm: 0.5, phase_deg: 30.0}, 0.0002]
+- [time_lag, {}, {}, 0.005]
+- [clock_rate, {}, {}, 200.0]
+- [vibration, {}, {frequency_hz: 3.0, phase_deg: 10.0}, 0.002]
+""")
 NOT_AT_TARGETS = ("servo_lag", "time_lag", "clock_rate", "reversal_spike", "gauge_dead_band")
 """At a target the robot stands, and a table of targets does not know the way between them: not compared there."""
 ROUGHLY = {"reversal_spike": 0.5}

@@ -9,6 +9,7 @@ import io
 import json
 import os
 import re
+import shlex
 import shutil
 import stat
 import sys
@@ -33,6 +34,10 @@ EVIL = "a\x1b]0;owned\x07\x1b[31m$\\frac{$[/bold]\nrun: whole\r\u202e{{7*7}}<scr
 BYTES = os.fsdecode(b"\xff\xfe")
 """In a file's name: no UTF-8."""
 TESTS = ("yaw", "radial")
+CASES: dict[str, list[str]] = {}
+"""Arguments of the calls of each command; each {name} is explained by `called`."""
+for _line in (Path(__file__).parent / "every_command.txt").read_text(encoding="ascii").splitlines():
+    CASES.setdefault(_line.partition(":")[0], []).append(_line.partition(":")[2])
 
 
 def hostile_rig() -> str:
@@ -111,9 +116,6 @@ def peer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         yield
 
 
-Case = Callable[[Path, Path], list[list[str | Path]]]
-
-
 def touches_of_two_arms(folder: Path) -> Path:
     """A table of two arms with a hostile socket in each row, in a file of a hostile name."""
     table = folder / (EVIL.replace("/", "|") + ".csv")
@@ -124,174 +126,25 @@ def touches_of_two_arms(folder: Path) -> Path:
     return table
 
 
-def cases() -> dict[str, Case]:
-    """What each command is called with: cell, a directory of the test's own → argument lists."""
-
-    def first(cell: Path) -> Path:
-        return runs(cell)[0]
-
-    def of_every_run(*options: str) -> Case:
-        return lambda cell, own: [[*runs(cell), *options]]
-
-    return {
-        "analyse": lambda cell, own: [
-            [*runs(cell), "--plot", own / "plots"],
-            [first(cell), "--json"],
-            [first(cell), "--truth", cell / "rig.yaml"],
-        ],
-        "arms": lambda cell, own: [
-            [],
-            ["--json"],
-            [EVIL],
-            ["ur10e", "--calibration", cell / "rig.yaml"],
-            ["ur10e", "-o", own / (EVIL.replace("/", "|") + BYTES)],
-            ["ur10e", "-o", cell / "rig.yaml"],
-        ],
-        "automatic": of_every_run(),
-        "ball fit": lambda cell, own: [
-            [first(cell), "--rig", cell / "rig.yaml"],
-            [cell / "no run", "--rig", EVIL, "--write"],
-        ],
-        "calibrate": lambda cell, own: [
-            [*runs(cell), "--fit", EVIL],
-            [*runs(cell), "--fit", "joint_offset", "-o", own / "out.yaml"],
-        ],
-        "certify": lambda cell, own: [
-            [cell / EVIL.replace("/", "|"), "--rig", cell / "rig.yaml", "--tolerance", EVIL],
-            [cell / "rig.yaml", "--rig", cell / "rig.yaml", "--tolerance", "position:all=0.3mm"],
-            [cell / "rig.yaml", "--rig", EVIL, "--features", cell / "rig.yaml", "--history", cell / EVIL],
-        ],
-        "check": lambda cell, own: [[cell / "rig.yaml"], [cell / EVIL.replace("/", "|")], [cell]],
-        "circle fit": lambda cell, own: [
-            [*runs(cell), "--rig", cell / "rig.yaml"],
-            [cell / EVIL, "--rig", shutil.copy(cell / "rig.yaml", own / (EVIL.replace("/", "|") + BYTES)), "--write"],
-            ["--live"],
-        ],
-        "compare": lambda cell, own: [
-            [*runs(cell), "--plot", own / "compared"],
-            [first(cell), "--json"],
-            [first(cell), "--against", EVIL],
-        ],
-        "moved": lambda cell, own: [
-            [first(cell), "--new", first(cell), "-o", own / "moved.html"],
-            [*runs(cell), "--json"],
-            [cell / "no run", "--new", EVIL, "--plan"],
-        ],
-        "pair": lambda cell, own: [
-            [cell / "rig.yaml", "ur10e", touches_of_two_arms(own.parent)],
-            [cell / "rig.yaml", "ur10e", cell / EVIL, "-o", own],
-            [cell / "rig.yaml", EVIL, "--plan", "12", "--base", EVIL],
-        ],
-        "correct": lambda cell, own: [[cell / "rig.yaml", "-o", own / "corrections"], [cell / "rig.yaml", "-o", cell]],
-        "diagnose": lambda cell, own: [[cell / "no run"], [first(cell), "--hold-out", first(cell)]],
-        "doctor": lambda cell, own: [[cell / "rig.yaml"], [cell / "rig.yaml", "--json"]],
-        "emulate": lambda cell, own: [[cell / "rig.yaml", "-o", cell / "cell"]],
-        "example": lambda cell, own: [[own / (EVIL.replace("/", "|") + BYTES)], [cell / "rig.yaml"]],
-        "export": lambda cell, own: [
-            *([first(cell), "--to", to, "-o", own / f"out.{to}"] for to in ("csv", "parquet", "mcap")),
-            [first(cell), "--to", "csv", "-o", cell / EVIL / "out.csv"],
-        ],
-        "export-urdf": lambda cell, own: [
-            [cell / "rig.yaml"],
-            [cell / "rig.yaml", "--for", "ur-driver", "--hash", EVIL],
-            [cell / "rig.yaml", "-o", cell / "rig.yaml"],
-            [EVIL, "-o", own / "made.urdf"],
-        ],
-        "fleet": lambda cell, own: [
-            [cell, "--catalogue", own / "catalogue", "-o", own / "page.html", "--parquet", own / "figures.parquet"],
-            [cell, "--catalogue", own / "catalogue", "--json"],
-            [cell / EVIL, "--catalogue", own / "other"],
-            [cell, "--catalogue", cell / "rig.yaml"],
-        ],
-        "history": lambda cell, own: [
-            ["rig", "--runs", cell / "yaw", "-o", own / "page.html"],
-            [EVIL, "--runs", cell / "yaw"],
-            ["rig", "--runs", cell / "yaw", "--json"],
-            ["rig", "--runs", cell / "yaw", "--figure", EVIL],
-        ],
-        "import": lambda cell, own: [
-            [cell / "rig.yaml", "--rig", cell / "rig.yaml", "--test", "pose", "-o", own / "made"],
-            [cell, "--rig", EVIL, "--test", EVIL, "-o", own / "made"],
-            ["x", "--rig", EVIL, "--test", "pose", "-o", own / "made"],
-        ],
-        "import-urdf": lambda cell, own: [
-            [hostile_urdf(own)],
-            [hostile_urdf(own), "--base", EVIL, "--tip", EVIL],
-            [hostile_urdf(own), "-o", cell / "rig.yaml"],
-            [cell / "rig.yaml"],
-            [cell / EVIL.replace("/", "|"), "-o", own / "made.yaml"],
-        ],
-        "init": lambda cell, own: [
-            [own / "new.yaml", "--robot", "tcp://127.0.0.1:1", "--arm", EVIL],
-            [own / (EVIL.replace("/", "|") + BYTES), "--port", cell / EVIL, "--robot", EVIL, "--key", EVIL],
-            [cell / "rig.yaml"],
-            [own / "new.yaml", "--json", "--port", cell / EVIL],
-        ],
-        "interfaces": lambda cell, own: [[], ["--json"]],
-        "live": lambda cell, own: [[], ["--rig", EVIL]],
-        "logs": lambda cell, own: [[], [EVIL], ["ur10e", "--since", EVIL]],
-        "metrics": lambda cell, own: [[], ["--rig", EVIL]],
-        "paper": lambda cell, own: [["--rig", cell / "no rig"]],
-        "parts": lambda cell, own: [
-            [cell / "no rig", "-o", own / "parts"],
-            [cell / "rig.yaml", "-o", own / EVIL.replace("/", "|")],
-        ],
-        "plan": lambda cell, own: [[cell / "no rig"], [cell / "rig.yaml", "--tests", EVIL]],
-        "postures": lambda cell, own: [
-            [cell / "no targets", "--rig", cell / "rig.yaml"],
-            [cell / "rig.yaml", "--arm", "ur5", "-o", own / "made"],
-            [cell / EVIL, "--rig", EVIL, "--part", EVIL],
-        ],
-        "program": lambda cell, own: [
-            [cell / "rig.yaml", "--for", "fanuc", "--test", "yaw", "-o", own / (EVIL.replace("/", "|") + BYTES)],
-            [cell / "rig.yaml", "--for", "ur", "--test", "roll", "-o", cell / "rig.yaml"],
-            [cell / "no rig", "--for", "ur", "--test", EVIL, "--outputs", EVIL, "-o", own / "made"],
-        ],
-        "record start": lambda cell, own: [
-            ["lap", "--test", "radial"],
-            [EVIL, "--test", "radial"],
-            ["lap", "--test", EVIL],
-        ],
-        "record stop": lambda cell, own: [[]],
-        "record touch": lambda cell, own: [["touches", "-o", own / "t"], [EVIL, "-o", own / "t", "--rig", EVIL]],
-        "relabel": lambda cell, own: [
-            [shutil.copytree(first(cell), own / EVIL.replace("/", "|")), "--operator", "ada"],
-            [first(cell), "--operator", EVIL],
-            [first(cell), "--placement", EVIL],
-        ],
-        "replay": lambda cell, own: [[cell / "rig.yaml", cell / "rig.yaml", "-o", own / "played"]],
-        "report": lambda cell, own: [
-            [*runs(cell), "-o", own / "page.html", "--lang", "de"],
-            [first(cell), "--no-diagnosis", "-o", own / EVIL.replace("/", "|")],
-        ],
-        "runs": lambda cell, own: [[cell / "yaw"], [cell / "yaw", "--json"], [cell / EVIL]],
-        "keep": lambda cell, own: [[shutil.copytree(first(cell), own / (EVIL.replace("/", "|") + BYTES))]],
-        "recover": lambda cell, own: [[first(cell)], [cell / EVIL]],
-        "verify": lambda cell, own: [[first(cell)], [cell / EVIL]],
-        "session": lambda cell, own: [
-            [cell / "rig.yaml", "--status", "-o", _kept_session(own / (EVIL.replace("/", "|") + BYTES))],
-            [cell / "rig.yaml", "--for", "ur", "-o", own / (EVIL.replace("/", "|") + BYTES)],
-            [EVIL, "--for", "ur", "-o", own / "s", "--emulated", "--effects", EVIL],
-            [cell / "rig.yaml", "--for", "ur", "-o", cell / "rig.yaml"],
-        ],
-        "simulate": lambda cell, own: [
-            [cell / "rig.yaml", "--test", "radial", "-o", own / (EVIL.replace("/", "|") + BYTES), "--csv"],
-            [cell / "rig.yaml", "--test", "radial", "-o", own / "s", "--effects", EVIL],
-        ],
-        "status": lambda cell, own: [[], ["--json"], ["--rig", EVIL]],
-        "versions": lambda cell, own: [
-            [cell / "rig.yaml"],
-            [cell / "rig.yaml", "--in", cell, "--json"],
-            [cell / "rig.yaml", "--in", EVIL],
-            [cell / "rig.yaml", "--back-to", EVIL],
-        ],
-        "window": lambda cell, own: [
-            [cell / "no rig"],
-            [cell / "rig.yaml", "--listen", EVIL],
-            [cell / "rig.yaml", "--token", cell / "rig.yaml"],
-            [cell / "rig.yaml", "--listen", "192.0.2.1", "--token", own / EVIL],
-        ],
+def called(words: str, cell: Path, own: Path) -> list[str]:
+    """Arguments of a line of CASES for a cell, in a directory of the test's own."""
+    name = EVIL.replace("/", "|")
+    made: dict[str, Callable[[], str | Path]] = {
+        "{copied_rig}": lambda: shutil.copy(cell / "rig.yaml", own / (name + BYTES)),
+        "{copied_run}": lambda: shutil.copytree(runs(cell)[0], own / (name + BYTES)),
+        "{touches}": lambda: touches_of_two_arms(own.parent),
+        "{urdf}": lambda: hostile_urdf(own),
+        "{kept_session}": lambda: _kept_session(own / (name + BYTES)),
     }
+    plain = {"rig": cell / "rig.yaml", "first": runs(cell)[0], "evil": EVIL, "name": name, "bytes": BYTES}
+    found = []
+    for word in shlex.split(words):
+        if word == "{runs}":
+            found += map(str, runs(cell))
+        else:
+            make = made.get(word)
+            found.append(str(make()) if make else word.format(cell=cell, own=own, **plain))
+    return found
 
 
 def _kept_session(directory: Path) -> Path:
@@ -311,16 +164,17 @@ def commands(group: Any, above: str = "") -> Iterator[str]:
 
 
 def test_every_command_has_a_case():
-    assert set(commands(all_imported())) == set(cases())
+    assert set(commands(all_imported())) == set(CASES)
 
 
 @pytest.mark.usefixtures("peer")
-@pytest.mark.parametrize("command", cases())
+@pytest.mark.parametrize("command", CASES)
 def test_commands_print_only_printable_text(command, cell, tmp_path, monkeypatch):
     own = tmp_path / "own"
     own.mkdir()
     monkeypatch.chdir(own)
-    for arguments in cases()[command](cell, own):
+    for words in CASES[command]:
+        arguments = called(words, cell, own)
         code, out, err = ran(*command.split(), *arguments, typed=f"{EVIL}\nquit\n")
         assert code in (0, 1, 2, 3, 4), (arguments, err)
         for line in (out + err).split("\n"):

@@ -8,6 +8,7 @@ of three axes and a base upside down, so no frame of a program is the identity.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import yaml
@@ -56,33 +57,29 @@ hemisphere:
   posture_deg: [0, -80, 100, 0, 60, 0]
 repeatability: {targets: [1, 4, 9], rounds: 2}
 """
-LIBRARY = {
-    "kuka-kr-10-r1100-2": {
-        "centre_mm": [-561.2, 293.1, 486.5],
-        "normal": [0.1649, -0.3845, 0.9083],
-        "zero": [-0.9858, -0.0945, 0.139],
-        "posture_deg": [20, -111.3, -95.5, 24.1, -48.3, -170],
-    },
-    "abb-irb-120": {
-        "centre_mm": [124.1, 29.3, 292],
-        "normal": [0.3147, 0.266, 0.9112],
-        "zero": [-0.7906, -0.4578, 0.4067],
-        "posture_deg": [20, -38.9, 57, -8.2, 94.9, 170],
-    },
-    "yaskawa-gp7": {
-        "centre_mm": [615.2, 212.8, 215.3],
-        "normal": [-0.267, -0.0971, 0.9588],
-        "zero": [0.8279, 0.4862, 0.2797],
-        "posture_deg": [20, 23.1, 17.3, 0, -67.7, -170],
-    },
-    "fanuc-m-10ia": {
-        "centre_mm": [755.8, 264, 256.3],
-        "normal": [0.2617, 0.0954, 0.9604],
-        "zero": [0.8294, 0.4867, -0.2743],
-        "start_deg": 40,
-        "posture_deg": [20, 10.7, -31, 180, 75.2, -310],
-    },
-}
+LIBRARY: dict[str, dict[str, Any]] = yaml.safe_load("""
+kuka-kr-10-r1100-2:
+  centre_mm: [-561.2, 293.1, 486.5]
+  normal: [0.1649, -0.3845, 0.9083]
+  zero: [-0.9858, -0.0945, 0.139]
+  posture_deg: [20, -111.3, -95.5, 24.1, -48.3, -170]
+abb-irb-120:
+  centre_mm: [124.1, 29.3, 292]
+  normal: [0.3147, 0.266, 0.9112]
+  zero: [-0.7906, -0.4578, 0.4067]
+  posture_deg: [20, -38.9, 57, -8.2, 94.9, 170]
+yaskawa-gp7:
+  centre_mm: [615.2, 212.8, 215.3]
+  normal: [-0.267, -0.0971, 0.9588]
+  zero: [0.8279, 0.4862, 0.2797]
+  posture_deg: [20, 23.1, 17.3, 0, -67.7, -170]
+fanuc-m-10ia:
+  centre_mm: [755.8, 264, 256.3]
+  normal: [0.2617, 0.0954, 0.9604]
+  zero: [0.8294, 0.4867, -0.2743]
+  start_deg: 40
+  posture_deg: [20, 10.7, -31, 180, 75.2, -310]
+""")
 """Circles found by a search over postures. Axis 6 of each passes 180°, and so does J4 of the FANUC, with a flipped
 wrist.
 """

@@ -40,60 +40,13 @@ Value = tuple[Any, frozenset[Place]]
 _NOWHERE: frozenset[Place] = frozenset()
 _STATE = ("$TOOL", "$BASE", "$IPO_MODE")
 _FRAMES = {"$NULLFRAME", "$WORLD", "$ROBROOT"}
-_STILL = frozenset(
-    [
-        "WAIT",
-        "HALT",
-        "ON_ERROR_PROCEED",
-        "SIGNAL",
-        "DECL",
-        "INT",
-        "REAL",
-        "BOOL",
-        "CHAR",
-        "FRAME",
-        "POS",
-        "E6POS",
-        "AXIS",
-        "E6AXIS",
-        "ENUM",
-        "STRUC",
-        "EXT",
-        "EXTFCT",
-        "EXTP",
-        "IMPORT",
-        "BRAKE",
-        "RESUME",
-        "CONTINUE",
-        "PULSE",
-        "SREAD",
-        "SWRITE",
-        "CWRITE",
-        "CREAD",
-        "COPEN",
-        "CCLOSE",
-        "ANIN",
-        "ANOUT",
-        "DIGIN",
-        "MSGNOTIFY",
-        "MSGSTATE",
-        "MSGQUIT",
-        "USERSPOT",
-        "VARSTATE",
-        "RSI_CREATE",
-        "RSI_DELETE",
-        "EKI_INIT",
-        "EKI_OPEN",
-        "EKI_CLOSE",
-        "EKI_SEND",
-        "GLOBAL",
-        "CONST",
-        "INIT",
-        "RET",
-        "SET_CD_PARAMS",
-        "USE_CM_PRO_VALUES",
-    ]
-)
+_WITHOUT_MOTION = """
+WAIT HALT ON_ERROR_PROCEED SIGNAL DECL INT REAL BOOL CHAR FRAME POS E6POS AXIS E6AXIS ENUM STRUC EXT
+EXTFCT EXTP IMPORT BRAKE RESUME CONTINUE PULSE SREAD SWRITE CWRITE CREAD COPEN CCLOSE ANIN ANOUT DIGIN
+MSGNOTIFY MSGSTATE MSGQUIT USERSPOT VARSTATE RSI_CREATE RSI_DELETE EKI_INIT EKI_OPEN EKI_CLOSE EKI_SEND
+GLOBAL CONST INIT RET SET_CD_PARAMS USE_CM_PRO_VALUES
+"""
+_STILL = frozenset(_WITHOUT_MOTION.split())
 
 
 _GIVES_BACK = ("EKI_GETFRAME", "EKI_GETREAL", "STRTOFRAME", "STRTOREAL")

@@ -1,7 +1,4 @@
-"""xacro, MJCF and kinematics.yaml of an arm, read by few lines that know the formats and nothing of ours.
-
-`scripts/dev outside_readers` reads the same files with the programs that they are for.
-"""
+"""xacro, MJCF and kinematics.yaml of an arm, read by few lines that know the formats and nothing of ours."""
 
 from __future__ import annotations
 
