@@ -23,6 +23,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from pydantic import TypeAdapter
 
@@ -80,9 +81,10 @@ class Section:
 
     def begun(self) -> Script:
         """The conversation after all inputs."""
-        script = Script(self.conversation())
-        for _ in self._played(script):
-            pass
+        with patch("os.urandom", bytes):
+            script = Script(self.conversation())
+            for _ in self._played(script):
+                pass
         script.sent = b""
         script.taken()
         return script
@@ -125,7 +127,7 @@ class Section:
         came = dict.fromkeys([_ms(item.first_byte_ns), _ms(item.last_byte_ns)])
         parts += [f"{' to '.join(came)} ms", f"{item.size} bytes"]
         parts += [f"asked at {_ms(item.requested_ns)}"] * (item.requested_ns != NO_TIME)
-        parts += [f"clock {item.device_time_s:.9g} s"] * (not math.isnan(item.device_time_s))
+        parts += [f"clock {item.device_time_s:.13g} s"] * (not math.isnan(item.device_time_s))
         return ", ".join([*parts, *[f"status {item.status}"] * bool(item.status)])
 
 
@@ -181,8 +183,9 @@ LOGS = {log.stem: sections_of(log) for log in sorted(FOLDER.glob("*.log"))}
 
 
 def written(sections: Sequence[Section]) -> tuple[str, str]:
-    """Both files of an interface."""
-    logs, readings = zip(*(one.transcript() for one in sections), strict=True)
+    """Both files of an interface; random keys and masks of WebSockets are zero."""
+    with patch("os.urandom", bytes):
+        logs, readings = zip(*(one.transcript() for one in sections), strict=True)
     return "\n".join(logs), "\n".join(readings)
 
 

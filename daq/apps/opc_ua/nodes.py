@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 
 from asyncua import ua
 
-from daq.apps.opc_ua.channel import CHUNK, CHUNKS, LIMIT
+from daq.apps.opc_ua.channel import CHUNK, CHUNKS, LIMIT, NO_STAMP
 from daq.protocol.numerals import plausible
 from rigs.schema.condition import MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES, ProgramState, SafetyState
 from rigs.schema.feedback import OPCUARobotics, are_nodes
@@ -285,6 +285,7 @@ def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
     if not nodes:
         return []
     request = ua.BrowseRequest()
+    request.Parameters.View.Timestamp = NO_STAMP  # of no view
     request.Parameters.NodesToBrowse = [
         ua.BrowseDescription(node, ua.BrowseDirection.Forward, _HIERARCHICAL, True, 0, _ALL_RESULTS) for node in nodes
     ]
