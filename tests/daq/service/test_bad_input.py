@@ -10,7 +10,6 @@ import resource
 import signal
 import socket
 import subprocess
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -43,12 +42,6 @@ def _edited(bench: Bench, **gauges: str) -> None:
     bench.rig.write_text(yaml.safe_dump(data))
 
 
-def test_a_missing_port_is_named_with_the_ports_there_are(bench):
-    _edited(bench, g1="/dev/ttyNOPE")
-    told = bench.fails("rigd", bench.rig, code=4)
-    assert "g1, /dev/ttyNOPE: " in told
-
-
 def test_zeros_of_a_view_are_noted_and_change_no_rows(bench):
     bench.start().all_reading()
     with Client(bench.socket) as client:
@@ -60,11 +53,6 @@ def test_zeros_of_a_view_are_noted_and_change_no_rows(bench):
     read = read_run(bench.folder / run)
     assert read.manifest.view_zero_mm == (0.1, -0.1)
     assert set(np.asarray(read.streams["g1"]["g1_mm"])) == {0.1}
-
-
-def test_a_wrong_port_is_no_serial_device(bench):
-    _edited(bench, g1="/dev/null")
-    assert "g1, /dev/null" in bench.fails("rigd", bench.rig, code=4)
 
 
 def test_every_closed_link_is_reported(bench):
@@ -136,48 +124,6 @@ def test_gauge_silent_during_a_recording_is_counted(bench):
     assert len(run.streams["g2"]["g2_mm"]) > 20
 
 
-def test_garbage_is_reported_and_never_a_reading(bench):
-    master, slave = os.openpty()
-    _edited(bench, g1=os.ttyname(slave))
-    stop = threading.Event()
-    rng = np.random.default_rng(6)
-    os.set_blocking(master, False)
-
-    def play() -> None:
-        while not stop.wait(0.01):
-            with contextlib.suppress(BlockingIOError):
-                os.write(master, rng.bytes(64).replace(b"\r", b"x") + b"\r")
-
-    player = threading.Thread(target=play)
-    try:
-        bench.start()
-        player.start()
-        state = bench.until(lambda state: state["streams"]["g1"]["counters"].get("garbled", 0) > 5)
-        assert "samples" not in state["streams"]["g1"]["counters"]
-        told = bench.fails("rig", "record", "start", "x", "--test", "yaw", "--direction", "cw", code=4)
-        assert "g1: no reading" in told
-    finally:
-        stop.set()
-        player.join()
-        os.close(master)
-        os.close(slave)
-
-
-def test_reconnected_robot_reports_the_gap(bench):
-    bench.start().all_reading()
-    path = bench.record()
-    bench.recorded(20)
-    before = bench.status()["samples"]["robot"]
-    bench.cell.hang_up("robot")
-    bench.until(lambda state: "disconnected" in state["streams"]["robot"]["counters"])
-    bench.recorded(before + 50)
-    assert bench.run("rig", "record", "stop").returncode == 0
-    run = read_run(path)
-    assert run.manifest.exit_status == "complete"
-    assert run.manifest.counters["robot"]["disconnected"] >= 1
-    assert bench.run("rig", "verify", path).returncode == 0
-
-
 def test_a_second_daemon_on_the_same_rig_is_refused(running):
     told = running.fails("rigd", running.rig, code=4)
     assert "a different rigd" in told and str(running.daemon.pid if running.daemon else "") in told
@@ -241,30 +187,6 @@ def test_killed_while_recording_keeps_all_but_the_last_second(bench):
     bench.start().all_reading()
 
 
-def test_run_without_a_stream_is_reported(bench):
-    bench.start().all_reading()
-    path = bench.record()
-    bench.recorded(20)
-    assert bench.run("rig", "record", "stop").returncode == 0
-    (path / "robot-0001.parquet").unlink()
-    assert "robot-0001.parquet" in bench.fails("rig", "analyse", path, code=3)
-    assert bench.run("rig", "verify", path).returncode == 3
-
-
-def test_a_run_that_is_still_recorded_is_not_analysed(bench):
-    bench.start().all_reading()
-    path = bench.record()
-    assert "being recorded" in bench.fails("rig", "analyse", path, code=3)
-
-
-def test_resting_robot_is_no_lap(bench):
-    bench.start().all_reading()
-    path = bench.record()
-    bench.recorded(20)
-    assert bench.run("rig", "record", "stop").returncode == 0
-    assert "circle" in bench.fails("rig", "analyse", path, code=3)
-
-
 @pytest.mark.parametrize(
     ("command", "code", "told"),
     [
@@ -296,13 +218,6 @@ def test_missing_daemon_is_reported(bench):
     assert "start rigd: rigd RIG" in bench.fails("rig", "status", code=4)
 
 
-def test_live_into_a_pipe_prints_the_state_once(bench):
-    bench.start().all_reading()
-    done = bench.run("rig", "live")
-    assert done.returncode == 0
-    assert "not recording" in done.stdout
-
-
 @pytest.mark.parametrize("command", [("interfaces",), ("interfaces", "--json"), ("check", "ur10e")])
 def test_output_onto_a_full_disk_is_one_line(command):
     with Path("/dev/full").open("w") as full:
@@ -318,18 +233,6 @@ def test_a_terminal_that_knows_not_every_letter_gets_the_rest(tmp_path, encoding
     for command in (("check", file), ("interfaces",)):
         done = subprocess.run([BIN / "rig", *command], capture_output=True, check=False, env=env)
         assert (done.returncode, done.stderr) == (0, b"")
-
-
-def test_run_cut_within_a_write_is_recovered_with_its_loss(bench):
-    bench.start().all_reading()
-    path = bench.record()
-    bench.recorded(300)
-    bench.signalled(signal.SIGKILL)
-    torn = path / "robot-0001.arrow"
-    torn.write_bytes(torn.read_bytes()[:-100])
-    said = bench.run("rig", "recover", path).stdout.splitlines()
-    (loss,) = [line for line in said if line.startswith("lost: ")]
-    assert "robot-0001.arrow.torn" in loss
 
 
 def test_stale_socket_hides_no_other_daemon(bench):

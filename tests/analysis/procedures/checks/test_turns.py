@@ -8,7 +8,7 @@ from analysis.robot.kinematics.joint_limits import impossible_rad, wrapped
 from analysis.runs.tables import CircleTable, PoseTable
 from rigs.load import load
 from tests.support import driven_on
-from tests.support.conventions import driven_on_from, run_of
+from tests.support.conventions import cells, run_of
 from tests.support.driven_on import Drive, drive
 from tests.worlds.arms.independent_arm import none
 
@@ -18,13 +18,8 @@ def test_the_robots_of_these_tests_wind_a_wrist(name):
     assert np.abs(driven_on.winds(name)).sum() == 1
 
 
-@pytest.mark.parametrize("number", range(8))
-def test_circles_whose_ways_stand_turns_apart_are_sound(number):
-    assert findings_of(driven_on_from(number)) == []
-
-
 def test_inverted_gauges_are_detected_despite_a_winding_joint():
-    runs = driven_on_from(4)
+    runs = cells()["driven on 4"].runs
     for way in ("decisive", "correct"):
         sign = -1.0 if way == "decisive" else 1.0
         tables = [run.table for run in runs]
