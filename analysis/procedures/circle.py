@@ -24,8 +24,8 @@ from typing import ClassVar
 import numpy as np
 
 from analysis.procedures.checks.gauge_sign import ORDER, order_findings
-from analysis.procedures.checks.meanings import PLACE_UNKNOWN, judged_by_path
-from analysis.procedures.checks.place import STAMPS, off_circle, stamp_findings
+from analysis.procedures.checks.meanings import PLACE_UNKNOWN, judged_by_path, off_circle
+from analysis.procedures.checks.place import STAMPS, stamp_findings
 from analysis.procedures.checks.units import circle_gauges, impossible
 from analysis.procedures.facts import Facts, Labels
 from analysis.procedures.shared.circularity import Circularity

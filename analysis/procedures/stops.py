@@ -9,8 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from analysis.procedures.checks.meanings import PLACE_UNKNOWN, judged_by_path
-from analysis.procedures.checks.place import PLACE, off_targets, place_findings
+from analysis.procedures.checks.meanings import PLACE_UNKNOWN, judged_by_path, off_targets
+from analysis.procedures.checks.place import PLACE, place_findings
 from analysis.procedures.checks.units import target_units
 from analysis.procedures.shared.finding import Finding
 from analysis.procedures.shared.test_kind import PathDeviation, TestKind, Verdict

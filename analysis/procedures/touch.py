@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.procedures.checks.lost_poses import WILDNESS, far_touches, left_out, outlying_touches
-from analysis.procedures.checks.meanings import FEWEST, judged_by_sockets
-from analysis.procedures.checks.place import off_sockets
+from analysis.procedures.checks.meanings import FEWEST, judged_by_sockets, off_sockets
 from analysis.procedures.facts import Facts, Labels
 from analysis.procedures.shared.finding import Outliers
 from analysis.procedures.shared.lap_curve import SEED

@@ -21,20 +21,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM
 from analysis.procedures.shared.finding import Finding, Misfit
-from analysis.procedures.shared.test_kind import PathDeviation, kind_of
+from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.geometry.circle import frame_of
-from analysis.robot.geometry.hemisphere import hemisphere_frame
 from analysis.robot.geometry.pose_setup import (
     DETERMINED,
     FittedArm,
     fit_arm,
     fit_setup,
     position_error,
-    socket_residuals,
 )
 from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, forward, without_setup
 from analysis.runs.loading import Measured
@@ -42,7 +39,6 @@ from analysis.runs.stands import rows_per_standstill
 from analysis.runs.table_format import table_from
 from analysis.runs.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Circle, Hemisphere
 from rigs.text import counted
 
 _FEWEST_ROWS, _SPLITS = 4, 24
@@ -254,82 +250,3 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     misfit = Misfit(left_mm, fitted.rms_mm, float(fitted.left_mm.size * np.log(left_mm / max(fitted.rms_mm, 1e-9))))
     columns = ("x_mm", "y_mm", "z_mm")
     yield Finding(SOURCE, "impossible", columns, "the controller's own places", fact, remedy, misfit)
-
-
-_ON_PATH = 0.03
-_ON_TRACK = 0.3
-"""Largest deviation from the path, as a share of the path size.
-
-The rig file may lack the target of the tracker, so the positions fit only roughly.
-"""
-_IN_SOCKET = 0.1
-"""Largest residual in sockets, as a share of the tool's travel. Uncalibrated arms leave up to 0.04 (the Pandas of
-MUKCa). With joints in a wrong unit it is at least 0.3, because the ball then appears to move.
-"""
-_UPRIGHT = 0.3
-"""Largest acceptable angle in rad between the tool and the orientation of the test; a misread joint exceeds it."""
-
-
-def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
-    """Deviation of the ball from the sockets at tool poses T (n, 4, 4), with fitted positions of sockets
-    and ball.
-    """
-    size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
-    if size <= 0:
-        return None
-    off_mm = float(np.median(np.linalg.norm(socket_residuals(T, socket), axis=1)))
-    return PathDeviation(off_mm, off_mm / size, off_mm / size < _IN_SOCKET)
-
-
-def off_places(T: Array, xyz_mm: Array) -> PathDeviation | None:
-    """Difference between the mutual distances of tool poses T (n, 4, 4) and those of measured positions
-    xyz_mm (n, 3).
-    """
-    rows = most_distant_rows(xyz_mm)
-    size = float(np.median(steps(xyz_mm, rows)))
-    if size <= 0:
-        return None
-    off_mm = float(np.median(np.abs(steps(T[:, :3, 3], rows) - steps(xyz_mm, rows))))
-    return PathDeviation(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
-
-
-def off_circle(T: Array, circle: Circle) -> PathDeviation:
-    """Deviation of tool poses T (n, 4, 4) from a circle.
-
-    On a circle, the x axis of the tool points along the normal. In a different orientation the deviation is an arc
-    length.
-    """
-    frame = frame_of(circle)
-    from_centre = T[:, :3, 3] - frame.centre
-    radial = np.abs(np.linalg.norm(from_centre, axis=1) - circle.radius_mm)
-    off = float(np.median(np.maximum(radial, np.abs(from_centre @ frame.n))))
-    R_nominal = frame.poses(np.arctan2(from_centre @ frame.v, from_centre @ frame.u))[:, :3, :3]
-    trace = np.einsum("nij,nij->n", R_nominal, T[:, :3, :3])
-    turned = float(np.median(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))))
-    off_mm = max(off, circle.radius_mm * turned * (turned > _UPRIGHT))
-    return PathDeviation(off_mm, off_mm / circle.radius_mm, off_mm < _ON_PATH * circle.radius_mm)
-
-
-def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> PathDeviation:
-    """Deviation of tool poses T (n, 4, 4) from their targets (n, 3) mm, or from the sphere if the targets
-    are unknown.
-    """
-    frame, places = hemisphere_frame(hemisphere), T[:, :3, 3]
-    away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
-    off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))
-    return PathDeviation(off_mm, off_mm / frame.radius, off_mm < _ON_PATH * frame.radius)
-
-
-def most_distant_rows(places: Array) -> int:
-    """Row distance at which positions (n, 3) differ most, among a few distances.
-
-    Rows half a table apart have equal positions if all poses are driven twice, and adjacent rows if each pose is
-    measured several times.
-    """
-    n = len(places)
-    return max((n // 2, n // 3, n // 5, 1), key=lambda rows: float(np.median(steps(places, rows))))
-
-
-def steps(places: Array, rows: int) -> Array:
-    """Distances (n,) mm of positions (n, 3) from those `rows` rows before; they are equal in every frame."""
-    return np.asarray(np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1))

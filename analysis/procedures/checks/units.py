@@ -18,8 +18,18 @@ from itertools import product
 
 import numpy as np
 
-from analysis.procedures.checks.meanings import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, judged_by_places, left_mm
-from analysis.procedures.checks.place import most_distant_rows, off_circle, off_places, steps
+from analysis.procedures.checks.meanings import (
+    AS_WELL,
+    CLEARLY,
+    FEWEST,
+    RIGHT_MM,
+    judged_by_places,
+    left_mm,
+    most_distant_rows,
+    off_circle,
+    off_places,
+    steps,
+)
 from analysis.procedures.shared.finding import Finding, Misfit
 from analysis.procedures.shared.test_kind import PathDeviation, kind_of
 from analysis.robot.geometry.circle import frame_of
