@@ -34,7 +34,7 @@ from analysis.procedures.shared.result_curves import RadialCurve as RadialCurve
 from analysis.procedures.shared.result_curves import RepeatabilityCurve as RepeatabilityCurve
 from analysis.runs.loading import Measured as Measured
 from analysis.runs.loading import load_measured
-from analysis.runs.table_layout import JointSource
+from analysis.runs.table_format import JointSource
 from rigs.effects import Effect
 from rigs.errors import CellError as CellError
 from rigs.errors import FileError as FileError
@@ -104,20 +104,13 @@ def read_table(
 
     Source: docs/tables.md.
     """
-    from analysis.intake.imports import read_any_table  # noqa: PLC0415 - what it needs is slow to import
+    from analysis.intake.imports import Labels, read_any_table  # noqa: PLC0415 - what it needs is slow to import
 
     _require("operator", operator, "a text", fits=isinstance(operator, str))
     _require("placement", placement, "a text", fits=isinstance(placement, str))
     _require("joints", joints, " or ".join(get_args(JointSource)), fits=joints in get_args(JointSource))
-    return read_any_table(
-        _path(path, "path"),
-        rig_file=_path(rig, "rig"),
-        test=None if test is None else _test(test),
-        direction=_direction(direction),
-        operator=operator,
-        placement=placement,
-        joints=joints,
-    )
+    labels = Labels(_direction(direction), operator, placement, joints)
+    return read_any_table(_path(path, "path"), _path(rig, "rig"), None if test is None else _test(test), labels)
 
 
 def save_run(run: Measured, directory: str | Path) -> Path:

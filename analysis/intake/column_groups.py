@@ -15,8 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.intake.cells import Problems
 from analysis.intake.raw_table import RawTable
+from analysis.intake.read import Problems
 from analysis.intake.table_map import Unit
 from rigs.errors import FileError
 

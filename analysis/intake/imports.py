@@ -1,48 +1,134 @@
-"""Creation of runs from table files, including checks against the rig."""
+"""Creation of runs from table files, including checks against the rig.
+
+Touches written by hand have joints under common names, such as `J1 … J6` from the pendant, and a single socket for all
+rows; other tables in the format of an instrument are poses, with a proposed map.
+"""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from analysis.intake.cells import Problems, TableFileError
 from analysis.intake.column_groups import count_places, groups_of
-from analysis.intake.cube_stops import with_joints
 from analysis.intake.map_proposal import MapProposal, propose
-from analysis.intake.mapped import MappedPoses, poses_of, table_by
+from analysis.intake.mapped import MappedPoses, poses_of, table_by, with_joints
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
-from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
+from analysis.intake.read import (
+    Problems,
+    TableFileError,
+    check_sequence,
+    header_names,
+    read_file,
+    read_head,
+    read_whole,
+)
 from analysis.intake.readers import reader_of
-from analysis.intake.table_map import MAPPED, TO_UNIT, TableMap, map_text
-from analysis.intake.touch_map import needs_touch_map, propose_touch_map
+from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, MappedColumn, TableMap, map_text
+from analysis.intake.table_reading import likely_angles
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
-from analysis.procedures.checks.meanings import FEWEST
+from analysis.procedures.checks.columns import FEWEST
 from analysis.procedures.shared.test_kind import kind_of, require_live_gauges
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.runs.loading import Measured, measured_of
-from analysis.runs.table_format import TESTS, format_of
-from analysis.runs.table_layout import CONTROLLER_PLACE, MEASURED, PLACE, SOCKET, JointSource
+from analysis.runs.table_format import (
+    CONTROLLER_PLACE,
+    MEASURED,
+    PLACE,
+    SOCKET,
+    TESTS,
+    JointSource,
+    format_of,
+    joint_columns,
+    second_joint_columns,
+)
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
 from rigs.load import load, named_by
 from rigs.readiness import require_instruments
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import FEWEST_AXES, Direction, TestName
+from rigs.text import as_argument
 
 
-def read_table(
-    source: Path,
-    *,
-    rig_file: str | Path,
-    test: TestName,
-    direction: Direction | None,
-    operator: str,
-    placement: str = "",
-    joints: JointSource = "measured",
-) -> Measured:
+def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
+    """True if a table of touches has columns different from docs/tables.md, or the socket is given."""
+    if SOCKET not in format_of(test).layout().required:
+        return False
+    return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= header_names(read_head(path))
+
+
+def has_two_arms(path: Path) -> bool:
+    return second_joint_columns(1)[0] in header_names(read_head(path))
+
+
+def refuse_two_arms(path: Path, test: TestName) -> None:
+    """Raise FileError for touches of two arms: they are no touches of a fixed socket."""
+    if SOCKET in format_of(test).layout().required and has_two_arms(path):
+        problem = "has p1_deg, the joints of a second arm that holds the socket"
+        raise FileError(
+            str(path), problem, f"calibrate both arms: rig pair FIRST SECOND {as_argument(path)}", code="touch.two_arms"
+        )
+
+
+def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> TableMap:
+    """Map of a table of touches.
+
+    socket: of all rows; empty if a column contains it or the rig file has only one. Raises FileError if the joints of
+    the arm or the socket are missing.
+    """
+    where = str(path)
+    lines, text_layout = text_of(read_whole(path), where)
+    layout = layout_of(lines, text_layout.encoding, where)
+    raw = read_raw(lines, layout, where)
+    optional = [name for name in format_of(test).layout(len(rig.robot.axes)).optional if name in raw.names]
+    joints = _joints(raw, rig, set(optional))
+    column = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
+    columns = {name: MappedColumn(column=name) for name in optional}
+    if column and not socket:
+        return TableMap(files=(layout,), joints=joints, columns={SOCKET: MappedColumn(column=column), **columns})
+    return TableMap(files=(layout,), joints=joints, columns=columns, constants={SOCKET: socket or _only(rig, where)})
+
+
+def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
+    groups = [
+        group
+        for group in groups_of(raw, [axis.name for axis in rig.robot.axes]).joints
+        if not optional & set(group.columns)
+    ]
+    group = next((group for group in groups if group.role == "measured"), groups[0] if groups else None)
+    if group is None:
+        axes = len(rig.robot.axes)
+        problem = f"lacks columns for the {axes} joints of the arm; it has {', '.join(raw.names[:20])}"
+        raise FileError(
+            raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}", code="touch.no_joints"
+        )
+    return likely_angles(raw, group)
+
+
+def _only(rig: Rig, where: str) -> str:
+    sockets = rig.tests.touch.sockets if rig.tests.touch else ()
+    if len(sockets) == 1:
+        return sockets[0]
+    declared = f", of {', '.join(sockets)}" if sockets else ""
+    problem = "does not name the socket of each row"
+    raise FileError(
+        where, problem, f"add a column socket, or give --socket NAME for all rows{declared}", code="touch.no_sockets"
+    )
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Labels of a run that its table does not state, and the joint columns to use."""
+
+    direction: Direction | None = None
+    operator: str = ""
+    placement: str = ""
+    joints: JointSource = "measured"
+
+
+def read_table(source: Path, rig_file: str | Path, test: TestName, labels: Labels) -> Measured:
     """Run of a table file, not written to disk. The doubts include reasons for which an evaluation would
     reject it.
 
@@ -51,7 +137,7 @@ def read_table(
     rig, rig_text = load(rig_file)
     with named_by(rig_file, rig):
         require_instruments(rig, test)
-    read = read_file(source, test, rig, direction, joints)
+    read = read_file(source, test, rig, labels.direction, labels.joints)
     run = table_run(
         source,
         read.table,
@@ -59,11 +145,11 @@ def read_table(
         direction=read.direction,
         rig_name=rig.name,
         rig_text=rig_text,
-        operator=operator,
+        operator=labels.operator,
         source=source.name,
         source_sha256=read.sha256,
-        placement=placement,
-        only_commanded=joints == "commanded" and MEASURED[0] not in read.table.column_names,
+        placement=labels.placement,
+        only_commanded=labels.joints == "commanded" and MEASURED[0] not in read.table.column_names,
     )
     return _check_against_rig(run, rig, str(source), read.doubts)
 
@@ -105,10 +191,9 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
     for question in computed:
         proposal = proposal.answered(question, question.readings[-1])
     if proposal.questions:
-        asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
         raise FileError(
             str(files[0]),
-            f"has columns of unclear meaning ({asks})",
+            f"has columns of unclear meaning ({proposal.asks})",
             "add the units to the header",
             code="table.column_unclear",
         )
@@ -161,16 +246,8 @@ def _refuse_rail(rig: Rig, where: str) -> None:
         raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm", code="map.no_positions")
 
 
-def read_mapped(  # noqa: PLR0913 - what a run is labelled with
-    files: Sequence[Path],
-    table_map: TableMap,
-    *,
-    rig_file: str | Path,
-    test: TestName,
-    direction: Direction | None,
-    operator: str,
-    placement: str = "",
-    joints: JointSource = "measured",
+def read_mapped(
+    files: Sequence[Path], table_map: TableMap, rig_file: str | Path, test: TestName, labels: Labels
 ) -> Measured:
     """Run of the files of a measurement read with their map, not written to disk; see `read_table`.
 
@@ -186,7 +263,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
             "give the files of one measurement in order; several are joined (--join)",
             code="workbook.several_sheets",
         )
-    if joints == "commanded" and not table_map.only_commanded:
+    if labels.joints == "commanded" and not table_map.only_commanded:
         if table_map.commanded is None:
             raise FileError(
                 "the map",
@@ -206,10 +283,12 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     )
     if table_map.stops and table_map.place:
         raw = with_joints(raw, table_map.place, cube_of(rig))
-    table = table_by(raw, table_map, test, len(rig.robot.axes), direction)
+    table = table_by(raw, table_map, test, len(rig.robot.axes), labels.direction)
     problems = Problems()
     problems.add(
-        check_sequence(dict(zip(table.column_names, table.columns, strict=True)), raw.lines, test, rig, direction)
+        check_sequence(
+            dict(zip(table.column_names, table.columns, strict=True)), raw.lines, test, rig, labels.direction
+        )
     )
     if problems.count:
         raise TableFileError(where, problems.first, count=problems.count)
@@ -221,10 +300,10 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         direction=table["direction"][0].as_py() if "direction" in format_of(test).layout().required else None,
         rig_name=rig.name,
         rig_text=rig_text,
-        operator=operator,
+        operator=labels.operator,
         source=" + ".join(path.name for path in files),
         source_sha256=digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest(),
-        placement=placement,
+        placement=labels.placement,
         table_map=map_text(table_map),
         assumed=table_map.assumed,
         only_commanded=table_map.only_commanded,
@@ -254,27 +333,26 @@ _FEW_MISSING = 2
 """Largest number of missing columns that are named. Chosen: with more, the table is of a different kind."""
 
 
-def read_any_table(source: Path, *, rig_file: str | Path, test: TestName | None, **label: Any) -> Measured:
-    """Run of any table, not written to disk.
-
-    test: inferred from the columns if None. label: direction, operator, placement and joints, see `read_table`.
+def read_any_table(source: Path, rig_file: str | Path, test: TestName | None, labels: Labels) -> Measured:
+    """Run of any table, not written to disk. test: inferred from the columns if None.
 
     Raises FileError, also if only an operator could interpret the columns.
     """
     rig = load(rig_file)[0]
     kind = test_of(source, rig) if test is None else test
     if needs_touch_map(source, kind, ""):
-        table_map = propose_touch_map(source, rig, kind, "")
-        return read_mapped([source], table_map, rig_file=rig_file, test=kind, **label)
+        return read_mapped([source], propose_touch_map(source, rig, kind, ""), rig_file, kind, labels)
     if kind != MAPPED or is_plain(source, kind):
-        return read_table(source, rig_file=rig_file, test=kind, **label)
+        return read_table(source, rig_file, kind, labels)
     proposal = propose_map([source], rig_file)
     if proposal.questions:
-        asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
         raise FileError(
-            str(source), f"has open questions ({asks})", "answer the questions of rig import", code="table.questions"
+            str(source),
+            f"has open questions ({proposal.asks})",
+            "answer the questions of rig import",
+            code="table.questions",
         )
-    return read_mapped([source], proposal.assumed().table_map, rig_file=rig_file, test=kind, **label)
+    return read_mapped([source], proposal.assumed().table_map, rig_file, kind, labels)
 
 
 def test_of(source: Path, rig: Rig) -> TestName:

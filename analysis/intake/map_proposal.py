@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.intake.cells import TableFileError
 from analysis.intake.column_groups import (
     ColumnGroup,
     Groups,
@@ -23,10 +22,9 @@ from analysis.intake.column_groups import (
     is_of_controller,
     is_of_spot,
 )
-from analysis.intake.controller_places import COMPUTED_MM, FittingPlace, PlaceRoles, place_roles
-from analysis.intake.cube_stops import with_joints
-from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, plausibility, poses_of, radians
+from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, plausibility, poses_of, radians, with_joints
 from analysis.intake.raw_table import RawTable
+from analysis.intake.read import TableFileError
 from analysis.intake.table_map import (
     TO_DEG,
     TO_MM,
@@ -39,22 +37,26 @@ from analysis.intake.table_map import (
     line_of_map,
 )
 from analysis.intake.table_reading import (
+    COMPUTED_MM,
     LENGTHS,
+    FittingPlace,
     Judge,
+    PlaceRoles,
     Question,
     TableReading,
     in_each_unit,
     likely_angles,
+    place_roles,
     possible_units,
     short,
 )
-from analysis.procedures.checks.meanings import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest
-from analysis.procedures.checks.place import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
+from analysis.procedures.checks.columns import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest
+from analysis.procedures.checks.places import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
 from analysis.runs.stands import require_postures
-from analysis.runs.table_layout import SOCKET
+from analysis.runs.table_format import SOCKET
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.text import as_argument, first_of
@@ -97,6 +99,11 @@ class MapProposal:
     questions: tuple[Question, ...]
     checked: tuple[str, ...]
     rows: int
+
+    @property
+    def asks(self) -> str:
+        """The open questions in one line."""
+        return "; ".join(f"{question.key}: {question.asks}" for question in self.questions)
 
     def answered(self, question: Question, reading: TableReading) -> MapProposal:
         table_map = self.table_map.model_copy(update={question.key: reading.value})

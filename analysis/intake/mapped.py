@@ -1,27 +1,33 @@
 """Conversion of a mapped table to the columns of docs/tables.md, in degrees, mm and seconds.
 
-It also tests alternative interpretations of columns: the hypotheses of `analysis.procedures.checks.meanings` and a
+It also tests alternative interpretations of columns: the hypotheses of `analysis.procedures.checks.columns` and a
 left-handed frame. Alternatives that a map can express (column order, reversed axis, mirror) become questions. Zeros and
 couplings belong to the rig file, and are reported.
+
+A tracker triggered at each stop of the ISO 9283 cube writes only places, and sometimes misses a stop. The rows form
+five clusters. Several assignments to P1 … P5 fit the cube, a rectangle with a centre; the one in the order of the
+standard is selected, and gives the joint angles.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
-from analysis.intake.cells import Problems, TableFileError, TableProblem, value
 from analysis.intake.raw_table import RawTable
+from analysis.intake.read import Problems, TableFileError, TableProblem, value
 from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, Lengths, TableMap, TurnColumns
-from analysis.procedures.checks.meanings import AS_WELL, FEWEST, RIGHT_MM, RIGHT_SHARE, left_mm, meanings
+from analysis.procedures.checks.columns import AS_WELL, FEWEST, RIGHT_MM, RIGHT_SHARE, left_mm, meanings
 from analysis.procedures.shared.test_kind import Meaning
-from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
-from analysis.runs.table_format import format_of
-from analysis.runs.table_layout import (
+from analysis.robot.geometry.iso_cube import ORDER, Cube
+from analysis.robot.geometry.pose_setup import best_rigid, in_frame
+from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, forward
+from analysis.runs.table_format import (
     CONTROLLER_PLACE,
     CONTROLLER_TURN,
     COUNTS,
@@ -29,6 +35,7 @@ from analysis.runs.table_layout import (
     SOCKET,
     TURN,
     WORDS,
+    format_of,
     joint_columns,
 )
 from daq.store.chunk import table_schema
@@ -346,3 +353,77 @@ def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None,
 
 def spread_of(places: Array) -> float:
     return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+_HEAP = 0.05
+"""Radius of a cluster in sides of the cube. Arms stop more accurately, and poses are sixteen times farther apart."""
+_FITS = 0.01
+"""Tolerance for the clusters of the cube, as a share of the side."""
+_IN_ORDER = 0.6
+"""Minimum share of steps between rows in cycle order; each missed stop breaks two steps."""
+_MOST_HEAPS = 50
+
+
+def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
+    """Table with the joint angles and the pose name of each row added.
+
+    Raises FileError if the rows are not stops of the cube, and TableFileError for rows at none of the poses.
+    """
+    xyz_mm = raw.numbers(place.columns) * place.factors
+    pose = poses_of_stops(xyz_mm, cube)
+    if pose is None:
+        problem = "lacks columns of joints, and the positions are not stops at the cube in the order P5 P4 P3 P2 P1"
+        remedy = "check tests.iso9283 of the rig file and the unit; for other poses add the joint angles (--join)"
+        raise FileError(raw.where, problem, remedy, code="cube.unknown_stop")
+    if (pose == 0).any():
+        problem = "this position is not one of the cube's poses"
+        lines = raw.lines[pose == 0].tolist()
+        raise TableFileError(raw.where, [TableProblem(line, place.columns[0], problem) for line in lines[:20]])
+    columns = dict(zip(joint_columns(cube.q.shape[1]), np.degrees(cube.q[pose - 1]).T, strict=True))
+    cells = raw.cells
+    for name, values in columns.items():
+        cells = cells.append_column(name, pa.array([repr(value) for value in values.tolist()]))
+    names = (*raw.names, *columns)
+    if "pose" not in names:
+        cells, names = cells.append_column("pose", pa.array([f"P{number}" for number in pose])), (*names, "pose")
+    units = (*raw.units, *[""] * (len(names) - len(raw.units))) if raw.units else raw.units
+    return RawTable(raw.where, names, units, cells, raw.lines, decimal_comma=raw.decimal_comma)
+
+
+def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
+    """Pose 1 … 5 of each place (n, 3) mm in time order, 0 for a different place; None if the order is not
+    that of the cube.
+    """
+    first: list[Array] = []
+    heap = np.zeros(len(xyz_mm), dtype=np.int64)
+    for row, place in enumerate(xyz_mm):
+        away = np.linalg.norm(np.array(first) - place, axis=1) if first else np.empty(0)
+        if len(away) and away.min() < _HEAP * cube.side_mm:
+            heap[row] = int(away.argmin())
+        elif len(first) <= _MOST_HEAPS:
+            heap[row] = len(first)
+            first.append(place)
+    middles = np.array([xyz_mm[heap == number].mean(axis=0) for number in range(len(first))])
+    largest = np.argsort(-np.bincount(heap), kind="stable")[: len(ORDER)]
+    if len(largest) < len(ORDER) or len(middles) > _MOST_HEAPS:
+        return None
+    best, most = None, _IN_ORDER
+    for names in permutations(range(1, len(ORDER) + 1)):
+        goal = cube.places_mm[np.array(names) - 1]
+        T = best_rigid(middles[largest], goal)
+        off = in_frame(T, middles[largest]) - goal
+        if np.linalg.norm(off, axis=1).max() > _FITS * cube.side_mm:
+            continue
+        named = np.zeros(len(middles), dtype=np.int64)
+        named[largest] = names
+        pose = named[heap]
+        # The share of steps that lead to the next pose of the cycle
+        visited = pose[pose > 0]
+        follows = {pose_number: ORDER[(place + 1) % len(ORDER)] for place, pose_number in enumerate(ORDER)}
+        steps = [
+            follows[before] == after for before, after in zip(visited[:-1].tolist(), visited[1:].tolist(), strict=True)
+        ]
+        share = float(np.mean(steps)) if steps else 0.0
+        if share > most:
+            best, most = pose, share
+    return best

@@ -22,8 +22,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
-from analysis.intake.cells import Problems, TableFileError, TableProblem, value
-from analysis.intake.read import DECIMAL_COMMAS, refuse_other_formats
+from analysis.intake.read import DECIMAL_COMMAS, Problems, TableFileError, TableProblem, refuse_other_formats, value
 from analysis.intake.table_map import SEPARATORS, FileLayout, Separator
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.table_format import LARGEST

@@ -17,7 +17,7 @@ from analysis.movement.cause_odds import CauseOdds, odds_of
 from analysis.movement.causes import look_alike
 from analysis.movement.changes import find_step
 from analysis.procedures.checks.check_runs import findings_of, why_no_measurement
-from analysis.procedures.facts import facts_of, shows_joints
+from analysis.procedures.shared.test_kind import facts_of, shows_joints
 from analysis.robot.kinematics.arm import Mask
 from analysis.runs.loading import Measured
 from rigs.errors import FileError

@@ -13,7 +13,7 @@ from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted
 from analysis.diagnosis.evidence.setups import columns_of, moved_setup, placement_of, target_of
 from analysis.movement.causes import Cause
 from analysis.movement.evidence import LinearReadings, Shift
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Arm, Array, drive_angles, forward, rotation
 from analysis.robot.model.predict import Model, SetUp

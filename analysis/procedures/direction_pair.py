@@ -19,11 +19,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.circle import CircleResult
-from analysis.procedures.shared.circularity import circle_at, fit_circle
-from analysis.procedures.shared.lap_curve import RANGE_U, SEED, LapCurve, at_resolution, blurred, calmed, figures
+from analysis.procedures.circle import CircleResult, circle_at, fit_circle
+from analysis.procedures.shared.lap_curve import (
+    PHI,
+    RANGE_U,
+    SEED,
+    LapCurve,
+    at_resolution,
+    blurred,
+    calmed,
+    figures,
+    nodes_of,
+)
 from analysis.procedures.shared.quantity import PLACE, Quantity, figures_of, from_draws
-from analysis.procedures.shared.reduction import PHI, nodes_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.cell_noise import BALL_ELSEWHERE_MM, BALL_MM, JOINT_DEG
 from analysis.runs.noise.spectrum import DRAWS, NODES

@@ -30,27 +30,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
-from analysis.procedures.checks.lost_poses import (
+from analysis.procedures.checks.places import (
     DUPLICATES,
     WILDNESS,
     measured_places,
     outlying_places,
     repeated_places,
 )
-from analysis.procedures.facts import Labels
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import PathCurve
 from analysis.procedures.shared.scatter_figures import FEWEST_CYCLES, half_width, rp
-from analysis.procedures.shared.simulated_readings import simulated_path
-from analysis.procedures.shared.test_kind import Instruments, Simulation, TestKind
+from analysis.procedures.shared.test_kind import Finders, Instruments, Labels, Simulation, TestKind
+from analysis.procedures.simulate import simulated_path
 from analysis.robot.geometry.iso_cube import CommandPath, Cube, PathName, Polygon, Ring, cube_of, iso9283_of, paths_of
 from analysis.robot.geometry.pose_setup import best_rigid, in_frame
 from analysis.robot.kinematics.arm import Array, transform
-from analysis.runs.table_format import Rows
-from analysis.runs.table_layout import PLACE, Layout
+from analysis.runs.table_format import PLACE, Layout, Rows
 from analysis.runs.tables import PathTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -451,7 +450,7 @@ class Path(TestKind[PathTable]):
         example=("line_at_mm", 0.5, 1.0),
         unsupported_reason="is a path without joint angles, which cannot show single joints",
     )
-    finders = ((WILDNESS, outlying_places), (DUPLICATES, repeated_places))
+    finders: ClassVar[Finders] = {WILDNESS: outlying_places, DUPLICATES: repeated_places}
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
         return Layout(("t_s", *PLACE))

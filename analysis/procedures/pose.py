@@ -19,25 +19,32 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.checks.lost_poses import (
+from analysis.procedures.checks.columns import (
+    FEWEST,
+    UNITS,
+    impossible,
+    judged_by_places,
+    mirror_findings,
+    off_in_its_unit,
+    rail_findings,
+    tracker,
+)
+from analysis.procedures.checks.places import (
     DUPLICATES,
+    SOURCE,
     WILDNESS,
     duplicate_findings,
     far_poses,
     outlier_findings,
+    source_findings,
     without_lost,
 )
-from analysis.procedures.checks.meanings import FEWEST, judged_by_places
-from analysis.procedures.checks.place import SOURCE, source_findings
-from analysis.procedures.checks.units import UNITS, impossible, mirror_findings, off_in_its_unit, rail_findings, tracker
-from analysis.procedures.facts import Facts, Labels
 from analysis.procedures.shared.axis_curves import AxisCurve, axis_curves
-from analysis.procedures.shared.finding import Finding, Outliers
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
@@ -49,15 +56,20 @@ from analysis.procedures.shared.scatter_figures import (
     poses_of_cube,
     rp,
 )
-from analysis.procedures.shared.simulated_readings import simulated_cube
 from analysis.procedures.shared.test_kind import (
+    Facts,
+    Finders,
+    Finding,
     Instruments,
+    Labels,
+    Outliers,
     PathDeviation,
     Simulation,
     Verdict,
     check_joints,
     check_numbers,
 )
+from analysis.procedures.simulate import simulated_cube
 from analysis.procedures.stops import PlaceTest, came_from_cells, came_from_of
 from analysis.robot.geometry.iso_cube import Cube, cube_of
 from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
@@ -68,8 +80,7 @@ from analysis.runs.noise.readings import FITTED_SPREADS
 from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.noise.target_scatter import Scatter, scatter_of
 from analysis.runs.stands import STANDSTILL_MM, require_postures, standstill_starts_of_visits
-from analysis.runs.table_format import Rows, joint_cells
-from analysis.runs.table_layout import (
+from analysis.runs.table_format import (
     CONTROLLER_PLACE,
     CONTROLLER_TURN,
     PLACE,
@@ -77,7 +88,9 @@ from analysis.runs.table_layout import (
     RAIL_FROM,
     TURN,
     Layout,
+    Rows,
     came_from_columns,
+    joint_cells,
     joint_columns,
 )
 from analysis.runs.tables import PoseTable, content_order
@@ -143,7 +156,7 @@ def evaluate(
     repeated poses repeat_mm (pooled scatter of a coordinate), ap_mm and ap_mean_mm and, from three visits on, rp_mm and
     rp_mean_mm (largest and mean over the groups), ap_a_deg, rp_a_deg … of the rotations about the arm's x, y, z (a, b,
     c in the standard); for joints driven one at a time, in both directions, axis3_reversal_deg …
-    (`analysis.procedures.shared.axis_curves`). Unmeasured poses are left out (`analysis.procedures.checks.lost_poses`).
+    (`analysis.procedures.shared.axis_curves`). Unmeasured poses are left out (`analysis.procedures.checks.places`).
     Raises FileError.
     """
     _hold(table, where)
@@ -452,7 +465,7 @@ class Pose(PlaceTest[PoseTable]):
         distance_from="from the position computed from the joints",
         outlier_check="check that the tracker saw the target and that the robot was at rest",
     )
-    finders = ((SOURCE, source_findings), (WILDNESS, outlier_findings), (DUPLICATES, duplicate_findings))
+    finders: ClassVar[Finders] = {SOURCE: source_findings, WILDNESS: outlier_findings, DUPLICATES: duplicate_findings}
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
         came_from = came_from_columns(axes)

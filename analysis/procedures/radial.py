@@ -26,19 +26,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.facts import Labels
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import RadialCurve
 from analysis.procedures.shared.scatter_figures import assumed, coarse, half_width, of_scatter, rp
-from analysis.procedures.shared.simulated_readings import read_by_gauges, visit_times
 from analysis.procedures.shared.test_kind import (
     Instruments,
+    Labels,
     Simulation,
     check_numbers,
     check_radius,
     require_live_gauges,
 )
+from analysis.procedures.simulate import read_by_gauges, visit_times
 from analysis.procedures.stops import TargetTest, require_known_targets, target_count, timed, visit_starts
 from analysis.robot.geometry.driven_programs import hemisphere_of, radial_program
 from analysis.robot.kinematics.arm import Array, Integers, Mask
@@ -47,8 +47,7 @@ from analysis.runs.noise.certificate import link_excess_mm
 from analysis.runs.noise.readings import MOST, SPREADS, step_of_stops
 from analysis.runs.noise.target_scatter import Scatter, SphereLevel, scatter_of
 from analysis.runs.stands import at_targets, stands_of, visits_of
-from analysis.runs.table_format import Rows, joint_cells
-from analysis.runs.table_layout import JOINTS, Layout
+from analysis.runs.table_format import JOINTS, Layout, Rows, joint_cells
 from analysis.runs.tables import RadialTable
 from rigs.errors import FileError
 from rigs.readiness import require_test

@@ -16,7 +16,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.procedures.facts import Labels
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import RepeatabilityCurve
 from analysis.procedures.shared.scatter_figures import (
@@ -29,16 +28,17 @@ from analysis.procedures.shared.scatter_figures import (
     reversal,
     rp,
 )
-from analysis.procedures.shared.simulated_readings import read_by_gauges, visit_times
-from analysis.procedures.shared.test_kind import Instruments, Simulation, check_numbers, require_live_gauges
+from analysis.procedures.shared.test_kind import Instruments, Labels, Simulation, check_numbers, require_live_gauges
+from analysis.procedures.simulate import read_by_gauges, visit_times
 from analysis.procedures.stops import TargetTest, require_known_targets, timed, visit_starts
 from analysis.robot.geometry.driven_programs import (
     displace_tool,
+    hemisphere_frame,
     hemisphere_of,
     repeatability_of,
     repeatability_program,
+    target_angles,
 )
-from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
 from analysis.robot.model.predict import Model, Path, stops
 from analysis.runs.align import Aligned
@@ -46,8 +46,7 @@ from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.noise.readings import SPREADS, spreads_of, step_of_stops
 from analysis.runs.noise.target_scatter import scatter_of
 from analysis.runs.stands import at_targets, stands_of, visits_of
-from analysis.runs.table_format import Rows, joint_cells
-from analysis.runs.table_layout import JOINTS, Layout
+from analysis.runs.table_format import JOINTS, Layout, Rows, joint_cells
 from analysis.runs.tables import RepeatabilityTable
 from rigs.errors import FileError
 from rigs.readiness import require_test

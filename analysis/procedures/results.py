@@ -16,10 +16,9 @@ import pyarrow as pa
 
 from analysis.procedures.checks.check_runs import doubts_of, why_no_measurement
 from analysis.procedures.circle import CircleResult
-from analysis.procedures.facts import labels_of
 from analysis.procedures.shared.quantity import PLACE, Quantity
 from analysis.procedures.shared.result_curves import JointReversal, ResultCurve, reversals_of_rig
-from analysis.procedures.shared.test_kind import Evaluated, Instruments, kind_of
+from analysis.procedures.shared.test_kind import Evaluated, Instruments, kind_of, labels_of
 from analysis.runs.align import robot_only
 from analysis.runs.loading import Measured, load_measured, measured_of
 from analysis.runs.noise.certificate import NO_CERTIFICATE, Systematic

@@ -5,23 +5,19 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from analysis.procedures.checks.meanings import PLACE_UNKNOWN, judged_by_path, off_targets
-from analysis.procedures.checks.place import PLACE, place_findings
-from analysis.procedures.checks.units import target_units
-from analysis.procedures.shared.finding import Finding
-from analysis.procedures.shared.test_kind import PathDeviation, TestKind, Verdict
-from analysis.robot.geometry.driven_programs import hemisphere_of
-from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles
+from analysis.procedures.checks.columns import PLACE_UNKNOWN, judged_by_path, off_targets, target_units
+from analysis.procedures.checks.places import PLACE, place_findings
+from analysis.procedures.shared.test_kind import Finders, Finding, PathDeviation, TestKind, Verdict
+from analysis.robot.geometry.driven_programs import hemisphere_frame, hemisphere_of, target_angles
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.robot.model.predict import Model, Path, SetUp, gauged, stops, visits
 from analysis.robot.model.scene import ModelScene, apply
 from analysis.runs.stands import STANDSTILL_MM, standstill_starts
-from analysis.runs.table_format import Rows, joint_cells
-from analysis.runs.table_layout import RAIL, RAIL_FROM, came_from_columns
+from analysis.runs.table_format import RAIL, RAIL_FROM, Rows, came_from_columns, joint_cells
 from analysis.runs.tables import PlaceTable, TargetTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -34,7 +30,7 @@ P = TypeVar("P", bound=PlaceTable)
 class TargetTest(TestKind[H]):
     """A test at the targets of a hemisphere, read by one gauge."""
 
-    finders = ((PLACE, place_findings),)
+    finders: ClassVar[Finders] = {PLACE: place_findings}
 
     @abstractmethod
     def directions(self, table: H, hemisphere: Hemisphere) -> tuple[Array, Array] | None: ...

@@ -15,20 +15,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.checks.lost_poses import WILDNESS, far_touches, left_out, outlying_touches
-from analysis.procedures.checks.meanings import FEWEST, judged_by_sockets, off_sockets
-from analysis.procedures.facts import Facts, Labels
-from analysis.procedures.shared.finding import Outliers
+from analysis.procedures.checks.columns import FEWEST, judged_by_sockets, off_sockets
+from analysis.procedures.checks.places import WILDNESS, far_touches, left_out, outlying_touches
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
-from analysis.procedures.shared.simulated_readings import simulated_touches
 from analysis.procedures.shared.test_kind import (
+    Facts,
+    Finders,
     Instruments,
+    Labels,
+    Outliers,
     PathDeviation,
     Simulation,
     Verdict,
@@ -36,6 +38,7 @@ from analysis.procedures.shared.test_kind import (
     check_numbers,
     path_of,
 )
+from analysis.procedures.simulate import simulated_touches
 from analysis.procedures.stops import PlaceTest, came_from_cells, came_from_of
 from analysis.robot.geometry.pose_setup import socket_design
 from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
@@ -43,8 +46,16 @@ from analysis.robot.model.predict import Model, SetUp, model_of, moved
 from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
 from analysis.runs.noise.readings import rms
 from analysis.runs.noise.spectrum import DRAWS
-from analysis.runs.table_format import Rows, joint_cells
-from analysis.runs.table_layout import RAIL, RAIL_FROM, SOCKET, Layout, came_from_columns, joint_columns
+from analysis.runs.table_format import (
+    RAIL,
+    RAIL_FROM,
+    SOCKET,
+    Layout,
+    Rows,
+    came_from_columns,
+    joint_cells,
+    joint_columns,
+)
 from analysis.runs.tables import TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -221,7 +232,7 @@ class Touch(PlaceTest[TouchTable]):
         distance_from="from its socket",
         outlier_check="check that the ball was seated when the joints were read, and that nothing moved",
     )
-    finders = ((WILDNESS, outlying_touches),)
+    finders: ClassVar[Finders] = {WILDNESS: outlying_touches}
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
         came_from = came_from_columns(axes)

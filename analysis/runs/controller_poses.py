@@ -18,8 +18,7 @@ from analysis.robot.description.controller_constants import constants_from_poses
 from analysis.robot.description.rig_section import largest_difference, random_postures
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import Array, Mask, controller_arm, forward, transforms, without_setup
-from analysis.runs.table_format import Rows
-from analysis.runs.table_layout import CONTROLLER_PLACE, CONTROLLER_TURN
+from analysis.runs.table_format import CONTROLLER_PLACE, CONTROLLER_TURN, Rows
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.condition import POSE

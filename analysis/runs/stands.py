@@ -19,7 +19,7 @@ import numpy as np
 
 from analysis.robot.geometry.driven_programs import TargetProgram
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
-from analysis.robot.model.motion import standing
+from analysis.robot.model.scene import standing
 from analysis.runs.table_format import format_of
 from analysis.runs.tables import Table
 from rigs.errors import FileError

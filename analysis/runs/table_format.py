@@ -1,7 +1,8 @@
 """Test kinds, as far as tables need them: columns in files (degrees, mm) and the table of a recorded run (rad, mm).
 
 A kind is a class. Rig's own are listed here, others are offered by installed packages as entry points `rig.tests`. What
-the layers above ask of the same class is in `analysis.procedures.shared.test_kind`.
+the layers above ask of the same class is in `analysis.procedures.shared.test_kind`. docs/tables.md describes the
+columns.
 """
 
 from __future__ import annotations
@@ -12,14 +13,13 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.metadata import EntryPoint
 from itertools import takewhile
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, get_args
+from typing import TYPE_CHECKING, ClassVar, Generic, Literal, TypeVar, get_args
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers
-from analysis.runs.table_layout import RAIL, joint_columns
 from analysis.runs.tables import Table
 from daq.store.chunk import array_of
 from rigs.errors import FileError
@@ -28,10 +28,62 @@ from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, OTHER_TE
 if TYPE_CHECKING:
     from analysis.robot.kinematics.arm import Array, Integers, Mask
     from analysis.runs.align import Aligned
-    from analysis.runs.table_layout import Layout
     from rigs.rig import Rig
     from rigs.schema.effect import Gauge
     from rigs.schema.vocabulary import Direction
+
+
+def joint_columns(axes: int) -> tuple[str, ...]:
+    return tuple(f"q{axis}_deg" for axis in range(1, axes + 1))
+
+
+def second_joint_columns(axes: int) -> tuple[str, ...]:
+    """Column names of the joints of a second arm, which holds the socket."""
+    return tuple(f"p{axis}_deg" for axis in range(1, axes + 1))
+
+
+JOINTS = joint_columns(6)
+"""Joint columns of the ball link tests."""
+COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))
+"""Commanded joint angles, in addition to JOINTS."""
+MEASURED = tuple(f"q{axis}_measured_deg" for axis in range(1, 7))
+"""Measured joint angles, next to the commanded ones that are used."""
+JointSource = Literal["measured", "commanded"]
+PLACE = ("x_mm", "y_mm", "z_mm")
+TURN = ("rx_deg", "ry_deg", "rz_deg")
+CONTROLLER_PLACE = tuple(f"controller_{name}" for name in PLACE)
+CONTROLLER_TURN = tuple(f"controller_{name}" for name in TURN)
+"""Pose of the tool that the controller computed from the joints, next to the measured one."""
+RAIL, RAIL_FROM = "e1_mm", "e1_from_mm"
+"""Position of the arm's rail, and its previous position."""
+SOCKET = "socket"
+"""Column with the socket name of a touch. Any text is permitted."""
+WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}
+"""Columns of text, with the permitted values."""
+TIME_U = ("u_t_s", "u_lag_s")
+"""Standard uncertainties of the gauges' time relative to the joints' time: individual, and common to all rows."""
+COUNTS = ("target", "orientation", "round")
+"""Columns of positive integers. All other known columns contain real numbers."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Required and optional columns of a table. Other columns are preserved.
+
+    Each group of columns in `together` must be complete or absent.
+    """
+
+    required: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+    together: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def known_columns(self) -> tuple[str, ...]:
+        return (*self.required, *self.optional)
+
+
+def came_from_columns(axes: int) -> tuple[str, ...]:
+    return tuple(f"q{axis}_from_deg" for axis in range(1, axes + 1))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.procedures.shared.finding import Finding
+from analysis.procedures.shared.test_kind import Finding
 from analysis.runs.loading import Measured, measured_of
 from analysis.runs.table_format import columns_of
 from analysis.runs.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table

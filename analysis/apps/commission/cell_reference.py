@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.movement.inference import FEWEST_OF_REFERENCE
-from analysis.procedures.facts import facts_of, shows_joints
+from analysis.procedures.shared.test_kind import facts_of, shows_joints
 from daq.store import Manifest, read_run, survey
 from rigs.errors import FileError, RigError
 from rigs.schema.vocabulary import CIRCLES, TestName

@@ -17,7 +17,7 @@ from analysis.movement.causes import LEVELS, NOTHING, OTHER, Cause, prior_of
 from analysis.movement.evidence import OTHER_LEVELS, LinearReadings, Prediction, likeliest
 from analysis.movement.inference import NAMED, Reference, ReferenceComparison, square_to_name
 from analysis.movement.linearise import day_columns, shift_of
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 
 _REMAINING = 1e-3

@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.apps.commission.joint_stream import SampleSource, joint_samples
 from analysis.apps.commission.touched_ball import RestDetector, Touching
-from analysis.procedures.shared.simulated_readings import touch_of
+from analysis.procedures.simulate import touch_of
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.runs.table_format import columns_of

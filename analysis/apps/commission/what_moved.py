@@ -29,7 +29,7 @@ from analysis.movement.inference import (
     compare,
     study,
 )
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig

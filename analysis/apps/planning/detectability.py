@@ -18,7 +18,7 @@ from analysis.diagnosis.plan.expected import (
     planned_blocks,
 )
 from analysis.diagnosis.plan.further_tests import PossibleTest, possible_tests
-from analysis.procedures.facts import labels_of
+from analysis.procedures.shared.test_kind import labels_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.runs.table_format import TESTS

@@ -27,7 +27,7 @@ from analysis.correction.corrected_targets import corrected
 from analysis.correction.pose_uncertainty import few_taught, pose_uncertainty
 from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import FEWEST_TAUGHT, work_or_spread
-from analysis.procedures.shared.simulated_readings import touch_of, with_ball
+from analysis.procedures.simulate import touch_of, with_ball
 from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
 from analysis.runs.tables import TouchTable
 from rigs.errors import FileError, RigPlace

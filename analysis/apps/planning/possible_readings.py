@@ -24,8 +24,8 @@ from analysis.diagnosis.evidence.observation import by_socket, observe_run, sock
 from analysis.diagnosis.fit.candidates import Columns, Level, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.diagnosis.plan.expected import planned_blocks, without_bands
-from analysis.procedures.shared.simulated_readings import planned_touches, postures_at, with_ball
 from analysis.procedures.shared.test_kind import nominal_setup
+from analysis.procedures.simulate import planned_touches, postures_at, with_ball
 from analysis.robot.geometry.clearance import chain_points
 from analysis.robot.geometry.driven_programs import circle_program
 from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward

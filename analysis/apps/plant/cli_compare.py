@@ -16,7 +16,7 @@ from analysis.cli import completion
 from analysis.cli.commands import app, command, taking_all
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, RunsElsewhere, location
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from rigs.errors import FileError, UseError
 
 if TYPE_CHECKING:

@@ -17,9 +17,9 @@ from typing import get_args
 import numpy as np
 
 from analysis.apps.plant.joint_play import joint_plays
-from analysis.procedures.facts import labels_of
 from analysis.procedures.results import result_of
 from analysis.procedures.shared.quantity import Quantity
+from analysis.procedures.shared.test_kind import labels_of
 from analysis.runs.loading import load_measured
 from daq.store import Manifest
 from daq.store.chunk import storable

@@ -15,8 +15,7 @@ import numpy as np
 
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask, forward
-from analysis.robot.kinematics.closed_form import branches, canonical
-from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.inverse import branches, canonical, inverse
 from analysis.robot.kinematics.joint_limits import SAME_RAD, within_limits, wrapped
 from analysis.robot.kinematics.newton import conditioning, newton, newton_in_part, turned_rad
 from rigs.schema.vocabulary import DRIVEN_AXES

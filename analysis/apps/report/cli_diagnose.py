@@ -120,7 +120,7 @@ def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
 
     has_both = False
     if len(runs) == 1 and is_table(runs[0]):
-        from analysis.intake.touch_map import has_two_arms
+        from analysis.intake.imports import has_two_arms
 
         has_both = has_two_arms(runs[0])
     if second and not has_both:

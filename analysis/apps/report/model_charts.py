@@ -17,9 +17,9 @@ from analysis.apps.report.texts import Texts
 from analysis.diagnosis.judge.comparison import Compared, Comparison, Disagreement
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.procedures.facts import labels_of
 from analysis.procedures.repeatability import SIDES, RepeatabilityResult
 from analysis.procedures.results import Result
+from analysis.procedures.shared.test_kind import labels_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
 

@@ -14,7 +14,7 @@ from analysis.apps.report.texts import Texts
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.pose import PoseResult
 from analysis.procedures.results import Result
-from analysis.procedures.shared.reduction import PHI
+from analysis.procedures.shared.lap_curve import PHI
 from analysis.procedures.shared.result_curves import CircleCurve, PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.procedures.shared.scatter_figures import poses_of_cube
 from analysis.robot.geometry.iso_cube import FROM_CENTRE, cube_of

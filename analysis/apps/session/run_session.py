@@ -49,8 +49,8 @@ from analysis.apps.session.session_state import (
     Try,
     digest_of,
 )
-from analysis.procedures.facts import facts_of
 from analysis.procedures.results import why_unusable
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.runs.written_files import holding, write_all_over
 from daq import clock
 from daq.store import load_manifest, read_run

@@ -38,13 +38,11 @@ from analysis.diagnosis.evidence.observation import (
     residual_of,
 )
 from analysis.diagnosis.evidence.setups import moved_setup, with_effects, without_origin
-from analysis.procedures.facts import facts_of
 from analysis.procedures.pose import groups as visits
-from analysis.procedures.shared.test_kind import kind_of
+from analysis.procedures.shared.test_kind import facts_of, kind_of
 from analysis.robot.kinematics.arm import Array, Integers, cos_sin, drive_angles
-from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, SetUp, driven, posed
-from analysis.robot.model.scene import ModelScene, apply
+from analysis.robot.model.scene import ModelScene, Motion, apply
 from analysis.runs.tables import SAME_RAD
 from rigs.calibration import is_sine, sine_of
 from rigs.effects import Effect, late_stamps, turned

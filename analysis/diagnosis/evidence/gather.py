@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.diagnosis.evidence.setups import without_a_fold
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig

@@ -21,7 +21,7 @@ from analysis.diagnosis.evidence.observation import (
     predicted,
     predicted_in_scene,
 )
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp, moved
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM

@@ -13,12 +13,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.procedures.facts import facts_of, no_joints_error, shows_joints
-from analysis.procedures.shared.test_kind import kind_of, nominal_setup, path_of, read
+from analysis.procedures.shared.test_kind import (
+    facts_of,
+    kind_of,
+    no_joints_error,
+    nominal_setup,
+    path_of,
+    read,
+    shows_joints,
+)
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, Path, SetUp, moved
-from analysis.robot.model.scene import ModelScene
+from analysis.robot.model.scene import ModelScene, Motion
 from analysis.runs.laps import laps_of
 from analysis.runs.noise.readings import is_outlier, step_of
 from analysis.runs.tables import CircleTable, Table, content_order

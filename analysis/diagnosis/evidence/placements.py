@@ -28,7 +28,7 @@ from analysis.diagnosis.evidence.observation import (
     without_socket,
 )
 from analysis.diagnosis.evidence.setups import FRAME, fit_setups, placement_of, target_of, targeted
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Arm, Array, arm_of
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.loading import Measured

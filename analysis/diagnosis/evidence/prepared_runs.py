@@ -19,11 +19,9 @@ from analysis.diagnosis.evidence.observation import (
 from analysis.diagnosis.evidence.placements import split_by_frame, split_by_target, with_enough_readings
 from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
 from analysis.procedures.checks.check_runs import findings_of
-from analysis.procedures.checks.gauge_sign import ORDER, SIGN
-from analysis.procedures.checks.lost_poses import left_out
-from analysis.procedures.facts import facts_of, labels_of, shows_joints
-from analysis.procedures.shared.finding import Finding
-from analysis.procedures.shared.test_kind import kind_of
+from analysis.procedures.checks.gauges import ORDER, SIGN
+from analysis.procedures.checks.places import left_out
+from analysis.procedures.shared.test_kind import Finding, facts_of, kind_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured

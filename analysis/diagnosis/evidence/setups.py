@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted, predicted_in_scene, residual_of, rms
-from analysis.procedures.facts import facts_of
-from analysis.procedures.shared.test_kind import nominal_setup
+from analysis.procedures.shared.test_kind import facts_of, nominal_setup
 from analysis.robot.geometry.pose_setup import best_rigid, moved_by
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp, moved

@@ -17,7 +17,7 @@ from analysis.diagnosis.evidence.blocks import Block, SharedBlock, SimulatedBloc
 from analysis.diagnosis.evidence.known_distances import KnownDistances, known_distances_of
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
 from analysis.diagnosis.evidence.setups import columns_of, moved_setup, tool_shift, without_origin
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp
 from analysis.robot.model.scene import ModelScene

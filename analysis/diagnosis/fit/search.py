@@ -29,7 +29,7 @@ from analysis.diagnosis.fit.responses import (
 from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Mask, drive_angles
 from analysis.robot.model.predict import SetUp
 from rigs.effects import Effect

@@ -26,7 +26,7 @@ from analysis.diagnosis.fit.selection_state import (
     spurious_wave_series,
 )
 from analysis.diagnosis.fit.selection_steps import SelectionSteps
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import is_wave, name_of

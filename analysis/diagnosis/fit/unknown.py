@@ -19,7 +19,7 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evidence
 from analysis.diagnosis.fit.responses import Linearisation, Response
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, forward

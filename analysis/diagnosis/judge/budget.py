@@ -16,7 +16,7 @@ from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, 
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import FAULT, combined_effect, least_fault
 from analysis.diagnosis.judge.result import LARGE_SHARE, BudgetPart, Gap, GroupMember, Named, Rank, Share
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, size_of

@@ -20,7 +20,7 @@ from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.misses import Widening
 from analysis.diagnosis.judge.result import Verdict
 from analysis.diagnosis.judge.validation import Stages
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.robot.model.predict import SetUp
 from analysis.runs.loading import Measured

@@ -12,12 +12,11 @@ from analysis.diagnosis.evidence.placements import observe_runs, split_by_frame,
 from analysis.diagnosis.evidence.setups import fit_setups
 from analysis.diagnosis.judge.comparison import Compared, Comparison, PoseComparison
 from analysis.procedures.circle import CircleResult
-from analysis.procedures.facts import facts_of
 from analysis.procedures.radial import RadialResult
 from analysis.procedures.repeatability import RepeatabilityResult
 from analysis.procedures.results import result_of
-from analysis.procedures.shared.reduction import PHI
-from analysis.procedures.shared.test_kind import Evaluated, evaluate, path_of, predict
+from analysis.procedures.shared.lap_curve import PHI
+from analysis.procedures.shared.test_kind import Evaluated, evaluate, facts_of, path_of, predict
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import Model, SetUp
 from analysis.runs.loading import Measured

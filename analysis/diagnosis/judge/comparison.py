@@ -9,9 +9,8 @@ import pyarrow as pa
 
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
 from analysis.diagnosis.judge.staircase import Staircase
-from analysis.procedures.facts import labels_of
 from analysis.procedures.results import Result
-from analysis.procedures.shared.test_kind import Evaluated
+from analysis.procedures.shared.test_kind import Evaluated, labels_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp
 from analysis.runs.tabular import Tabular, for_json, table_of_rows

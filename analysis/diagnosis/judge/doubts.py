@@ -14,8 +14,7 @@ from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.judge.result import Named
 from analysis.diagnosis.judge.validation import shows_noise
 from analysis.diagnosis.judge.verdict import shows_time
-from analysis.procedures.facts import labels_of
-from analysis.procedures.shared.test_kind import kind_of
+from analysis.procedures.shared.test_kind import kind_of, labels_of
 from analysis.robot.kinematics.arm import rail_mm
 from rigs.effect_names import name_in_words
 from rigs.rig import Rig

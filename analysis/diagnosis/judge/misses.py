@@ -26,7 +26,7 @@ from analysis.diagnosis.fit.responses import basis_of, linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.remains import ResidualCheck, ResidualSummary, Subject
 from analysis.diagnosis.judge.validation import Stages, noise_shown
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp
 

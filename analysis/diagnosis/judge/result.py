@@ -18,8 +18,8 @@ from analysis.diagnosis.judge.probability import CONFIRMED
 from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained, independent_um
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.staircase import Staircase
-from analysis.procedures.facts import facts_of
 from analysis.procedures.shared.quantity import parameters_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.model.predict import SetUp
 from analysis.runs.tabular import Tabular, for_json, table_of_rows
 from rigs.calibration import CalibratedModel

@@ -21,7 +21,7 @@ from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.misses import LeftOut, share_left_out, sides_of
 from analysis.diagnosis.judge.remains import Followed, Unexplained, What
 from analysis.diagnosis.judge.validation import shows_noise
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.scene import pull
 from analysis.runs.noise.cell_noise import (

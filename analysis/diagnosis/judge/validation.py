@@ -14,7 +14,7 @@ from analysis.diagnosis.fit.responses import basis_of, limits_um, linearise, noi
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_effects
 from analysis.diagnosis.judge.result import Gap, TestGap
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp
 from rigs.effects import Effect

@@ -42,11 +42,11 @@ from analysis.diagnosis.judge.result import (
     Verdict,
     fault_rivals,
 )
-from analysis.procedures.facts import facts_of
 from analysis.procedures.pooled import FigureColumn, figure_columns
 from analysis.procedures.pose import SAME_RAD, groups
 from analysis.procedures.results import Result, borrowers, by_test, result_of
 from analysis.procedures.shared.quantity import Quantity
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
 from rigs.calibration import ModelAssessment

@@ -32,8 +32,7 @@ from analysis.diagnosis.fit.candidates import (
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.diagnosis.judge.result import ODDS
-from analysis.procedures.facts import facts_of
-from analysis.procedures.shared.test_kind import nominal_setup
+from analysis.procedures.shared.test_kind import facts_of, nominal_setup
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp, model_of

@@ -18,7 +18,7 @@ from analysis.diagnosis.plan.expected import (
     planned_blocks,
     without_bands,
 )
-from analysis.procedures.facts import labels_of
+from analysis.procedures.shared.test_kind import labels_of
 from analysis.robot.kinematics.arm import transform
 from analysis.robot.model.predict import SetUp
 from analysis.runs.table_format import TESTS

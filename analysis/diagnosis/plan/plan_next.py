@@ -17,9 +17,9 @@ from analysis.diagnosis.judge.verdict import ambiguous_names
 from analysis.diagnosis.plan.expected import is_separable
 from analysis.diagnosis.plan.further_tests import FurtherTests, possible_tests, shortest, sigma_between
 from analysis.diagnosis.plan.naming_tests import naming_tests
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.runs.loading import Measured
-from analysis.runs.table_layout import COMMANDED
+from analysis.runs.table_format import COMMANDED
 from rigs.errors import FileError
 from rigs.schema.effect import name_of
 

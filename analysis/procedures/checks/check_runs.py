@@ -13,15 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from analysis.procedures.checks.gauge_display import DISPLAY, display_findings
-from analysis.procedures.checks.gauge_sign import ORDER, SIGN, repeat_findings, sign_findings
-from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
-from analysis.procedures.checks.meanings import JOINTS, joint_findings
-from analysis.procedures.checks.place import PLACE, SOURCE, STAMPS, STANDS, stand_findings
-from analysis.procedures.checks.units import UNITS, unit_findings, unsigned_findings
-from analysis.procedures.facts import labels_of, shows_joints
-from analysis.procedures.shared.finding import Convention, Finding
-from analysis.procedures.shared.test_kind import findings_against, kind_of
+from analysis.procedures.checks.columns import JOINTS, UNITS, joint_findings, unit_findings, unsigned_findings
+from analysis.procedures.checks.gauges import DISPLAY, ORDER, SIGN, display_findings, repeat_findings, sign_findings
+from analysis.procedures.checks.places import DUPLICATES, PLACE, SOURCE, STAMPS, STANDS, WILDNESS, stand_findings
+from analysis.procedures.shared.test_kind import Finding, findings_against, kind_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.robot.model.scene import load_of, pull
 from analysis.runs.loading import Measured
@@ -121,7 +116,16 @@ def _correlation(off: Array, cause: Array) -> float | None:
 
 
 Runs = Sequence[Measured]
-_Find = Callable[[Measured], Iterable[Finding]]
+Find = Callable[[Measured], Iterable[Finding]]
+
+
+@dataclass(frozen=True)
+class Convention:
+    """A convention checked against data. cannot: reason why these runs cannot show it, empty if they can."""
+
+    name: str
+    asks: str
+    cannot: Callable[[Runs], str]
 
 
 @dataclass(frozen=True)
@@ -143,15 +147,18 @@ class Checked:
 
 def check_runs(runs: Runs) -> list[Checked]:
     findings, with_joints = findings_of(runs), [run for run in runs if shows_joints(run.table.test)]
+
+    def cannot(convention: Convention) -> str:
+        if with_joints:
+            return convention.cannot(with_joints)
+        is_shown = convention.name in (WILDNESS, DUPLICATES)
+        return "" if is_shown else f"the table {labels_of(runs[0].table.test).unsupported_reason}"
+
     return [
         Checked(
             convention,
             tuple(finding for finding in findings if finding.convention == convention.name),
-            convention.cannot(with_joints)
-            if with_joints
-            else ""
-            if convention.name in _SHOWN_BY_PATHS
-            else f"the table {labels_of(runs[0].table.test).unsupported_reason}",
+            cannot(convention),
         )
         for convention in CONVENTIONS
     ]
@@ -162,17 +169,18 @@ def findings_of(runs: Runs) -> list[Finding]:
     only positions are checked.
     """
     with_joints = [run for run in runs if shows_joints(run.table.test)]
-    findings = [finding for run in with_joints for finding in _found(_about_columns, run)]
+    findings = [finding for run in with_joints for find in _OF_COLUMNS for finding in _found(find, run)]
     # The most certain finding of each run about order and sign of the gauges: from repeated runs, from changes that no
     # joint causes, or from the position of the ball.
     about_gauges: list[Finding] = []
-    for find in (repeat_findings, sign_findings, _about_order):
+    for find_in in (
+        repeat_findings,
+        sign_findings,
+        lambda those: [one for run in those for one in _found(_ORDER, run)],
+    ):
         named = {name for finding in about_gauges for name in finding.runs}
-        about_gauges += find([run for run in with_joints if run.run.manifest.name not in named])
-    findings += about_gauges
-    for run in runs:
-        findings += _found(_about_rows if shows_joints(run.table.test) else _about_places, run)
-    return findings
+        about_gauges += find_in([run for run in with_joints if run.run.manifest.name not in named])
+    return findings + about_gauges + [finding for run in runs for find in _OF_ROWS for finding in _found(find, run)]
 
 
 def doubts_of(run: Measured, *, with_refusals: bool = True) -> tuple[str, ...]:
@@ -186,6 +194,10 @@ def doubts_of(run: Measured, *, with_refusals: bool = True) -> tuple[str, ...]:
     return tuple(doubt for doubt in every if doubt not in refusals)
 
 
+def why_no_measurement(run: Measured) -> str:
+    return next((finding.words for finding in findings_of([run]) if finding.strength != "likely"), "")
+
+
 def refuse_impossible(run: Measured, where: str) -> None:
     """Raise FileError for the first finding that is impossible for a run with this label."""
     if not shows_joints(run.table.test):
@@ -197,46 +209,47 @@ def refuse_impossible(run: Measured, where: str) -> None:
             raise FileError(where, "; ".join(problems), ", and ".join(dict.fromkeys(remedies)), code="run.impossible")
 
 
-def _found(find: _Find, run: Measured) -> tuple[Finding, ...]:
+def _found(find: Find, run: Measured) -> tuple[Finding, ...]:
     # They are kept with the run: a diagnosis checks a run that was checked when loaded.
-    kept: dict[_Find, tuple[Finding, ...]] = vars(run).setdefault("_findings", {})
+    kept: dict[Find, tuple[Finding, ...]] = vars(run).setdefault("_findings", {})
     if find not in kept:
         kept[find] = tuple(replace(finding, runs=(run.run.manifest.name,)) for finding in find(run))
     return kept[find]
 
 
-def _about_columns(run: Measured) -> Iterator[Finding]:
-    yield from unit_findings(run.table, run.rig)
-    yield from unsigned_findings(run.table, run.rig)
-    yield from display_findings(run)
+def _against(convention: str) -> Find:
+    return lambda run: findings_against(convention, run.table, run.rig)
+
+
+def _of_joints(run: Measured) -> Iterator[Finding]:
     # An import map has already compared the poses with the arm.
     source = run.run.manifest.table
     mapped = source is not None and bool(source.map)
-    joints = joint_findings(run.table, run.rig)
-    yield from (finding for finding in joints if not (mapped and finding.strength == "likely"))
+    findings = joint_findings(run.table, run.rig)
+    yield from (finding for finding in findings if not (mapped and finding.strength == "likely"))
 
 
-def _about_order(runs: Runs) -> list[Finding]:
-    return [finding for run in runs for finding in _found(_about_order_of_gauges, run)]
+def _of_source(run: Measured) -> Iterable[Finding]:
+    # positions of a simulated arm are computed on purpose
+    return () if run.is_simulated else findings_against(SOURCE, run.table, run.rig)
 
 
-def _about_order_of_gauges(run: Measured) -> Iterable[Finding]:
-    return findings_against(ORDER, run.table, run.rig)
-
-
-def _about_rows(run: Measured) -> Iterator[Finding]:
-    if not run.is_simulated:  # positions of a simulated arm are computed on purpose
-        yield from findings_against(SOURCE, run.table, run.rig)
-    yield from findings_against(STAMPS, run.table, run.rig)
-    yield from findings_against(PLACE, run.table, run.rig)
-    yield from stand_findings(run)
-    yield from command_findings(run)
-    yield from _about_places(run)
-
-
-def _about_places(run: Measured) -> Iterator[Finding]:
-    for convention in _SHOWN_BY_PATHS:
-        yield from findings_against(convention, run.table, run.rig)
+_ORDER = _against(ORDER)
+_OF_COLUMNS: tuple[Find, ...] = (
+    lambda run: unit_findings(run.table, run.rig),
+    lambda run: unsigned_findings(run.table, run.rig),
+    display_findings,
+    _of_joints,
+)
+"""Findings about the columns of a run whose joints are known."""
+_OF_ROWS: tuple[Find, ...] = (
+    _of_source,
+    *(_against(convention) for convention in (STAMPS, PLACE)),
+    stand_findings,
+    command_findings,
+    *(_against(convention) for convention in (WILDNESS, DUPLICATES)),
+)
+"""Findings about the rows of any run."""
 
 
 def _joints_hidden(runs: Runs) -> str:
@@ -244,9 +257,9 @@ def _joints_hidden(runs: Runs) -> str:
     return "" if "" in why else next(iter(why), "")
 
 
-def _without(convention: str, why: str) -> Callable[[Runs], str]:
+def _needs(convention: str, why: str) -> Callable[[Runs], str]:
     """A function that gives the reason why no run of a suitable kind is available for a convention."""
-    return lambda runs: "" if any(convention in dict(kind_of(run.table.test).finders) for run in runs) else why
+    return lambda runs: "" if any(convention in kind_of(run.table.test).finders for run in runs) else why
 
 
 def _no_pair(runs: Runs) -> str:
@@ -266,27 +279,21 @@ def _no_commands(runs: Runs) -> str:
     return "" if any(map(command_errors, runs)) else "the runs do not contain both commanded and measured angles"
 
 
-_no_yaw = _without(STAMPS, "the runs contain no circle")
-_no_poses = _without(SOURCE, "the runs contain no poses")
-_no_targets = _without(PLACE, "the runs contain no targets")
+_CIRCLE, _POSES = _needs(STAMPS, "the runs contain no circle"), _needs(SOURCE, "the runs contain no poses")
 CONVENTIONS = (
     Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", lambda _: ""),
     Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
-    Convention(ORDER, "are g1 and g2 exchanged", _no_yaw),
+    Convention(ORDER, "are g1 and g2 exchanged", _CIRCLE),
     Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
-    Convention(DISPLAY, "does each gauge show what it measures, with sign and range", _no_yaw),
-    Convention(SOURCE, "did an instrument measure the places", _no_poses),
-    Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw),
-    Convention(PLACE, "was each target at the place given in the rig file", _no_targets),
+    Convention(DISPLAY, "does each gauge show what it measures, with sign and range", _CIRCLE),
+    Convention(SOURCE, "did an instrument measure the places", _POSES),
+    Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _CIRCLE),
+    Convention(
+        PLACE, "was each target at the place given in the rig file", _needs(PLACE, "the runs contain no targets")
+    ),
     Convention(STANDS, "is each row a separate visit", _no_stops),
     Convention(COMMANDS, "were the commanded angles reached", _no_commands),
-    Convention(WILDNESS, "did the tracker see the target", _no_poses),
-    Convention(DUPLICATES, "is a place or a row repeated", _no_poses),
+    Convention(WILDNESS, "did the tracker see the target", _POSES),
+    Convention(DUPLICATES, "is a place or a row repeated", _POSES),
 )
 """All conventions, in reading order."""
-
-_SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
-
-
-def why_no_measurement(run: Measured) -> str:
-    return next((finding.words for finding in findings_of([run]) if finding.strength != "likely"), "")

@@ -1,36 +1,113 @@
 """What rig asks of a kind of test: figures, prediction by the model of an arm, checks of its labels, rows for a fit.
 
 A kind is a class of one module (`touch.py` is the shortest), registered by name in `analysis.runs.table_format`. The
-usual answers are here, so a kind states only what differs.
+usual answers are here, so a kind states only what differs. A check returns findings: data that contradict a label.
 """
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.facts import Facts, Labels, no_joints_error
-from analysis.robot.kinematics.arm import Arm, Array, Integers
+from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask
 from analysis.robot.kinematics.joint_limits import impossible_rad
 from analysis.robot.model.predict import Model, Path, SetUp, moved
 from analysis.robot.model.scene import ModelScene
 from analysis.runs.noise.spectrum import LapNoise
 from analysis.runs.table_format import TableFormat, format_of
 from analysis.runs.tables import SAME_RAD, Table
+from analysis.runs.tabular import for_json
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
+from rigs.text import listed
 
 if TYPE_CHECKING:
-    from analysis.procedures.shared.finding import Finding, Outliers
     from analysis.procedures.shared.quantity import Quantity
     from analysis.procedures.shared.result_curves import ResultCurve
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Properties of a test's readings and of its set-up."""
+
+    of_places: bool = False
+    """A reading is a position, three coordinates of a target or ball on the tool."""
+    of_tracker: bool = False
+    """An instrument measures the positions. It may have any place, and may read joints before they rest."""
+    constants_apart: bool = False
+    """The readings alone determine the constants of an arm, which then have separate prior widths."""
+    setup_terms: int = 4
+    frame_terms: int = 0
+    """Leading set-up terms of the instrument or socket. The others belong to the target on the tool, common to all
+    placements.
+    """
+    wild_spreads: float = 10.0
+    """Robust standard deviations from which a reading is an outlier relative to a calibrated arm. The standard
+    deviation is at least the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test.
+    """
+    assumed_sd_mm: float = math.nan
+    """Standard deviation of a coordinate if no position was visited twice."""
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Words of a test for screen and page."""
+
+    example: tuple[str, float, float] | None = None
+    """Figure with bounds for warning and failure, of the size of the values in docs/rig-file.md, to be replaced."""
+    part: str = ""
+    """Section of `tests` in a rig file describing place and motion of the test."""
+    further: tuple[str, str] | None = None
+    """Name in a plan as an additional test in a rig file with that section, and the reason for adding it."""
+    along: str = "place"
+    """Abscissa of the curve in a table of measured and simulated values."""
+    setup: str = "the ball's position and the gauges' zeros"
+    no_repeats: str = ""
+    """Message if no reading was repeated; empty if it is that of all tests."""
+    no_scale: str = ""
+    """Message if no distance is known; empty if the readings are lengths."""
+    joints_fit: str = "rows match the path of the test"
+    """Predicate of a message about rows whose joints have the labelled meaning."""
+    rows: str = "targets"
+    distance_from: str = ""
+    """Origin of the distance of an outlier."""
+    outlier_check: str = ""
+    """What to check for an outlier."""
+    unsupported_reason: str = ""
+    """Reason why the test reveals nothing about single joints; empty if it does."""
+
+
+def facts_of(test: TestName) -> Facts:
+    """Facts of a test. Raises FileError if the package that offers it is unusable."""
+    kind: Any = format_of(test)
+    facts: Facts = kind.facts
+    return facts
+
+
+def labels_of(test: TestName) -> Labels:
+    """Labels of a test. Raises FileError if the package that offers it is unusable."""
+    kind: Any = format_of(test)
+    labels: Labels = kind.labels
+    return labels
+
+
+def shows_joints(test: TestName) -> bool:
+    """True if a test reveals single joints of an arm, as a diagnosis requires."""
+    return not labels_of(test).unsupported_reason
+
+
+def no_joints_error(test: TestName, where: str) -> FileError:
+    """Error for a test that reveals nothing about the joints of an arm."""
+    return FileError(where, labels_of(test).unsupported_reason, "give poses, touches or circles", code="test.no_joints")
+
 
 T = TypeVar("T", bound=Table)
 
@@ -131,8 +208,8 @@ class PathDeviation:
     on: bool
 
 
-Finders = tuple[tuple[str, Callable[[Any, Rig], "Iterable[Finding]"]], ...]
-"""Conventions that apply only to few tests, each with the function that finds violations."""
+Finders = Mapping[str, Callable[[Any, Rig], "Iterable[Finding]"]]
+"""Functions that find violations of conventions that only few tests have, by the name of the convention."""
 
 
 class TestKind(TableFormat[T]):
@@ -140,7 +217,7 @@ class TestKind(TableFormat[T]):
 
     facts: ClassVar[Facts] = Facts()
     labels: ClassVar[Labels] = Labels()
-    finders: ClassVar[Finders] = ()
+    finders: ClassVar[Finders] = {}
 
     @abstractmethod
     def evaluate(self, table: T, rig: Rig, where: str, instruments: Instruments) -> Evaluated: ...
@@ -211,7 +288,7 @@ def kind_of(test: TestName) -> TestKind[Table]:
 
 def findings_against(convention: str, table: Table, rig: Rig) -> Iterable[Finding]:
     """Findings of a table against a convention, by the finder of its test."""
-    find = dict(kind_of(table.test).finders).get(convention)
+    find = kind_of(table.test).finders.get(convention)
     return find(table, rig) if find else ()
 
 
@@ -281,3 +358,95 @@ def check_radius(where: str, radius_mm: float) -> None:
     if not (np.isfinite(radius_mm) and radius_mm > 0):
         problem = f"a radius of {radius_mm:g} mm is impossible"
         raise FileError(where, problem, "correct radius_mm in the rig file", code="rig_file.radius")
+
+
+Strength = Literal["impossible", "decisive", "likely"]
+"""Certainty of a finding.
+
+impossible: no robot produces such data with this label; import refuses them. decisive: the labelled meaning does not
+fit; figures are reported with a doubt, and no fault is derived from them. likely: a doubt.
+"""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Residuals of the readings, rms in mm, with the labelled and with the alternative meaning, and the difference
+    of the log-likelihoods in nats.
+    """
+
+    as_labelled_mm: float
+    as_meant_mm: float
+    log_likelihood: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Evidence that the data have a different meaning from the labelled one.
+
+    runs: names of the affected runs. columns: affected columns of the table. meant: probable content of these columns.
+    what: observation as text. remedy: action. misfit: residuals; None if the observation is a count or a label.
+    """
+
+    convention: str
+    strength: Strength
+    columns: tuple[str, ...]
+    meant: str
+    what: str
+    remedy: str
+    misfit: Misfit | None = None
+    runs: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> str:
+        return f"{self.what}; {self.remedy}"
+
+    def to_dict(self) -> dict[str, Any]:
+        plain: dict[str, Any] = for_json(
+            {
+                "convention": self.convention,
+                "strength": self.strength,
+                "runs": list(self.runs),
+                "columns": list(self.columns),
+                "meant": self.meant,
+                "what": self.what,
+                "remedy": self.remedy,
+                "misfit": None if self.misfit is None else dict(vars(self.misfit)),
+            }
+        )
+        return plain
+
+
+MOST_LISTED_ROWS = 40
+"""Largest number of outliers that a message lists."""
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Poses (n,) far from the arm, with their distances in mm (n,).
+
+    They are excluded if they are accidents of the instrument, and kept if they are errors of the arm or of the labels.
+    """
+
+    far: Mask
+    far_mm: Array
+    by_accident: bool
+
+    @property
+    def wild(self) -> Mask:
+        return self.far if self.by_accident else np.zeros_like(self.far)
+
+    def words(self, table: Table) -> str:
+        if self.by_accident or not self.far.any():
+            return ""
+        labels, rows = labels_of(table.test), listed(table.rows[self.far].tolist(), MOST_LISTED_ROWS)
+        far = length_in_words(self.far_mm[self.far].max())
+        fact = f"{self.far.sum()} of {len(self.far)} {labels.rows} are up to {far} {labels.distance_from}"
+        return (
+            f"{fact} (rows {rows}). They were kept, because so "
+            "many, or all in one range of a joint, are not outliers; check that the robot was at rest, that instrument "
+            "and base did not move, and the signs, order and zeros of the joints"
+        )
+
+
+def length_in_words(mm: float) -> str:
+    return f"{mm / 1000:.2g} m" if mm >= 1000 else f"{mm:.3g} mm"

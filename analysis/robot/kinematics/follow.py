@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import Arm, Array, blocks, pose_error
-from analysis.robot.kinematics.closed_form import branches, canonical
-from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.inverse import branches, canonical, inverse
 from analysis.robot.kinematics.joint_limits import SAME_RAD, within_limits, wrapped
 from analysis.robot.kinematics.newton import LENGTH_MM, REACHED_MM, cancelling_axes, conditioning, from_nearby, newton
 from rigs.errors import PathError

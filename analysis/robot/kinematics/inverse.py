@@ -6,19 +6,225 @@ Newton's method on stacks of start values. Every solution is confirmed by forwar
 For a calibrated arm close to a kind, the start values are the branches of the snapped arm. More start values are used
 in doubtful cases: near a singularity, near the end of the reach, and for arms of no known kind. These include values on
 both sides of each solution near a singularity.
+
+Closed-form inverse kinematics with eight branches, for two kinds of arms and for arms close to them.
+
+With R = RotX(90°) and without signs, the arm consists of Rz(t1) TransX(a1) R, a planar chain, and the wrist. A point of
+the plane is a complex number. The normal of the plane is -y of frame 1. The inverse of both kinds has the same three
+parts:
+
+- shoulder: the distance D of the wrist centre from the plane is the sum of the offsets along the parallel axes. The
+  equation -x sin t1 + y cos t1 = -D has two solutions t1.
+- elbow: u + iv = L e^(i t2) + w e^(i (t2 + t3)) for two links in the plane has two solutions (t2, t3).
+- wrist: M = Rz(t4) R Rz(t5) R Rz(t6) has two solutions (t4, t5, t6), because M22 = -cos t5 and column 2 gives t4.
+
+For a spherical wrist the order is shoulder, elbow with w = a3 - i d4, wrist. For parallel axes it is shoulder, wrist
+with t2 + t3 + t4 in place of t4, and elbow with w = a3 after removing a4 - i d5. The equations were derived for this
+program (J. Craig, Introduction to Robotics, 3rd ed., ch. 4 for the method; M. Brandstötter et al. 2014 and K. Hawkins
+2013 have the same branches in other parameters).
+
+The two kinds with a closed form are: parallel axes 2 and 3 with a spherical wrist, and parallel axes 2, 3 and 4
+(Universal Robots). Reversing the z axis of joint i, a half turn about its x axis, changes the sign of theta_i and d_i,
+and the adjacent alphas by 180°. Each arm of a kind can therefore be brought to the same alphas of 90° or 0°, and one
+derivation is sufficient.
+
+A calibrated arm differs from a kind by small Hayati angles and errors of alpha. The arm is snapped to the kind. The
+closed form of the snapped arm gives the start values for Newton's method on the true arm.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
-from analysis.robot.kinematics.arm import Arm, Array, Mask, blocks
-from analysis.robot.kinematics.closed_form import Canonical, branches, canonical
+from analysis.robot.kinematics.arm import Arm, Array, Mask, blocks, cos_sin
 from analysis.robot.kinematics.joint_limits import distinct, good, may_have_duplicates, off_by, wrapped
-from analysis.robot.kinematics.newton import TOLERANCE_MM, from_nearby, newton, null_motion
+from analysis.robot.kinematics.newton import LENGTH_MM, TOLERANCE_MM, from_nearby, newton, null_motion
+
+Kind = Literal["spherical wrist", "parallel axes"]
+
+_ALPHA: dict[Kind, Array] = {
+    "spherical wrist": np.radians([90.0, 0.0, 90.0, 90.0, 90.0]),
+    "parallel axes": np.radians([90.0, 0.0, 0.0, 90.0, 90.0]),
+}
+"""Alphas of links 1 … 5. The transformation before axis 1 is arbitrary."""
+_NEAR = 0.05
+"""Largest difference of a calibrated arm from its kind: in rad, and for lengths relative to the size of the arm."""
+_EXACT = 1e-12
+_DEGENERATE = 1e-6
+
+
+@dataclass(frozen=True)
+class Canonical:
+    """An arm of one of the two kinds, with all axis directions brought to the same convention.
+
+    A joint angle theta of the arm is sign · theta in this form. a, d, sign: (6,). T_one_world: (4, 4), from the world
+    to the frame of axis 1 at rest, raised by d1. T_tool_wrist: (4, 4), from the tool back along axis 6 by d6.
+    snapped_mm: largest tool motion caused by replacing the arm by its ideal kind, with a radian counted as 500 mm.
+    """
+
+    kind: Kind
+    sign: Array
+    a: Array
+    d: Array
+    T_one_world: Array
+    T_tool_wrist: Array
+    snapped_mm: float
+
+    @property
+    def exact(self) -> bool:
+        return self.snapped_mm == 0
+
+
+def canonical(arm: Arm) -> Canonical | None:
+    """Canonical form of an arm, or None if it belongs to neither kind."""
+    for kind, alpha in _ALPHA.items():
+        half_turns = np.rint((arm.alpha[1:] - alpha) / np.pi)
+        turned = np.concatenate([arm.alpha[1:] - alpha - half_turns * np.pi, arm.beta[1:]])
+        is_spherical = kind == "spherical wrist"
+        # zero for an exact arm of the kind
+        lengths = np.array([arm.a[4], arm.a[5], arm.d[4]] if is_spherical else [arm.a[5]])
+        deviation = max(np.abs(turned).max(), np.abs(lengths).max() / _size(arm))
+        forearm = np.hypot(arm.a[3], arm.d[3]) if is_spherical else abs(arm.a[3])
+        lacks_a_link = min(abs(arm.a[2]), forearm) < _DEGENERATE * _size(arm)  # a link of the planar chain
+        if deviation < _NEAR and not lacks_a_link:
+            sign = np.cumprod(np.concatenate([[1.0], np.where(half_turns % 2 == 1, -1.0, 1.0)]))
+            reach = _size(arm) + float(np.linalg.norm(arm.T_flange_tool[:3, 3])) + LENGTH_MM
+            moved = float(np.abs(lengths).sum() + np.abs(turned).sum() * reach)
+            d = sign * arm.d
+            raised, drawn_back = np.eye(4), np.eye(4)
+            raised[2, 3], drawn_back[2, 3] = d[0], -d[5]
+            half_turn = np.diag([1.0, sign[5], sign[5], 1.0])
+            # RotX(alpha0) TransX(a0) RotY(beta0), arbitrary
+            ca, sa, cb, sb = np.cos(arm.alpha[0]), np.sin(arm.alpha[0]), np.cos(arm.beta[0]), np.sin(arm.beta[0])
+            T = np.eye(4)
+            T[:3, :3] = [[cb, 0.0, sb], [sa * sb, ca, -sa * cb], [-ca * sb, sa, ca * cb]]
+            T[0, 3] = arm.a[0]
+            T_one_world = np.asarray(np.linalg.inv(arm.T_world_base @ T @ raised), dtype=np.float64)
+            return Canonical(
+                kind,
+                sign,
+                arm.a,
+                d,
+                T_one_world=T_one_world,
+                T_tool_wrist=np.linalg.inv(arm.T_flange_tool) @ half_turn @ drawn_back,
+                snapped_mm=0.0 if deviation < _EXACT else moved,
+            )
+    return None
+
+
+def _size(arm: Arm) -> float:
+    return float(np.abs(arm.a[1:]).sum() + np.abs(arm.d[1:]).sum()) or 1.0
+
+
+_BOTH = np.array([1.0, -1.0])
+_ON_AXIS_MM = 1e-9
+_WRIST_SINGULAR = 1e-12
+"""Value of sin t5 below which t4 can be chosen. The resulting tool motion is negligible compared with all tolerances.
+"""
+Point = tuple[Array, Array]
+"""Positions in the plane of the arm in mm: two coordinates with equal shapes."""
+
+
+def branches(form: Canonical, poses: Array, spread: float = 0.0, slot: int | None = None) -> Array:
+    """Theta (8, 6, n) rad of all branches for tool poses (n, 4, 4) in the world, or (1, 6, n) for one slot.
+
+    Slot = 4 · shoulder + 2 · elbow + wrist. Angles are not wrapped. An unreachable branch is not marked: its angles
+    come as close to the pose as possible, and forward kinematics shows the difference. With `spread` > 0 (rad) the two
+    sides of a singularity are separated by this angle. This gives start values for an arm close to its kind.
+
+    At singular poses the solution is a choice. If the wrist centre is on axis 1, t1 is 0 and 180°. If t5 = 0, t4 is 0
+    for a spherical wrist. For parallel axes, t2 + t3 + t4 is chosen so that the elbow is closest to a right angle.
+    """
+    sides = [_BOTH] * 3 if slot is None else [_BOTH[[slot >> bit & 1]] for bit in (2, 1, 0)]
+    solve = _spherical_wrist if form.kind == "spherical wrist" else _parallel_axes
+    theta = np.empty((*(len(side) for side in sides), 6, len(poses)))
+    # T_one_world poses T_tool_wrist without the last row, (3, 4, n). The expression is linear in the pose, so a single
+    # product is sufficient.
+    both = np.kron(form.T_one_world[:3], form.T_tool_wrist.T)
+    for axis, angle in enumerate(
+        solve(form, np.asarray(both @ poses.reshape(-1, 16).T).reshape(3, 4, -1), sides, spread)
+    ):
+        theta[:, :, :, axis] = form.sign[axis] * angle
+    return theta.reshape(8 if slot is None else 1, 6, len(poses))
+
+
+def _spherical_wrist(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:
+    """T1 … t6, each broadcastable to (shoulder, elbow, wrist, n)."""
+    a, d = form.a, form.d
+    t1, u = _shoulder(T, d[1] + d[2], sides[0])
+    t2, t3 = _elbow((u - a[1], np.broadcast_to(T[2, 3], u.shape)), a[2], complex(a[3], -d[3]), sides[1], spread)
+    upper = _down(t1[:, None], T[:, None, :3])
+    M = _down((t2 + t3)[:, :, None], [row[:, None] for row in upper])
+    t4, t5, t6 = _wrist(M, np.zeros(()), sides[2], spread)
+    return [t1[:, None, None], t2[:, :, None], t3[:, :, None], t4, t5, t6]
+
+
+def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:
+    """T1 … t6, each broadcastable to (shoulder, elbow, wrist, n)."""
+    a, d = form.a, form.d
+    t1, u = _shoulder(T, d[1] + d[2] + d[3], sides[0])
+    x, y, hand = u - a[1], np.broadcast_to(T[2, 3], u.shape), complex(a[4], -d[4])
+    # direction of the hand for which the elbow is closest to a right angle
+    square = x * x + y * y
+    reach = 2 * np.sqrt(square) * abs(hand)
+    cosine = (square + abs(hand) ** 2 - a[2] ** 2 - a[3] ** 2) / np.where(reach > 0, reach, 1.0)
+    bent = np.arctan2(y, x) + np.arccos(np.clip(cosine, -1.0, 1.0)) - np.angle(hand)
+    t234, t5, t6 = _wrist(_down(t1[:, None], T[:, None, :3]), bent, sides[2], spread)
+    c, s = cos_sin(t234)
+    centre = x[:, None] - hand.real * c + hand.imag * s, y[:, None] - hand.real * s - hand.imag * c
+    t2, t3 = _elbow(centre, a[2], complex(a[3]), sides[1], spread)
+    return [t1[:, None, None], t2, t3, t234[:, None] - t2 - t3, t5[:, None], t6[:, None]]
+
+
+def _shoulder(T: Array, off_plane: float, sides: Array) -> tuple[Array, Array]:
+    """T1 (shoulder, n), and the distance within the plane of the wrist centre from axis 1 (shoulder, n)."""
+    x, y = T[0, 3], T[1, 3]
+    r = np.hypot(x, y)
+    bearing = np.where(r < _ON_AXIS_MM, 0.0, np.arctan2(y, x))
+    u = np.sqrt(np.maximum((r - off_plane) * (r + off_plane), 0.0)) * sides[:, None]
+    return bearing - np.arctan2(-off_plane, u), u
+
+
+def _elbow(target: Point, upper: float, forearm: complex, sides: Array, spread: float) -> tuple[Array, Array]:
+    """T2 and t3 (shoulder, elbow, …) of two planar links that end at target (shoulder, …)."""
+    x, y = target
+    length, widest = abs(forearm), np.cos(spread)
+    cosine = np.clip((x * x + y * y - upper**2 - length**2) / (2 * upper * length), -widest, widest)
+    ahead = np.arctan2(length * np.sqrt((1 - cosine) * (1 + cosine)), upper + length * cosine)
+    sides = sides.reshape(-1, *[1] * (x.ndim - 1))
+    t2 = np.arctan2(y, x)[:, None] - sides * ahead[:, None]
+    return t2, sides * np.arccos(cosine)[:, None] - np.angle(forearm)
+
+
+def _wrist(M: list[Array], free: Array, sides: Array, spread: float) -> tuple[Array, Array, Array]:
+    """T4, t5, t6 (…, wrist, n) of rotations M, given by three rows (…, 3, n).
+
+    If the wrist is singular, t4 is `free` (…, n).
+    """
+    x, y = M[0][..., 2, :], M[1][..., 2, :]
+    sine = np.sqrt(x * x + y * y)
+    singular = sine < _WRIST_SINGULAR
+    t4, apart = np.arctan2(y, x), np.where(singular, 1.0, sine)
+    c4, s4 = x / apart, y / apart
+    if singular.any():
+        t4 = np.where(singular, free, t4)
+        c4, s4 = np.where(singular, np.cos(t4), c4), np.where(singular, np.sin(t4), s4)
+    t5 = np.arctan2(np.maximum(sine, np.sin(spread)), -M[2][..., 2, :])
+    # Computed from t4 and the second row, which is well-conditioned for any sin t5.
+    t6 = np.arctan2(s4 * M[0][..., 0, :] - c4 * M[1][..., 0, :], s4 * M[0][..., 1, :] - c4 * M[1][..., 1, :])
+    flipped = np.where(singular, 0.0, np.pi)[..., None, :] * (sides < 0)[:, None]
+    return t4[..., None, :] + flipped, t5[..., None, :] * sides[:, None], t6[..., None, :] + flipped
+
+
+def _down(t: Array, rows: Array | list[Array]) -> list[Array]:
+    c, s = cos_sin(t)
+    x, y, z = rows
+    return [c * x + s * y, z, s * x - c * y]
+
 
 _SEEDS, _MOST = 96, 16
 """Number of start values, and largest number of solutions of a general six-axis arm (Raghavan and Roth 1993)."""

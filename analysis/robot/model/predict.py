@@ -17,8 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward
-from analysis.robot.model.motion import Motion
-from analysis.robot.model.scene import Load, ModelScene, apply, load_of
+from analysis.robot.model.scene import Load, ModelScene, Motion, apply, load_of
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.scene import STAGES

@@ -9,7 +9,7 @@ import pytest
 from analysis.api import load_run, read_table
 from analysis.apps.report.diagnosis_report import require_empty
 from analysis.procedures.checks.check_runs import doubts_of
-from analysis.procedures.checks.meanings import joint_findings
+from analysis.procedures.checks.columns import joint_findings
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.table_format import columns_of
 from analysis.runs.tables import PoseTable, Table

@@ -12,8 +12,7 @@ from pyarrow import csv
 
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.procedures.checks.meanings import joint_findings
-from analysis.procedures.checks.units import unit_findings
+from analysis.procedures.checks.columns import joint_findings, unit_findings
 from analysis.procedures.pose import evaluate as evaluate_poses
 from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.geometry.pose_setup import best_rigid, fit_setup, position_error

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.intake.cube_stops import poses_of_stops
+from analysis.intake.mapped import poses_of_stops
 from analysis.robot.geometry.iso_cube import Cube
 from tests.support.command_line import ran
 from tests.worlds.arms.independent_arm import Array

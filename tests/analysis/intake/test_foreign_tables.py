@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis import load_run
-from analysis.cli import import_map
+from analysis.cli import import_
 from analysis.cli.dialogue import Dialogue
 from analysis.intake.imports import propose_map
 from analysis.intake.raw_table import layout_of, read_raw
@@ -114,7 +114,7 @@ def test_a_person_at_a_terminal_is_asked(tmp_path, monkeypatch):
     foreign = named("jacobi-like")
     screen, answers = io.StringIO(), iter(["3", "x", "2"])
     monkeypatch.setattr(Dialogue, "line", lambda self, prompt: (screen.write(prompt), next(answers))[1])
-    monkeypatch.setattr(import_map, "has_person", lambda: True)
+    monkeypatch.setattr(import_, "has_person", lambda: True)
     done = ran("import", *foreign.written(tmp_path), "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a")
     assert done.returncode == 0, done.stderr
     assert "1  x_dif … z_dif " in done.stderr

@@ -8,11 +8,10 @@ import pytest
 
 from analysis.apps.report.run_object import figure_in_words
 from analysis.procedures import direction_pair
-from analysis.procedures.checks.place import place_findings, stamp_findings
-from analysis.procedures.circle import CircleResult, Roll, Yaw
-from analysis.procedures.shared import circularity
+from analysis.procedures.checks.places import place_findings, stamp_findings
+from analysis.procedures.circle import CircleResult, Circularity, Roll, Yaw, evaluate_distance
 from analysis.procedures.shared.joint_reversals import MeasuredReversal, angle_difference, turns
-from analysis.procedures.shared.reduction import reduced
+from analysis.procedures.shared.lap_curve import reduced
 from analysis.procedures.shared.test_kind import evaluate
 from analysis.procedures.simulate import simulate
 from analysis.robot.geometry.circle import CircleFrame, Reversal, frame_of, link_readings, reversals
@@ -36,8 +35,8 @@ def _lap(g_mm: np.ndarray, q: np.ndarray | None = None, direction: str = "acw") 
     return Laps(direction, FRAME, PHI / 0.35, sense * PHI, q, g_mm, 2 * np.pi / 0.35, 2 * np.pi / 0.35)
 
 
-def _distance(g_mm: np.ndarray) -> circularity.Circularity:
-    return circularity.evaluate(reduced(lap := _lap(g_mm)), lap.frame.radius, 1e-3)
+def _distance(g_mm: np.ndarray) -> Circularity:
+    return evaluate_distance(reduced(lap := _lap(g_mm)), lap.frame.radius, 1e-3)
 
 
 def _said(result: CircleResult) -> tuple[str, ...]:

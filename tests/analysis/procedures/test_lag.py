@@ -9,8 +9,7 @@ from analysis import evaluate, load_run
 from analysis.apps.report.run_object import as_object, compare, lag_in_words, verdict
 from analysis.procedures.direction_pair import lag_of
 from analysis.procedures.pooled import pairs_of
-from analysis.procedures.shared.lap_curve import LapCurve, curve_of
-from analysis.procedures.shared.reduction import reduced
+from analysis.procedures.shared.lap_curve import LapCurve, curve_of, reduced
 from analysis.procedures.simulate import simulate
 from analysis.runs.laps import laps_of
 from rigs.effects import Effect, TimeLag

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.procedures.direction_pair import largest
-from analysis.procedures.shared.lap_curve import at_resolution
-from analysis.procedures.shared.reduction import PHI
+from analysis.procedures.shared.lap_curve import PHI, at_resolution
 from analysis.runs.noise.readings import noise_beneath, rounding_error
 from analysis.runs.noise.spectrum import DRAWS, NODES
 

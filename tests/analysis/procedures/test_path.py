@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.procedures import path
-from analysis.procedures.checks.lost_poses import places_of
+from analysis.procedures.checks.places import places_of
 from analysis.robot.geometry.iso_cube import Cube
 from analysis.runs.tables import PathTable
 from rigs.schema.declared_tests import TrackerPose

@@ -6,8 +6,7 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 
-from analysis.procedures.facts import shows_joints
-from analysis.procedures.shared.test_kind import kind_of, nominal_setup
+from analysis.procedures.shared.test_kind import kind_of, nominal_setup, shows_joints
 from analysis.runs.table_format import TESTS, format_of
 from analysis.runs.tables import PathTable
 from rigs.errors import FileError

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from analysis.procedures import direction_pair
-from analysis.procedures.circle import CircleResult, Roll, Yaw
+from analysis.procedures.circle import CircleResult, Roll, Yaw, plain_distance_figures
 from analysis.procedures.pooled import pooled
 from analysis.procedures.results import Result, result_of
-from analysis.procedures.shared import circularity
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.geometry.circle import SENSE, frame_of
 from analysis.robot.geometry.driven_programs import circle_of, drive
@@ -131,7 +130,7 @@ def true_figures(set_up: SetUp, sense: float, test: str) -> tuple[Truth, Truth]:
     """True figures of the angle and of the distance, each with its reported names."""
     angle, distance = set_up.curves(sense, test)
     of_angle = (Yaw() if test == "yaw" else Roll()).plain_figures(FINE, angle, RADIUS_MM)
-    plain = circularity.plain_figures(FINE, distance, RADIUS_MM)
+    plain = plain_distance_figures(FINE, distance, RADIUS_MM)
     return of_angle, {f"distance_{name}" if name in of_angle else name: value for name, value in plain.items()}
 
 

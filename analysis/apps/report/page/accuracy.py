@@ -12,8 +12,8 @@ from analysis.api import Diagnosis, Result
 from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
 from analysis.apps.report.texts import Texts, joined, whole_label
 from analysis.diagnosis.judge.verdict import JudgedFigure, judged_figures
-from analysis.procedures.facts import labels_of
 from analysis.procedures.pooled import FigureColumn
+from analysis.procedures.shared.test_kind import labels_of
 from analysis.runs.table_format import TESTS
 from rigs.schema.limits import COVERAGE, Limits, Standing
 from rigs.schema.vocabulary import TestName

@@ -9,7 +9,7 @@ import pytest
 from analysis import load_run
 from analysis.apps.commission.record_touches import TONE, record_touches
 from analysis.procedures.results import result_of
-from analysis.procedures.shared.simulated_readings import planned_touches
+from analysis.procedures.simulate import planned_touches
 from analysis.runs.tables import TouchTable
 from rigs.arms import load_arm
 from rigs.errors import CellError, FileError

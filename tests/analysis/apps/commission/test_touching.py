@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.apps.commission.touched_ball import REST_S, RestDetector, Touching
-from analysis.procedures.shared.simulated_readings import planned_touches
+from analysis.procedures.simulate import planned_touches
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Array, arm_of
 from rigs.arms import load_arm

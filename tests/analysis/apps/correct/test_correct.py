@@ -24,7 +24,7 @@ from analysis.cli import app
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import supports
 from analysis.correction.work import tool_poses
-from analysis.intake.cells import TableFileError
+from analysis.intake.read import TableFileError
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.model.predict import model_of

@@ -12,7 +12,7 @@ from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.observation import predicted
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import Linearisation, linearise
-from analysis.procedures.facts import facts_of
+from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.model.predict import SetUp
 from analysis.runs.tables import CircleTable
 from rigs.effects import (

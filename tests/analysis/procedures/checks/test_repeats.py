@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
-from analysis.procedures.checks.gauge_sign import repeat_findings
+from analysis.procedures.checks.gauges import repeat_findings
 from analysis.procedures.simulate import simulate
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from analysis.procedures.checks.place import source_findings
+from analysis.procedures.checks.places import source_findings
 from analysis.robot.geometry.pose_setup import fit_constants
 from analysis.robot.kinematics.arm import arm_of, forward, without_setup
 from analysis.runs.tables import PoseTable

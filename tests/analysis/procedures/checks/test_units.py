@@ -7,12 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.intake.read import parse_csv
-from analysis.procedures.checks.gauge_sign import EXCHANGED, ORDER
-from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
-from analysis.procedures.checks.place import PLACE, STAMPS
-from analysis.procedures.checks.units import impossible_travel, unit_findings
-from analysis.procedures.shared.finding import Finding
-from analysis.procedures.shared.test_kind import findings_against
+from analysis.procedures.checks.columns import impossible_travel, unit_findings
+from analysis.procedures.checks.gauges import EXCHANGED, ORDER
+from analysis.procedures.checks.places import DUPLICATES, PLACE, STAMPS, WILDNESS
+from analysis.procedures.shared.test_kind import Finding, findings_against
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.table_format import table_from

@@ -1,6 +1,6 @@
 import numpy as np
 
-from analysis.procedures.checks.units import unit_findings
+from analysis.procedures.checks.columns import unit_findings
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 

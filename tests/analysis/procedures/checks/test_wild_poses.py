@@ -8,7 +8,7 @@ import pytest
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.procedures.checks.check_runs import findings_of
-from analysis.procedures.checks.lost_poses import WILDNESS, far_poses
+from analysis.procedures.checks.places import WILDNESS, far_poses
 from analysis.procedures.results import result_of
 from analysis.robot.geometry.pose_setup import fit_setup
 from analysis.robot.kinematics.arm import arm_of, forward, without_setup

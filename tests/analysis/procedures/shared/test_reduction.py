@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analysis.procedures.shared.reduction import PHI, nodes_of, reduced
+from analysis.procedures.shared.lap_curve import PHI, nodes_of, reduced
 from analysis.robot.geometry.circle import CircleFrame
 from analysis.runs.laps import Laps
 

@@ -14,8 +14,8 @@ from analysis import Measured, Result, evaluate_runs, load_run
 from analysis.apps.report.page.accuracy import PageVerdict, example_limits, figure_title, judge, verdict_sentence
 from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.diagnosis.judge.verdict import standing_of
-from analysis.procedures.facts import Labels
 from analysis.procedures.pooled import figure_columns
+from analysis.procedures.shared.test_kind import Labels
 from rigs.load import load, load_hidden
 from rigs.schema.limits import CircleLimits, Limit, Limits
 from rigs.schema.vocabulary import TestName

@@ -12,15 +12,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from analysis.procedures.facts import Labels
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
-from analysis.procedures.shared.test_kind import Instruments, TestKind, check_numbers
+from analysis.procedures.shared.test_kind import Instruments, Labels, TestKind, check_numbers
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.runs.noise.spectrum import DRAWS
-from analysis.runs.table_layout import Layout, joint_columns
-from analysis.runs.table_format import Rows, joint_cells
+from analysis.runs.table_format import Layout, Rows, joint_cells, joint_columns
 from analysis.runs.tables import Table
 from rigs.errors import FileError
 from rigs.rig import Rig

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.procedures.shared.reduction import PHI
+from analysis.procedures.shared.lap_curve import PHI
 from analysis.procedures.shared.second_order import second_order_figures
 
 
