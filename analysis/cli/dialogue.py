@@ -95,7 +95,6 @@ class Dialogue:
 
 
 def at_terminal(say: Callable[[str], None], busy: Busy) -> Dialogue:
-    """Dialogue at the terminal of this program, if any."""
     has_terminal = has_keyboard() and sys.stdout.isatty()
     return Dialogue(say, busy, has_terminal, sys.stdin, sys.stdout)
 

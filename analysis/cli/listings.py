@@ -22,7 +22,6 @@ _STYLE = {"confirmed": "green", "weak": "yellow", "unconfirmed": "red"}
 
 
 def interfaces_table(interfaces: Sequence[Interface]) -> RenderableType:
-    """Table of the interfaces and the count of each standing."""
     table = Table(
         Column("interface, line", no_wrap=True),
         Column("instruments", ratio=1, overflow="fold"),

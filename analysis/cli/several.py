@@ -114,20 +114,25 @@ def evaluated(
 
     with_rows: keep the rows of each run. Figures and remarks by themselves take some 0.2 MB per run.
     """
-    from analysis.procedures.results import borrowers, evaluate_again, evaluate_path
+    from analysis.procedures.results import borrowed_noise, evaluate_path
 
     first: list[Result] = []
     work = partial(evaluate_path, with_rows=with_rows)
     errors = over_runs(work, runs, first.append, doing="evaluating", jobs=jobs, scheduler=scheduler)
-    results = dict(enumerate(first))
-    to_repeat = borrowers(first)
-    for borrower in to_repeat:
-        del results[borrower.place]
+    results = {result.measured.path: result for result in first}
+    like = {first[place].measured.path: noise for place, noise in borrowed_noise(first).items()}
+    for run in like:
+        del results[run]
     doing = "evaluating with the noise of other runs"
     errors += over_runs(
-        evaluate_again, to_repeat, lambda one: results.update([one]), doing=doing, jobs=jobs, scheduler=scheduler
+        partial(work, like=like),
+        list(like),
+        lambda result: results.update({result.measured.path: result}),
+        doing=doing,
+        jobs=jobs,
+        scheduler=scheduler,
     )
-    return [result for _, result in sorted(results.items())], errors
+    return [results[run] for run in runs if run in results], errors
 
 
 def distinct(paths: Iterable[Path]) -> dict[Path, None]:
@@ -222,7 +227,6 @@ def refuse_arm_name(path: Path) -> None:
 
 
 def _run_of(table: Path, rig_file: str | None) -> Path:
-    """Import a table into a temporary run, and return that run together with the path of the table."""
     from analysis.api import read_table, save_run
     from analysis.runs.remote import ImportedRun
 

@@ -150,7 +150,6 @@ def count_places(columns: Iterable[str]) -> int:
 
 
 def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
-    """Raise FileError if every candidate group of joint columns has a repeated column name."""
     repeated = [
         next((name for name in group.columns if re.sub(r" \(\d+\)$", "", name) in {*group.columns} - {name}), "")
         for group in joints
@@ -403,7 +402,6 @@ def _vectors(names: Sequence[_Name]) -> Iterator[PlaceColumns]:
 
 
 def _poses(columns: Sequence[str]) -> Iterator[PlaceColumns]:
-    """Yield the interpretations of consecutive columns as a pose."""
     c = list(columns)
     match len(c):
         case 3:

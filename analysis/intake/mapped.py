@@ -66,9 +66,6 @@ class MappedPoses:
 
 
 def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
-    """Read the poses of a table with the map. Raises TableFileError for bad cells, FileError for a key missing in
-    the map.
-    """
     problems = Problems()
     if table_map.joints is None or table_map.place is None:
         problem = f"lacks {'joints' if table_map.joints is None else 'place'}, which every pose needs"

@@ -25,6 +25,7 @@ import pyarrow.csv as pa_csv
 from analysis.intake.read import DECIMAL_COMMAS, Problems, TableFileError, TableProblem, refuse_other_formats, value
 from analysis.intake.table_map import SEPARATORS, FileLayout, Separator
 from analysis.robot.kinematics.arm import Array, Integers
+from analysis.runs.noise.readings import evenly
 from analysis.runs.table_format import LARGEST
 from daq.store.chunk import array_of
 from rigs.distribution import to_install
@@ -106,7 +107,7 @@ class RawTable:
         sound_rows = np.flatnonzero(sound)
         if not len(sound_rows):
             raise FileError(self.where, "has a bad cell in every row", "correct the file", code="table.no_numbers")
-        chosen = sound_rows[np.unique(np.linspace(0, len(sound_rows) - 1, min(rows, len(sound_rows))).astype(int))]
+        chosen = sound_rows[evenly(len(sound_rows), rows)]
         return replace(self, cells=self.cells.take(chosen), lines=self.lines[chosen])
 
     def _plain(self, name: str) -> pa.ChunkedArray:
@@ -279,7 +280,6 @@ def _is_number(cell: str, comma: bool) -> bool:
 
 
 def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
-    """Split the lines of a file by the layout. Raises TableFileError for rows of different lengths."""
     mark = SEPARATORS[layout.separator]
     fields = len(_fields("".join(lines[layout.first_line - 1 : layout.first_line]), mark))
 

@@ -189,7 +189,6 @@ def load_map(path: Path) -> TableMap:
 
 
 def parse_map(text: str, where: str) -> TableMap:
-    """Parse the text of a map; `where` is the name in errors. Raises FileError."""
     root, data = read_yaml(text, where)
     for number, line in enumerate(text.splitlines(), start=1):
         key, _, value = line.partition(":")

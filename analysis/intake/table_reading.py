@@ -133,7 +133,6 @@ def likely_angles(raw: RawTable, group: ColumnGroup) -> Angles:
 
 
 def possible_units(stated: Unit, known: Container[str], otherwise: Iterable[Unit]) -> list[Unit]:
-    """The unit stated in the file if known, otherwise all candidates."""
     each = (stated,) if isinstance(stated, str) else stated
     return [stated] if all(unit in known for unit in each) else list(otherwise)
 
@@ -172,7 +171,6 @@ class FittingPlace:
         return bool(self.source.proof) or (left_mm < COMPUTED_MM and CLEARLY * left_mm < most_mm)
 
     def is_computed(self, measured: Sequence[FittingPlace]) -> bool:
-        """True if the controller computed this place, next to measured ones."""
         most_mm = max(place.source.left_mm for place in measured)
         fitted_mm = max(place.source.fitted.rms_mm for place in measured)
         by_name = self.is_robots and self.source.fitted.rms_mm < fitted_mm

@@ -517,7 +517,7 @@ class Pose(PlaceTest[PoseTable]):
         yield from impossible(tracker(table, T_tool))
 
     def cannot_tell(self, table: PoseTable, rig: Rig) -> str:
-        sound = int((table.xyz_mm != 0).any(axis=1).sum())
+        sound = int((~table.lost).sum())
         return "" if sound >= FEWEST else f"{sound} poses are too few; {FEWEST} are needed"
 
     def judged_joints(self, table: PoseTable, rig: Rig) -> Verdict:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -30,6 +30,9 @@ from daq.store import read_run
 from rigs.errors import DirectionError, FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, Direction, TestName
+
+BothNoises = tuple[LapNoise, LapNoise]
+"""Noise of angle and distance of a circle."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,7 @@ class Result(Tabular):
         return result
 
     @property
-    def lap_noise(self) -> tuple[LapNoise, LapNoise] | None:
+    def lap_noise(self) -> BothNoises | None:
         """Noise of angle and distance estimated from the differences between laps; None for fewer than two laps."""
         if not isinstance(self.found, CircleResult) or self.found.laps.count < 2:
             return None
@@ -137,59 +140,40 @@ class Result(Tabular):
         return plain
 
 
-@dataclass(frozen=True)
-class Borrower:
-    """A run of a single lap, its index among the runs, and the noise of angle and distance taken from another run."""
-
-    place: int
-    measured: Measured
-    noise: tuple[LapNoise, LapNoise]
-
-    def __str__(self) -> str:
-        return str(self.measured.path)
-
-
 def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
     """Evaluate runs. A run of a single lap uses the noise estimate of another run of its test. Raises FileError."""
     results = [result_of(run) for run in runs]
-    for borrower in borrowers(results):
-        results[borrower.place] = result_of(borrower.measured, borrower.noise)
+    for place, noise in borrowed_noise(results).items():
+        results[place] = result_of(runs[place], noise)
     return results
 
 
-def evaluate_path(path: Path, like: tuple[LapNoise, LapNoise] | None = None, *, with_rows: bool = True) -> Result:
-    """Read and evaluate a run. like: as for `result_of`. Raises FileError.
+def evaluate_path(path: Path, like: Mapping[Path, BothNoises] | None = None, *, with_rows: bool = True) -> Result:
+    """Read and evaluate a run. Raises FileError.
 
-    with_rows: keep the rows, which take most of the memory of a result; figures and remarks take some 0.2 MB.
+    like: noise for runs of a single lap. with_rows: keep the rows, which take most of the memory of a result; figures
+    and remarks take some 0.2 MB.
     """
-    result = result_of(load_measured(path), like)
+    result = result_of(load_measured(path), like[path] if like else None)
     return result if with_rows else result.without_rows
 
 
-def evaluate_again(borrower: Borrower) -> tuple[int, Result]:
-    measured, noise = borrower.measured, borrower.noise
-    has_rows = len(measured.table.q) > 0
-    return borrower.place, result_of(measured, noise) if has_rows else evaluate_path(
-        measured.path, noise, with_rows=False
-    )
-
-
-def borrowers(results: Sequence[Result]) -> list[Borrower]:
-    """Runs of a single lap, each with the noise of the first longer run of its test, if there is one."""
+def borrowed_noise(results: Sequence[Result]) -> dict[int, BothNoises]:
+    """Noise for each run of a single lap, by its index: that of the first longer run of its test, if there is one."""
     places = {id(result): place for place, result in enumerate(results)}
-    runs: list[Borrower] = []
+    noises = {}
     for group in by_test(results):
-        noise = next((result.lap_noise for result in group if result.lap_noise), None)
-        single = (run for run in group if isinstance(run.found, CircleResult) and run.found.laps.count == 1)
-        runs += [Borrower(places[id(run)], run.measured, noise) for run in single if noise]
-    return sorted(runs, key=lambda borrower: borrower.place)
+        if noise := next((result.lap_noise for result in group if result.lap_noise), None):
+            single = (run for run in group if isinstance(run.found, CircleResult) and run.found.laps.count == 1)
+            noises |= {places[id(run)]: noise for run in single}
+    return dict(sorted(noises.items()))
 
 
 _KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
 """Results by the identity of their run, as long as they are referenced: a report and its diagnosis share them."""
 
 
-def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
+def result_of(measured: Measured, like: BothNoises | None = None) -> Result:
     """Evaluate a run. like: noise of angle and distance in a different run, for a single lap. Raises FileError."""
     kept = _KEPT.get(id(measured)) if like is None else None
     if kept is not None and kept.measured is measured:

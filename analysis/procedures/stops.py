@@ -28,8 +28,6 @@ P = TypeVar("P", bound=PlaceTable)
 
 
 class TargetTest(TestKind[H]):
-    """A test at the targets of a hemisphere, read by one gauge."""
-
     finders: ClassVar[Finders] = {PLACE: place_findings}
 
     @abstractmethod
@@ -80,8 +78,6 @@ class TargetTest(TestKind[H]):
 
 
 class PlaceTest(TestKind[P]):
-    """A test of positions."""
-
     def setup(self, rig: Rig) -> SetUp:
         return SetUp(np.zeros(3), np.zeros(1), np.eye(4), np.eye(4))
 

@@ -17,7 +17,8 @@ import pyarrow as pa
 from analysis.robot.description.controller_constants import constants_from_poses, data_sheet_of, robot_with
 from analysis.robot.description.rig_section import largest_difference, random_postures
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
-from analysis.robot.kinematics.arm import Array, Mask, controller_arm, forward, transforms, without_setup
+from analysis.robot.kinematics.arm import Array, controller_arm, forward, transforms, without_setup
+from analysis.runs.noise.readings import evenly
 from analysis.runs.table_format import CONTROLLER_PLACE, CONTROLLER_TURN, Rows
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -81,16 +82,12 @@ def controller_poses(robot: Mapping[str, np.ndarray[Any, Any]]) -> ControllerPos
     if POSE[0] not in robot:
         return None
     columns = np.stack([np.asarray(robot[name], dtype=float) for name in POSE], axis=1)
-    rows = np.flatnonzero(_complete(columns))
+    rows = np.flatnonzero(np.isfinite(columns).all(axis=1))
     if not len(rows):
         return None
-    rows = np.unique(rows[np.linspace(0, len(rows) - 1, min(_MOST, len(rows))).astype(int)])
+    rows = rows[evenly(len(rows), _MOST)]
     q = np.radians(np.stack([robot[f"q{axis}_deg"][rows] for axis in range(1, 7)], axis=1))
     return ControllerPoses(q, transforms(columns[rows]))
-
-
-def _complete(columns: Array) -> Mask:
-    return np.asarray(np.isfinite(columns).all(axis=1))
 
 
 def controller_doubt(rig: Rig, poses: ControllerPoses | None) -> list[str]:

@@ -395,7 +395,6 @@ def _errors_name(run: Path, copy: Path) -> Iterator[None]:
 
 
 def restore_run_path(text: str, copy: Path, run: Path) -> str:
-    """Replace the path of the copy by the original run in a text."""
     if copy == run:
         return text
     return text.replace(to_recover(copy), "run `rig recover` on a copy of the run").replace(str(copy), str(run))

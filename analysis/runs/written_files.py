@@ -201,7 +201,6 @@ def _exists(path: Path) -> FileError:
 
 
 def write_parquet(table: pa.Table, file: BinaryIO) -> None:
-    """Write the table as Parquet, excluding the metadata of the store."""
     import pyarrow.parquet as pq  # noqa: PLC0415 - slow to import, needed for Parquet only
 
     pq.write_table(table.replace_schema_metadata(None), file, compression="zstd")

@@ -44,7 +44,7 @@ from analysis.diagnosis.judge.result import (
 )
 from analysis.procedures.pooled import FigureColumn, figure_columns
 from analysis.procedures.pose import SAME_RAD, groups
-from analysis.procedures.results import Result, borrowers, by_test, result_of
+from analysis.procedures.results import Result, borrowed_noise, by_test, result_of
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array
@@ -134,8 +134,8 @@ def _results_of(runs: Sequence[Measured]) -> list[Result]:
     for run in runs:
         with suppress(RigError):
             results.append(result_of(run))
-    for borrower in borrowers(results):
-        results[borrower.place] = result_of(borrower.measured, borrower.noise)
+    for place, noise in borrowed_noise(results).items():
+        results[place] = result_of(results[place].measured, noise)
     return results
 
 

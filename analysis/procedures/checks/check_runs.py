@@ -51,7 +51,6 @@ class CommandError:
 
 
 def command_errors(run: Measured) -> tuple[CommandError, ...]:
-    """Following error of each axis; empty if the run lacks commanded or measured angles."""
     source = run.run.table
     both = None if source is None else _both_angles(Rows(source))
     if both is None:

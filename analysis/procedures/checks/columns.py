@@ -41,7 +41,7 @@ from analysis.robot.geometry.driven_programs import hemisphere_frame
 from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, position_error, socket_residuals
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward, rail_mm, without_setup
 from analysis.robot.kinematics.joint_limits import impossible_rad
-from analysis.runs.noise.readings import rms
+from analysis.runs.noise.readings import evenly, rms
 from analysis.runs.table_format import format_of
 from analysis.runs.tables import CircleTable, PoseTable, Table
 from rigs.arms import arm_names, load_arm
@@ -260,9 +260,7 @@ def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Ve
     (n, 3) rad.
     """
     bare, measured = without_setup(arm_of(rig.robot)), np.flatnonzero((xyz_mm != 0).any(axis=1))
-    few, many = (
-        measured[np.unique(np.linspace(0, len(measured) - 1, rows).astype(int))] for rows in (_SCREENED, _JUDGED)
-    )
+    few, many = (measured[evenly(len(measured), rows)] for rows in (_SCREENED, _JUDGED))
 
     def verdict(turns: Array | None) -> Verdict:
         def misfit(rows: Integers, joints: Array, steps: int) -> float:
@@ -548,7 +546,7 @@ def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if rig.robot.rail is None or table.q.shape[1] == arm.axes:
         return
     if len(table.q) >= FEWEST:
-        kept = np.unique(np.linspace(0, len(table.q) - 1, _POSES).astype(int))
+        kept = evenly(len(table.q), _POSES)
 
         def misfit_mm(factor: float) -> float:
             q: Array = table.q[kept] * np.append(np.ones(arm.axes), factor)
@@ -576,10 +574,10 @@ _MIRROR = np.array([1.0, -1.0, 1.0])
 
 def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Finding]:
     """A finding if poses fit the arm only with x, y or z inverted."""
-    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
+    measured = np.flatnonzero(~table.lost)
     if len(measured) < FEWEST:
         return
-    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, _MIRROR_POSES).astype(int))]
+    chosen = measured[evenly(len(measured), _MIRROR_POSES)]
     bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen]
     as_labelled = left_mm(bare, q, xyz_mm, _MIRROR_STEPS)
     if as_labelled < RIGHT_MM:

@@ -49,7 +49,16 @@ from analysis.robot.geometry.pose_setup import (
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.runs.loading import Measured
 from analysis.runs.noise.cell_noise import TARGET_MM
-from analysis.runs.noise.readings import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
+from analysis.runs.noise.readings import (
+    FITTED_SPREADS,
+    NEAR,
+    SPREADS,
+    STEPS,
+    by_accident,
+    evenly,
+    far_from_fit,
+    spreads_of,
+)
 from analysis.runs.stands import rows_per_standstill
 from analysis.runs.table_format import table_from
 from analysis.runs.tables import CircleTable, PathTable, PoseTable, Table, TouchTable
@@ -77,7 +86,7 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     too few poses.
     """
     count = len(table.q)
-    chosen = np.unique(np.linspace(0, count - 1, min(FITTED, count)).astype(int))
+    chosen = evenly(count, FITTED)
     if count < 2 * _FEWEST_ROWS:
         return ""
     q, xyz_mm, rows = table.q[chosen], table.xyz_mm[chosen], table.rows[chosen]
@@ -252,10 +261,10 @@ def source_of(bare: Arm, q: Array, xyz_mm: Array) -> PlaceSource | None:
 def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if table.rail:
         return
-    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
+    measured = np.flatnonzero(~table.lost)
     if len(measured) < FEWEST:
         return
-    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, min(_POSES, len(measured))).astype(int))]
+    chosen = measured[evenly(len(measured), _POSES)]
     source = source_of(without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen])
     if source is None or not source.proof:
         return
@@ -374,7 +383,7 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
 
     fit: function for positions and rotations; positions only if absent.
     """
-    lost = (table.xyz_mm == 0).all(axis=1)
+    lost = table.lost
     count = len(lost) - int(lost.sum())
     far, far_mm = np.zeros(len(lost), dtype=bool), np.zeros(len(lost))
     if count <= _KEPT:
@@ -426,14 +435,13 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
 def _sample(rows: Integers, xyz_mm: Array) -> Integers:
     """At most FITTED of the rows (m,), at places xyz_mm (n, 3); the same ones for any order of the rows."""
     by_place = rows[np.lexsort(xyz_mm[rows].T)]
-    chosen: Integers = by_place[np.unique(np.linspace(0, len(rows) - 1, min(FITTED, len(rows))).astype(int))]
-    return chosen
+    return by_place[evenly(len(rows), FITTED)]
 
 
 def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> tuple[PoseTable, Integers, list[str]]:
     """Leave out outliers by position and rotation relative to an arm; also returns the kept rows (m,) and notes."""
     far = far_poses(table, bare, fit)
-    out = (table.xyz_mm == 0).all(axis=1) | far.wild
+    out = table.lost | far.wild
     if out.all():
         return table, np.arange(len(out)), []
     notes = [words] if (words := far.words(table)) else []
@@ -488,7 +496,7 @@ def outlying_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
 
 
 def outlier_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    lost = (table.xyz_mm == 0).all(axis=1)
+    lost = table.lost
     if lost.any():
         rows = listed(table.rows[lost].tolist())
         have = "row {} has the place" if lost.sum() == 1 else "rows {} have the place"
@@ -525,7 +533,7 @@ _SEVERAL = 3
 def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if not len(table.q):
         return
-    lost = (table.xyz_mm == 0).all(axis=1)
+    lost = table.lost
     places = forward(arm_of(rig.robot), table.q)[:, :3, 3]
     group_of_row = np.unique(table.xyz_mm, axis=0, return_inverse=True)[1].reshape(-1)
     copied = 0

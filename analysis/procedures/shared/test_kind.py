@@ -105,7 +105,6 @@ def shows_joints(test: TestName) -> bool:
 
 
 def no_joints_error(test: TestName, where: str) -> FileError:
-    """Error for a test that reveals nothing about the joints of an arm."""
     return FileError(where, labels_of(test).unsupported_reason, "give poses, touches or circles", code="test.no_joints")
 
 
@@ -287,7 +286,6 @@ def kind_of(test: TestName) -> TestKind[Table]:
 
 
 def findings_against(convention: str, table: Table, rig: Rig) -> Iterable[Finding]:
-    """Findings of a table against a convention, by the finder of its test."""
     find = kind_of(table.test).finders.get(convention)
     return find(table, rig) if find else ()
 

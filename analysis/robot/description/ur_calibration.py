@@ -152,7 +152,6 @@ def factory_constants(robot: Robot, path: Path) -> FactoryConstants:
 
 
 def is_ur_calibration(text: str) -> bool:
-    """True if a text looks like calibration.conf, or like the YAML of ur_calibration."""
     return bool(_UR_FORMS.search(text))
 
 

@@ -125,7 +125,6 @@ def frame(R: Array, origin: Array) -> Array:
 
 
 def _position_residuals(T: Array, xyz_mm: Array, R: Array, origin: Array, tool: Array) -> Array:
-    """Residuals (3 n,) mm of positions for a base and a tool."""
     values: Array = xyz_mm - ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T + origin)
     return values.ravel()
 

@@ -293,7 +293,6 @@ class ModelScene:
         return place, direction, end
 
     def taken_at(self, t_s: Array) -> ModelScene:
-        """Scene as reported at other times t_s (n,) s."""
         q = self.reported_at(t_s)
         return replace(self, motion=Motion(self.t_s, q), link_q=q)
 
@@ -350,7 +349,6 @@ class ModelScene:
         return replace(self, link_q=self.link_q + link_q, g_mm=self.g_mm + g_mm)
 
     def with_gauges_at(self, offsets_mm: Array) -> ModelScene:
-        """Scene with gauges at other positions (k,) mm on the baseline."""
         return replace(self, offsets_mm=offsets_mm)
 
     def read(self, gauge: str, change: Callable[[Array], Array]) -> ModelScene:
@@ -368,7 +366,6 @@ class ModelScene:
 
 
 def apply(effects: Sequence[Effect], stage: Stage, scene: ModelScene) -> ModelScene:
-    """Scene after all effects of a stage, in order."""
     for effect in effects:
         if stage == effect.STAGE:
             scene = effect.apply(scene)

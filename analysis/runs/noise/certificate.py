@@ -91,7 +91,6 @@ def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array
 
 
 def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[str]:
-    """Doubts about readings beyond the certificates. beyond: number of readings by gauge, of `rows` rows."""
     doubts, gauges = [], dict(rig.gauges)
     for name, count in beyond.items():
         certificate = gauges[name].certificate

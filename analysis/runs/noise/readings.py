@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.robot.kinematics.arm import Array, Mask
+from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 _SAMPLE = 20_000
 """Number of readings that is enough to estimate steps and spreads: a standard deviation to 0.5 %. Chosen."""
@@ -45,6 +45,11 @@ _BLOCK = 1 << 13
 
 def rms(values: NDArray[Any]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def evenly(count: int, most: int) -> Integers:
+    """Numbers (m,) of at most `most` rows, spread evenly over `count` rows."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
 
 def running_median(values: Array) -> Array:
