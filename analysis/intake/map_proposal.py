@@ -22,7 +22,7 @@ from analysis.intake.column_groups import (
     is_of_controller,
     is_of_spot,
 )
-from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, plausibility, poses_of, radians, with_joints
+from analysis.intake.mapped import MappedPoses, poses_of, radians, with_joints
 from analysis.intake.raw_table import RawTable
 from analysis.intake.read import TableFileError
 from analysis.intake.table_map import (
@@ -44,9 +44,12 @@ from analysis.intake.table_reading import (
     PlaceRoles,
     Question,
     TableReading,
+    fits_in_parts,
     in_each_unit,
     likely_angles,
+    meant,
     place_roles,
+    plausibility,
     possible_units,
     short,
 )
@@ -63,9 +66,8 @@ from rigs.text import as_argument, first_of
 
 _JUDGED = 200
 """Number of evenly selected rows used to compare interpretations; more rows add little."""
-_SCREEN_STEPS, _STEPS = 12, 100
+_STEPS = 100
 _KEPT = 0.8
-_FARTHEST_MM = 1e6
 _RIGHT_DEG = 2.0
 """Largest residual of an orientation. The tool orientation of a nominal arm is right within some tenths of a degree."""
 _SHARE_OF_CONSTANTS = 0.8
@@ -85,8 +87,6 @@ _FAULTY_SHARE = 0.05
 """Largest relative residual of a faulty arm; more means a different arm. A zero wrong by 2.5° moves places by 0.044
 of the lever.
 """
-_ANGLES = ("deg", "rad")
-_LENGTHS = ("mm", "m", "in", "cm")
 
 
 @dataclass(frozen=True)
@@ -359,18 +359,18 @@ def _hardly_moved(judge: Judge, taken: tuple[TableReading, PlaceColumns]) -> Tab
     if not ways:
         return best
     first = ways[0]
-    if CLEARLY * max(first.left_mm, _FLOOR_MM) < best.left and not first.remedy:
-        second = TableReading(first.table_map, first.left_mm, "mm", f"{best.words}, with {first.words}", first.share)
+    if CLEARLY * max(first.left, _FLOOR_MM) < best.left and not first.remedy:
+        second = replace(first, words=f"{best.words}, with {first.words}")
         _ask(
             judge,
             [(second, seen), taken],
             "the joints hardly move, and a different reading fits better; which is correct?",
         )
         return second
-    if first.left_mm < CLEARLY * max(best.left, _FLOOR_MM):
+    if first.left < CLEARLY * max(best.left, _FLOOR_MM):
         judge.assumed.append(
             f"the joints move too little to show order and signs of the columns ({first.words} fits to "
-            f"{first.left_mm:.2g} mm, as named to {best.left:.2g} mm): they are taken as they are named"
+            f"{first.left:.2g} mm, as named to {best.left:.2g} mm): they are taken as they are named"
         )
     return best
 
@@ -446,8 +446,7 @@ def _otherwise(
     # A zero wrong by 180° is equivalent to a reversed next axis; a map can state the latter.
     if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):
         ways = [way for way in ways if not way[0].remedy]
-    read = [(TableReading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), pose)
-            for way, _, named, pose in ways]  # fmt: skip
+    read = [(replace(way, words=f"{named}, with {way.words}"), pose) for way, _, named, pose in ways]
     if not read or not read[0][0].fits:
         return None, [*candidates, *read]
     best, base, named, pose = ways[0]

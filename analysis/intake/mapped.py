@@ -11,7 +11,6 @@ standard is selected, and gives the joint angles.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations
 from typing import TYPE_CHECKING
@@ -22,11 +21,9 @@ import pyarrow as pa
 from analysis.intake.raw_table import RawTable
 from analysis.intake.read import Problems, TableFileError, TableProblem, value
 from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, Lengths, TableMap, TurnColumns
-from analysis.procedures.checks.columns import AS_WELL, FEWEST, RIGHT_MM, RIGHT_SHARE, left_mm, meanings
-from analysis.procedures.shared.test_kind import Meaning
 from analysis.robot.geometry.iso_cube import ORDER, Cube
 from analysis.robot.geometry.pose_setup import best_rigid, in_frame
-from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, forward
+from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.table_format import (
     CONTROLLER_PLACE,
     CONTROLLER_TURN,
@@ -238,118 +235,6 @@ def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: P
             problems.add([TableProblem(line, column, str(error))])
             values.append(None)
     return pa.array(values, pa.int64() if name in COUNTS else pa.string())
-
-
-_STEPS, _ALL_STEPS, _BEST = 8, 60, 6
-"""Number of optimiser steps for screening and for the best candidates, and number of these candidates."""
-_ALIKE = 4.0
-"""Largest ratio between the spread of the places and of the flange; a larger ratio means a wrong unit."""
-_FIRST, _PARTS = 0.4, 4
-"""Share of first rows that may belong to a separate placement, and maximum number of values of a column that names
-placements.
-"""
-_MIRROR = "y"
-"""Mirrored axis; any axis works because the frame is fitted."""
-
-
-@dataclass(frozen=True)
-class Meant:
-    """A map with an alternative interpretation, the residual and a description.
-
-    left_mm: rms residual in mm; share: the same relative to the spread of the places. mistakes: number of independent
-    mistakes that it assumes. remedy: action if a map cannot express the interpretation, otherwise empty.
-    """
-
-    table_map: TableMap
-    left_mm: float
-    share: float
-    words: str
-    mistakes: int
-    remedy: str
-
-
-def plausibility(way: Meant, closest: float) -> tuple[float, float]:
-    """Key that orders interpretations: by their fit, and by the number of mistakes if they fit as well as the closest.
-    closest: the smallest share.
-    """
-    return (way.mistakes if way.share <= AS_WELL * closest else np.inf, way.share)
-
-
-def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
-    """Alternative interpretations of the joints and places of a map, best first.
-
-    Empty if the units do not suit the arm or hardly any row has a place.
-    """
-    try:
-        poses = poses_of(raw, base)
-    except TableFileError:
-        return []
-    sound = (poses.xyz_mm != 0).any(axis=1)
-    q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
-    if len(q) < FEWEST:
-        return []
-    apart, reach = spread_of(xyz_mm), spread_of(forward(bare, q)[:, :3, 3])
-    if not 1 / _ALIKE < apart / max(reach, 1e-9) < _ALIKE:
-        return []
-
-    def judged(way: tuple[TableMap, Meaning | None, str, str], steps: int) -> Meant:
-        table_map, meaning, words, remedy = way
-        seen = xyz_mm if meaning else xyz_mm @ np.diag([-1.0 if letter == _MIRROR else 1.0 for letter in "xyz"])
-        rms_mm = left_mm(bare, meaning.of(q) if meaning else q, seen, steps)
-        return Meant(table_map, rms_mm, rms_mm / apart, words, meaning.mistakes if meaning else 1, remedy)
-
-    ways = list(_ways(base, bare.axes))
-    order = np.argsort([judged(way, _STEPS).left_mm for way in ways])[:_BEST]
-    best = [judged(ways[k], _ALL_STEPS) for k in order.tolist()]
-    closest = min(way.share for way in best)
-    return sorted(best, key=lambda way: plausibility(way, closest))
-
-
-def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
-    """A description of rows that fit the arm separately although the complete table does not; empty if none do.
-
-    In the other rows the target or the instrument was in a different place.
-    """
-    poses = poses_of(raw, base)
-    measured, number = (poses.xyz_mm != 0).any(axis=1), np.arange(len(raw.lines))
-    parts = {"the first rows": [number < max(_FIRST * len(number), FEWEST)]}
-    parts["every other row"] = [number % 2 == 0, number % 2 == 1]
-    for name in raw.names:
-        values = raw.cells[name].to_pylist()
-        if name not in raw.numeric and 1 < len(set(values)) <= _PARTS:
-            parts |= {f"the rows of {name} {value}": [np.array([cell == value for cell in values])] for value in values}
-
-    def misfit_mm(rows: Mask) -> float:
-        q, xyz_mm = poses.q[rows & measured], poses.xyz_mm[rows & measured]
-        rms_mm = left_mm(bare, q, xyz_mm, _ALL_STEPS) if len(q) >= FEWEST else np.inf
-        return rms_mm if rms_mm < min(RIGHT_MM, RIGHT_SHARE * spread_of(xyz_mm)) else np.inf
-
-    left = {words: max(map(misfit_mm, every)) for words, every in parts.items()}
-    return next((f"{words}, which leave {mm:.2g} mm" for words, mm in left.items() if np.isfinite(mm)), "")
-
-
-def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:
-    """Yield alternative interpretations: map, meaning (None for a mirror), description, and remedy if a map cannot
-    express it.
-    """
-    if base.joints is None or base.place is None:
-        return
-    mirrored = base.place.model_copy(update={"mirror": _MIRROR})
-    yield base.model_copy(update={"place": mirrored}), None, f"{_MIRROR} mirrored: the frame is left-handed", ""
-    columns = np.array(base.joints.columns, dtype=object)
-    for meaning in meanings(axes):
-        is_order = not meaning.offset.any() and bool((np.abs(meaning.matrix).sum(axis=1) == 1).all())
-        if not is_order:
-            yield base, meaning, meaning.words, meaning.remedy
-            continue
-        backwards = tuple((np.flatnonzero(meaning.matrix.sum(axis=1) < 0) + 1).tolist())
-        order = tuple(columns[np.abs(meaning.matrix).argmax(axis=1)].tolist())
-        joints = base.joints.model_copy(update={"columns": order, "reversed": backwards})
-        yield base.model_copy(update={"joints": joints}), meaning, meaning.words, ""
-
-
-def spread_of(places: Array) -> float:
-    return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 _HEAP = 0.05

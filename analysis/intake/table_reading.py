@@ -15,14 +15,24 @@ from typing import Any
 import numpy as np
 
 from analysis.intake.column_groups import ColumnGroup, Groups, PlaceColumns
-from analysis.intake.mapped import poses_of, spread_of
+from analysis.intake.mapped import poses_of
 from analysis.intake.raw_table import RawTable
 from analysis.intake.read import TableFileError
 from analysis.intake.table_map import TO_DEG, TO_MM, Angles, FileLayout, Lengths, Residual, TableMap, Unit
-from analysis.procedures.checks.columns import CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest, left_mm
+from analysis.procedures.checks.columns import (
+    AS_WELL,
+    CLEARLY,
+    FEWEST,
+    RIGHT_MM,
+    RIGHT_SHARE,
+    fit_nearest,
+    left_mm,
+    meanings,
+)
 from analysis.procedures.checks.places import PlaceSource, source_of
+from analysis.procedures.shared.test_kind import Meaning
 from analysis.robot.geometry.pose_setup import position_error
-from analysis.robot.kinematics.arm import Arm, forward
+from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 
 _SCREEN_STEPS = 12
 _FARTHEST_MM = 1e6
@@ -35,7 +45,7 @@ class TableReading:
     """An interpretation of a part of the table, with the residual.
 
     left: rms of the best four fifths, in mm or degrees. share: for places also relative to their spread, to compare
-    units.
+    units. mistakes: number of independent mistakes that it assumes. remedy: action if a map cannot express it.
     """
 
     value: Any
@@ -43,6 +53,8 @@ class TableReading:
     unit: str
     words: str
     share: float = 0.0
+    mistakes: int = 0
+    remedy: str = ""
 
     def line(self, next_best: TableReading | None = None) -> str:
         """Interpretation and the residual as text, with the next best for comparison."""
@@ -102,6 +114,103 @@ class Judge:
         apart = spread_of(xyz_mm)
         rms_mm = left_mm(self.bare, q, xyz_mm, steps)
         return TableReading(table_map, rms_mm, "mm", words, rms_mm / apart if apart else np.inf)
+
+
+def spread_of(places: Array) -> float:
+    return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+_FIRST_STEPS, _ALL_STEPS, _BEST = 8, 60, 6
+"""Number of optimiser steps for screening and for the best candidates, and number of these candidates."""
+_ALIKE = 4.0
+"""Largest ratio between the spread of the places and of the flange; a larger ratio means a wrong unit."""
+_FIRST, _PARTS = 0.4, 4
+"""Share of first rows that may belong to a separate placement, and maximum number of values of a column that names
+placements.
+"""
+_MIRROR = "y"
+"""Mirrored axis; any axis works because the frame is fitted."""
+
+
+def plausibility(way: TableReading, closest: float) -> tuple[float, float]:
+    """Key that orders interpretations: by their fit, and by the number of mistakes if they fit as well as the closest.
+    closest: the smallest share.
+    """
+    return (way.mistakes if way.share <= AS_WELL * closest else np.inf, way.share)
+
+
+def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[TableReading]:
+    """Alternative interpretations of the joints and places of a map, best first.
+
+    Empty if the units do not suit the arm or hardly any row has a place.
+    """
+    try:
+        poses = poses_of(raw, base)
+    except TableFileError:
+        return []
+    sound = (poses.xyz_mm != 0).any(axis=1)
+    q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
+    if len(q) < FEWEST:
+        return []
+    apart, reach = spread_of(xyz_mm), spread_of(forward(bare, q)[:, :3, 3])
+    if not 1 / _ALIKE < apart / max(reach, 1e-9) < _ALIKE:
+        return []
+
+    def judged(way: tuple[TableMap, Meaning | None, str, str], steps: int) -> TableReading:
+        table_map, meaning, words, remedy = way
+        seen = xyz_mm if meaning else xyz_mm @ np.diag([-1.0 if letter == _MIRROR else 1.0 for letter in "xyz"])
+        rms_mm = left_mm(bare, meaning.of(q) if meaning else q, seen, steps)
+        mistakes = meaning.mistakes if meaning else 1
+        return TableReading(table_map, rms_mm, "mm", words, rms_mm / apart, mistakes, remedy)
+
+    ways = list(_ways(base, bare.axes))
+    order = np.argsort([judged(way, _FIRST_STEPS).left for way in ways])[:_BEST]
+    best = [judged(ways[k], _ALL_STEPS) for k in order.tolist()]
+    closest = min(way.share for way in best)
+    return sorted(best, key=lambda way: plausibility(way, closest))
+
+
+def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
+    """A description of rows that fit the arm separately although the complete table does not; empty if none do.
+
+    In the other rows the target or the instrument was in a different place.
+    """
+    poses = poses_of(raw, base)
+    measured, number = (poses.xyz_mm != 0).any(axis=1), np.arange(len(raw.lines))
+    parts = {"the first rows": [number < max(_FIRST * len(number), FEWEST)]}
+    parts["every other row"] = [number % 2 == 0, number % 2 == 1]
+    for name in raw.names:
+        values = raw.cells[name].to_pylist()
+        if name not in raw.numeric and 1 < len(set(values)) <= _PARTS:
+            parts |= {f"the rows of {name} {value}": [np.array([cell == value for cell in values])] for value in values}
+
+    def misfit_mm(rows: Mask) -> float:
+        q, xyz_mm = poses.q[rows & measured], poses.xyz_mm[rows & measured]
+        rms_mm = left_mm(bare, q, xyz_mm, _ALL_STEPS) if len(q) >= FEWEST else np.inf
+        return rms_mm if rms_mm < min(RIGHT_MM, RIGHT_SHARE * spread_of(xyz_mm)) else np.inf
+
+    left = {words: max(map(misfit_mm, every)) for words, every in parts.items()}
+    return next((f"{words}, which leave {mm:.2g} mm" for words, mm in left.items() if np.isfinite(mm)), "")
+
+
+def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:
+    """Yield alternative interpretations: map, meaning (None for a mirror), description, and remedy if a map cannot
+    express it.
+    """
+    if base.joints is None or base.place is None:
+        return
+    mirrored = base.place.model_copy(update={"mirror": _MIRROR})
+    yield base.model_copy(update={"place": mirrored}), None, f"{_MIRROR} mirrored: the frame is left-handed", ""
+    columns = np.array(base.joints.columns, dtype=object)
+    for meaning in meanings(axes):
+        is_order = not meaning.offset.any() and bool((np.abs(meaning.matrix).sum(axis=1) == 1).all())
+        if not is_order:
+            yield base, meaning, meaning.words, meaning.remedy
+            continue
+        backwards = tuple((np.flatnonzero(meaning.matrix.sum(axis=1) < 0) + 1).tolist())
+        order = tuple(columns[np.abs(meaning.matrix).argmax(axis=1)].tolist())
+        joints = base.joints.model_copy(update={"columns": order, "reversed": backwards})
+        yield base.model_copy(update={"joints": joints}), meaning, meaning.words, ""
 
 
 def _plain(number: float) -> str:

@@ -161,7 +161,7 @@ def evaluate_path(path: Path, like: Mapping[Path, BothNoises] | None = None, *, 
 def borrowed_noise(results: Sequence[Result]) -> dict[int, BothNoises]:
     """Noise for each run of a single lap, by its index: that of the first longer run of its test, if there is one."""
     places = {id(result): place for place, result in enumerate(results)}
-    noises = {}
+    noises: dict[int, BothNoises] = {}
     for group in by_test(results):
         if noise := next((result.lap_noise for result in group if result.lap_noise), None):
             single = (run for run in group if isinstance(run.found, CircleResult) and run.found.laps.count == 1)

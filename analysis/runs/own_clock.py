@@ -20,7 +20,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -492,52 +492,23 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
 def _count_missing_periods(least: Array, period_ns: float) -> Integers:
     """Lag of each smallest delay (n,) relative to the corrected delays of the previous `_AHEAD` rows, in
     periods.
-
-    If the previous rows have equal counts, the next count depends only on the increase of the delay. Such increases are
-    found for all rows at once, and only the rows after an increase are processed one by one.
     """
-    missing, done, count = np.zeros(len(least), dtype=np.int64), 0, 0
-    changes: list[int] = []
+    missing = np.empty(len(least), dtype=np.int64)
+    before = deque([float(least[0])] * _AHEAD, maxlen=_AHEAD)
+    lowest = before[0]
     for begin in range(0, len(least), _BLOCK):
-        rows = least[begin : begin + _BLOCK]
-        before = least[max(begin - _AHEAD, 0) : begin + len(rows) - 1]
-        if begin < _AHEAD:
-            before = np.concatenate([np.full(_AHEAD - begin, least[0]), before])
-        over = (rows - _least_of_next(before)) / period_ns
-        changes += (begin + np.flatnonzero((over >= 1 - _EARLY) | (over < -_EARLY))).tolist()
-    for change in changes:
-        if change >= done:
-            missing[done:change] = count
-            before = least[max(change - _AHEAD, 0) : change]
-            behind = np.append(np.full(_AHEAD - len(before), least[0]), before) - count * period_ns
-            counts = _counted(least[change:], behind, period_ns)
-            done, count = change + len(counts), counts[-1]
-            missing[change:done] = counts
-    missing[done:] = count
+        counts = list[int]()
+        for late in least[begin : begin + _BLOCK].tolist():  # Python's own numbers are four times as fast here
+            count = math.floor((late - lowest) / period_ns + _EARLY)
+            leaves, comes = before[0], late - count * period_ns
+            before.append(comes)
+            if comes <= lowest:
+                lowest = comes
+            elif leaves == lowest:
+                lowest = min(before)
+            counts.append(count)
+        missing[begin : begin + _BLOCK] = counts
     return missing
-
-
-def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
-    """Counts of the first rows of least (n,), until `_AHEAD` consecutive counts are equal.
-
-    behind (_AHEAD,): smallest delays of the previous rows, minus the missing periods counted before.
-    """
-    before, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
-    lowest = min(before)
-    batches = (least[begin : begin + 2 * _AHEAD].tolist() for begin in range(0, len(least), 2 * _AHEAD))
-    for ahead in chain.from_iterable(batches):  # Python's own numbers are four times as fast as those of numpy
-        count = math.floor((ahead - lowest) / period_ns + _EARLY)
-        leaves, comes = before[0], ahead - count * period_ns
-        before.append(comes)
-        if comes <= lowest:
-            lowest = comes
-        elif leaves == lowest:
-            lowest = min(before)
-        alike = alike + 1 if counts and count == counts[-1] else 1
-        counts.append(count)
-        if alike == _AHEAD:
-            break
-    return counts
 
 
 def _least_of_next(values: Array, width: int = _AHEAD) -> Array:

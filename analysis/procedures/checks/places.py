@@ -107,7 +107,7 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     )
 
 
-def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
+def _parts(rows: Integers, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
     """Possible sets of moved rows with their descriptions: the rows after the split with the smallest residual
     (first a few splits, then their neighbours), and every other row if there are enough.
     """
