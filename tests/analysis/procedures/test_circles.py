@@ -10,8 +10,8 @@ from analysis.apps.report.run_object import figure_in_words
 from analysis.procedures import direction_pair
 from analysis.procedures.checks.places import place_findings, stamp_findings
 from analysis.procedures.circle import CircleResult, Circularity, Roll, Yaw, evaluate_distance
-from analysis.procedures.shared.joint_reversals import MeasuredReversal, angle_difference, turns
 from analysis.procedures.shared.lap_curve import reduced
+from analysis.procedures.shared.result_curves import MeasuredReversal, angle_difference, turns
 from analysis.procedures.shared.test_kind import evaluate
 from analysis.procedures.simulate import simulate
 from analysis.robot.geometry.circle import CircleFrame, Reversal, frame_of, link_readings, reversals

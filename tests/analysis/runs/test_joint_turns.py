@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.runs.joint_turns import beyond_limits, turns_further, without_whole_turns
+from analysis.runs.stands import beyond_limits, turns_further, without_whole_turns
 from analysis.runs.tables import PoseTable
 from rigs.effects import TransmissionError
 from rigs.load import load
