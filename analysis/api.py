@@ -34,7 +34,7 @@ from analysis.procedures.shared.result_curves import RadialCurve as RadialCurve
 from analysis.procedures.shared.result_curves import RepeatabilityCurve as RepeatabilityCurve
 from analysis.runs.loading import Measured as Measured
 from analysis.runs.loading import load_measured
-from analysis.runs.table_format import JointSource
+from analysis.runs.tables import JointSource
 from rigs.effects import Effect
 from rigs.errors import CellError as CellError
 from rigs.errors import FileError as FileError

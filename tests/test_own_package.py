@@ -94,7 +94,7 @@ def test_a_test_kind_of_another_package_is_imported_and_evaluated(site):
     offers(site, "half-kind", {"rig.tests": {"half_kind": "nowhere:Kind", "touch": "cell_height:Height"}})
     done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", "half_kind", "-o", "heights/tuesday")
     assert done.returncode == 3 and "nowhere:Kind" in done.stderr
-    done = run(site, sys.executable, "-c", "import analysis.runs.table_format as t; print(t.format_of('touch'))")
+    done = run(site, sys.executable, "-c", "import analysis.runs.tables as t; print(t.format_of('touch'))")
     assert "analysis.procedures.touch" in done.stdout
 
 

@@ -32,7 +32,7 @@ from analysis.intake.map_proposal import MapProposal
 from analysis.intake.readers import file_of
 from analysis.intake.table_map import MAPPED, TableMap, load_map, map_text, value_text
 from analysis.intake.table_reading import Question, TableReading
-from analysis.runs.table_format import SOCKET, JointSource, format_of
+from analysis.runs.tables import SOCKET, JointSource, format_of
 from analysis.runs.written_files import holding, refuse_existing, write_new
 from rigs.errors import FileError, UseError
 from rigs.load import load

@@ -17,8 +17,7 @@ from analysis.robot.description.controller_constants import (
 from analysis.robot.description.linuxcnc_configuration import configured_robot
 from analysis.robot.description.rig_section import flange_poses, largest_difference, random_postures, robot_text
 from analysis.robot.description.ur_calibration import factory_constants, is_ur_calibration
-from analysis.runs.table_format import JOINTS, PLACE, TURN, table_from
-from analysis.runs.tables import PoseTable
+from analysis.runs.tables import JOINTS, PLACE, TURN, PoseTable, table_from
 from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.load import parse

@@ -32,7 +32,7 @@ from analysis.procedures.checks.columns import FEWEST
 from analysis.procedures.shared.test_kind import kind_of, require_live_gauges
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.runs.loading import Measured, measured_of
-from analysis.runs.table_format import (
+from analysis.runs.tables import (
     CONTROLLER_PLACE,
     MEASURED,
     PLACE,

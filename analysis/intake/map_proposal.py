@@ -59,7 +59,7 @@ from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
 from analysis.runs.stands import require_postures
-from analysis.runs.table_format import SOCKET
+from analysis.runs.tables import SOCKET
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.text import as_argument, first_of

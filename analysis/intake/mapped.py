@@ -24,7 +24,7 @@ from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, Lengths, TableMap
 from analysis.robot.geometry.iso_cube import ORDER, Cube
 from analysis.robot.geometry.pose_setup import best_rigid, in_frame
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.runs.table_format import (
+from analysis.runs.tables import (
     CONTROLLER_PLACE,
     CONTROLLER_TURN,
     COUNTS,

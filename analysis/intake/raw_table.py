@@ -26,7 +26,7 @@ from analysis.intake.read import DECIMAL_COMMAS, Problems, TableFileError, Table
 from analysis.intake.table_map import SEPARATORS, FileLayout, Separator
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.noise.readings import evenly
-from analysis.runs.table_format import LARGEST
+from analysis.runs.tables import LARGEST
 from daq.store.chunk import array_of
 from rigs.distribution import to_install
 from rigs.errors import FileError

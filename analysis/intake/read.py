@@ -31,7 +31,7 @@ from analysis.intake.table_map import MAPPED, TO_UNIT
 from analysis.procedures.stops import target_count
 from analysis.robot.description.ur_calibration import ROS_KINEMATICS
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.table_format import (
+from analysis.runs.tables import (
     COMMANDED,
     COUNTS,
     JOINTS,

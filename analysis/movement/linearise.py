@@ -16,8 +16,7 @@ from analysis.movement.evidence import LinearReadings, Shift
 from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Arm, Array, drive_angles, forward, rotation
-from analysis.robot.model.predict import Model, SetUp
-from analysis.robot.model.scene import pull
+from analysis.robot.model.predict import Model, SetUp, pull
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM
 
 _ZERO, _LENGTH_MM, _TWIST = float(np.radians(0.05)), 0.2, float(np.radians(0.02))

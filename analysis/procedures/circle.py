@@ -65,13 +65,11 @@ from analysis.procedures.simulate import read_by_gauges
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_laps, circle_of
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import Model, Path, SetUp, gauged
-from analysis.robot.model.scene import ModelScene, Motion, apply
+from analysis.robot.model.predict import Model, ModelScene, Motion, Path, SetUp, apply, gauged
 from analysis.runs.align import Aligned
 from analysis.runs.laps import Laps, laps_of
 from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
-from analysis.runs.table_format import JOINTS, TIME_U, Layout, Rows, joint_cells
-from analysis.runs.tables import CircleTable
+from analysis.runs.tables import JOINTS, TIME_U, CircleTable, Layout, Rows, joint_cells
 from rigs.errors import FileError
 from rigs.readiness import require_test
 from rigs.rig import Rig

@@ -49,8 +49,7 @@ from analysis.procedures.simulate import simulated_path
 from analysis.robot.geometry.iso_cube import CommandPath, Cube, PathName, Polygon, Ring, cube_of, iso9283_of, paths_of
 from analysis.robot.geometry.pose_setup import best_rigid, in_frame
 from analysis.robot.kinematics.arm import Array, transform
-from analysis.runs.table_format import PLACE, Layout, Rows
-from analysis.runs.tables import PathTable
+from analysis.runs.tables import PLACE, Layout, PathTable, Rows
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import TrackerPose

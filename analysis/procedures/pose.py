@@ -79,7 +79,7 @@ from analysis.runs.noise.readings import FITTED_SPREADS
 from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.noise.target_scatter import Scatter, scatter_of
 from analysis.runs.stands import STANDSTILL_MM, require_postures, standstill_starts_of_visits
-from analysis.runs.table_format import (
+from analysis.runs.tables import (
     CONTROLLER_PLACE,
     CONTROLLER_TURN,
     PLACE,
@@ -87,12 +87,13 @@ from analysis.runs.table_format import (
     RAIL_FROM,
     TURN,
     Layout,
+    PoseTable,
     Rows,
     came_from_columns,
+    content_order,
     joint_cells,
     joint_columns,
 )
-from analysis.runs.tables import PoseTable, content_order
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import TrackerPose

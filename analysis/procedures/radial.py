@@ -47,8 +47,7 @@ from analysis.runs.noise.certificate import link_excess_mm
 from analysis.runs.noise.readings import MOST, SPREADS, step_of_stops
 from analysis.runs.noise.target_scatter import Scatter, SphereLevel, scatter_of
 from analysis.runs.stands import at_targets, stands_of, visits_of
-from analysis.runs.table_format import JOINTS, Layout, Rows, joint_cells
-from analysis.runs.tables import RadialTable
+from analysis.runs.tables import JOINTS, Layout, RadialTable, Rows, joint_cells
 from rigs.errors import FileError
 from rigs.readiness import require_test
 from rigs.rig import Rig

@@ -46,8 +46,7 @@ from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.noise.readings import SPREADS, spreads_of, step_of_stops
 from analysis.runs.noise.target_scatter import scatter_of
 from analysis.runs.stands import at_targets, stands_of, visits_of
-from analysis.runs.table_format import JOINTS, Layout, Rows, joint_cells
-from analysis.runs.tables import RepeatabilityTable
+from analysis.runs.tables import JOINTS, Layout, RepeatabilityTable, Rows, joint_cells
 from rigs.errors import FileError
 from rigs.readiness import require_test
 from rigs.rig import Rig

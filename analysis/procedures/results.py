@@ -23,8 +23,7 @@ from analysis.runs.align import robot_only
 from analysis.runs.loading import Measured, load_measured, measured_of
 from analysis.runs.noise.certificate import NO_CERTIFICATE, Systematic
 from analysis.runs.noise.spectrum import LapNoise
-from analysis.runs.table_format import format_of
-from analysis.runs.tables import CircleTable
+from analysis.runs.tables import CircleTable, format_of
 from analysis.runs.tabular import Tabular, for_json, table_of_rows
 from daq.store import read_run
 from rigs.errors import DirectionError, FileError

@@ -30,12 +30,10 @@ from analysis.robot.geometry.iso_cube import (
 )
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian, transform
-from analysis.robot.model.predict import Model, Path, SetUp, model_of, moved, stops, visits
-from analysis.robot.model.scene import Motion
+from analysis.robot.model.predict import Model, Motion, Path, SetUp, model_of, moved, stops, visits
 from analysis.runs.loading import SIMULATED, Measured, measured_of, rig_of
 from analysis.runs.noise.cell_noise import SEAT_MM, TRACKER_MM
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import GaugeTable, Table, TouchTable
+from analysis.runs.tables import GaugeTable, Table, TouchTable, columns_of
 from daq.store import table_run
 from rigs.effects import Effect, turned
 from rigs.errors import FileError, RigPlace

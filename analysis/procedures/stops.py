@@ -14,11 +14,9 @@ from analysis.procedures.checks.places import PLACE, place_findings
 from analysis.procedures.shared.test_kind import Finders, Finding, PathDeviation, TestKind, Verdict
 from analysis.robot.geometry.driven_programs import hemisphere_frame, hemisphere_of, target_angles
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.robot.model.predict import Model, Path, SetUp, gauged, stops, visits
-from analysis.robot.model.scene import ModelScene, apply
+from analysis.robot.model.predict import Model, ModelScene, Path, SetUp, apply, gauged, stops, visits
 from analysis.runs.stands import STANDSTILL_MM, standstill_starts
-from analysis.runs.table_format import RAIL, RAIL_FROM, Rows, came_from_columns, joint_cells
-from analysis.runs.tables import PlaceTable, TargetTable
+from analysis.runs.tables import RAIL, RAIL_FROM, PlaceTable, Rows, TargetTable, came_from_columns, joint_cells
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere

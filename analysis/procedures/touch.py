@@ -46,17 +46,17 @@ from analysis.robot.model.predict import Model, SetUp, model_of, moved
 from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
 from analysis.runs.noise.readings import rms
 from analysis.runs.noise.spectrum import DRAWS
-from analysis.runs.table_format import (
+from analysis.runs.tables import (
     RAIL,
     RAIL_FROM,
     SOCKET,
     Layout,
     Rows,
+    TouchTable,
     came_from_columns,
     joint_cells,
     joint_columns,
 )
-from analysis.runs.tables import TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction

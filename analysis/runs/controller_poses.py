@@ -19,7 +19,7 @@ from analysis.robot.description.rig_section import largest_difference, random_po
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import Array, controller_arm, forward, transforms, without_setup
 from analysis.runs.noise.readings import evenly
-from analysis.runs.table_format import CONTROLLER_PLACE, CONTROLLER_TURN, Rows
+from analysis.runs.tables import CONTROLLER_PLACE, CONTROLLER_TURN, Rows
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.condition import POSE

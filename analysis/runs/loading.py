@@ -31,8 +31,7 @@ from analysis.runs.noise.certificate import doubts_of as certificate_doubts
 from analysis.runs.remote import fetched
 from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
 from analysis.runs.stands import average_standstills, beyond_limits, without_whole_turns
-from analysis.runs.table_format import RAIL, columns_of, format_of, table_from, u_lag_s_of
-from analysis.runs.tables import CircleTable, PoseTable, Table
+from analysis.runs.tables import RAIL, CircleTable, PoseTable, Table, columns_of, format_of, table_from, u_lag_s_of
 from analysis.runs.tabular import Tabular
 from daq.store import Run, read_run
 from rigs.errors import FileError

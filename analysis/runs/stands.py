@@ -27,9 +27,8 @@ import numpy as np
 
 from analysis.robot.geometry.driven_programs import TargetProgram
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
-from analysis.robot.model.scene import standing
-from analysis.runs.table_format import format_of
-from analysis.runs.tables import PlaceTable, Table
+from analysis.robot.model.predict import standing
+from analysis.runs.tables import PlaceTable, Table, format_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.text import counted, listed

@@ -1,20 +1,33 @@
-"""Tables of docs/tables.md in memory: the common input of evaluation, simulation and fits.
+"""Tables of docs/tables.md in memory, the common input of evaluation, simulation and fits, and their columns in files.
 
 Recorded runs are aligned to tables, and imported ones are read from files. Simulations produce the same tables. Angles
-are in rad and lengths in mm, but files contain degrees and mm (`analysis.runs.table_format`).
+are in rad and lengths in mm, but files contain degrees and mm.
+
+A kind of test is a class. Rig's own are listed here, others are offered by installed packages as entry points
+`rig.tests`. What the layers above ask of the same class is in `analysis.procedures.shared.test_kind`.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from functools import cache, cached_property
+from importlib.metadata import EntryPoint
+from itertools import takewhile
+from typing import TYPE_CHECKING, ClassVar, Generic, Literal, Self, TypeVar, get_args
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from analysis.robot.kinematics.arm import Array, Integers, Mask
-from rigs.schema.vocabulary import CircleTest, Direction, TestName
+from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers, Mask
+from analysis.runs.align import Aligned
+from daq.store.chunk import array_of
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.effect import Gauge
+from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, OTHER_TESTS, CircleTest, Direction, TestName
 
 SAME_RAD = 3e-4
 """Largest difference of each joint angle between equal postures, three steps of angles reported by controllers."""
@@ -308,3 +321,260 @@ def _is_content(name: str, values: object) -> bool:
 
 GaugeTable = CircleTable | TargetTable
 """Tables of gauge readings with times."""
+
+
+def joint_columns(axes: int) -> tuple[str, ...]:
+    return tuple(f"q{axis}_deg" for axis in range(1, axes + 1))
+
+
+def second_joint_columns(axes: int) -> tuple[str, ...]:
+    """Column names of the joints of a second arm, which holds the socket."""
+    return tuple(f"p{axis}_deg" for axis in range(1, axes + 1))
+
+
+JOINTS = joint_columns(6)
+"""Joint columns of the ball link tests."""
+COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))
+"""Commanded joint angles, in addition to JOINTS."""
+MEASURED = tuple(f"q{axis}_measured_deg" for axis in range(1, 7))
+"""Measured joint angles, next to the commanded ones that are used."""
+JointSource = Literal["measured", "commanded"]
+PLACE = ("x_mm", "y_mm", "z_mm")
+TURN = ("rx_deg", "ry_deg", "rz_deg")
+CONTROLLER_PLACE = tuple(f"controller_{name}" for name in PLACE)
+CONTROLLER_TURN = tuple(f"controller_{name}" for name in TURN)
+"""Pose of the tool that the controller computed from the joints, next to the measured one."""
+RAIL, RAIL_FROM = "e1_mm", "e1_from_mm"
+"""Position of the arm's rail, and its previous position."""
+SOCKET = "socket"
+"""Column with the socket name of a touch. Any text is permitted."""
+WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}
+"""Columns of text, with the permitted values."""
+TIME_U = ("u_t_s", "u_lag_s")
+"""Standard uncertainties of the gauges' time relative to the joints' time: individual, and common to all rows."""
+COUNTS = ("target", "orientation", "round")
+"""Columns of positive integers. All other known columns contain real numbers."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Required and optional columns of a table. Other columns are preserved.
+
+    Each group of columns in `together` must be complete or absent.
+    """
+
+    required: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+    together: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def known_columns(self) -> tuple[str, ...]:
+        return (*self.required, *self.optional)
+
+
+def came_from_columns(axes: int) -> tuple[str, ...]:
+    return tuple(f"q{axis}_from_deg" for axis in range(1, axes + 1))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Columns of docs/tables.md for a kind of test, without extra columns."""
+
+    columns: pa.Table
+
+    @cached_property
+    def axes(self) -> int:
+        """Number of joints in the table, at least six. Unrelated columns with a joint name, such as a gripper,
+        contain text.
+        """
+        joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
+        return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
+
+    @cached_property
+    def rail(self) -> bool:
+        """True if the table contains rail positions. An unrelated column of that name contains text."""
+        return self._is_measured(RAIL)
+
+    @property
+    def q(self) -> Array:
+        return np.radians(self.stack(joint_columns(self.axes)))
+
+    def has(self, names: tuple[str, ...]) -> bool:
+        return set(names) <= set(self.columns.column_names)
+
+    def floats(self, name: str) -> Array:
+        return np.asarray(array_of(self.columns[name]), dtype=float)
+
+    def stack(self, names: tuple[str, ...]) -> Array:
+        return np.stack([self.floats(name) for name in names], axis=1)
+
+    def counts(self, name: str) -> Integers:
+        return array_of(self.columns[name])
+
+    def words(self, name: str) -> NDArray[np.str_]:
+        return np.array(self.columns[name].to_pylist(), dtype=np.str_)
+
+    def times(self) -> Array:
+        """Times (n,) s, zeros if the table has none."""
+        return self.floats("t_s") if self.has(("t_s",)) else np.zeros(self.columns.num_rows)
+
+    def with_rail(self, q: Array, name: str = RAIL) -> Array:
+        """Angles q (n, axes) rad with the rail position in m, if the table contains it."""
+        return np.column_stack([q, self.floats(name) / RAIL_MM]) if self.rail else q
+
+    def _is_measured(self, name: str) -> bool:
+        schema = self.columns.schema
+        return name in schema.names and pa.types.is_floating(schema.field(name).type)
+
+
+def joint_cells(
+    q: Array, *, rail: bool, names: Callable[[int], tuple[str, ...]] = joint_columns, rail_name: str = RAIL
+) -> dict[str, Array]:
+    """Columns of angles q (n, axes) rad by name, in degrees, followed by a rail in mm."""
+    axes = q.shape[1] - rail
+    cells = dict(zip(names(axes), np.degrees(q[:, :axes]).T, strict=True))
+    return cells | ({rail_name: RAIL_MM * q[:, axes]} if rail else {})
+
+
+T = TypeVar("T", bound=Table)
+_OWN: dict[TestName, str] = {
+    "yaw": "circle:Yaw",
+    "roll": "circle:Roll",
+    "radial": "radial:Radial",
+    "repeatability": "repeatability:Repeatability",
+    "pose": "pose:Pose",
+    "touch": "touch:Touch",
+    "path": "path:Path",
+}
+"""Classes of rig's own tests in `analysis.procedures`, imported when a table of the test is first read."""
+TESTS: tuple[TestName, ...] = get_args(TestName)
+"""All tests, in the order in which they are listed everywhere."""
+
+
+class TableFormat(ABC, Generic[T]):
+    """Columns of a test's table, and its readings in a recorded run."""
+
+    test: ClassVar[TestName]
+    gauges: ClassVar[tuple[Gauge, ...]] = ()
+    """Gauges used by the test."""
+    certified: ClassVar[tuple[str, ...]] = ()
+    """Parts of the rig file that may have a certificate and determine the readings: gauges, ball, link."""
+
+    @abstractmethod
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        """Columns of the table for an arm with this number of axes, with or without a rail."""
+
+    @abstractmethod
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> T: ...
+
+    @abstractmethod
+    def columns(self, table: T) -> Mapping[str, Array | Integers | Sequence[str] | pa.Array]:
+        """Columns (n,) of docs/tables.md by name, in the documented order, in degrees and mm."""
+
+    def recorded(self, data: Aligned, rig: Rig, direction: Direction | None, where: str) -> tuple[T, list[str]]:
+        """Convert a recorded run to a table, and return it with the doubts as text. Raises FileError."""
+        problem = f"a recorded {self.test} run has no measuring instrument"
+        raise FileError(where, problem, "import the table with rig import", code="test.not_recorded")
+
+    def stands(self, table: T) -> Mask | None:
+        """Mask (n,) of the rows that start a standstill of the robot.
+
+        None if no two rows belong to the same standstill, because the robot kept moving or each row is a separate
+        visit.
+        """
+        return None
+
+    def averaged(self, table: T, first: Mask, mean: Callable[[Array], Array]) -> T:
+        """Reduce a table to a row for each standstill.
+
+        first (n,): True for the first row of a standstill, which also supplies the labels. mean: function that averages
+        values (n, …) over each standstill to (s, …).
+        """
+        columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
+        return replace(table, **{name: mean(c) if c.dtype.kind == "f" else c[first] for name, c in columns.items()})
+
+
+@cache
+def format_of(test: TestName) -> TableFormat[Table]:
+    """The kind of a test, with its table format. Raises FileError if the package that offers it is unusable."""
+    own = EntryPoint(test, f"analysis.procedures.{_OWN[test]}", "rig.tests") if test in _OWN else None
+    offer = own or OTHER_TESTS[test]
+    try:
+        kind: TableFormat[Table] = offer.load()()
+        if kind.test == test:
+            return kind
+        reason = f"it is the class of {kind.test!r}"
+    except Exception as error:  # noqa: BLE001 - whatever a foreign module raises as it is imported
+        reason = str(error)
+    problem = f"{offer.value}, which a package offers, cannot be used: {reason}"
+    remedy = "offer a class of test kinds, as docs/how-to/add-a-test-kind.md shows, or uninstall that package"
+    raise FileError(f"test {test}", problem, remedy, code="test.unusable")
+
+
+def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
+    """Convert columns of docs/tables.md to a table in memory, ignoring additional columns.
+
+    Raises FileError for columns of a different test, for an empty table, and for any content that import rejects.
+    """
+    rows, table_format = Rows(columns), format_of(test)
+    missing = [name for name in table_format.layout(rows.axes).required if name not in columns.column_names]
+    if missing or not columns.num_rows:
+        problem = f"the table has no {', '.join(missing) or 'rows'}"
+        raise FileError(where, problem, "import the table again", code="table.columns")
+    table = table_format.table_of(rows, direction, where)
+    check_table_rows(table, where)
+    return table
+
+
+def u_lag_s_of(columns: pa.Table) -> float:
+    """Common standard uncertainty in s of the gauges' time relative to the joints', 0 if not stated."""
+    stated = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
+    return float(Rows(columns).floats("u_lag_s").max(initial=0.0)) if stated else 0.0
+
+
+def columns_of(table: Table) -> pa.Table:
+    """Convert a table to the columns of docs/tables.md, in their documented order, in degrees and mm.
+
+    Times that are all zero are omitted.
+    """
+    return pa.table({name: pa.array(values) for name, values in format_of(table.test).columns(table).items()})
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Rules for all tables from any program: finite, plausible numbers and increasing times.
+#
+# Import reports violations with line numbers. Run directories must be checked too, because their files may have been
+# edited or written by another program. In one run, a time of nan or 1e300 stopped the analysis of all runs.
+
+LARGEST = 1e12
+"""Largest plausible angle, length or time, in any unit that may have been chosen by mistake."""
+_REMEDY = "restore the run from a copy, or correct and re-import the table"
+
+
+def check_table_rows(table: Table, where: str) -> None:
+    """Raise FileError for the first row that import would reject. `where` names the table."""
+    columns = {name: values for name, values in vars(table).items() if isinstance(values, np.ndarray)}
+    for field, values in columns.items():
+        name = "g1_mm" if field == "g_mm" and values.ndim == 1 else field
+        rows = values.reshape(len(values), -1)
+        if values.dtype.kind == "f":
+            _check_rows(np.abs(rows) <= LARGEST, name, rows, "which is not a plausible measured value", where)
+            if name.startswith("u_"):
+                _check_rows(rows >= 0, name, rows, "below zero", where)
+        elif values.dtype.kind == "i":
+            _check_rows(rows >= 1, name, rows, "but counting starts at 1", where)
+    if table.in_order_of_time:
+        t_s = columns["t_s"]
+        back = np.flatnonzero(np.diff(t_s) <= 0)
+        if len(back):
+            row = int(back[0]) + 1
+            problem = f"row {row + 1}: time does not increase, {t_s[row]:g} s after {t_s[row - 1]:g} s"
+            raise FileError(where, problem, _REMEDY, code="table.times")
+
+
+def _check_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:
+    good = is_good.all(axis=1)
+    if not good.all():
+        row = int(np.argmin(good))
+        values = ", ".join(f"{value:g}" for value in rows[row])
+        raise FileError(where, f"row {row + 1} has {name} = {values}, {why}", _REMEDY, code="table.value")

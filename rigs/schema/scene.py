@@ -9,7 +9,7 @@ Effects replace parts of it in stages; nothing is changed in place. The stages, 
     setup   ball form and gauge positions
     gauge   the readings `g_mm`
 
-`analysis/robot/model/scene.py` implements this interface. Reading a rig file does not require it.
+`analysis/robot/model/predict.py` implements this interface. Reading a rig file does not require it.
 
 The play operator, for a link with backlash or a sticking plunger, is also defined here.
 """

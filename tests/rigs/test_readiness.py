@@ -6,7 +6,7 @@ from typing import get_args
 
 import pytest
 
-from analysis.runs.table_format import format_of
+from analysis.runs.tables import format_of
 from rigs.load import SHIPPED, load, parse
 from rigs.readiness import gauges_needed, missing_for, readiness_lines
 from rigs.rig import Rig

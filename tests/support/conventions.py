@@ -19,8 +19,7 @@ import numpy as np
 
 from analysis.procedures.shared.test_kind import Finding
 from analysis.runs.loading import Measured, measured_of
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.runs.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, columns_of
 from daq.store import table_run
 from rigs.load import load
 from rigs.rig import Rig

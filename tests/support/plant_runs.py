@@ -21,7 +21,7 @@ import pyarrow as pa
 
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.table_format import columns_of
+from analysis.runs.tables import columns_of
 from daq.store import table_run, write_table_run
 from rigs.effects import Backlash
 from rigs.load import load

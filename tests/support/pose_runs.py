@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from analysis import calibrate
 from analysis.apps.report.diagnosis_report import write_model
 from analysis.runs.loading import Measured, measured_of, rig_of
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import PoseTable
+from analysis.runs.tables import PoseTable, columns_of
 from daq.store import table_run
 from rigs.load import load
 from rigs.rig import Rig

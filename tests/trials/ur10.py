@@ -12,8 +12,7 @@ from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import PoseTable
+from analysis.runs.tables import PoseTable, columns_of
 from analysis.runs.written_files import write_csv, write_new
 from tests.support.measured_series import DATA, ur10, ur10_columns
 from tests.support.trial import Trial, main

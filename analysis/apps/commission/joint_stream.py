@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import RobotMotion
-from analysis.runs.table_format import joint_columns
+from analysis.runs.tables import joint_columns
 from daq import clock
 from rigs.errors import CellError
 

@@ -15,8 +15,7 @@ from analysis.apps.commission.touched_ball import RestDetector, Touching
 from analysis.procedures.simulate import touch_of
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Array, arm_of
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import TouchTable
+from analysis.runs.tables import TouchTable, columns_of
 from analysis.runs.written_files import refuse_existing
 from daq.store import table_run, write_table_run
 from rigs.errors import FileError, RigError, RigPlace

@@ -19,8 +19,7 @@ from analysis.robot.geometry.circle import CircleFrame, circles_through, deviati
 from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, forward
 from analysis.runs.align import align, robot_only
 from analysis.runs.stands import FLICKER_DEG, stands_of
-from analysis.runs.table_format import table_from
-from analysis.runs.tables import TargetTable, TouchTable
+from analysis.runs.tables import TargetTable, TouchTable, table_from
 from daq.store import Run
 from rigs.edit import Values
 from rigs.errors import FileError

@@ -10,8 +10,7 @@ import numpy as np
 from analysis.apps.live.live_rows import LiveCell, LiveRows, cell_of
 from analysis.apps.live.view import GaugeReading, LiveView, Played, Update
 from analysis.runs.align import align
-from analysis.runs.table_format import table_from
-from analysis.runs.tables import CircleTable
+from analysis.runs.tables import CircleTable, table_from
 from daq.store import read_run
 from rigs.errors import FileError
 from rigs.load import parse

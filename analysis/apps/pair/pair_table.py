@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
 from analysis.intake.read import read_whole
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.runs.table_format import SOCKET, joint_columns, second_joint_columns
+from analysis.runs.tables import SOCKET, joint_columns, second_joint_columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MOST_AXES

@@ -16,7 +16,7 @@ from analysis.apps.pair.posterior import expected_posterior, setup_sds
 from analysis.apps.pair.postures import common_postures
 from analysis.apps.pair.result import PairResult, result_of
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.table_format import SOCKET, joint_columns, second_joint_columns
+from analysis.runs.tables import SOCKET, joint_columns, second_joint_columns
 from rigs.rig import Rig
 
 _CANDIDATES = 500

@@ -21,7 +21,7 @@ from analysis.diagnosis.plan.further_tests import PossibleTest, possible_tests
 from analysis.procedures.shared.test_kind import labels_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
-from analysis.runs.table_format import TESTS
+from analysis.runs.tables import TESTS
 from rigs.effects import Effect, turned
 from rigs.errors import UseError
 from rigs.readiness import missing_for, require_test

@@ -18,7 +18,7 @@ from analysis.diagnosis.fit.candidates import Columns
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.plan.expected import without_bands
 from analysis.robot.kinematics.arm import Array, arm_of, forward
-from analysis.runs.table_format import came_from_columns, joint_columns
+from analysis.runs.tables import came_from_columns, joint_columns
 from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
 

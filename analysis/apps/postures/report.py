@@ -14,7 +14,7 @@ from analysis.apps.postures.result import Postures
 from analysis.apps.report.texts import Language, Texts, texts_of
 from analysis.cli.plain_console import bare_table, right
 from analysis.robot.kinematics.arm import RAIL_MM
-from analysis.runs.table_format import RAIL, joint_columns
+from analysis.runs.tables import RAIL, joint_columns
 from rigs.schema.robot import Robot
 
 POSTURE_COLUMNS = ("expected_mm", "error_mm", "posture_u_mm", "measured_region")

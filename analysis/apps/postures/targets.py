@@ -11,7 +11,7 @@ from analysis.apps.programs.target_path import TargetPath, read_path
 from analysis.correction.reasons import WHY
 from analysis.correction.work import posture_limits
 from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, forward
-from analysis.runs.table_format import PLACE, RAIL
+from analysis.runs.tables import PLACE, RAIL
 from rigs.errors import FileError
 from rigs.rig import Rig
 

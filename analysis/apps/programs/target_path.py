@@ -22,7 +22,7 @@ from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import ANYWAY, require_usable_model, why_nothing
 from analysis.intake.read import MOST_BYTES, TableFileError, TableProblem, value
 from analysis.robot.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw, transforms
-from analysis.runs.table_format import JOINTS, PLACE, RAIL, TURN, joint_columns
+from analysis.runs.tables import JOINTS, PLACE, RAIL, TURN, joint_columns
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig

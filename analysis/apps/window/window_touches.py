@@ -16,7 +16,7 @@ from analysis.apps.window.watcher import Watcher
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import load_measured
 from analysis.runs.stands import FLICKER_DEG
-from analysis.runs.table_format import joint_columns
+from analysis.runs.tables import joint_columns
 from daq import clock
 from rigs.errors import CellError, FileError, UseError
 

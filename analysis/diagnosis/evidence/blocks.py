@@ -41,8 +41,7 @@ from analysis.diagnosis.evidence.setups import moved_setup, with_effects, withou
 from analysis.procedures.pose import groups as visits
 from analysis.procedures.shared.test_kind import facts_of, kind_of
 from analysis.robot.kinematics.arm import Array, Integers, cos_sin, drive_angles
-from analysis.robot.model.predict import Model, SetUp, driven, posed
-from analysis.robot.model.scene import ModelScene, Motion, apply
+from analysis.robot.model.predict import Model, ModelScene, Motion, SetUp, apply, driven, posed
 from analysis.runs.tables import SAME_RAD
 from rigs.calibration import is_sine, sine_of
 from rigs.effects import Effect, late_stamps, turned

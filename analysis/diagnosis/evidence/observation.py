@@ -23,8 +23,7 @@ from analysis.procedures.shared.test_kind import (
     shows_joints,
 )
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.robot.model.predict import Model, Path, SetUp, moved
-from analysis.robot.model.scene import ModelScene, Motion
+from analysis.robot.model.predict import Model, ModelScene, Motion, Path, SetUp, moved
 from analysis.runs.laps import laps_of
 from analysis.runs.noise.readings import is_outlier, step_of
 from analysis.runs.tables import CircleTable, Table, content_order

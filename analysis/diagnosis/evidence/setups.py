@@ -15,10 +15,8 @@ from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted
 from analysis.procedures.shared.test_kind import facts_of, nominal_setup
 from analysis.robot.geometry.pose_setup import best_rigid, moved_by
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import SetUp, moved
-from analysis.robot.model.scene import ModelScene
-from analysis.runs.table_format import TESTS
-from analysis.runs.tables import Table
+from analysis.robot.model.predict import ModelScene, SetUp, moved
+from analysis.runs.tables import TESTS, Table
 from rigs.effects import Effect
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from analysis.diagnosis.fit.departures import initial_play_columns
 from analysis.diagnosis.fit.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.robot.kinematics.arm import Array, rail_mm
-from analysis.runs.table_format import format_of
+from analysis.runs.tables import format_of
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import PartKind, Scope, healthy, is_play, name_of, phases, scaled
 

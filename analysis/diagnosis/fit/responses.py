@@ -19,8 +19,7 @@ from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
 from analysis.diagnosis.evidence.setups import columns_of, moved_setup, tool_shift, without_origin
 from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import SetUp
-from analysis.robot.model.scene import ModelScene
+from analysis.robot.model.predict import ModelScene, SetUp
 from rigs.effects import Effect
 from rigs.schema.effect import PHASE, name_of
 

@@ -23,7 +23,7 @@ from analysis.diagnosis.judge.remains import Followed, Unexplained, What
 from analysis.diagnosis.judge.validation import shows_noise
 from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.scene import pull
+from analysis.robot.model.predict import pull
 from analysis.runs.noise.cell_noise import (
     REPEATABILITY_MM,
     RP_PER_SD,

@@ -19,7 +19,7 @@ from analysis.diagnosis.plan.further_tests import FurtherTests, possible_tests, 
 from analysis.diagnosis.plan.naming_tests import naming_tests
 from analysis.procedures.shared.test_kind import facts_of
 from analysis.runs.loading import Measured
-from analysis.runs.table_format import COMMANDED
+from analysis.runs.tables import COMMANDED
 from rigs.errors import FileError
 from rigs.schema.effect import name_of
 

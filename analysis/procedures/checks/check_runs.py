@@ -18,9 +18,9 @@ from analysis.procedures.checks.gauges import DISPLAY, ORDER, SIGN, display_find
 from analysis.procedures.checks.places import DUPLICATES, PLACE, SOURCE, STAMPS, STANDS, WILDNESS, stand_findings
 from analysis.procedures.shared.test_kind import Finding, findings_against, kind_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, arm_of
-from analysis.robot.model.scene import load_of, pull
+from analysis.robot.model.predict import load_of, pull
 from analysis.runs.loading import Measured
-from analysis.runs.table_format import Rows, format_of
+from analysis.runs.tables import Rows, format_of
 from rigs.errors import FileError
 
 COMMANDS = "commands"

@@ -42,8 +42,7 @@ from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, position_er
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward, rail_mm, without_setup
 from analysis.robot.kinematics.joint_limits import impossible_rad
 from analysis.runs.noise.readings import evenly, rms
-from analysis.runs.table_format import format_of
-from analysis.runs.tables import CircleTable, PoseTable, Table
+from analysis.runs.tables import CircleTable, PoseTable, Table, format_of
 from rigs.arms import arm_names, load_arm
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere

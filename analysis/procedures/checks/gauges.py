@@ -53,8 +53,7 @@ from analysis.robot.model.predict import Model, model_of, moved
 from analysis.runs.laps import is_on_circle, laps_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.readings import rms
-from analysis.runs.table_format import format_of
-from analysis.runs.tables import CircleTable, Table
+from analysis.runs.tables import CircleTable, Table, format_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.scene import play

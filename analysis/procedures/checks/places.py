@@ -60,8 +60,7 @@ from analysis.runs.noise.readings import (
     spreads_of,
 )
 from analysis.runs.stands import rows_per_standstill
-from analysis.runs.table_format import table_from
-from analysis.runs.tables import CircleTable, PathTable, PoseTable, Table, TouchTable
+from analysis.runs.tables import CircleTable, PathTable, PoseTable, Table, TouchTable, table_from
 from rigs.rig import Rig
 from rigs.text import counted, listed
 

@@ -1,6 +1,6 @@
 """What rig asks of a kind of test: figures, prediction by the model of an arm, checks of its labels, rows for a fit.
 
-A kind is a class of one module (`touch.py` is the shortest), registered by name in `analysis.runs.table_format`. The
+A kind is a class of one module (`touch.py` is the shortest), registered by name in `analysis.runs.tables`. The
 usual answers are here, so a kind states only what differs. A check returns findings: data that contradict a label.
 """
 
@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask
 from analysis.robot.kinematics.joint_limits import impossible_rad
-from analysis.robot.model.predict import Model, Path, SetUp, moved
-from analysis.robot.model.scene import ModelScene
+from analysis.robot.model.predict import Model, ModelScene, Path, SetUp, moved
 from analysis.runs.noise.spectrum import LapNoise
-from analysis.runs.table_format import TableFormat, format_of
-from analysis.runs.tables import SAME_RAD, Table
+from analysis.runs.tables import SAME_RAD, Table, TableFormat, format_of
 from analysis.runs.tabular import for_json
 from rigs.effects import Effect
 from rigs.errors import FileError

@@ -11,8 +11,7 @@ from analysis.apps.report.diagnosis_report import require_empty
 from analysis.procedures.checks.check_runs import doubts_of
 from analysis.procedures.checks.columns import joint_findings
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import PoseTable, Table
+from analysis.runs.tables import PoseTable, Table, columns_of
 from rigs.arms import load_arm
 from rigs.errors import FileError
 from rigs.load import load

@@ -32,7 +32,7 @@ READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle", "markupsafe"}
 for example with Dask."""
 OURS = {"analysis", "rigs"}
 WORDS = {
-    *("analysis", "analysis.runs", "analysis.runs.table_format"),
+    *("analysis", "analysis.runs", "analysis.runs.tables"),
     *("rigs", "rigs.distribution", "rigs.errors", "rigs.schema", "rigs.schema.part"),
     *("rigs.signals", "rigs.text"),
 }

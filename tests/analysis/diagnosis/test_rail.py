@@ -19,8 +19,7 @@ from analysis.robot.geometry.pose_setup import best_rigid, fit_setup, position_e
 from analysis.robot.kinematics.arm import Array, arm_of, forward, forward_and_jacobian
 from analysis.robot.model.predict import model_of, moved
 from analysis.runs.loading import measured_of
-from analysis.runs.table_format import columns_of, table_from
-from analysis.runs.tables import PoseTable, TouchTable
+from analysis.runs.tables import PoseTable, TouchTable, columns_of, table_from
 from rigs.arms import load_arm
 from rigs.effects import Effect, RailLine
 from rigs.errors import FileError

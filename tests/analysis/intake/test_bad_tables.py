@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
 from analysis.intake.read import MOST_BYTES, TableFileError, parse_csv, read_file
 from analysis.procedures.checks.columns import unit_findings
-from analysis.runs.table_format import table_from
+from analysis.runs.tables import table_from
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.nightly import examples

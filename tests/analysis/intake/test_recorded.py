@@ -12,8 +12,7 @@ from analysis.procedures.shared.test_kind import evaluate
 from analysis.robot.geometry.driven_programs import repeatability_stops, stops
 from analysis.runs.align import align
 from analysis.runs.loading import measured_of
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import CircleTable, RepeatabilityTable
+from analysis.runs.tables import CircleTable, RepeatabilityTable, columns_of
 from analysis.runs.written_files import write_csv, write_new
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter, new_manifest, read_run, recover, verify

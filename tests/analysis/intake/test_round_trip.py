@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 
 from analysis.intake.read import read_file
 from analysis.runs.loading import measured_of
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable
+from analysis.runs.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, columns_of
 from analysis.runs.written_files import write_csv, write_new, write_parquet
 from daq.store import load_manifest, read_run, recover, verify
 from daq.store.ledger import sha256

@@ -13,8 +13,7 @@ from analysis.apps.report.run_object import as_object
 from analysis.procedures import pose
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import PoseTable
+from analysis.runs.tables import PoseTable, columns_of
 from analysis.runs.written_files import write_csv
 from rigs.load import SHIPPED, load
 from tests.support.command_line import ran

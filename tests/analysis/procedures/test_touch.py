@@ -10,8 +10,7 @@ from analysis.procedures.simulate import planned_touches, simulated_touches
 from analysis.procedures.touch import evaluate
 from analysis.robot.kinematics.arm import forward
 from analysis.robot.model.predict import model_of
-from analysis.runs.table_format import columns_of, table_from
-from analysis.runs.tables import TouchTable
+from analysis.runs.tables import TouchTable, columns_of, table_from
 from rigs.arms import load_arm
 from rigs.errors import FileError
 from rigs.load import parse

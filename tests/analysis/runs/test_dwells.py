@@ -7,8 +7,7 @@ import pytest
 
 from analysis.robot.geometry.driven_programs import radial_program, repeatability_stops, stops
 from analysis.runs.align import Aligned
-from analysis.runs.table_format import format_of
-from analysis.runs.tables import RadialTable
+from analysis.runs.tables import RadialTable, format_of
 from rigs.load import load
 from rigs.rig import Rig
 

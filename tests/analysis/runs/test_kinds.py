@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from analysis.procedures.shared.test_kind import kind_of, nominal_setup, shows_joints
-from analysis.runs.table_format import TESTS, format_of
-from analysis.runs.tables import PathTable
+from analysis.runs.tables import TESTS, PathTable, format_of
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema import vocabulary

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.runs.loading import Measured, measured_of
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import PoseTable, TouchTable
+from analysis.runs.tables import PoseTable, TouchTable, columns_of
 from daq.store import table_run
 from rigs.rig import Rig
 from rigs.schema.robot import Robot

@@ -14,7 +14,7 @@ from analysis.apps.report.texts import Texts, joined, whole_label
 from analysis.diagnosis.judge.verdict import JudgedFigure, judged_figures
 from analysis.procedures.pooled import FigureColumn
 from analysis.procedures.shared.test_kind import labels_of
-from analysis.runs.table_format import TESTS
+from analysis.runs.tables import TESTS
 from rigs.schema.limits import COVERAGE, Limits, Standing
 from rigs.schema.vocabulary import TestName
 

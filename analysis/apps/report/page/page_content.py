@@ -9,7 +9,7 @@ from analysis.api import Compared, Diagnosis, Result, RigError, diagnose
 from analysis.apps.report.diagnosis_report import calibration_file
 from analysis.apps.report.page.before_after import BeforeAfter
 from analysis.diagnosis.judge.compare_runs import compare
-from analysis.runs.table_format import format_of
+from analysis.runs.tables import format_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 

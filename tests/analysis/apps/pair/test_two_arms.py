@@ -20,7 +20,7 @@ from analysis.apps.pair.posterior import expected_posterior
 from analysis.apps.pair.postures import common_postures, is_clear
 from analysis.apps.pair.result import PairResult, result_of
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.table_format import joint_columns, second_joint_columns
+from analysis.runs.tables import joint_columns, second_joint_columns
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig

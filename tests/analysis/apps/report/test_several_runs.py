@@ -21,7 +21,7 @@ from analysis.cli import app
 from analysis.procedures.pooled import ONE_RUN, pooled
 from analysis.procedures.results import Result, by_test
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.runs.table_format import format_of
+from analysis.runs.tables import format_of
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from tests.support.refusals import refused

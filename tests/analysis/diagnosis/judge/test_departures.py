@@ -12,7 +12,7 @@ from analysis.diagnosis.evidence.observation import ORDER_OF, ORDER_OF_TREND
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.departures import departure_columns, fewest_columns, initial_play_columns, similar_columns
 from analysis.diagnosis.fit.responses import linearise
-from analysis.robot.model.scene import turns
+from analysis.robot.model.predict import turns
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable
 from rigs.effects import (

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from analysis import calibrate, diagnose, evaluate, read_table
 from analysis.procedures.checks.check_runs import findings_of
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import CircleTable, PoseTable
+from analysis.runs.tables import CircleTable, PoseTable, columns_of
 from analysis.runs.written_files import write_csv
 from rigs.effects import Backlash
 from tests.analysis.procedures.checks.test_lost_poses import table

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis import read_table
-from analysis.runs.table_format import columns_of
-from analysis.runs.tables import PoseTable
+from analysis.runs.tables import PoseTable, columns_of
 from analysis.runs.written_files import write_csv
 from tests.analysis.procedures.checks.test_lost_poses import table
 from tests.analysis.runs.test_stands import read_thrice

@@ -13,8 +13,7 @@ from analysis.procedures.checks.places import DUPLICATES, PLACE, STAMPS, WILDNES
 from analysis.procedures.shared.test_kind import Finding, findings_against
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.runs.table_format import table_from
-from analysis.runs.tables import CircleTable, Table
+from analysis.runs.tables import CircleTable, Table, table_from
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere

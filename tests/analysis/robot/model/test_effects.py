@@ -13,8 +13,7 @@ import rigs.effects
 from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import forward_and_jacobian
-from analysis.robot.model.predict import model_of
-from analysis.robot.model.scene import ModelScene, Motion, apply, turns
+from analysis.robot.model.predict import ModelScene, Motion, apply, model_of, turns
 from rigs.effects import (
     VOCABULARY,
     Backlash,

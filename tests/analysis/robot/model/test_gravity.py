@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.robot.kinematics.arm import Arm, Array, link_frames
-from analysis.robot.model.scene import Load, pull
+from analysis.robot.model.predict import Load, pull
 from tests.support.five_arms import ARMS, calibrated
 
 G = 9.80665

@@ -18,8 +18,7 @@ from analysis.procedures.shared.result_curves import PoseCurve
 from analysis.procedures.shared.test_kind import Instruments, Labels, TestKind, check_numbers
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.runs.noise.spectrum import DRAWS
-from analysis.runs.table_format import Layout, Rows, joint_cells, joint_columns
-from analysis.runs.tables import Table
+from analysis.runs.tables import Layout, Rows, Table, joint_cells, joint_columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName

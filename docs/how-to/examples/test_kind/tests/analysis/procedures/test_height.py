@@ -8,7 +8,7 @@ import pytest
 from analysis.procedures.height import HeightTable
 from analysis.procedures.shared.test_kind import evaluate
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.runs.table_format import columns_of, table_from
+from analysis.runs.tables import columns_of, table_from
 from rigs.errors import FileError
 from rigs.load import load
 
