@@ -71,7 +71,7 @@ def main() -> None:
     except BrokenPipeError:
         sys.exit(0)
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
-        from analysis.runs.processes import is_numerical
+        from analysis.runs.batch import is_numerical
 
         if not is_numerical(error):
             raise

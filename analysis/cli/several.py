@@ -18,7 +18,7 @@ from rigs.errors import FileError, RigError, UseError
 
 if TYPE_CHECKING:
     from analysis import Measured, Result
-    from analysis.runs.processes import Item, Value
+    from analysis.runs.batch import Item, Value
     from rigs.rig import Rig
 
 _MOST_LISTED = 20
@@ -77,8 +77,7 @@ def over_runs(
     Raises StoreLost if a store stops responding, since all further runs would fail.
     """
     from analysis.cli.console import progress_of
-    from analysis.runs.batch import each
-    from analysis.runs.processes import FailedItem
+    from analysis.runs.batch import FailedItem, each
     from analysis.runs.remote import StoreLost
 
     errors: list[RigError] = []
@@ -142,7 +141,7 @@ def distinct(paths: Iterable[Path]) -> dict[Path, None]:
 def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
     """Runs at or below paths; absolute for a cluster, since the workers run in other directories."""
     from analysis.cli.console import progress_of
-    from analysis.runs.remote import run_directories
+    from analysis.runs.batch import run_directories
 
     with progress_of("listing the runs", is_still=True):
         return [run if scheduler is None else run.absolute() for run in run_directories(paths)]

@@ -16,19 +16,19 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from analysis.runs.processes import FailedItem, Item, Value, in_processes
 from daq.store.durable import TEMPORARY
 from daq.store.ledger import LEDGER, to_recover
 from daq.store.manifest import MANIFEST, OF_A_RUN
-from daq.store.manifest import is_run as is_run_directory
 from daq.store.marks import MARKS
 from daq.store.run_directory import removed_at_signals
 from rigs.calibration import CALIBRATION
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
 
+Item = TypeVar("Item")
+Value = TypeVar("Value")
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)(.*)", re.DOTALL)
 _SLASHED_PASSWORD = re.compile(r"[^/@]*:(?!\d+/)[^@]*@", re.DOTALL)
 """A password that contains a slash, which ends the host name: the part after the colon is not a port."""
@@ -302,14 +302,6 @@ class RemoteRun:
     files: tuple[RemoteFile, ...] | None
 
 
-def remote_runs(top: RemotePath) -> list[RemoteRun]:
-    """Runs below a URL, or the run at the URL, in order of names. Raises RigError."""
-    (outcome,) = in_processes(listed, [top], 1)
-    if isinstance(outcome, FailedItem):
-        raise outcome.error
-    return outcome.value
-
-
 def listed(top: RemotePath) -> list[RemoteRun]:
     """Runs, and directories that may contain runs, in this process. Nested runs are excluded."""
     runs: list[RemoteRun] = []
@@ -458,59 +450,3 @@ def _fetch(run: RemotePath, into: Path) -> None:
             if (into / file.name).stat().st_size != file.size:
                 problem = f"has changed while being read: {file.name} differs from the listing"
                 raise FileError(str(run), problem, "repeat this command", code="run.changed")
-
-
-def run_directories(paths: Iterable[Path]) -> list[Path]:
-    """Runs given by paths, in the given order without repetition, and in order of names within a directory.
-
-    A path that contains no runs is returned unchanged, and reading it then reports the problem. Raises CellError if a
-    store does not respond.
-    """
-    runs: dict[Path, Path] = {}
-    for path in paths:
-        below: list[Path] = []
-        if isinstance(path, RemotePath):
-            with suppress(FileError):
-                below = [run.path for run in remote_runs(path)]
-        elif not _is_run(path):
-            below = list(_runs_below(path))
-        for run in below or [path]:
-            runs.setdefault(run.resolve(), run)
-    return list(runs.values())
-
-
-def _runs_below(top: Path) -> Iterator[Path]:
-    """Runs below a directory. Each directory is entered once, even if several links lead to it.
-
-    An unreadable directory is returned like a run, because it may contain runs.
-    """
-    entered: set[tuple[int, int]] = set()
-    todo = [top]
-    while todo:
-        folder = todo.pop()
-        if folder != top and _is_run(folder):
-            yield folder
-            continue
-        try:
-            status = folder.stat()
-            identity = (status.st_dev, status.st_ino)
-            below = (
-                sorted(entry for entry in folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
-                if identity not in entered
-                else []
-            )
-        except NotADirectoryError:
-            continue
-        except OSError:
-            if folder.name != NO_RUNS:
-                yield folder
-            continue
-        entered.add(identity)
-        todo += reversed(below)
-
-
-def _is_run(path: Path) -> bool:
-    try:
-        return is_run_directory(path)
-    except OSError:
-        return False

@@ -20,17 +20,8 @@ from typing import TypeVar
 from analysis.apps.plant import store
 from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of, record_without_figures
 from analysis.apps.plant.store import Entry
-from analysis.runs.batch import each
-from analysis.runs.processes import FailedItem, Outcome
-from analysis.runs.remote import (
-    RemotePath,
-    StoreLost,
-    fetched,
-    has_figures,
-    remote_runs,
-    restore_run_path,
-    run_directories,
-)
+from analysis.runs.batch import FailedItem, Outcome, each, remote_runs, run_directories
+from analysis.runs.remote import RemotePath, StoreLost, fetched, has_figures, restore_run_path
 from daq.store import MovementCheck
 from daq.store.manifest import load_manifest
 from daq.store.marks import load_marks

@@ -16,8 +16,7 @@ from analysis.apps.plant.history import history_of
 from analysis.apps.plant.robot_state import FleetRobot
 from analysis.apps.plant.store import Damaged, Key, made_by
 from analysis.apps.report.html_page import answer_page, write_html
-from analysis.runs.batch import each
-from analysis.runs.processes import FailedItem
+from analysis.runs.batch import FailedItem, each
 
 _HEAD_BYTES = 2000
 """Start of a page, with the digest of its inputs."""

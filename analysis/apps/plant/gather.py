@@ -21,8 +21,7 @@ from analysis.apps.plant.collect import (
 )
 from analysis.apps.plant.robot_state import FleetRobot, as_json, in_order, state_from_json, state_of
 from analysis.apps.plant.store import Damaged, Key
-from analysis.runs.batch import each
-from analysis.runs.processes import FailedItem, Outcome
+from analysis.runs.batch import FailedItem, Outcome, each
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.runs.batch import each
-from analysis.runs.processes import CompletedItem
+from analysis.runs.batch import CompletedItem, each
 from rigs.distribution import to_install
 from rigs.errors import FileError
 from tests.support.child_processes import sign_in, signed_in, until

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.runs.batch import each
-from analysis.runs.processes import CompletedItem, FailedItem
+from analysis.runs.batch import CompletedItem, FailedItem, each
 from rigs.errors import FileError
 from rigs.problems import Problem, RigFileError
 from tests.support.child_processes import Deadly, die, is_gone, sign_in, signed_in, until
@@ -98,7 +97,7 @@ def test_ctrl_c_just_before_a_wait_is_noticed(monkeypatch: pytest.MonkeyPatch, t
         pressed.append(True)
         return []
 
-    monkeypatch.setattr("analysis.runs.processes.wait", wait)
+    monkeypatch.setattr("analysis.runs.batch.wait", wait)
     with pytest.raises(KeyboardInterrupt):
         list(each(waits, [tmp_path] * 4, jobs=2))
 

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.runs.batch import each
-from analysis.runs.processes import CompletedItem, FailedItem
+from analysis.runs.batch import CompletedItem, FailedItem, each
 from analysis.runs.remote import RemotePath, explained, fetched, location
 from rigs.distribution import to_install
 from rigs.errors import FileError

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from analysis.runs.remote import RemotePath, listed, location, remote_runs, run_directories
+from analysis.runs.batch import remote_runs, run_directories
+from analysis.runs.remote import RemotePath, listed, location
 
 pytest.importorskip("fsspec", reason="fsspec is an extra: pip install s3fs sshfs")
 from tests.support.refusals import refused

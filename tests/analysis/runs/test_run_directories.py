@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.runs.remote import run_directories
+from analysis.runs.batch import run_directories
 
 
 def made(path: Path, file: str = "manifest.json") -> Path:
