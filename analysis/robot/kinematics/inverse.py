@@ -3,12 +3,6 @@
 An arm with a closed form (`canonical`) has eight exact branches. For other arms, solutions are searched (`searched`) by
 Newton's method on stacks of start values. Every solution is confirmed by forward kinematics.
 
-For a calibrated arm close to a kind, the start values are the branches of the snapped arm. More start values are used
-in doubtful cases: near a singularity, near the end of the reach, and for arms of no known kind. These include values on
-both sides of each solution near a singularity.
-
-Closed-form inverse kinematics with eight branches, for two kinds of arms and for arms close to them.
-
 With R = RotX(90°) and without signs, the arm consists of Rz(t1) TransX(a1) R, a planar chain, and the wrist. A point of
 the plane is a complex number. The normal of the plane is -y of frame 1. The inverse of both kinds has the same three
 parts:
@@ -25,11 +19,12 @@ program (J. Craig, Introduction to Robotics, 3rd ed., ch. 4 for the method; M. B
 
 The two kinds with a closed form are: parallel axes 2 and 3 with a spherical wrist, and parallel axes 2, 3 and 4
 (Universal Robots). Reversing the z axis of joint i, a half turn about its x axis, changes the sign of theta_i and d_i,
-and the adjacent alphas by 180°. Each arm of a kind can therefore be brought to the same alphas of 90° or 0°, and one
-derivation is sufficient.
+and the adjacent alphas by 180°. Each arm of a kind can therefore be brought to the same alphas of 90° or 0°.
 
-A calibrated arm differs from a kind by small Hayati angles and errors of alpha. The arm is snapped to the kind. The
-closed form of the snapped arm gives the start values for Newton's method on the true arm.
+A calibrated arm differs from a kind by small Hayati angles and errors of alpha. It is snapped to the kind, and the
+branches of the snapped arm are the start values. More start values are used in doubtful cases: near a singularity, near
+the end of the reach, and for arms of no known kind. These include values on both sides of each solution near a
+singularity.
 """
 
 from __future__ import annotations
@@ -365,7 +360,7 @@ def inverse(arm: Arm, poses: Array) -> Solutions:
 
     Each solution reproduces its pose within 1e-8 mm and 1e-10 rad. Full turns are removed: coupling @ q is in (-180°,
     180°]. Joint limits are ignored; `within_limits` adds turns and filters. An unreachable or non-finite pose has no
-    solution, and no error is raised. At a singular wrist, theta4 corresponds to t4 = 0 (`closed_form.branches`).
+    solution, and no error is raised. At a singular wrist, theta4 corresponds to t4 = 0 (`branches`).
     Coinciding branches are returned once.
     """
     form = canonical(arm)
