@@ -168,18 +168,18 @@ def findings_of(runs: Runs) -> list[Finding]:
     only positions are checked.
     """
     with_joints = [run for run in runs if shows_joints(run.table.test)]
-    findings = [finding for run in with_joints for find in _OF_COLUMNS for finding in _found(find, run)]
+    findings = [finding for run in with_joints for finding in _found("columns", run)]
     # The most certain finding of each run about order and sign of the gauges: from repeated runs, from changes that no
     # joint causes, or from the position of the ball.
     about_gauges: list[Finding] = []
     for find_in in (
         repeat_findings,
         sign_findings,
-        lambda those: [one for run in those for one in _found(_ORDER, run)],
+        lambda those: [one for run in those for one in _found("order", run)],
     ):
         named = {name for finding in about_gauges for name in finding.runs}
         about_gauges += find_in([run for run in with_joints if run.run.manifest.name not in named])
-    return findings + about_gauges + [finding for run in runs for find in _OF_ROWS for finding in _found(find, run)]
+    return findings + about_gauges + [finding for run in runs for finding in _found("rows", run)]
 
 
 def doubts_of(run: Measured, *, with_refusals: bool = True) -> tuple[str, ...]:
@@ -208,12 +208,13 @@ def refuse_impossible(run: Measured, where: str) -> None:
             raise FileError(where, "; ".join(problems), ", and ".join(dict.fromkeys(remedies)), code="run.impossible")
 
 
-def _found(find: Find, run: Measured) -> tuple[Finding, ...]:
+def _found(about: str, run: Measured) -> tuple[Finding, ...]:
     # They are kept with the run: a diagnosis checks a run that was checked when loaded.
-    kept: dict[Find, tuple[Finding, ...]] = vars(run).setdefault("_findings", {})
-    if find not in kept:
-        kept[find] = tuple(replace(finding, runs=(run.run.manifest.name,)) for finding in find(run))
-    return kept[find]
+    kept: dict[str, tuple[Finding, ...]] = vars(run).setdefault("_findings", {})
+    if about not in kept:
+        name = run.run.manifest.name
+        kept[about] = tuple(replace(finding, runs=(name,)) for find in _FINDERS[about] for finding in find(run))
+    return kept[about]
 
 
 def _against(convention: str) -> Find:
@@ -233,22 +234,23 @@ def _of_source(run: Measured) -> Iterable[Finding]:
     return () if run.is_simulated else findings_against(SOURCE, run.table, run.rig)
 
 
-_ORDER = _against(ORDER)
-_OF_COLUMNS: tuple[Find, ...] = (
-    lambda run: unit_findings(run.table, run.rig),
-    lambda run: unsigned_findings(run.table, run.rig),
-    display_findings,
-    _of_joints,
-)
-"""Findings about the columns of a run whose joints are known."""
-_OF_ROWS: tuple[Find, ...] = (
-    _of_source,
-    *(_against(convention) for convention in (STAMPS, PLACE)),
-    stand_findings,
-    command_findings,
-    *(_against(convention) for convention in (WILDNESS, DUPLICATES)),
-)
-"""Findings about the rows of any run."""
+_FINDERS: dict[str, tuple[Find, ...]] = {
+    "columns": (
+        lambda run: unit_findings(run.table, run.rig),
+        lambda run: unsigned_findings(run.table, run.rig),
+        display_findings,
+        _of_joints,
+    ),
+    "order": (_against(ORDER),),
+    "rows": (
+        _of_source,
+        *(_against(convention) for convention in (STAMPS, PLACE)),
+        stand_findings,
+        command_findings,
+        *(_against(convention) for convention in (WILDNESS, DUPLICATES)),
+    ),
+}
+"""Functions that check one run: the columns of a run whose joints are known, the order of its gauges, and its rows."""
 
 
 def _joints_hidden(runs: Runs) -> str:
