@@ -464,7 +464,6 @@ class TableFile:
     sha256: hash of the file. doubts: remarks on a bag.
     """
 
-    path: Path
     sha256: str
     direction: Direction | None
     table: pa.Table
@@ -490,7 +489,7 @@ def read_file(
         text, doubts = reader.table_of(data, str(path), rig, test)
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if has_direction else None
-    return TableFile(path, hashlib.sha256(data).hexdigest(), words, table, doubts)
+    return TableFile(hashlib.sha256(data).hexdigest(), words, table, doubts)
 
 
 def parse_csv(

@@ -303,8 +303,8 @@ class CircleResult:
     @property
     def without_rows(self) -> CircleResult:
         """The result with the first row only, and without noise draws, which are recreated on demand."""
-        distance = replace(self.distance, curve=self.distance.curve.without_draws)
-        return replace(self, laps=self.laps.without_rows, curve=self.curve.without_draws, distance=distance)
+        distance = replace(self.distance, curve=replace(self.distance.curve))
+        return replace(self, laps=self.laps.without_rows, curve=replace(self.curve), distance=distance)
 
 
 class Circle(TestKind[CircleTable]):

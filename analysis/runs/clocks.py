@@ -77,17 +77,6 @@ Columns = Mapping[str, np.ndarray[Any, Any]]
 
 
 @dataclass(frozen=True)
-class TimingDoubt:
-    """A doubt about an instrument's times: sentence with a placeholder, and the value in ms."""
-
-    form: str
-    ms: float = 0.0
-
-    def __str__(self) -> str:
-        return self.form.format(self.ms)
-
-
-@dataclass(frozen=True)
 class Instants:
     """Times of samples: ns (n,) on the host's clock.
 
@@ -108,7 +97,7 @@ class Instants:
     held: bool = False
     wanders_s: float = 0.0
     arrived: bool = False
-    doubts: tuple[TimingDoubt, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
@@ -130,11 +119,11 @@ def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
     return replace(latched, ns=latched.ns - timing.filter_ms * 1e6, u_s=u_s, doubts=doubts + latched.doubts)
 
 
-def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt, ...]]:
+def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[str, ...]]:
     """Ignore an instrument clock that does not advance, and report it as a doubt."""
     if not is_stalled(stream["device_time_s"]):
         return stream, ()
-    return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (TimingDoubt(_NOT_ADVANCING),)
+    return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (_NOT_ADVANCING,)
 
 
 def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Timing) -> Instants:
@@ -163,17 +152,17 @@ def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
     if cycle_ns is None and not repeats(values):
         return asked
-    doubts: tuple[TimingDoubt, ...] = ()
+    doubts: tuple[str, ...] = ()
     if ticks := through_cycle(asked.ns, values, cycle_ns):
         if cycle_ns is None or not ticks.steady:
-            doubts = (TimingDoubt(_FOUND if ticks.steady else _UNEVEN, ticks.period_ns / 1e6),)
+            doubts = ((_FOUND if ticks.steady else _UNEVEN).format(ticks.period_ns / 1e6),)
         if ticks.period_ns > _SPARSE_NS:
-            doubts = (*doubts, TimingDoubt(_SPARSE, ticks.period_ns / 1e6))
+            doubts = (*doubts, _SPARSE.format(ticks.period_ns / 1e6))
         u_s = math.hypot(asked.u_s, ticks.u_s)
         return replace(asked, ns=ticks.ns, u_s=u_s, own_u_s=ticks.own_u_s, doubts=doubts)
     seen = changes(asked.ns, values)
     if seen.repeating and (cycle_ns is None or seen.usual_ns > _LONGER * cycle_ns):
-        cycle_ns, doubts = seen.usual_ns, (TimingDoubt(_NOT_SEEN, seen.usual_ns / 1e6),)
+        cycle_ns, doubts = seen.usual_ns, (_NOT_SEEN.format(seen.usual_ns / 1e6),)
     if cycle_ns is None:
         return asked
     own_u_s, shared_u_s = anywhere_in_a_cycle(asked.ns, cycle_ns)

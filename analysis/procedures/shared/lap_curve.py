@@ -276,7 +276,6 @@ class LapCurve:
 
     power (NODES // 2 + 1,): likely mean square of the noise per order.
     laps (L, NODES): laps averaged in y.
-    drift: drift within a lap.
     rate: circle speed in rad/s.
     blur: standard deviation of the position of a row, in rad.
     slips: removed level steps between laps.
@@ -288,7 +287,6 @@ class LapCurve:
     power: Array
     laps: Array
     noise: LapNoise
-    drift: float
     rate: float
     blur: float
     slips: tuple[float, ...]
@@ -297,10 +295,6 @@ class LapCurve:
     def errors(self) -> Array:
         """Errors (DRAWS, NODES): 2.3 MB, neither sent between processes nor stored with a result."""
         return self.again().errors
-
-    @property
-    def without_draws(self) -> LapCurve:
-        return replace(self)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "errors"}
@@ -363,7 +357,6 @@ def curve_of(
         likely,
         laps[:, place],
         noise,
-        drift,
         run.rate,
         run.blur,
         tuple(slips),

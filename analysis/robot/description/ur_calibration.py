@@ -14,7 +14,6 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -157,26 +156,41 @@ def is_ur_calibration(text: str) -> bool:
 
 _UR_FORMS = re.compile(r"^\s*(\[\w+\]|kinematics\s*:|delta_\w+\s*=|(shoulder|upper_arm|hash)\s*:)", re.MULTILINE)
 _CONF = re.compile(r"^\s*(\[\w+\]|delta_\w+\s*=)", re.MULTILINE)
-_Chain = Callable[[Array], Array]
 
 
-def _lines(path: Path, robot: Robot) -> tuple[AxisLines, _Chain, float, tuple[str, ...]]:
+def _lines(path: Path, robot: Robot) -> tuple[AxisLines, Callable[[Array], Array], float, tuple[str, ...]]:
     """Joint axes in a file, the flange poses that it states (for a check), their rounding, and notes."""
     try:
         text = read_text(path, _MOST_BYTES)
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), _REMEDY, code="controller.file") from None
+    tolerance_mm, notes = TOLERANCE, tuple[str, ...]()
     if _CONF.search(text) is None:
-        chain = _RosChain(_frames(text, str(path)))
-        return chain.axes(), chain.flange, TOLERANCE, ()
-    by = _differences(text, path)
-    nominal = arm_of(robot)
-    # The classic constants of a joint are the modified constants of the link before it.
-    a, alpha = np.append(nominal.a[1:], 0.0), np.append(nominal.alpha[1:], 0.0)
-    classic = _Classic(nominal.offset + by.theta, a + by.a, nominal.d + by.d, alpha + by.alpha)
-    notes = () if by.is_calibrated else ("calibration_status is 0: the arm was not calibrated",)
-    tolerance_mm = TOLERANCE + _ROUNDING * float(np.abs(by.d).max())
-    return classic.axes(), lambda q: classic.frames(q)[:, 6], tolerance_mm, notes
+        links = _ros_links(_frames(text, str(path)))
+    else:
+        (theta, by_a, d, by_alpha), is_calibrated = _differences(text, path)
+        nominal = arm_of(robot)
+        # The classic constants of a joint are the modified constants of the link before it.
+        a, alpha = np.append(nominal.a[1:], 0.0), np.append(nominal.alpha[1:], 0.0)
+        links = _classic_links(nominal.offset + theta, a + by_a, nominal.d + d, alpha + by_alpha)
+        notes = () if is_calibrated else ("calibration_status is 0: the arm was not calibrated",)
+        tolerance_mm += _ROUNDING * float(np.abs(d).max())
+    T = _frames_along(links, np.zeros((1, 6)))[0]
+    lines = AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])
+    return lines, lambda q: _frames_along(links, q)[:, 6], tolerance_mm, notes
+
+
+def _frames_along(links: Array, q: Array) -> Array:
+    """Frames (n, 7, 4, 4) in mm of the six joints before they turn, and of the flange, for joint angles q (n, 6) rad.
+
+    links (7, 4, 4): each frame in the one before, with all joints at zero.
+    """
+    frames = [np.broadcast_to(links[0], (len(q), 4, 4))]
+    for link, angle in zip(links[1:], q.T, strict=True):
+        turns = np.zeros((len(q), 6))
+        turns[:, 5] = np.degrees(angle)
+        frames.append(frames[-1] @ transforms(turns) @ link)
+    return np.stack(frames, axis=1)
 
 
 def _turned_zeros(own: Robot, robot: Robot) -> list[str]:
@@ -243,43 +257,19 @@ def _frames(text: str, where: str) -> _Frames:
         raise FileError(where, f"{place} {missing}", _REMEDY, code="controller.file") from None
 
 
-class _RosChain:
-    """Chain of the six frames of the YAML. Each joint turns about the z axis of its frame."""
-
-    def __init__(self, frames: _Frames) -> None:
-        rows = [getattr(frames, name) for name in _Frames.model_fields if name != "hash"]
-        places = np.array([[MM_PER_M * row.x, MM_PER_M * row.y, MM_PER_M * row.z] for row in rows])
-        angles = np.degrees([[row.roll, row.pitch, row.yaw] for row in rows])
-        self._links = transforms(np.hstack([places, angles]))
-
-    def axes(self) -> AxisLines:
-        T = np.array(list(accumulate(self._links, np.matmul)))
-        return AxisLines(T[:, :3, 3], T[:, :3, 2], T[-1])
-
-    def flange(self, q: Array) -> Array:
-        T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-        for link, angle in zip(self._links, q.T, strict=True):
-            turns = np.zeros((len(q), 6))
-            turns[:, 5] = np.degrees(angle)
-            T = T @ link @ transforms(turns)
-        return T
+def _ros_links(frames: _Frames) -> Array:
+    """Links (7, 4, 4) of `_frames_along`: each joint turns about the z axis of its frame."""
+    rows = [getattr(frames, name) for name in _Frames.model_fields if name != "hash"]
+    places = np.array([[MM_PER_M * row.x, MM_PER_M * row.y, MM_PER_M * row.z] for row in rows])
+    angles = np.degrees([[row.roll, row.pitch, row.yaw] for row in rows])
+    return np.concatenate([transforms(np.hstack([places, angles])), np.eye(4)[None]])
 
 
 # --- calibration.conf of the controller
 
 
-@dataclass(frozen=True)
-class _Differences:
-    """Differences from the classic constants: theta, alpha (6,) rad, and a, d (6,) mm."""
-
-    theta: Array
-    a: Array
-    d: Array
-    alpha: Array
-    is_calibrated: bool
-
-
-def _differences(text: str, path: Path) -> _Differences:
+def _differences(text: str, path: Path) -> tuple[list[Array], bool]:
+    """Differences (6,) of theta in rad, a and d in mm, and alpha in rad, and whether the arm was calibrated."""
     parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#",))
     try:
         parser.read_string(text, source=path.name)
@@ -298,33 +288,13 @@ def _differences(text: str, path: Path) -> _Differences:
             values = np.array([])
         if values.shape != (6,) or not (np.abs(values) < _LARGEST).all():
             raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY, code="controller.file")
-        deltas.append(values)
-    theta, a, d, alpha = deltas
-    is_calibrated = section.get("calibration_status") != _NOT_CALIBRATED
-    return _Differences(theta, MM_PER_M * a, MM_PER_M * d, alpha, is_calibrated)
+        deltas.append(values * (MM_PER_M if key in ("delta_a", "delta_d") else 1.0))
+    return deltas, section.get("calibration_status") != _NOT_CALIBRATED
 
 
-@dataclass(frozen=True)
-class _Classic:
-    """Classic constants: theta with all joints at zero and alpha (6,) rad, and a, d (6,) mm."""
-
-    theta: Array
-    a: Array
-    d: Array
-    alpha: Array
-
-    def frames(self, q: Array) -> Array:
-        frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
-        for theta, a, d, alpha in zip((q + self.theta).T, self.a, self.d, self.alpha, strict=True):
-            c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-            T = np.zeros((len(q), 4, 4))
-            T[:, 0] = np.stack([c, -s * ca, s * sa, a * c], axis=1)
-            T[:, 1] = np.stack([s, c * ca, -c * sa, a * s], axis=1)
-            T[:, 2] = [0.0, sa, ca, d]
-            T[:, 3, 3] = 1.0
-            frames.append(frames[-1] @ T)
-        return np.stack(frames, axis=1)
-
-    def axes(self) -> AxisLines:
-        T = self.frames(np.zeros((1, 6)))[0]
-        return AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])
+def _classic_links(theta: Array, a: Array, d: Array, alpha: Array) -> Array:
+    """Links (7, 4, 4) of `_frames_along` by classic constants: theta and alpha (6,) rad, and a, d (6,) mm."""
+    c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+    none, one = np.zeros(6), np.ones(6)
+    rows = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [none, sa, ca, d], [none, none, none, one]]
+    return np.concatenate([np.eye(4)[None], np.moveaxis(np.array(rows), 2, 0)])
