@@ -49,6 +49,7 @@ from analysis.procedures.simulate import simulated_path
 from analysis.robot.geometry.iso_cube import CommandPath, Cube, PathName, Polygon, Ring, cube_of, iso9283_of, paths_of
 from analysis.robot.geometry.pose_setup import best_rigid, in_frame
 from analysis.robot.kinematics.arm import Array, transform
+from analysis.runs.noise.readings import robust_sd
 from analysis.runs.tables import PLACE, Layout, PathTable, Rows
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -64,8 +65,6 @@ _NOISES = 6.0
 """… or multiple of the standard deviation caused by noise alone."""
 _GAP_S = 0.3
 """Longest gap in the tracker data of a complete move; after a longer gap the target was lost."""
-_NORMAL = 1.4826
-"""Ratio of the standard deviation of a normal distribution to its median absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def moves_of(t_s: Array, xyz_mm: Array) -> list[PathMove]:
     way = np.linalg.norm(np.diff(at, axis=0), axis=1)
     speed = way / np.diff(when)
     bends = np.abs(xyz_mm[2:] - 2 * xyz_mm[1:-1] + xyz_mm[:-2])
-    noise_mm = float(_NORMAL * np.median(bends) / np.sqrt(6))  # standard deviation of a coordinate
+    noise_mm = robust_sd(bends) / float(np.sqrt(6))  # standard deviation of a coordinate
     noise = noise_mm * np.sqrt(6 / max(float(np.median(count)), 1.0)) / span_s
     rests = speed < max(_SLOW * float(np.quantile(speed, 0.9)), _NOISES * noise)
     # First and last span (k,) of each standstill.

@@ -44,7 +44,7 @@ from analysis.robot.geometry.driven_programs import hemisphere_of, radial_progra
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.align import Aligned
 from analysis.runs.noise.certificate import link_excess_mm
-from analysis.runs.noise.readings import MOST, SPREADS, step_of_stops
+from analysis.runs.noise.readings import MOST, SPREADS, robust_sd, step_of_stops
 from analysis.runs.noise.target_scatter import Scatter, SphereLevel, scatter_of
 from analysis.runs.stands import at_targets, stands_of, visits_of
 from analysis.runs.tables import JOINTS, Layout, RadialTable, Rows, joint_cells
@@ -138,7 +138,7 @@ def _unknown(design: Array) -> tuple[str, ...]:
 
 
 def _spread(residual: Array) -> float:
-    return float(1.4826 * np.median(np.abs(residual - np.median(residual))))
+    return robust_sd(np.abs(residual - np.median(residual)))
 
 
 _FEWEST = 6

@@ -52,7 +52,7 @@ from analysis.robot.kinematics.arm import Array, Integers, arm_of, drive_angles,
 from analysis.robot.model.predict import Model, model_of, moved
 from analysis.runs.laps import is_on_circle, laps_of
 from analysis.runs.loading import Measured
-from analysis.runs.noise.readings import rms
+from analysis.runs.noise.readings import rms, robust_sd
 from analysis.runs.tables import CircleTable, Table, format_of
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -560,7 +560,7 @@ class _Series:
         sizes = np.abs(d_mm[d_mm != 0])
         if len(g_mm) < _FEWEST or len(sizes) < _FEWEST // 2 or not np.isfinite(g_mm).all():
             return None
-        noise_mm = 1.4826 * float(np.median(np.abs(np.diff(d_mm)))) / np.sqrt(6)
+        noise_mm = robust_sd(np.abs(np.diff(d_mm))) / np.sqrt(6)
         most = max(_WIDTH, len(g_mm) // 20)
         widths = np.unique(np.geomspace(_WIDTH, most, _WIDTHS).round().astype(int)).tolist()
         moves = ((width, np.median(np.abs(g_mm[width:] - g_mm[:-width]))) for width in widths)

@@ -57,6 +57,7 @@ from analysis.runs.noise.readings import (
     by_accident,
     evenly,
     far_from_fit,
+    robust_sd,
     spreads_of,
 )
 from analysis.runs.stands import rows_per_standstill
@@ -360,7 +361,7 @@ def _outliers(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
         off = np.min([np.linalg.norm(xyz_mm[middle] - side, axis=1) for side in sides], axis=0)
         apart = np.linalg.norm(sides[1] - sides[0], axis=1)
         span = t_s[2 * reach :] - t_s[: count - 2 * reach]
-        limit = max(_SPREADS * 1.4826 * float(np.median(off)), _LEAST_OUTLIER_MM)
+        limit = max(_SPREADS * robust_sd(off), _LEAST_OUTLIER_MM)
         seen = (off > limit) & (off > _AGREE * apart) & (span < 2 * float(np.median(span)))
         away[middle] = np.where(seen, np.maximum(away[middle], off), away[middle])
         wild[middle] |= seen

@@ -47,6 +47,11 @@ def rms(values: NDArray[Any]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+def robust_sd(distances: Array) -> float:
+    """Standard deviation of normal values by their distances (n,) from the middle, hardly affected by outliers."""
+    return 1.4826 * float(np.median(distances))
+
+
 def evenly(count: int, most: int) -> Integers:
     """Numbers (m,) of at most `most` rows, spread evenly over `count` rows."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
@@ -88,7 +93,7 @@ def is_outlier(values: Array) -> Mask:
 def beyond_neighbours(away: Array) -> Mask:
     """Mask (n,) of the distances that are outliers by two robust limits together."""
     seen = away[:: max(1, len(away) // _SAMPLE)]
-    limit = max(_SPREADS * 1.4826 * float(np.median(seen)), _TAIL * float(np.quantile(seen, 0.98)))
+    limit = max(_SPREADS * robust_sd(seen), _TAIL * float(np.quantile(seen, 0.98)))
     return away > limit if limit > 0 else np.zeros(len(away), dtype=bool)
 
 
@@ -231,7 +236,7 @@ chance is 0.002 for six joints."""
 def spreads_of(distances: Array, least: float) -> Array:
     """Distances (n,) from a model, in mm or rad, as multiples of the robust standard deviation, which is at
     least `least`."""
-    sd = max(1.4826 * float(np.median(distances)), least)
+    sd = max(robust_sd(distances), least)
     return distances / sd
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.noise.cell_noise import DRIFT_MM_PER_S, LEVELS_APART, SLOW_MM, WHITE_MM, NoiseSource
-from analysis.runs.noise.readings import beyond_neighbours
+from analysis.runs.noise.readings import beyond_neighbours, robust_sd
 
 NODES = 720
 """Number of angles of a reduced lap, half a degree apart. Chosen: finer than the stated resolution of 80 undulations
@@ -143,7 +143,7 @@ def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
         summed = np.cumsum(np.concatenate([[0.0], lap, lap[:scale]]))
         means = (summed[scale:] - summed[:-scale])[:NODES] / scale
         third: Array = means - 3 * np.roll(means, -scale) + 3 * np.roll(means, -2 * scale) - np.roll(means, -3 * scale)
-        seen = (1.4826 * float(np.median(np.abs(third)))) ** 2
+        seen = robust_sd(np.abs(third)) ** 2
         # The median of NODES / scale overlapping differences determines a variance with a quarter of that number of
         # degrees of freedom.
         spread = np.sqrt(8.0 * scale / NODES)
@@ -294,7 +294,7 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
             steps = level[width:] - level[:-width]
             away = np.abs(steps - np.median(steps))
             # Most differences of coarse readings are zero, but not the ninetieth percentile.
-            spread = max(1.4826 * float(np.median(away)), float(np.quantile(away, 0.9)) / 1.645, 1e-12)
+            spread = max(robust_sd(away), float(np.quantile(away, 0.9)) / 1.645, 1e-12)
             if width < _WIDE[0]:
                 steps[_WIDE[0] - width : width - _WIDE[0]] = 0.0
             place = int(np.argmax(np.abs(steps)))
