@@ -32,8 +32,7 @@ READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle", "markupsafe"}
 for example with Dask."""
 OURS = {"analysis", "rigs"}
 WORDS = {
-    *("analysis", "analysis.runs", "analysis.runs.tables"),
-    *("rigs", "rigs.distribution", "rigs.errors", "rigs.schema", "rigs.schema.part"),
+    *("analysis", "rigs", "rigs.distribution", "rigs.errors", "rigs.schema", "rigs.schema.part"),
     *("rigs.signals", "rigs.text"),
 }
 """What every command imports of rig: the words that its options take, its errors."""
@@ -88,7 +87,6 @@ def test_analyse_imports_only_the_evaluation(words: list[str], run: Path) -> Non
     rings = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
     assert not rings & {"diagnosis", "correction"}
     assert {module.split(".")[2] for module in modules if module.startswith("analysis.apps.")} == {"report"}
-    assert "analysis.procedures.simulate" not in modules
 
 
 def test_figures_of_a_run_without_text_need_no_event_loop_and_no_functions_of_pyarrow(tmp_path: Path) -> None:
