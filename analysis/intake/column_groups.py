@@ -367,12 +367,14 @@ def _angle_readings(columns: Sequence[str]) -> tuple[TurnReading, ...]:
     return (*readings, TurnReading(tuple(columns), "rotation vector"))
 
 
+def _by_digits(names: Iterable[_Name]) -> dict[str, _Name]:
+    """Columns by row and column of a matrix, two digits in their names."""
+    named = (("".join(word for word in name.words if word.isdigit()), name) for name in names)
+    return {digits: name for digits, name in named if len(digits) == 2}
+
+
 def _matrices(names: Sequence[_Name]) -> _Turns:
-    by_place = {}
-    for name in names:
-        digits = "".join(word for word in name.words if word.isdigit())
-        if len(digits) == 2 and {"r", "rot", "m", "t", "matrix", "rotation"} & set(name.words):
-            by_place[digits] = name
+    by_place = _by_digits(name for name in names if {"r", "rot", "m", "t", "matrix", "rotation"} & set(name.words))
     for first in (0, 1):
         places = [f"{row}{column}" for row in range(first, first + 3) for column in range(first, first + 3)]
         if set(places) <= by_place.keys():
@@ -389,11 +391,7 @@ def _vectors(names: Sequence[_Name]) -> Iterator[PlaceColumns]:
                 whole = _group(order)
                 for seen in _poses([name.column for name in order]):
                     yield replace(seen, place=replace(whole, columns=seen.place.columns, unit=""))
-    matrix: dict[str, _Name] = {}
-    for name in names:
-        digits = "".join(word for word in name.words if word.isdigit())
-        if len(digits) == 2:
-            matrix[digits] = name
+    matrix = _by_digits(names)
     for first in (0, 1):
         rows = [[f"{r}{c}" for c in range(first, first + 4)] for r in range(first, first + 3)]
         if all(place in matrix for row in rows for place in row):

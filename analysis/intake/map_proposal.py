@@ -152,17 +152,13 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     if len(raw.lines) < FEWEST:
         problem = f"has {len(raw.lines)} poses, too few to determine the meaning of the columns ({FEWEST} are needed)"
         raise FileError(raw.where, problem, _map_by_hand(raw, groups, layouts), code="table.few_poses")
-    measured, unsaid, commanded = (
-        [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
-    )
-    # Joints to read, and the commanded joints in addition.
-    joints, commanded = (measured or unsaid, commanded) if measured or unsaid else (commanded, [])
-    only_commanded = all(group.role == "commanded" for group in joints)
+    joints, commanded = _joints_to_read(groups)
     for group in joints[:1]:
         require_postures(radians(judge.raw, likely_angles(judge.raw, group)), raw.where)
     seen, residual = _places(groups)
     roles = PlaceRoles(tuple(seen)) if residual else place_roles(judge, joints, groups, seen)
     table_map, chosen = _placed(judge, joints, roles.seen, residual)
+    only_commanded = all(group.role == "commanded" for group in joints)
     table_map = table_map.model_copy(update={"only_commanded": only_commanded})
     if commanded and table_map.joints and len(commanded) == 1:
         (unit, *_) = possible_units(commanded[0].unit, TO_DEG, (table_map.joints.unit,))
@@ -173,17 +169,30 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     turns = tuple(turn for turn in chosen.turns if not set(turn.columns) & set(of_controller))
     if turns and table_map.turn is None:
         table_map = _turned(judge, table_map, replace(chosen, turns=turns))
-    if residual and table_map.residual:
-        # Both signs of a residual fit equally well: a wrong sign mirrors the errors.
-        meanings = ("target - measured", "measured - target")
-        values = [table_map.residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
-        words = [f"{short(table_map.residual.columns)} is {meaning}" for meaning in meanings]
-        readings = tuple(TableReading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
-        asks = "the file does not define the residual, and both readings fit the arm"
-        judge.questions.append(Question("residual", asks, readings))
+    if table_map.residual:
+        judge.questions.append(_sign_question(table_map.residual))
     if judge.assumed:
         table_map = table_map.model_copy(update={"assumed": tuple(judge.assumed)})
     return MapProposal(table_map, tuple(judge.questions), tuple(judge.checked), len(raw.lines))
+
+
+def _joints_to_read(groups: Groups) -> tuple[list[ColumnGroup], list[ColumnGroup]]:
+    """Joints to read, and the commanded joints in addition."""
+    measured, unsaid, commanded = (
+        [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
+    )
+    return (measured or unsaid, commanded) if measured or unsaid else (commanded, [])
+
+
+def _sign_question(residual: Residual) -> Question:
+    """Both signs of a residual fit equally well: a wrong sign mirrors the errors."""
+    readings = (
+        TableReading(
+            residual.model_copy(update={"meaning": meaning}), np.nan, "mm", f"{short(residual.columns)} is {meaning}"
+        )
+        for meaning in ("target - measured", "measured - target")
+    )
+    return Question("residual", "the file does not define the residual, and both readings fit the arm", tuple(readings))
 
 
 def _map_by_hand(raw: RawTable, groups: Groups, layouts: Sequence[FileLayout]) -> str:
