@@ -103,15 +103,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
 
     Raises FileError for too few touches, and for a robot that did not move.
     """
-    check_numbers(where, q=table.q)
-    count = len(np.unique(table.socket))
-    if 3 * len(table.q) <= 3 + 3 * count or len(table.q) < _FEWEST:
-        touches = f"{len(table.q)} touch{'es' * (len(table.q) > 1)} of {count} socket{'s' * (count > 1)}"
-        problem = f"has {touches}, too few to fit their places"
-        raise FileError(
-            where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ", code="table.few_rows"
-        )
-    check_joints(where, table.q, "touch each socket in many postures")
+    _require_enough(table, where)
     table = table.in_content_order()
     T = forward(model.arm, table.q) if not model.effects else moved(model, path_of(model, table)).T
     far = far_touches(table, T)
@@ -131,20 +123,30 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     counted = socket.ravel(), len(names)
     figures = figures_of(_plain(off, *counted), _plain(drawn, *counted), len(off), noise="assumed")
     sockets = dict(zip(names.tolist(), terms[3:].reshape(-1, 3), strict=True))
-    errs_mm = rms(off)
-    spread = terms + np.hypot(level, errs_mm) / level * (drawn_terms - terms)
+    spread = terms + np.hypot(level, rms(off)) / level * (drawn_terms - terms)
     distances = _distances(model, names.tolist(), terms, spread, len(off))
     if len(names) == 2:
         figures["socket_distance_mm"] = distances[0].distance
     singular = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
     if singular[-1] <= _BLIND * singular[0]:
-        words = "the tool turned too little to separate the ball from the sockets: turn the wrist more"
-        notes = (*notes, words)
+        notes = (*notes, "the tool turned too little to separate the ball from the sockets: turn the wrist more")
     notes = (*notes, *known_otherwise(distances), *unknown_distance(distances))
     if once := ", ".join(names[np.bincount(socket.ravel()) < 2].tolist()):
         notes = (*notes, f"{once} touched only once, which is not evaluable: touch each socket in many postures")
     shown = np.argsort(rows)
     return TouchResult(off[shown], terms[:3], sockets, distances, figures, len(off), notes, rows[shown])
+
+
+def _require_enough(table: TouchTable, where: str) -> None:
+    check_numbers(where, q=table.q)
+    count = len(np.unique(table.socket))
+    if 3 * len(table.q) <= 3 + 3 * count or len(table.q) < _FEWEST:
+        touches = f"{len(table.q)} touch{'es' * (len(table.q) > 1)} of {count} socket{'s' * (count > 1)}"
+        problem = f"has {touches}, too few to fit their places"
+        raise FileError(
+            where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ", code="table.few_rows"
+        )
+    check_joints(where, table.q, "touch each socket in many postures")
 
 
 def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:

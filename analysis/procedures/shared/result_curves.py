@@ -85,8 +85,7 @@ def axis_curves(
         at_deg = np.degrees([q[rows, joint][number == k].mean() for k in range(count)])
         curves.append(AxisCurve(joint + 1, radius_mm, at_deg, np.degrees(up[0]), np.degrees(down[0]), u_deg))
         # ISO 230-2:2014: mean reversal error, positive if the joint lags, as with backlash; and the range of the errors
-        # of both
-        # directions, the bidirectional systematic deviation E.
+        # of both directions, the bidirectional systematic deviation E.
         wide, ways = f"axis{joint + 1}_bidirectional_deg", np.concatenate([up, down], axis=-1)
         both = {
             f"axis{joint + 1}_reversal_deg": np.degrees(np.nanmean(down - up, axis=-1)),
