@@ -162,10 +162,16 @@ def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
 
     Raises FileError, and UseError for the name of an arm in place of a run.
     """
+    from rigs.arms import arm_names
+
     paths = list(paths)
     for path in paths:
-        refuse_arm_name(path)
-        if path.suffix.lower() in _TABLES and not path.exists():
+        if path.exists():
+            continue
+        if str(path) in arm_names():
+            problem = "is an arm of the library, not a run"
+            raise UseError(str(path), problem, f"give runs or tables, and the arm as --rig {path}", code="run.arm_name")
+        if path.suffix.lower() in _TABLES:
             remedy = f"check the path; accepted are run directories, and tables ({', '.join(_TABLES)}) with --rig"
             raise FileError(str(path), "no such file or directory", remedy, code="file.missing")
     return [_run_of(path, rig_file) if is_table(path) else path for path in paths]
@@ -214,15 +220,6 @@ def with_recorded_controller(rig: Rig, text: str, runs: Sequence[Measured]) -> t
     own = "constants of its own" if recorded.controller == "constants" else "the constants of the data sheet"
     say(f"the controller computes with {own}, as the poses in the runs show", err=True)
     return recorded, text_with_robot(text, recorded.robot)
-
-
-def refuse_arm_name(path: Path) -> None:
-    """Raise UseError if a path that does not exist is the name of an arm of the library, given in place of a run."""
-    from rigs.arms import arm_names
-
-    if str(path) in arm_names() and not path.exists():
-        problem = "is an arm of the library, not a run"
-        raise UseError(str(path), problem, f"give runs or tables, and the arm as --rig {path}", code="run.arm_name")
 
 
 def _run_of(table: Path, rig_file: str | None) -> Path:
