@@ -311,8 +311,9 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 def _known_effects(run: Measured) -> Iterator[Finding]:
     """A finding if the effects of the rig file explain a run only with inverted gauges."""
-    model = model_of(run.rig)
-    table = run.table
+    if not run.rig.effects and not run.rig.calibrated:
+        return
+    model, table = model_of(run.rig), run.table
     if not model.effects or not format_of(table.test).gauges or kind_of(table.test).cannot_tell(table, run.rig):
         return
     as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
