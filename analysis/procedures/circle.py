@@ -69,7 +69,7 @@ from analysis.robot.model.predict import Model, ModelScene, Motion, Path, SetUp,
 from analysis.runs.align import Aligned
 from analysis.runs.laps import Laps, laps_of
 from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
-from analysis.runs.tables import JOINTS, TIME_U, CircleTable, Layout, Rows, joint_cells
+from analysis.runs.tables import CircleTable, Rows
 from rigs.errors import FileError
 from rigs.readiness import require_test
 from rigs.rig import Rig
@@ -313,6 +313,9 @@ class Circle(TestKind[CircleTable]):
     test: ClassVar[CircleTest]
     facts = Facts(setup_terms=5)
     labels = Labels(example=("circular_deviation_mm", 0.05, 0.10), part="circle", along="phi_deg")
+    table = CircleTable
+    fields = ("t_s", "direction", "q", "g_mm")
+    further = (("phi_deg",), ("u_t_s",), ("u_lag_s",))
     gauges = ("g1", "g2")
     certified = ("g1", "g2", "ball")
     finders: ClassVar[Finders] = {STAMPS: stamp_findings}
@@ -324,19 +327,10 @@ class Circle(TestKind[CircleTable]):
     def notes_of(self, result: CircleResult) -> tuple[str, ...]:
         return ()
 
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg", *TIME_U))
-
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> CircleTable:
-        remedy = "import the table with --direction cw or acw"
-        u_t_s = rows.floats("u_t_s") if rows.has(("u_t_s",)) else None
-        columns = rows.floats("t_s"), rows.q, rows.stack(("g1_mm", "g2_mm")), u_t_s
-        return CircleTable(self.test, _known(direction, where, remedy), *columns)
-
-    def columns(self, table: CircleTable) -> Mapping[str, Array | Sequence[str]]:
-        gauges = {f"g{k}_mm": g_mm for k, g_mm in enumerate(table.g_mm.T, start=1)}
-        stamps = {"t_s": table.t_s, "direction": [table.direction] * len(table.t_s)}
-        return {**stamps, **joint_cells(table.q, rail=False), **gauges}
+        direction = _known(direction, where, "import the table with --direction cw or acw")
+        t_s, q, g_mm = (self.read_field(field, rows) for field in ("t_s", "q", "g_mm"))
+        return CircleTable(self.test, direction, t_s, q, g_mm, self.read_field("u_t_s", rows))
 
     def recorded(
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str

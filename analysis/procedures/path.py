@@ -50,7 +50,7 @@ from analysis.robot.geometry.iso_cube import CommandPath, Cube, PathName, Polygo
 from analysis.robot.geometry.pose_setup import best_rigid, in_frame
 from analysis.robot.kinematics.arm import Array, transform
 from analysis.runs.noise.readings import robust_sd
-from analysis.runs.tables import PLACE, Layout, PathTable, Rows
+from analysis.runs.tables import PathTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import TrackerPose
@@ -444,20 +444,13 @@ class Path(TestKind[PathTable]):
     """Tool positions along the paths of the cube, seen by a tracker."""
 
     test = "path"
+    table = PathTable
+    fields = ("t_s", "xyz_mm")
     labels = Labels(
         example=("line_at_mm", 0.5, 1.0),
         unsupported_reason="is a path without joint angles, which cannot show single joints",
     )
     finders: ClassVar[Finders] = {WILDNESS: outlying_places, DUPLICATES: repeated_places}
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout(("t_s", *PLACE))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> PathTable:
-        return PathTable(rows.floats("t_s"), rows.stack(PLACE))
-
-    def columns(self, table: PathTable) -> Mapping[str, Array]:
-        return {"t_s": table.t_s, **dict(zip(PLACE, table.xyz_mm.T, strict=True))}
 
     def evaluate(self, table: PathTable, rig: Rig, where: str, instruments: Instruments) -> PathResult:
         declared = iso9283_of(rig)

@@ -16,7 +16,7 @@ are not corrected for noise, because the standards define them by formulas.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
@@ -69,7 +69,7 @@ from analysis.procedures.shared.test_kind import (
     check_numbers,
 )
 from analysis.procedures.simulate import simulated_cube
-from analysis.procedures.stops import PlaceTest, came_from_cells, came_from_of
+from analysis.procedures.stops import PlaceTest
 from analysis.robot.geometry.iso_cube import Cube, cube_of
 from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
@@ -82,17 +82,8 @@ from analysis.runs.stands import STANDSTILL_MM, require_postures, standstill_sta
 from analysis.runs.tables import (
     CONTROLLER_PLACE,
     CONTROLLER_TURN,
-    PLACE,
-    RAIL,
-    RAIL_FROM,
-    TURN,
-    Layout,
     PoseTable,
-    Rows,
-    came_from_columns,
     content_order,
-    joint_cells,
-    joint_columns,
 )
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -449,6 +440,10 @@ class Pose(PlaceTest[PoseTable]):
     """Tool poses measured by a tracker."""
 
     test = "pose"
+    table = PoseTable
+    fields = ("q", "xyz_mm")
+    optional = ("rpy", "came_from")
+    further = (CONTROLLER_PLACE, CONTROLLER_TURN)
     facts = Facts(
         of_places=True,
         of_tracker=True,
@@ -466,21 +461,6 @@ class Pose(PlaceTest[PoseTable]):
         outlier_check="check that the tracker saw the target and that the robot was at rest",
     )
     finders: ClassVar[Finders] = {SOURCE: source_findings, WILDNESS: outlier_findings, DUPLICATES: duplicate_findings}
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        came_from = came_from_columns(axes)
-        optional = (*TURN, *came_from, *CONTROLLER_PLACE, *CONTROLLER_TURN, *[RAIL_FROM] * rail)
-        together = (TURN, came_from, CONTROLLER_PLACE, CONTROLLER_TURN)
-        return Layout((*joint_columns(axes), *[RAIL] * rail, *PLACE), optional, together)
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> PoseTable:
-        rpy = np.radians(rows.stack(TURN)) if rows.has(TURN) else None
-        return PoseTable(rows.with_rail(rows.q), rows.stack(PLACE), rpy, rail=rows.rail, came_from=came_from_of(rows))
-
-    def columns(self, table: PoseTable) -> Mapping[str, Array]:
-        turns = {} if table.rpy is None else dict(zip(TURN, np.degrees(table.rpy).T, strict=True))
-        places = dict(zip(PLACE, table.xyz_mm.T, strict=True))
-        return {**joint_cells(table.q, rail=table.rail), **places, **turns, **came_from_cells(table)}
 
     def stands(self, table: PoseTable) -> Mask:
         far = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1) > STANDSTILL_MM

@@ -20,7 +20,7 @@ between is included in its uncertainty, as a distribution concentrated at both e
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,7 +39,7 @@ from analysis.procedures.shared.test_kind import (
     require_live_gauges,
 )
 from analysis.procedures.simulate import read_by_gauges, visit_times
-from analysis.procedures.stops import TargetTest, require_known_targets, target_count, timed, visit_starts
+from analysis.procedures.stops import TargetTest, require_known_targets, target_count, visit_starts
 from analysis.robot.geometry.driven_programs import hemisphere_of, radial_program
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.align import Aligned
@@ -47,7 +47,7 @@ from analysis.runs.noise.certificate import link_excess_mm
 from analysis.runs.noise.readings import MOST, SPREADS, robust_sd, step_of_stops
 from analysis.runs.noise.target_scatter import Scatter, SphereLevel, scatter_of
 from analysis.runs.stands import at_targets, stands_of, visits_of
-from analysis.runs.tables import JOINTS, Layout, RadialTable, Rows, joint_cells
+from analysis.runs.tables import RadialTable
 from rigs.errors import FileError
 from rigs.readiness import require_test
 from rigs.rig import Rig
@@ -379,21 +379,11 @@ class Radial(TargetTest[RadialTable]):
         further=("hemisphere (radial)", "many postures, by distance alone"),
         along="target",
     )
+    table = RadialTable
+    fields = ("target", "polar", "azimuth", "orientation", "q", "g_mm")
+    optional = ("t_s",)
     gauges = ("g1",)
     certified = ("g1", "ball", "link")
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout(("target", "polar_deg", "azimuth_deg", "orientation", *JOINTS, "g1_mm"), ("t_s",))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> RadialTable:
-        polar, azimuth = (np.radians(rows.floats(name)) for name in ("polar_deg", "azimuth_deg"))
-        target, orientation = rows.counts("target"), rows.counts("orientation")
-        return RadialTable(target, polar, azimuth, orientation, rows.times(), rows.q, rows.floats("g1_mm"))
-
-    def columns(self, table: RadialTable) -> Mapping[str, Array | Integers]:
-        place = {"polar_deg": np.degrees(table.polar), "azimuth_deg": np.degrees(table.azimuth)}
-        first = {"target": table.target, **place, "orientation": table.orientation}
-        return {**first, **joint_cells(table.q, rail=False), "g1_mm": table.g_mm, **timed(table.t_s)}
 
     def stands(self, table: RadialTable) -> Mask:
         return visit_starts(table, np.stack([table.target, table.orientation], axis=1))

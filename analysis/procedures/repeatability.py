@@ -10,7 +10,6 @@ and targets: the largest range grows with both; 4 s does not.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -30,7 +29,7 @@ from analysis.procedures.shared.scatter_figures import (
 )
 from analysis.procedures.shared.test_kind import Instruments, Labels, Simulation, check_numbers, require_live_gauges
 from analysis.procedures.simulate import read_by_gauges, visit_times
-from analysis.procedures.stops import TargetTest, require_known_targets, timed, visit_starts
+from analysis.procedures.stops import TargetTest, require_known_targets, visit_starts
 from analysis.robot.geometry.driven_programs import (
     displace_tool,
     hemisphere_frame,
@@ -46,7 +45,7 @@ from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.noise.readings import SPREADS, spreads_of, step_of_stops
 from analysis.runs.noise.target_scatter import scatter_of
 from analysis.runs.stands import at_targets, stands_of, visits_of
-from analysis.runs.tables import JOINTS, Layout, RepeatabilityTable, Rows, joint_cells
+from analysis.runs.tables import RepeatabilityTable
 from rigs.errors import FileError
 from rigs.readiness import require_test
 from rigs.rig import Rig
@@ -161,19 +160,11 @@ class Repeatability(TargetTest[RepeatabilityTable]):
     labels = Labels(
         example=("bi_mm", 0.05, 0.10), part="hemisphere", further=("repeatability", "the same places from both sides")
     )
+    table = RepeatabilityTable
+    fields = ("target", "approach", "round", "q", "g_mm")
+    optional = ("t_s",)
     gauges = ("g1",)
     certified = ("g1", "ball")
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout(("target", "approach", "round", *JOINTS, "g1_mm"), ("t_s",))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> RepeatabilityTable:
-        labels = rows.counts("target"), rows.words("approach"), rows.counts("round")
-        return RepeatabilityTable(*labels, rows.times(), rows.q, rows.floats("g1_mm"))
-
-    def columns(self, table: RepeatabilityTable) -> Mapping[str, Array | Integers | Sequence[str]]:
-        first = {"target": table.target, "approach": table.approach.tolist(), "round": table.round}
-        return {**first, **joint_cells(table.q, rail=False), "g1_mm": table.g_mm, **timed(table.t_s)}
 
     def stands(self, table: RepeatabilityTable) -> Mask:
         side = np.unique(table.approach, return_inverse=True)[1]

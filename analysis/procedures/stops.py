@@ -16,7 +16,7 @@ from analysis.robot.geometry.driven_programs import hemisphere_frame, hemisphere
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.robot.model.predict import Model, ModelScene, Path, SetUp, apply, gauged, stops, visits
 from analysis.runs.stands import STANDSTILL_MM, standstill_starts
-from analysis.runs.tables import RAIL, RAIL_FROM, PlaceTable, Rows, TargetTable, came_from_columns, joint_cells
+from analysis.runs.tables import PlaceTable, TargetTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
@@ -112,21 +112,3 @@ def visit_starts(table: TargetTable, labels: Array) -> Mask:
     """
     differs = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDSTILL_MM)
     return standstill_starts(table.q, np.asarray(differs))
-
-
-def timed(t_s: Array) -> dict[str, Array]:
-    return {"t_s": t_s} if t_s.any() else {}
-
-
-def came_from_of(rows: Rows) -> Array | None:
-    """Previous joint positions (n, axes) rad in a file, None if absent; a rail defaults to its present position."""
-    names = came_from_columns(rows.axes)
-    if not rows.has(names):
-        return None
-    return rows.with_rail(np.radians(rows.stack(names)), RAIL_FROM if rows.has((RAIL_FROM,)) else RAIL)
-
-
-def came_from_cells(table: PlaceTable) -> dict[str, Array]:
-    if table.came_from is None:
-        return {}
-    return joint_cells(table.came_from, rail=table.rail, names=came_from_columns, rail_name=RAIL_FROM)

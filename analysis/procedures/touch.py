@@ -12,7 +12,7 @@ noise for it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import ClassVar
@@ -39,7 +39,7 @@ from analysis.procedures.shared.test_kind import (
     path_of,
 )
 from analysis.procedures.simulate import simulated_touches
-from analysis.procedures.stops import PlaceTest, came_from_cells, came_from_of
+from analysis.procedures.stops import PlaceTest
 from analysis.robot.geometry.pose_setup import socket_design
 from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
 from analysis.robot.model.predict import Model, SetUp, model_of, moved
@@ -47,15 +47,7 @@ from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
 from analysis.runs.noise.readings import rms
 from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.tables import (
-    RAIL,
-    RAIL_FROM,
-    SOCKET,
-    Layout,
-    Rows,
     TouchTable,
-    came_from_columns,
-    joint_cells,
-    joint_columns,
 )
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -206,6 +198,9 @@ class Touch(PlaceTest[TouchTable]):
     """Touches; each row is a separate visit, and each socket has a separate set-up."""
 
     test = "touch"
+    table = TouchTable
+    fields = ("socket", "q")
+    optional = ("came_from",)
     facts = Facts(
         of_places=True,
         constants_apart=True,
@@ -235,16 +230,6 @@ class Touch(PlaceTest[TouchTable]):
         outlier_check="check that the ball was seated when the joints were read, and that nothing moved",
     )
     finders: ClassVar[Finders] = {WILDNESS: outlying_touches}
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        came_from = came_from_columns(axes)
-        return Layout((SOCKET, *joint_columns(axes), *[RAIL] * rail), (*came_from, *[RAIL_FROM] * rail), (came_from,))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> TouchTable:
-        return TouchTable(rows.words(SOCKET), rows.with_rail(rows.q), came_from_of(rows), rail=rows.rail)
-
-    def columns(self, table: TouchTable) -> Mapping[str, Array | Sequence[str]]:
-        return {SOCKET: table.socket.tolist(), **joint_cells(table.q, rail=table.rail), **came_from_cells(table)}
 
     def evaluate(self, table: TouchTable, rig: Rig, where: str, instruments: Instruments) -> TouchResult:
         return evaluate(table, model_of(rig), where)

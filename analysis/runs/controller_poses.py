@@ -19,7 +19,7 @@ from analysis.robot.description.rig_section import largest_difference, random_po
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import Array, controller_arm, forward, transforms, without_setup
 from analysis.runs.noise.readings import evenly
-from analysis.runs.tables import CONTROLLER_PLACE, CONTROLLER_TURN, Rows
+from analysis.runs.tables import CONTROLLER_PLACE, CONTROLLER_TURN, Rows, joint_columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.condition import POSE
@@ -116,5 +116,6 @@ def controller_places(table: pa.Table | None) -> ControllerPlaces | None:
     if table is None or not (rows := Rows(table)).has(CONTROLLER_PLACE):
         return None
     has_turn = rows.has(CONTROLLER_TURN)
-    R = Rotation.from_euler("xyz", rows.stack(CONTROLLER_TURN), degrees=True).as_matrix() if has_turn else None
-    return ControllerPlaces(rows.q, rows.stack(CONTROLLER_PLACE), None if R is None else np.asarray(R))
+    R = Rotation.from_euler("xyz", rows.values(CONTROLLER_TURN)).as_matrix() if has_turn else None
+    q = rows.values(joint_columns(rows.axes))
+    return ControllerPlaces(q, rows.values(CONTROLLER_PLACE), None if R is None else np.asarray(R))

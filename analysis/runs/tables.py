@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.metadata import EntryPoint
 from itertools import takewhile
-from typing import TYPE_CHECKING, ClassVar, Generic, Literal, Self, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Self, TypeVar, cast, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -395,47 +395,40 @@ class Rows:
         """True if the table contains rail positions. An unrelated column of that name contains text."""
         return self._is_measured(RAIL)
 
-    @property
-    def q(self) -> Array:
-        return np.radians(self.stack(joint_columns(self.axes)))
-
     def has(self, names: tuple[str, ...]) -> bool:
         return set(names) <= set(self.columns.column_names)
 
-    def floats(self, name: str) -> Array:
-        return np.asarray(array_of(self.columns[name]), dtype=float)
+    def values(self, names: tuple[str, ...]) -> Any:
+        """Columns (n,) or (n, k) in memory: angles in rad, the position of a rail in m, counts and words."""
+        columns = [self._value(name) for name in names]
+        return columns[0] if len(columns) == 1 else np.stack(columns, axis=1)
 
-    def stack(self, names: tuple[str, ...]) -> Array:
-        return np.stack([self.floats(name) for name in names], axis=1)
-
-    def counts(self, name: str) -> Integers:
-        return array_of(self.columns[name])
-
-    def words(self, name: str) -> NDArray[np.str_]:
-        return np.array(self.columns[name].to_pylist(), dtype=np.str_)
-
-    def times(self) -> Array:
-        """Times (n,) s, zeros if the table has none."""
-        return self.floats("t_s") if self.has(("t_s",)) else np.zeros(self.columns.num_rows)
-
-    def with_rail(self, q: Array, name: str = RAIL) -> Array:
-        """Angles q (n, axes) rad with the rail position in m, if the table contains it."""
-        return np.column_stack([q, self.floats(name) / RAIL_MM]) if self.rail else q
+    def _value(self, name: str) -> Any:
+        column = self.columns[name]
+        if name in (*WORDS, SOCKET):
+            return np.array(column.to_pylist(), dtype=np.str_)
+        values = array_of(column)
+        if name in COUNTS:
+            return values
+        floats = np.asarray(values, dtype=float)
+        return (
+            np.radians(floats) if name.endswith("_deg") else floats / RAIL_MM if name in (RAIL, RAIL_FROM) else floats
+        )
 
     def _is_measured(self, name: str) -> bool:
         schema = self.columns.schema
         return name in schema.names and pa.types.is_floating(schema.field(name).type)
 
 
-def joint_cells(
-    q: Array, *, rail: bool, names: Callable[[int], tuple[str, ...]] = joint_columns, rail_name: str = RAIL
-) -> dict[str, Array]:
-    """Columns of angles q (n, axes) rad by name, in degrees, followed by a rail in mm."""
-    axes = q.shape[1] - rail
-    cells = dict(zip(names(axes), np.degrees(q[:, :axes]).T, strict=True))
-    return cells | ({rail_name: RAIL_MM * q[:, axes]} if rail else {})
+def _cells(name: str, values: NDArray[Any]) -> NDArray[Any] | list[str]:
+    """A column of a file: the inverse of `Rows.values`."""
+    if values.dtype.kind == "U":
+        return values.tolist()
+    return np.degrees(values) if name.endswith("_deg") else RAIL_MM * values if name in (RAIL, RAIL_FROM) else values
 
 
+_COLUMNS = {"xyz_mm": PLACE, "rpy": TURN, "polar": ("polar_deg",), "azimuth": ("azimuth_deg",)}
+"""Columns of fields that have other names in files."""
 T = TypeVar("T", bound=Table)
 _OWN: dict[TestName, str] = {
     "yaw": "circle:Yaw",
@@ -460,16 +453,63 @@ class TableFormat(ABC, Generic[T]):
     certified: ClassVar[tuple[str, ...]] = ()
     """Parts of the rig file that may have a certificate and determine the readings: gauges, ball, link."""
 
-    @abstractmethod
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+    table: ClassVar[type[Any]]
+    """Class of its tables."""
+    fields: ClassVar[tuple[str, ...]]
+    """Fields of a table that a file must contain, in the order of the columns."""
+    optional: ClassVar[tuple[str, ...]] = ()
+    """Fields that a file may lack. The table then has zeros as times, and None as other fields."""
+    further: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    """Known columns that are no field, in groups that are complete or absent."""
+
+    def layout(self, axes: int = DRIVEN_AXES, *, rail: bool = False) -> Layout:
         """Columns of the table for an arm with this number of axes, with or without a rail."""
+        axes = DRIVEN_AXES if self.gauges else axes  # an arm of six axes drives the link
+        required, optional = (
+            [name for field in fields for name in self._columns(field, axes, rail)]
+            for fields in (self.fields, self.optional)
+        )
+        groups = *(self._columns(field, axes) for field in self.optional), *self.further
+        further = (name for group in self.further for name in group)
+        return Layout(tuple(required), (*optional, *further), tuple(group for group in groups if len(group) > 1))
 
-    @abstractmethod
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> T: ...
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> T:
+        fields = {field: self.read_field(field, rows) for field in (*self.fields, *self.optional)}
+        rail = {"rail": rows.rail} if issubclass(self.table, PlaceTable) else {}
+        return cast("T", self.table(**fields, **rail))
 
-    @abstractmethod
+    def read_field(self, field: str, rows: Rows) -> Any:
+        """Values of a field in a file. A rail was at its present position if the previous one is not stated."""
+        names = self._columns(field, rows.axes, rows.rail)
+        names = tuple(RAIL if name == RAIL_FROM and not rows.has((name,)) else name for name in names)
+        if rows.has(names):
+            return rows.values(names)
+        return np.zeros(rows.columns.num_rows) if field == "t_s" else None
+
     def columns(self, table: T) -> Mapping[str, Array | Integers | Sequence[str] | pa.Array]:
         """Columns (n,) of docs/tables.md by name, in the documented order, in degrees and mm."""
+        cells: dict[str, Any] = {}
+        for field in (*self.fields, *self.optional):
+            values = getattr(table, field)
+            if isinstance(values, str):
+                values = np.full(len(table.q), values)
+            if values is None or (field in self.optional and field == "t_s" and not values.any()):
+                continue
+            names = self._columns(field, table.q.shape[1] - table.rail, table.rail)
+            columns = values.reshape(len(values), -1).T
+            cells |= {name: _cells(name, column) for name, column in zip(names, columns, strict=False)}
+        return cells
+
+    def _columns(self, field: str, axes: int, rail: bool = False) -> tuple[str, ...]:
+        on_rail = rail and issubclass(self.table, PlaceTable)
+        match field:
+            case "q":
+                return (*joint_columns(axes), *[RAIL] * on_rail)
+            case "came_from":
+                return (*came_from_columns(axes), *[RAIL_FROM] * on_rail)
+            case "g_mm":
+                return tuple(f"{gauge}_mm" for gauge in self.gauges)
+        return _COLUMNS.get(field, (field,))
 
     def recorded(self, data: Aligned, rig: Rig, direction: Direction | None, where: str) -> tuple[T, list[str]]:
         """Convert a recorded run to a table, and return it with the doubts as text. Raises FileError."""
@@ -529,7 +569,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 def u_lag_s_of(columns: pa.Table) -> float:
     """Common standard uncertainty in s of the gauges' time relative to the joints', 0 if not stated."""
     stated = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
-    return float(Rows(columns).floats("u_lag_s").max(initial=0.0)) if stated else 0.0
+    return float(Rows(columns).values(("u_lag_s",)).max(initial=0.0)) if stated else 0.0
 
 
 def columns_of(table: Table) -> pa.Table:

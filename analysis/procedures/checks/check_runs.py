@@ -20,7 +20,7 @@ from analysis.procedures.shared.test_kind import Finding, findings_against, kind
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.robot.model.predict import load_of, pull
 from analysis.runs.loading import Measured
-from analysis.runs.tables import Rows, format_of
+from analysis.runs.tables import CircleTable, Rows, format_of, joint_columns
 from rigs.errors import FileError
 
 COMMANDS = "commands"
@@ -63,7 +63,7 @@ def command_errors(run: Measured) -> tuple[CommandError, ...]:
         if axes == len(run.rig.robot.axes)
         else None
     )
-    t_s = Rows(source).times() if source is not None and run.table.swept else None
+    t_s = run.table.t_s if isinstance(run.table, CircleTable) else None
     speed = None if t_s is None else np.gradient(measured, t_s, axis=0)
     return tuple(
         CommandError(
@@ -104,7 +104,8 @@ def _both_angles(rows: Rows) -> tuple[Array, Array] | None:
             angles = np.radians(np.array([rows.columns[name].to_pylist() for name in names], dtype=float).T)
         except ValueError:  # a column of text
             return None
-        return (angles, rows.q) if is_measured else (rows.q, angles)
+        used = rows.values(joint_columns(rows.axes))
+        return (angles, used) if is_measured else (used, angles)
     return None
 
 

@@ -6,7 +6,6 @@ postures. The deviation from its mean is the vertical error of the arm.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,10 +17,10 @@ from analysis.procedures.shared.result_curves import PoseCurve
 from analysis.procedures.shared.test_kind import Instruments, Labels, TestKind, check_numbers
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.runs.noise.spectrum import DRAWS
-from analysis.runs.tables import Layout, Rows, Table, joint_cells, joint_columns
+from analysis.runs.tables import Table
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import TestName
 
 _U_MM = 0.02
 """Standard uncertainty of a reading: maximum permissible error of 0.035 mm of a good height gauge, over √3."""
@@ -61,16 +60,9 @@ class Height(TestKind[HeightTable]):
     """Heights of the tool in postures of the robot."""
 
     test = "height"
+    table = HeightTable
+    fields = ("q", "height_mm")
     labels = Labels(unsupported_reason="is a table of heights, which a diagnosis does not use")
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout((*joint_columns(axes), "height_mm"))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> HeightTable:
-        return HeightTable(rows.q, rows.floats("height_mm"))
-
-    def columns(self, table: HeightTable) -> Mapping[str, Array]:
-        return {**joint_cells(table.q, rail=False), "height_mm": table.height_mm}
 
     def evaluate(self, table: HeightTable, rig: Rig, where: str, instruments: Instruments) -> HeightResult:
         """The figures by the nominal arm: height_rms_mm, and height_band_mm, the largest less the smallest."""
