@@ -452,7 +452,6 @@ class TableFormat(ABC, Generic[T]):
     """Gauges used by the test."""
     certified: ClassVar[tuple[str, ...]] = ()
     """Parts of the rig file that may have a certificate and determine the readings: gauges, ball, link."""
-
     table: ClassVar[type[Any]]
     """Class of its tables."""
     fields: ClassVar[tuple[str, ...]]
@@ -496,7 +495,7 @@ class TableFormat(ABC, Generic[T]):
             if values is None or (field in self.optional and field == "t_s" and not values.any()):
                 continue
             names = self._columns(field, table.q.shape[1] - table.rail, table.rail)
-            columns = values.reshape(len(values), -1).T
+            columns = values.T if values.ndim > 1 else [values]
             cells |= {name: _cells(name, column) for name, column in zip(names, columns, strict=False)}
         return cells
 
