@@ -13,17 +13,15 @@ from __future__ import annotations
 import math
 import os
 import re
-import secrets
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from daq.store.run_directory import files_into, surely
+from daq.store.run_directory import files_into
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
 from rigs.files import read_from
-from rigs.signals import COMPLETED, REPLACED
+from rigs.signals import REPLACED
 from rigs.text import plain_lines
 
 if TYPE_CHECKING:
@@ -128,7 +126,8 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
     paths = [directory / name for name in files]
     for path in () if over else paths:
         refuse_existing(path)
-    made, remedy = False, "choose a different --plot" if over else "choose a different --output"
+    made, where = False, str(paths[0] if len(paths) == 1 else directory)
+    remedy = "choose a different --plot" if over else "choose a different --output"
     try:
         with files_into(directory, over=over) as hidden:
             made = True
@@ -141,57 +140,14 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
     except OSError as error:
         if made:
             problem = f"cannot be written: {error.strerror or error}"
-            raise CellError(
-                str(directory), problem, "free some space or choose a different disk", code="disk.full"
-            ) from error
-        raise FileError(str(directory), error.strerror or str(error), remedy, code="output.not_writable") from None
+            raise CellError(where, problem, "free some space or choose a different disk", code="disk.full") from error
+        raise FileError(where, error.strerror or str(error), remedy, code="output.not_writable") from None
     return paths
 
 
 def write_new(path: Path, write: Writer) -> None:
-    """Create a file completely or not at all. It has a temporary name until it is complete.
-
-    Raises FileError if the file exists or cannot be created, and CellError if the disk refuses.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        raise FileError(
-            str(path.parent),
-            "is a file, but a directory is needed",
-            "choose a different --output",
-            code="output.not_writable",
-        ) from None
-    except OSError as error:
-        raise FileError(
-            str(path.parent), error.strerror or str(error), "choose a different --output", code="output.not_writable"
-        ) from None
-    refuse_existing(path)
-    temporary, opened = path.with_name(f".{secrets.token_hex(8)}.tmp"), False
-    try:
-        with temporary.open("xb") as file:
-            opened = True
-            write(file)
-        try:
-            path.hardlink_to(temporary)
-        except FileExistsError:
-            raise
-        except OSError:  # memory sticks and some network shares do not support links
-            refuse_existing(path)
-            temporary.rename(path)
-        COMPLETED.append(path)
-    except FileExistsError:
-        raise _exists(path) from None
-    except OSError as error:
-        if not opened:
-            raise FileError(
-                str(path), error.strerror or str(error), "choose a different --output", code="output.not_writable"
-            ) from None
-        problem = f"cannot be written: {error.strerror or error}"
-        raise CellError(str(path), problem, "free some space or choose a different disk", code="disk.full") from error
-    finally:
-        with suppress(OSError):
-            surely(lambda: temporary.unlink(missing_ok=True))
+    """Create a file completely or not at all. See `write_all_new`."""
+    write_all_new(path.parent, {path.name: write})
 
 
 def _exists(path: Path) -> FileError:
