@@ -113,10 +113,6 @@ def evaluate_distance(run: Reduced, radius: float, u_lag_s: float, like: LapNois
     return Circularity(at_resolution(curve.y - circle_at(fit, radius)), curve, fit[:2], of_distance)
 
 
-def plain_distance_figures(phi: Array, distance: Array, radius_mm: float) -> dict[str, float]:
-    return {name: float(value) for name, value in distance_figures_at(nodes_of(phi, distance), radius_mm).items()}
-
-
 def distance_figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
     fit, circle = circle_through(distance, radius_mm)
     deviation = at_resolution(distance - circle)

@@ -29,7 +29,6 @@ from analysis.procedures.shared.lap_curve import (
     blurred,
     calmed,
     figures,
-    nodes_of,
 )
 from analysis.procedures.shared.quantity import PLACE, Quantity, figures_of, from_draws
 from analysis.robot.kinematics.arm import Array
@@ -195,16 +194,6 @@ def _calm(acw: LapCurve, cw: LapCurve) -> tuple[Array, Array]:
     power = acw.power + cw.power
     mean, half = calmed((acw.y + cw.y) / 2, power / 4), calmed((acw.y - cw.y) / 2, power / 4)
     return mean + half, mean - half
-
-
-Run = tuple[Array, Array]
-"""phi (n,) rad and values (n,) there."""
-
-
-def plain_figures(angle: list[Run], distance: list[Run], radius_mm: float) -> dict[str, float]:
-    """Figures of a noise-free acw and cw run, in this order: angle in rad, distance in mm."""
-    nodes = np.stack([nodes_of(phi, y) for phi, y in (*angle, *distance)])
-    return {name: float(value) for name, value in figures_at(nodes, radius_mm).items()}
 
 
 def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from analysis.procedures import direction_pair
-from analysis.procedures.circle import CircleResult, Roll, Yaw, plain_distance_figures
+from analysis.procedures.circle import CircleResult, Roll, Yaw, distance_figures_at
 from analysis.procedures.pooled import pooled
 from analysis.procedures.results import Result, result_of
+from analysis.procedures.shared.lap_curve import nodes_of
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.geometry.circle import SENSE, frame_of
 from analysis.robot.geometry.driven_programs import circle_of, drive
@@ -130,14 +131,15 @@ def true_figures(set_up: SetUp, sense: float, test: str) -> tuple[Truth, Truth]:
     """True figures of the angle and of the distance, each with its reported names."""
     angle, distance = set_up.curves(sense, test)
     of_angle = (Yaw() if test == "yaw" else Roll()).plain_figures(FINE, angle, RADIUS_MM)
-    plain = plain_distance_figures(FINE, distance, RADIUS_MM)
-    return of_angle, {f"distance_{name}" if name in of_angle else name: value for name, value in plain.items()}
+    plain = distance_figures_at(nodes_of(FINE, distance), RADIUS_MM)
+    return of_angle, {f"distance_{name}" if name in of_angle else name: float(value) for name, value in plain.items()}
 
 
 def true_pair(set_up: SetUp, lag_s: float) -> Truth:
     both = [set_up.curves(sense, "yaw") for sense in SENSE.values()]
-    angles, distances = ([(FINE, curve[k]) for curve in both] for k in (0, 1))
-    return direction_pair.plain_figures(angles, distances, RADIUS_MM) | {"lag_ms": 1e3 * lag_s}
+    nodes = np.stack([nodes_of(FINE, curve[k]) for k in (0, 1) for curve in both])
+    figures = direction_pair.figures_at(nodes, RADIUS_MM)
+    return {name: float(value) for name, value in figures.items()} | {"lag_ms": 1e3 * lag_s}
 
 
 # --- runs
