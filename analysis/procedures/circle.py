@@ -190,16 +190,6 @@ class Sine:
     def __call__(self, phi: Array) -> Array:
         return np.asarray(self.A + self.a * np.sin(phi) + self.b * np.cos(phi))
 
-    @property
-    def amplitude(self) -> float:
-        return float(np.hypot(self.a, self.b))
-
-    @property
-    def shift(self) -> float:
-        """alpha of eq. (11), by atan2, because arctan(b/a) loses the quadrant. (The paper's last formula for it has b11
-        instead of b21.)"""
-        return float(np.arctan2(self.b, self.a))
-
 
 def sine_of(y: Array) -> tuple[Array, Array, Array]:
     """A, a and b (...,) of the least-squares sine of eq. (2) for curves (..., NODES).
@@ -210,8 +200,9 @@ def sine_of(y: Array) -> tuple[Array, Array, Array]:
     return fitted[..., 0], fitted[..., 1], fitted[..., 2]
 
 
-def fit_sine(phi: Array, y: Array) -> Sine:
-    A, a, b = sine_of(nodes_of(phi, y))
+def fit_sine(y: Array) -> Sine:
+    """Sine of one curve (NODES,)."""
+    A, a, b = sine_of(y)
     return Sine(float(A), float(a), float(b))
 
 
@@ -225,7 +216,11 @@ def error_of(y: Array) -> tuple[Array, Array]:
 
 
 def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
-    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's 2.1."""
+    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's 2.1.
+
+    The shift is alpha of eq. (11), by atan2, because arctan(b/a) loses the quadrant. (The paper's last formula for it
+    has b11 instead of b21.)
+    """
     A, a, b = sine_of(y)
     return {
         "band_deg": np.degrees(np.ptp(error_of(y)[0], axis=-1)),
@@ -370,7 +365,7 @@ class Circle(TestKind[CircleTable]):
             return [curve.draw_noise(curves[0], turned, scale)]
 
         of_angle = figures(lambda y: self.figures_at(y[0], radius), [curve], draw_noise, run.samples, self.ranges)
-        sine = Sine(*(float(part) for part in sine_of(curve.y)))
+        sine = fit_sine(curve.y)
         residual = at_resolution(curve.y - sine(PHI))
         distance = evaluate_distance(run, radius, u_lag_s, like and like[1])
         notes = (*laps.notes, *run.notes, *_about_noise(curve))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.apps.live.live_rows import LiveRows
-from analysis.procedures.circle import Sine, sine_of
+from analysis.procedures.circle import fit_sine
 from analysis.procedures.shared.lap_curve import PHI, at_resolution
 from analysis.procedures.shared.result_curves import PROMINENCE_RAD
 from analysis.robot.kinematics.arm import Array, Mask
@@ -228,7 +228,7 @@ class Sweep:
         gaps = np.diff(phi, append=phi[0] + 2 * np.pi)
         if gaps.max() <= _WIDEST_RAD:
             nodes = np.interp(PHI, phi, values, period=2 * np.pi)
-            sine = Sine(*(float(part) for part in sine_of(nodes)))
+            sine = fit_sine(nodes)
             error = at_resolution(nodes - sine(PHI))
             return ErrorCurve(PHI, error, True, True, float(np.ptp(error)))
         less_sine = bool(gaps[gaps <= _WIDEST_RAD].sum() > _HALF)

@@ -12,6 +12,7 @@ import numpy as np
 
 from analysis.procedures import radial, repeatability
 from analysis.procedures.circle import Roll, Yaw, fit_sine
+from analysis.procedures.shared.lap_curve import nodes_of
 from analysis.procedures.shared.test_kind import Noise
 from analysis.procedures.simulate import noise_seed, simulate
 from analysis.robot.geometry.circle import link_angle
@@ -84,7 +85,7 @@ def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
     y = link_angle(lap.g_mm[:, 0], lap.g_mm[:, 1], rig.gauges.baseline_mm)[order]
     phi = phi[order]
     plain = (Yaw() if table.test == "yaw" else Roll()).plain_figures
-    return SimulatedLap(phi, y, y - fit_sine(phi, y)(phi), plain(phi, y, lap.frame.radius))
+    return SimulatedLap(phi, y, y - fit_sine(nodes_of(phi, y))(phi), plain(phi, y, lap.frame.radius))
 
 
 def step(curve: SimulatedLap, at_deg: float, span_deg: float) -> float:

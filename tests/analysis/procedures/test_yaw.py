@@ -5,6 +5,7 @@ import pytest
 
 from analysis.apps.emulate.robot import trace
 from analysis.procedures.circle import Yaw, fit_sine
+from analysis.procedures.shared.lap_curve import nodes_of
 from analysis.robot.geometry.circle import CircleFrame, frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.runs.laps import Laps
@@ -28,7 +29,7 @@ def test_the_papers_example_of_eccentricity():
     g = link_readings(T, ball, OFFSETS, "yaw", 70.0)
     measured = np.degrees(link_angle(g[:, 0], g[:, 1], 50.0))
     assert measured.max() == pytest.approx(np.degrees(np.arcsin(14.142 / 70)), abs=1e-3)
-    sine = fit_sine(PHI, np.radians(measured))
+    sine = fit_sine(nodes_of(PHI, np.radians(measured)))
     assert np.degrees(np.hypot(sine.a, sine.b)) == pytest.approx(206.26481 * 14142.136 / 70 / 3600)
 
 
@@ -47,8 +48,8 @@ def test_readings_give_back_the_angle_whatever_the_eccentricity():
 
 def test_the_sine_is_the_papers_and_its_shift_keeps_the_quadrant():
     for shift in np.radians([10, 100, -100, -10]):
-        sine = fit_sine(PHI, 0.1 + 0.2 * np.sin(PHI + shift))
-        assert (sine.A, sine.amplitude, sine.shift) == pytest.approx((0.1, 0.2, shift))
+        sine = fit_sine(nodes_of(PHI, 0.1 + 0.2 * np.sin(PHI + shift)))
+        assert (sine.A, np.hypot(sine.a, sine.b), np.arctan2(sine.b, sine.a)) == pytest.approx((0.1, 0.2, shift))
 
 
 def test_eccentricity_is_the_ball_from_the_centre():
@@ -67,8 +68,10 @@ def test_a_sine_is_not_pulled_to_where_rows_are_dense():
     )
     y = 0.1 + 0.02 * np.sin(phi + 1) + 0.05 * np.sin(2 * phi) + 0.03 * np.cos(3 * phi)
     for order in (slice(None), slice(None, None, -1)):
-        sine = fit_sine(phi[order], y[order])
-        assert (sine.A, sine.amplitude, sine.shift) == pytest.approx((0.1, 0.02, 1.0), abs=2e-4)
+        sine = fit_sine(nodes_of(phi[order], y[order]))
+        assert (sine.A, np.hypot(sine.a, sine.b), np.arctan2(sine.b, sine.a)) == pytest.approx(
+            (0.1, 0.02, 1.0), abs=2e-4
+        )
 
 
 @pytest.mark.parametrize(
