@@ -18,7 +18,7 @@ from rigs.errors import FileError, RigError, UseError
 
 if TYPE_CHECKING:
     from analysis import Measured, Result
-    from analysis.runs.batch import Item, Value
+    from analysis.runs.remote import Item, Value
     from rigs.rig import Rig
 
 _MOST_LISTED = 20

@@ -423,7 +423,8 @@ class Rows:
 def _cells(name: str, values: NDArray[Any]) -> NDArray[Any] | list[str]:
     """A column of a file: the inverse of `Rows.values`."""
     if values.dtype.kind == "U":
-        return values.tolist()
+        words: list[str] = values.tolist()
+        return words
     return np.degrees(values) if name.endswith("_deg") else RAIL_MM * values if name in (RAIL, RAIL_FROM) else values
 
 
