@@ -362,6 +362,10 @@ class CoefficientPosterior:
         below = self.background.covariance[:columns, :columns] + taken @ self.term_covariance @ taken.T
         return np.asarray(np.block([[among_terms[:, :fitted], across], [across.T, below]]), dtype=float)
 
+    def joint_mean(self, columns: int, fitted: int) -> Array:
+        """Mean (f + c,) of the same terms and columns."""
+        return np.concatenate([self.term_means[:fitted], self.mean[:columns]])
+
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the whitened background columns with a vector (p,)."""
         taken = self._absorbed_coefficients[:, :-1]

@@ -15,8 +15,8 @@ joints have widths of 0.03 to 0.06°, ten times a healthy gear's, and a decay of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,8 @@ _WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
 """Expected and largest width of constants of the same kind, in healthy sizes: a larger constant is a fault with a
 separate name.
 """
+_OTHER_WIDTHS = (0.5, 2.0, 4.0, 8.0)
+"""Ratios to the likeliest width of a curve over which the covariance is averaged, equally likely beside their prior."""
 _ENOUGH, _MOST_FITS = 0.5, 40
 """Log likelihood required of a step for continuing the search, and the largest number of likelihoods."""
 
@@ -71,6 +73,15 @@ class JointCurves:
 
     widths: tuple[float, ...]
     decay: float = _DECAY
+
+    def others(self) -> Iterator[list[tuple[float, JointCurves]]]:
+        """For each width, the curves with that width changed and their log prior relative to these curves."""
+        for k, width in enumerate(self.widths):
+            expected = np.log(_WIDTH_OF_A_KIND if k >= MOST_AXES else _WIDTH)
+            away = np.log([width, *(width * ratio for ratio in _OTHER_WIDTHS)]) - expected
+            log_prior = 0.5 * (away[0] ** 2 - away[1:] ** 2) / _WIDTH_SPREAD**2
+            changed = [(*self.widths[:k], ratio * width, *self.widths[k + 1 :]) for ratio in _OTHER_WIDTHS]
+            yield [(float(p), replace(self, widths=w)) for p, w in zip(log_prior, changed, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

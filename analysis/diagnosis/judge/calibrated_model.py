@@ -13,8 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun
-from analysis.diagnosis.fit.background import CoefficientPosterior
-from analysis.diagnosis.fit.refine import UnknownParameter
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.misses import Widening
@@ -39,12 +37,10 @@ from rigs.calibration import (
 from rigs.distribution import version
 
 
-def covariance_of(posterior: CoefficientPosterior, unknowns: Sequence[UnknownParameter]) -> Array:
-    """Return the covariance (P, P) of the fitted unknowns, in their units, followed by the multiples of the forms."""
-    columns = posterior.background.columns
-    forms, fitted = columns.set_ups.start, len(unknowns)
-    covariance = posterior.joint_covariance(forms, fitted)
-    unit = np.concatenate([np.ones(fitted), 1 / columns.sizes])
+def covariance_of(result: SearchResult) -> Array:
+    """Covariance (P, P) of the fitted unknowns, in their units, followed by the multiples of the forms."""
+    covariance = result.covariance(result.columns.set_ups.start)
+    unit = np.concatenate([np.ones(len(result.fit.unknowns)), 1 / result.columns.sizes])
     return np.asarray(unit[:, None] * covariance * unit, dtype=float)
 
 
@@ -74,7 +70,7 @@ def calibrated_model(
     parameters += [
         CovarianceParameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(background))
     ]
-    root = wider.factor * covariance_root(covariance_of(result.calibrated_posterior, unknowns))
+    root = wider.factor * covariance_root(covariance_of(result))
     arm, q = runs[0].model.arm, np.concatenate([run.table.q[run.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
     of_poses = {run.setup for run in runs if facts_of(run.table.test).of_places}

@@ -322,7 +322,7 @@ def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: Sea
     else:
         basis = basis_of(of_run.U)
         change -= basis @ (basis.T @ change)
-    covariance = result.calibrated_posterior.joint_covariance(count, len(unknowns))
+    covariance = result.covariance(count)
     variance = np.einsum("np,np->n", change @ covariance, change)
     noise: Array = of_run.blocks[0].sd_mm ** 2
     return noise, np.maximum(variance, 0.0) * noise

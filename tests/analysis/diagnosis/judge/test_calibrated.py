@@ -63,7 +63,7 @@ def test_the_effects_do_what_the_columns_say() -> None:
 
 def test_the_covariance_is_one() -> None:
     result = _searched()
-    covariance = covariance_of(result.posterior, result.fit.unknowns)
+    covariance = covariance_of(result)
     sd = np.sqrt(np.diag(covariance))
     assert np.isfinite(covariance).all() and (sd >= 0).all()
     np.testing.assert_allclose(covariance, covariance.T, atol=1e-9 * sd.max() ** 2)
