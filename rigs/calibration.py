@@ -110,7 +110,8 @@ class ModelAssessment(Part):
     held-out runs or poses, or the runs used. `before_um` is the rms without the model, `names_um` with only the named
     effects, and `whole_um` with the complete model. `handed_um` is the rms with the effects stored in this file: the
     complete model, or only the named effects if they give a smaller rms. `unexplained_um` is the error per coordinate
-    beyond the noise, which every uncertainty computed from the file includes.
+    beyond the noise, which every uncertainty computed from the file includes. `left_out_um` is the rms by which the
+    model of all other poses misses each neighbourhood of similar poses, for poses without a validation elsewhere.
     """
 
     condition: Annotated[str, Field(max_length=40)]
@@ -121,12 +122,21 @@ class ModelAssessment(Part):
     handed_um: Annotated[float, Field(ge=0)]
     noise_um: Annotated[float, Field(ge=0)]
     unexplained_um: Annotated[float, Field(ge=0)]
+    left_out_um: Annotated[float, Field(ge=0)] | None = Field(default=None, exclude_if=lambda value: value is None)
 
     @property
     def gained(self) -> float:
         """Share of the mean square beyond the noise that the model removes; negative if it adds error."""
+        return self._gained(self.handed_um)
+
+    @property
+    def gained_at_left_out(self) -> float:
+        """The same share at poses that the model predicts from all others; 0 if none were left out."""
+        return 0.0 if self.left_out_um is None else self._gained(self.left_out_um)
+
+    def _gained(self, um: float) -> float:
         floor = self.noise_um**2
-        return 1 - max(self.handed_um**2 - floor, 0.0) / max(self.before_um**2 - floor, 1e-12)
+        return 1 - max(um**2 - floor, 0.0) / max(self.before_um**2 - floor, 1e-12)
 
 
 class CalibratedModel(Part):
@@ -224,7 +234,7 @@ unknown cause remains; it does not reduce the error at such places; or the runs 
 poses with more unknowns.
 """
 _LEAST_GAIN = 0.3
-"""Share of the mean square at excluded places that a model must remove to be used despite an unknown cause.
+"""Share of the mean square at excluded places or poses that a model must remove to be used despite an unknown cause.
 
 Source: a rule tried on generated cells with foreign effects, where worse models removed less.
 """
@@ -247,12 +257,13 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
         # Nothing unusual was found, but large deviations may be scatter or an error of an unknown cause.
         is_open = judged.unexplained_um > judged.noise_um and 1 - judged.gained > _LEAST_OPEN
         is_unknown = judged.condition == "outside_library" or (judged.condition == "nothing_unusual" and is_open)
-        return "unknown_cause" if is_unknown else "explained"
+        if not is_unknown:
+            return "explained"
+        return "gains_elsewhere" if judged.gained_at_left_out >= _LEAST_GAIN else "unknown_cause"
     if judged.handed_um >= judged.before_um:
         return "no_gain_elsewhere"
-    if judged.condition == "outside_library" and judged.gained < _LEAST_GAIN:
-        return "unknown_cause"
-    return "gains_elsewhere"
+    is_unknown = judged.condition == "outside_library" and judged.gained < _LEAST_GAIN
+    return "unknown_cause" if is_unknown else "gains_elsewhere"
 
 
 def verdict_of(calibrated: CalibratedModel) -> Verdict:

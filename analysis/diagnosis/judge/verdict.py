@@ -514,6 +514,7 @@ def judged_of(verdict: Verdict, whole: Gaps, gaps: Gaps, unexplained_mm: float |
         before_um=judged.before_um, names_um=judged.after_um,
         whole_um=whole.judged.calibrated_um, handed_um=judged.calibrated_um, noise_um=judged.noise_floor_um,
         unexplained_um=1e3 * unexplained_mm,
+        left_out_um=gaps.predicted_um if judged is gaps.train else None,
     )  # fmt: skip
 
 
