@@ -9,7 +9,7 @@ import yaml
 
 from analysis.apps.correct.correct_rig import correct_rig
 from analysis.correction.support import ANYWAY
-from rigs.calibration import ModelAssessment
+from rigs.calibration import ModelAssessment, ground_of
 from rigs.load import load
 from tests.support.command_line import ran
 from tests.support.handmade_calibration import calibrated_model, written
@@ -26,6 +26,10 @@ NOTHING = [
     ),
     (
         {"condition": "outside_library", "place": "used"},
+        "20 µm have an unknown cause; 30 of 90 µm rms remain in the runs used to fit it, without validation",
+    ),
+    (
+        {"condition": "outside_library", "place": "used", "left_out_um": 85.0},
         "20 µm have an unknown cause; 30 of 90 µm rms remain in the runs used to fit it, without validation",
     ),
 ]
@@ -47,6 +51,12 @@ def test_unproven_model_is_refused_with_the_reason(tmp_path, changed, why):
     done = ran("correct", cell, "-o", out)
     assert done.returncode == 3 and not out.exists()
     assert f"{cell}: " in done.stderr and why in done.stderr
+
+
+def test_left_out_poses_prove_a_model_beside_an_unknown_cause():
+    judged = {"condition": "outside_library", "place": "used", "left_out_um": 60.0}
+    model = calibrated_model(judged=ModelAssessment.model_validate(SOUND.model_dump() | judged))
+    assert ground_of(model) == "gains_elsewhere"
 
 
 def test_anyway_writes_every_file_with_a_remark(tmp_path):
