@@ -20,11 +20,8 @@ from rigs.errors import FileError
 from rigs.load import SHIPPED
 from tests.support import command_line
 from tests.support.dated_runs import dated_run
-from tests.support.figure_histories import Growth, collected, drawn_history
+from tests.support.figure_histories import GREW, STILL, collected
 from tests.support.refusals import refused
-
-GREW = drawn_history(3, 75, growth=Growth(40, 1), wild=0.01)
-STILL = drawn_history(4, 40, wild=0.0)
 
 
 @pytest.fixture(scope="module")
