@@ -2,18 +2,14 @@
 
 `tests/tables/conventions.xz` has them as the retired trial `conventions` drew them (docs/evidence/conventions.md):
 circles and targets of `tests.worlds.stranger`, laps that begin where the one before ended, and poses of five arms. Each
-arm has every effect at its healthy size. A line of JSON comes first, then the numbers: steps of a column as 32 bits,
-byte by byte.
+arm has every effect at its healthy size.
 """
 
 from __future__ import annotations
 
-import json
-import lzma
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +19,7 @@ from analysis.runs.tables import CircleTable, PoseTable, RadialTable, Repeatabil
 from daq.store import table_run
 from rigs.load import load
 from rigs.rig import Rig
+from tests.support.archives import Archive
 
 _TABLES = {table.__name__: table for table in (CircleTable, PoseTable, RadialTable, RepeatabilityTable)}
 
@@ -51,26 +48,15 @@ class Drawn:
 
 
 @cache
-def _archive() -> tuple[dict[str, Any], bytes]:
-    with lzma.open(Path(__file__).parents[1] / "tables" / "conventions.xz") as file:
-        return json.loads(file.readline()), file.read()
-
-
-@cache
 def cells() -> dict[str, Drawn]:
     """Cells by name: `sound 3`, `driven on 0`, or the broken convention with a number."""
-    about, numbers = _archive()
-    rigs, at, found = [Rig.model_validate(rig) for rig in about["rigs"]], 0, {}
-    for name, cell in about["cells"].items():
-        runs = []
+    archive, found = Archive("conventions"), {}
+    rigs = [Rig.model_validate(rig) for rig in archive.about["rigs"]]
+    for name, cell in archive.about["cells"].items():
+        rig, runs = rigs[cell.pop("rig")], []
         for run in cell.pop("runs"):
             columns = {key: np.array(run["stated"].pop(key), dtype=kind) for key, kind in run["dtypes"].items()}
-            for key, (shape, step) in run["measured"].items():
-                size = 4 * int(np.prod(shape))
-                planes = np.frombuffer(numbers[at : at + size], np.uint8).reshape(4, -1)
-                columns[key] = step * np.cumsum(planes.T.copy().view("<i4").reshape(shape), axis=0)
-                at += size
-            runs.append(run_of(_TABLES[run["kind"]](**run["stated"], **columns), run["name"], rigs[cell["rig"]]))
-        del cell["rig"]
+            columns |= archive.columns(run["measured"])
+            runs.append(run_of(_TABLES[run["kind"]](**run["stated"], **columns), run["name"], rig))
         found[name] = Drawn(runs, **cell)
     return found
