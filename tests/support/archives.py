@@ -1,4 +1,4 @@
-"""Numbers that retired generators drew, in tests/tables: a line of JSON, then steps of columns in four planes of bytes."""
+"""Numbers of retired generators, in tests/tables: a line of JSON, then steps of columns in four planes of bytes."""
 
 from __future__ import annotations
 
