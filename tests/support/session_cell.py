@@ -114,13 +114,10 @@ class InstantDiagnosis:
     is_done: bool = True
     kept: Any = None
 
-    def result(self) -> Answer:
+    def result(self) -> tuple[Answer, Any]:
         if isinstance(self.answer, RigError):
             raise self.answer
-        return self.answer
-
-    def diagnosis(self) -> Any:
-        return self.kept
+        return self.answer, self.kept
 
 
 @dataclass
@@ -138,7 +135,7 @@ class Oracle:
         answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
         model = next(name for name in _model_files() if name.endswith(".yaml"))
         changed = {"runs": len(used), "judges": len(judges), "found": directory.name, "model": model}
-        kept = tuple(run.name for run in (*used, *judges))
+        kept = [run.name for run in (*used, *judges)]
         return InstantDiagnosis(answer.model_copy(update=changed), kept=kept)  # type: ignore[return-value]  # like one
 
 

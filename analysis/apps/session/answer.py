@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
+import ctypes
+import multiprocessing as mp
 import os
-import pickle
-import sys
+import signal
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.apps.session.child_processes import Child
 from analysis.apps.session.session_state import Answer, PartOfError, SessionAct
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import acts_with
@@ -22,25 +22,26 @@ from analysis.robot.geometry.driven_programs import circle_laps, circle_of
 from analysis.runs.loading import Measured, load_measured
 from analysis.runs.noise.readings import rms
 from analysis.runs.tables import CircleTable
-from analysis.runs.written_files import holding, write_new
 from rigs.calibration import ground_of
+from rigs.errors import CellError, RigError
 from rigs.rig import Rig
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis.diagnosis.judge.result import Diagnosis
 
-ANSWER = "answer.json"
 _SHOWN = 6
 """Number of parts of the error listed by a session. The page lists all of them."""
 _NICE = 5
 """Niceness of the inference process: the readers of gauges and robot have priority."""
+_PR_SET_PDEATHSIG = 1
+"""Request of prctl(2): a signal at the death of the parent (linux/prctl.h)."""
 
 
 def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> tuple[Answer, Diagnosis]:
     """Diagnose runs with the model of a rig file and write the files of the diagnosis to a directory.
 
-    used: runs for the diagnosis. judges: runs at the other place, used only for the judgement. Raises RigError.
+    judges: runs at the other place, used only for the judgement. Raises RigError.
     """
     import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
     from analysis.apps.report.act_words import ActWords, command  # noqa: PLC0415
@@ -49,6 +50,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     from analysis.apps.report.diagnosis_words import measured_u  # noqa: PLC0415
     from analysis.apps.report.summary_words import summarise  # noqa: PLC0415
     from analysis.cli.several import with_recorded_controller  # noqa: PLC0415
+    from analysis.diagnosis.plan.naming_tests import JOINED  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))
@@ -60,135 +62,73 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     words, summary = ActWords(named), summarise(named)
     error, accuracy = summary.error, diagnosis.accuracy
     faults = [part_of(diagnosis, entry) for entry in diagnosis.standing]
-    acts = [
+    acts = tuple(
         SessionAct(
-            kind=act.kind,
-            why=act.why,
-            words=words.sentence(act),
-            corrected=words.sentence(act, corrected=True),
-            step=words.imperative(act),
-            action=words.action_of(act),
-            command=command(act),
+            kind=act.kind, why=act.why, words=words.sentence(act), corrected=words.sentence(act, corrected=True),
+            step=words.imperative(act), action=words.action_of(act), command=command(act),
         )
         for act in named.acts
-    ]
+    )  # fmt: skip
+    parts = tuple(
+        PartOfError(
+            part=words.short_name(entry), kind=entry.kind, size=words.size_of(entry), share=round(entry.share, 4),
+            um=round(entry.um, 2), fault=entry in faults,
+        )
+        for entry in diagnosis.budget[:_SHOWN]
+    )  # fmt: skip
+    tests = [act.test.test for act in diagnosis.acts if act.test and act.test.test != JOINED]
+    tests += [diagnosis.next_test.test] if diagnosis.next_test else []
     answer = Answer(
-        runs=len(used),
-        judges=len(judges),
-        condition=diagnosis.condition,
-        standing=accuracy.standing,
+        runs=len(used), judges=len(judges), condition=diagnosis.condition, standing=accuracy.standing,
         headline=f"{summary.badge}: {summary.headline}",
         accuracy=f"{words.accuracy} {error.title}: {error.words}. {error.basis} {error.standing}",
-        next_step=words.next,
-        parts=tuple(
-            PartOfError(
-                part=words.short_name(entry),
-                kind=entry.kind,
-                size=words.size_of(entry),
-                share=round(entry.share, 4),
-                um=round(entry.um, 2),
-                fault=entry in faults,
-            )
-            for entry in diagnosis.budget[:_SHOWN]
-        ),
-        remedies=tuple(act.words for act in acts[1:]),
-        acts=tuple(acts),
-        next_test=_next_test(diagnosis),
+        next_step=words.next, parts=parts, remedies=tuple(act.words for act in acts[1:]), acts=acts,
+        next_test=tests[0] if tests else "", runs_to_decide=diagnosis.runs_to_decide,
         ground=ground_of(diagnosis.calibrated) if diagnosis.calibrated else "",
-        runs_to_decide=diagnosis.runs_to_decide,
-        now_um=accuracy.now_um,
-        calibrated_um=accuracy.calibrated_um,
-        before_there_um=accuracy.before_there_um,
-        level=diagnosis.levels["others"],
-        noise_um=measured_u(diagnosis, diagnosis.train.noise_floor_um),
-        seconds=round(diagnosis.seconds, 1),
-        found=directory.name,
-        model=model.name if model else "",
-        summary=summary,
-    )
+        now_um=accuracy.now_um, calibrated_um=accuracy.calibrated_um, before_there_um=accuracy.before_there_um,
+        level=diagnosis.levels["others"], noise_um=measured_u(diagnosis, diagnosis.train.noise_floor_um),
+        seconds=round(diagnosis.seconds, 1), found=directory.name, model=model.name if model else "", summary=summary,
+    )  # fmt: skip
     return answer, diagnosis
 
 
-def _next_test(diagnosis: Diagnosis) -> str:
-    """Test that would separate rivals or name a group, as called by `rig plan`; empty if not needed."""
-    from analysis.diagnosis.plan.naming_tests import JOINED  # noqa: PLC0415 - slow to import
-
-    driven = (act.test.test for act in diagnosis.acts if act.test and act.test.test != JOINED)
-    return next(driven, diagnosis.next_test.test if diagnosis.next_test else "")
-
-
-def main() -> None:
-    """Run an inference process: read the request from a JSON file, write the answer as JSON next to the results, and
-    return the diagnosis in the inherited file.
-    """
-    from rigs.errors import RigError  # noqa: PLC0415
-
-    request = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    directory = Path(request["directory"])
-    try:
-        answer, diagnosis = infer(
-            [Path(path) for path in request["used"]],
-            [Path(path) for path in request["judges"]],
-            Path(request["rig_file"]),
-            directory,
-        )
-    except RigError as error:
-        sys.stderr.write(f"error: {error}\n")
-        sys.exit(error.exit_code)
-    with os.fdopen(int(sys.argv[2]), "wb") as returned:
-        pickle.dump(diagnosis, returned)
-    write_new(directory / ANSWER, holding(answer.model_dump_json().encode()))
-
-
-@dataclass
 class Inference:
-    """An inference in a separate process.
+    """An inference in a separate process, which ends with this one."""
 
-    returned: descriptor of a file in memory, which the process inherits and writes the diagnosis to. No other program
-    can write to it.
-    """
-
-    child: Child
-    directory: Path
-    returned: int
-
-    @classmethod
-    def start(cls, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
-        """Start an inference that writes to a new directory.
-
-        Raises FileError or CellError if the request cannot be written.
-        """
-        request = directory.with_suffix(".json")
-        asked = {
-            "used": [str(path) for path in used],
-            "judges": [str(path) for path in judges],
-            "rig_file": str(rig_file),
-            "directory": str(directory),
-        }
-        write_new(request, holding(json.dumps(asked).encode()))
-        log = directory.with_suffix(".log")
-        returned, entry = os.memfd_create("diagnosis"), "analysis.apps.session.answer"
-        child = Child.start(entry, "inference", [request, str(returned)], log, nice=_NICE, keeps=[returned])
-        return cls(child, directory, returned)
+    def __init__(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> None:
+        context = mp.get_context("spawn")
+        self._outcome, returned = context.Pipe(duplex=False)
+        request = (returned, used, judges, rig_file, directory)
+        self._process = context.Process(target=_infer_and_return, args=request, daemon=True)
+        self._process.start()
+        returned.close()
 
     @property
     def is_done(self) -> bool:
-        """True if the process has ended."""
-        return not self.child.runs
+        return self._outcome.poll() or not self._process.is_alive()
 
-    def result(self) -> Answer:
-        """Answer. Raises CellError if the process failed."""
-        if self.child.exit_code != 0:
-            os.close(self.returned)
-            raise self.child.ended()
-        text = (self.directory / ANSWER).read_text(encoding="utf-8")
-        return Answer.model_validate_json(text)
+    def result(self) -> tuple[Answer, Diagnosis]:
+        """The answer with its diagnosis. Raises RigError if the diagnosis failed."""
+        try:
+            outcome: tuple[Answer, Diagnosis] | RigError = self._outcome.recv()
+        except EOFError:
+            problem, remedy = "exited unexpectedly", "close other programs, then repeat the command"
+            raise CellError("inference", problem, remedy, code="process.ended") from None
+        if isinstance(outcome, RigError):
+            raise outcome
+        return outcome
 
-    def diagnosis(self) -> Diagnosis | None:
-        with os.fdopen(self.returned, "rb") as returned:
-            returned.seek(0)
-            diagnosis: Diagnosis = pickle.load(returned)  # noqa: S301 - of our own process, by a nameless file
-            return diagnosis
+
+def _infer_and_return(
+    returned: Connection, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path
+) -> None:
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(_NICE)
+    try:
+        returned.send(infer(used, judges, rig_file, directory))
+    except RigError as error:
+        returned.send(error)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -129,7 +129,7 @@ class RealCell:
         self._programs, self._ended, self._newest = programs, "", {}
         self._paths = {name: ProgramPath.of(program.plan) for name, program in programs.items()}
         self.start_rigd(self.mount(stage, self.directory / "cells" / f"{stage.name}.yaml"))
-        wait_until(lambda: not self.silent(), _READS_S, self._no_readings)
+        wait_until(lambda: not self.silent(), _READS_S, lambda: self._silence(f"sent no readings for {_READS_S:.0f} s"))
 
     def drive(self, step: ProgramStep, look: Callable[[], None]) -> ProgramRun:
         """Have a step driven and record it. look: called repeatedly while waiting. Raises CellError if nothing starts.
@@ -173,8 +173,7 @@ class RealCell:
         return file in self.entered
 
     def infer(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
-        """Start a diagnosis. Raises FileError or CellError if its request cannot be written."""
-        return Inference.start(used, judges, rig_file, directory)
+        return Inference(used, judges, rig_file, directory)
 
     def close(self) -> None:
         """Stop rigd, which closes a run in progress, and leave the cell as it is."""
@@ -213,7 +212,10 @@ class RealCell:
     def start_rigd(self, rig_file: Path) -> None:
         """Start the daemon. The daemon of a killed session gets some seconds to exit. Raises CellError."""
         log = self.directory / "rigd.log"
-        wait_until(lambda: not _socket_of(self.session.rig), _LEAVES_S, self._second_daemon)
+        problem = f"a rigd serves {self.session.rig} already, but a session starts a separate one"
+        remedy = "stop the other rigd first; if it is a service: sudo systemctl stop rigd@NAME"
+        second = CellError("rigd", problem, remedy, code="rigd.already_running")
+        wait_until(lambda: not _socket_of(self.session.rig), _LEAVES_S, lambda: second)
         self._rigd = Child.start("daq.service.rigd", "rigd", [rig_file, "--runs", self.directory / "runs"], log)
         wait_until(self._connect, _READY_S, lambda: _not_ready("rigd", log))
 
@@ -225,16 +227,6 @@ class RealCell:
         with suppress(CellError):
             self._client = Client(find_socket(self.session.rig)).__enter__()
         return self._client is not None
-
-    def _second_daemon(self) -> CellError:
-        serving = _socket_of(self.session.rig)
-        problem = f"a rigd serves {self.session.rig} already ({serving}), but a session starts a separate one"
-        remedy = "stop the other rigd first; if it is a service: sudo systemctl stop rigd@NAME"
-        return CellError("rigd", problem, remedy, code="rigd.already_running")
-
-    def _no_readings(self) -> CellError:
-        problem, remedy = f"sent no readings for {_READS_S:.0f} s", "run rig doctor, then repeat the command"
-        return CellError(", ".join(self.silent()), problem, remedy, code="stream.silent")
 
     def stop_rigd(self) -> None:
         if self._client is not None:
@@ -257,7 +249,6 @@ class RealCell:
             return self._client.ask(command, **fields)
 
     def silent(self) -> list[str]:
-        """Streams without a recent reading."""
         ages_s = {name: stream["age_s"].values() for name, stream in self.ask("status")["streams"].items()}
         return [name for name, ages in ages_s.items() if not ages or min(ages) > _SILENT_S]
 
@@ -274,34 +265,37 @@ class RealCell:
     # ------------------------------------------------------------------------------------------------------------------
     # Recording of a step.
 
+    def _silence(self, problem: str) -> CellError:
+        remedy = "run rig doctor, then repeat the command"
+        return CellError(", ".join(self.silent()), problem, remedy, code="stream.silent")
+
     def _not_started(self, step: ProgramStep) -> CellError:
-        if silent := self.silent():
-            remedy = "see rig doctor; then repeat the command"
-            return CellError(", ".join(silent), "does not send readings", remedy, code="stream.silent")
+        if self.silent():
+            return self._silence("does not send readings")
         where = "waits at the start and was not started" if self._recording else "was not started"
         return CellError(step.program, where, "start it, then repeat the command", code="program.not_started")
 
     def _handle(self, watch: ProgramWatch, seen: str, step: ProgramStep) -> str | None:
         """React to an observation. Return why a recorded program that has ended is unusable, or an empty string."""
-        program, at = watch.program, f"at {100 * watch.share:.0f} % of"
-        if seen == "elsewhere":
-            self._say_once(f"the robot drove a path of none of the programs of this stage: start {step.program}")
-        elif not self._recording:
-            if seen == "at_start":
+        program, share = watch.program, f"{100 * watch.share:.0f} %"
+        match seen:
+            case "elsewhere":
+                self._say_once(f"the robot drove a path of none of the programs of this stage: start {step.program}")
+            case "at_start" if not self._recording:
                 self._begin_run(program, step)
-            elif seen == "driving":
+            case "driving" if not self._recording:
                 self._say_once(f"{program} started before the recording: wait for the end, then restart it")
-            elif seen in ("ended", "stopped", "astray"):
+            case "ended" | "stopped" | "astray" if not self._recording:
                 watch.reset()
-        elif seen == "driving":
-            self.screen.show(f"  {program}: {100 * watch.share:.0f} % of the path, recorded")
-        elif seen == "ended":
-            self._ended = program
-            return ""
-        elif seen == "stopped":
-            return f"the robot stopped {at} the path"
-        elif seen == "astray":
-            return f"the robot left the path of {program} {at} it"
+            case "driving":
+                self.screen.show(f"  {program}: {share} of the path, recorded")
+            case "ended":
+                self._ended = program
+                return ""
+            case "stopped":
+                return f"the robot stopped at {share} of the path"
+            case "astray":
+                return f"the robot left the path of {program} at {share} of it"
         return None
 
     def _begin_run(self, name: str, step: ProgramStep) -> None:
@@ -347,14 +341,28 @@ class RealCell:
             self.screen.say(line)
 
 
+class Machine(Protocol):
+    """An emulated cell that is switched on (`rig emulate`)."""
+
+    @property
+    def runs(self) -> bool: ...
+
+    def type_line(self, line: str) -> None:
+        """Type a command of the operator."""
+
+    def ended(self) -> CellError:
+        """Error that reports the end of the cell."""
+
+    def stop(self) -> None: ...
+
+
 @dataclass
 class ServedCell(RealCell):
     """A cell emulated by `rig emulate`. Its robot drives the programs, and its controller accepts entered values."""
 
-    _child: Child | None = None
+    _machine: Machine | None = None
     _events: queue.SimpleQueue[CellEvent] = field(default_factory=queue.SimpleQueue)
     _visits: int = 0
-    _is_on: bool = False
     _is_busy: bool = False
     _waits: bool = False
     _may_go_on: bool = False
@@ -366,14 +374,15 @@ class ServedCell(RealCell):
 
     @property
     def emulated(self) -> Emulated:
-        """Options of the emulation."""
         assert self.session.emulated is not None  # noqa: S101 - of a session in an emulated cell
         return self.session.emulated
 
-    # ------------------------------------------------------------------------------------------------------------------
-    # The process `rig emulate`.
+    @property
+    def machine(self) -> Machine:
+        assert self._machine is not None  # noqa: S101 - a stage was mounted
+        return self._machine
 
-    def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> None:
+    def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> Machine:
         """Start the emulated cell. hear: receives its events. Raises RigError."""
         arguments: list[str | Path] = ["emulate", rig_file, "--programs", programs, "--for", self.session.maker]
         arguments += ["-o", self.directory / "emulated", "--seed", str(seed), "--json"]
@@ -384,22 +393,7 @@ class ServedCell(RealCell):
             if event := CellEvent.of_line(line):
                 hear(event)
 
-        log = self.directory / "emulated.log"
-        self._child = Child.start("analysis.cli", "rig emulate", arguments, log, hear=hear_line)
-
-    def switch_off(self) -> None:
-        if self._child is not None:
-            self._child.stop()
-
-    def type_line(self, line: str) -> None:
-        assert self._child is not None  # noqa: S101 - it was switched on
-        self._child.type_line(line)
-
-    def require_on(self) -> None:
-        """Raise CellError if the emulated cell has ended."""
-        assert self._child is not None  # noqa: S101 - it was switched on
-        if not self._child.runs:
-            raise self._child.ended()
+        return Child.start("analysis.cli", "rig emulate", arguments, self.directory / "emulated.log", hear=hear_line)
 
     # ------------------------------------------------------------------------------------------------------------------
     # The actions of an operator.
@@ -409,9 +403,8 @@ class ServedCell(RealCell):
         self._visits += 1
         self._is_busy = self._waits = False
         self._events = queue.SimpleQueue()  # late events of the previous cell are irrelevant
-        self._is_on = True
         seed = self.emulated.seed + self._visits
-        self.switch_on(rig_file, self.directory / "programs" / stage.name, seed, self._events.put)
+        self._machine = self.switch_on(rig_file, self.directory / "programs" / stage.name, seed, self._events.put)
         self._await("ready")
         for file in self.entered:
             self.is_entered(file)
@@ -420,7 +413,7 @@ class ServedCell(RealCell):
     def start_program(self, program: SessionProgram) -> None:
         self._may_go_on = False
         self._free()
-        self.type_line(f"run {program.name}")
+        self.machine.type_line(f"run {program.name}")
         self._is_busy = True
 
     def go_on(self, program: SessionProgram) -> None:
@@ -431,13 +424,13 @@ class ServedCell(RealCell):
         self._hear()
         if self._waits and self._may_go_on:
             self._waits = self._may_go_on = False
-            self.type_line("go on")
+            self.machine.type_line("go on")
 
     def is_entered(self, file: Path) -> bool:
         """Enter the values of a file at the emulated controller."""
-        if self._is_on:
+        if self._machine:
             self._free()
-            self.type_line(f"enter {file}")
+            self._machine.type_line(f"enter {file}")
             self._await("entered")
         return True
 
@@ -446,29 +439,27 @@ class ServedCell(RealCell):
         self.leave()
 
     def leave(self) -> None:
-        """Switch the cell off, if it is on."""
-        if self._is_on:
-            self.switch_off()
-            self._is_on = False
+        if self._machine:
+            self._machine.stop()
+            self._machine = None
 
     def _hear(self) -> list[str]:
-        """Process all new events of the cell and return their kinds."""
         heard: list[str] = []
-        with suppress(queue.Empty):
-            while True:
-                event = self._events.get_nowait()
-                heard.append(event.event)
-                match event.event:
-                    case "refused" if event.name != "stop":  # a stop typed just after the end of a program is refused
-                        what, log = event.text.removeprefix("error: "), self.directory / "emulated.log"
-                        raise CellError("the emulated cell", what, f"see {log}", code="emulated.refused")
-                    case "waits":
-                        self._waits = True
-                    case "drives":
-                        self._waits = False
-                    case "done" | "stopped":
-                        self._waits = self._is_busy = False
-        self.require_on()
+        while not self._events.empty():
+            event = self._events.get()
+            heard.append(event.event)
+            match event.event:
+                case "refused" if event.name != "stop":  # a stop typed just after the end of a program is refused
+                    what, log = event.text.removeprefix("error: "), self.directory / "emulated.log"
+                    raise CellError("the emulated cell", what, f"see {log}", code="emulated.refused")
+                case "waits":
+                    self._waits = True
+                case "drives":
+                    self._waits = False
+                case "done" | "stopped":
+                    self._waits = self._is_busy = False
+        if not self.machine.runs:
+            raise self.machine.ended()
         return heard
 
     def _await(self, event: str) -> None:
@@ -483,5 +474,5 @@ class ServedCell(RealCell):
             self.check()
             clock.sleep(POLL_S)
         if self._is_busy:
-            self.type_line("stop")
+            self.machine.type_line("stop")
             self._is_busy = self._waits = False

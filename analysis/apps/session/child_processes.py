@@ -1,4 +1,4 @@
-"""Child processes of a session: rigd, an emulated cell, an inference.
+"""Child processes of a session: rigd, and an emulated cell.
 
 The children always end with the session. If the session is killed, the operating system terminates them
 (`PR_SET_PDEATHSIG`) and thereby frees the ports and locks for the next session.
@@ -41,12 +41,11 @@ class Child:
         *,
         hear: Callable[[str], None] | None = None,
         nice: int = 0,
-        keeps: Sequence[int] = (),
     ) -> Child:
         """Start the `main` function of a module as a program.
 
-        hear: called from a thread with each line of output. It also opens the standard input of the program. keeps:
-        open file descriptors that the program inherits. Raises FileError if the log cannot be written.
+        hear: called from a thread with each line of output. It also opens the standard input of the program. Raises
+        FileError if the log cannot be written.
         """
         entry = _ENTRY.format(module=module, name=name, nice=nice)
         try:
@@ -60,7 +59,6 @@ class Child:
             stdin=subprocess.PIPE if hear else subprocess.DEVNULL,
             stdout=subprocess.PIPE if hear else opened,
             stderr=opened,
-            pass_fds=keeps,
         )
         child = cls(name, log, process, opened)
         if hear:
@@ -107,11 +105,6 @@ class Child:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout_s)
         return not self.runs
-
-    @property
-    def exit_code(self) -> int | None:
-        """Exit code of the program; None while it is running."""
-        return self._process.poll()
 
     def stop(self) -> None:
         if self.runs:

@@ -15,8 +15,6 @@ _SETTLED = ("named", "nothing_unusual", "uncalibrated")
 
 @dataclass(frozen=True)
 class Drive:
-    """Drive the step with this number."""
-
     number: int
 
 

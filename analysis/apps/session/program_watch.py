@@ -63,7 +63,6 @@ class ProgramPath:
 
     @classmethod
     def of(cls, plan: MotionPlan) -> ProgramPath:
-        """Build the joint path of a plan, starting at the first posture."""
         moves = [step for step in plan.steps if isinstance(step, Move)]
         pieces = [start_of(plan).q[None]]
         for before, move in pairwise(moves):
@@ -102,7 +101,6 @@ class ProgramWatch:
         return self._at / max(1, len(self._ways[self.program].q_deg) - 1) if self.program else 0.0
 
     def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:
-        """Process the joint angles (6,) in degrees at a time in s and return the observation."""
         q = np.asarray(joints_deg, dtype=float)
         if self._first is None:
             self._first = q

@@ -30,6 +30,7 @@ from analysis.apps.session.session_plan import (
     FIXED,
     SessionOptions,
     SessionProgram,
+    before_others,
     further_stage,
     numbered,
     planned,
@@ -55,7 +56,7 @@ from analysis.runs.written_files import holding, write_all_over
 from daq import clock
 from daq.store import load_manifest, read_run
 from daq.store.manifest import is_run
-from rigs.errors import CellError, FileError, RigError, UseError
+from rigs.errors import CellError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.text import as_argument, counted
@@ -67,8 +68,6 @@ _T = TypeVar("_T")
 _POLL_S = 0.2
 _ANSWERED, _OPEN = "the causes are known", "the causes are not certain any more"
 """Reasons for skipping and reopening steps."""
-Runs = tuple[tuple[str, ...], tuple[str, ...]]
-"""Names of the runs of an inference: the runs used, and the runs that judge."""
 
 
 def run_session(
@@ -90,7 +89,11 @@ def run_session(
             for line in offer_lines(rig.name, [place.runs, Path("runs")]):
                 screen.say(line)
         session = kept or _begun(rig, text, asked, screen)
-        _require_same_session(session, text, asked, place)
+        place.require_same_rig(session, text)
+        if (session.emulated is None) != (asked.emulated is None):
+            problem = f"this session uses {'a real' if session.emulated is None else 'an emulated'} cell"
+            remedy = "continue with the original options, or choose a different -o"
+            raise UseError("--emulated", problem, remedy, code="session.other_cell")
         if asked.entered:
             if session.correction is None or session.correction.way != "entries":
                 problem = "this session does not have values to enter"
@@ -112,11 +115,7 @@ def run_session(
 
 @dataclass
 class Conductor:
-    """Carries a session out step by step, and stores it after each event.
-
-    stage: name of the stage that is set up. driving: number of the step being driven. corrected: corrected programs, by
-    the name of the program that each replaces. latest: the last finished inference by its runs, with the diagnosis.
-    """
+    """Carries a session out step by step, and stores it after each event."""
 
     rig: Rig
     rig_text: str
@@ -126,14 +125,19 @@ class Conductor:
     screen: Screen
     asked: SessionOptions
     stage: str = ""
+    """Name of the stage that is set up."""
     driving: int | None = None
+    """Number of the step being driven."""
     corrected: Mapping[str, SessionProgram] = field(default_factory=dict)
-    inferences: dict[Runs, Inference] = field(default_factory=dict)
-    inferring: Runs | None = None
-    latest: tuple[Runs, Diagnosis | None] | None = None
+    """Corrected programs, by the name of the program that each replaces."""
+    inference: Inference | None = None
+    """The running inference."""
+    inferred: tuple[list[str], list[str]] = ([], [])
+    """Names of the runs of the running or last inference: the runs used, and the runs that judge."""
+    diagnosis: Diagnosis | None = None
+    """Result of the last inference; None while it is running."""
 
     def run(self) -> Session:
-        """Run to the end of the session. Raises RigError; the progress is stored."""
         self._adopt_runs()
         session = self.session
         if session.correction and session.correction.way == "programs" and session.answer and session.open_steps:
@@ -148,7 +152,7 @@ class Conductor:
                 case Drive(number):
                     self._drive(number)
                 case Infer(joins):
-                    if self.inferring is None:
+                    if self.inference is None:
                         self._infer(joins=joins)
                     self._await_answer()
                 case "decide":
@@ -166,7 +170,6 @@ class Conductor:
             self.screen.say(line)
 
     def _keep(self, **changed: object) -> None:
-        """Change fields of the session and store it."""
         self.session = self.session.model_copy(update=changed)
         self.place.write(self.session)
 
@@ -179,40 +182,36 @@ class Conductor:
         for path in sorted(self.place.runs.glob("*")):
             if path.name in known or not is_run(path):
                 continue
-            following, program = next_of(self.session), self._program_of(path)
-            is_open = program and isinstance(following, Drive)
-            purpose = self.session.steps[following.number].purpose if isinstance(following, Drive) else "find"
-            number = first_open(self.session, purpose, program) if is_open else None
-            if number is not None:
+            if (number := self._step_of(path)) is not None:
                 self._keep(steps=self._tried(number, Try(run=path.name)))
             else:
                 self._keep(left_alone=(*self.session.left_alone, path.name))
                 self._say(f"  {path.name} does not belong to a step of this session, or was interrupted: ignored")
 
-    def _program_of(self, path: Path) -> str:
-        """Program of a run that may belong to an open step.
+    def _step_of(self, path: Path) -> int | None:
+        """Open step that a run belongs to.
 
-        Empty if the run is incomplete, unusable, of another rig, or a copy of a known run.
+        None for a run that is incomplete, unusable, of another rig, or a copy of a known run.
         """
+        following = next_of(self.session)
         try:
             manifest = load_manifest(path)
         except RigError:
-            return ""
-        if manifest.exit_status != "complete" or manifest.rig_name != self.rig.name or why_unusable(path):
-            return ""
-        # A copied run contains the readings of another run.
+            return None
+        is_usable = manifest.exit_status == "complete" and manifest.rig_name == self.rig.name and not why_unusable(path)
+        if not is_usable or not isinstance(following, Drive):
+            return None
         readings = read_run(path).readings_sha256
-        driven = self.place.runs_of(self.session.steps)
-        return "" if any(read_run(run).readings_sha256 == readings for run in driven if is_run(run)) else manifest.name
+        if any(read_run(run).readings_sha256 == readings for run in self.place.runs_of(self.session.steps)):
+            return None
+        return first_open(self.session, self.session.steps[following.number].purpose, manifest.name)
 
     def _tried(self, number: int, attempt: Try) -> tuple[ProgramStep, ...]:
-        """Steps with a further run of one of them."""
         step = self.session.steps[number]
         tried = step.model_copy(update={"tries": (*step.tries, attempt)})
         return self.session.with_step(number, tried).steps
 
     def _programs(self, stage: Stage) -> dict[str, SessionProgram]:
-        """All programs available at a stage."""
         nominal = (step for step in self.session.steps if not step.program.endswith(FIXED))
         programs = programs_of_steps(self.rig, [stage], [step for step in nominal if step.stage == stage.name])
         return programs | {new.name: new for new in self.corrected.values() if new.stage == stage.name}
@@ -242,29 +241,26 @@ class Conductor:
         began_s = clock.now_s()
         run = self.cell.drive(step, self._look)
         minutes = round(self.session.driven_minutes + (clock.now_s() - began_s) / 60, 2)
-        self.driving = None
-        same = run.program == step.program
-        self._store_run(run, number if same else first_open(self.session, step.purpose, run.program), minutes)
+        self.session, self.driving = self.session.model_copy(update={"driven_minutes": minutes}), None
+        is_asked = run.program == step.program
+        self._store_run(run, number if is_asked else first_open(self.session, step.purpose, run.program))
 
-    def _store_run(self, run: ProgramRun, number: int | None, minutes: float) -> None:
+    def _store_run(self, run: ProgramRun, number: int | None) -> None:
         """Assign a run to the step of its program. number: of that step; None if there is none."""
-        usable = f"not usable: {run.why}; repeat the run" if run.why else "usable"
+        self._say(f"  {run.name}: {f'not usable: {run.why}; repeat the run' if run.why else 'usable'}")
         if number is None:
-            self._keep(driven_minutes=minutes, left_alone=(*self.session.left_alone, run.name))
-            self._say(f"  {run.name}: {usable}")
+            self._keep(left_alone=(*self.session.left_alone, run.name))
             return
-        attempt = Try(run=run.name, why=run.why, held_up=run.held_up)
-        self._keep(driven_minutes=minutes, steps=self._tried(number, attempt))
-        self._say(f"  {run.name}: {usable}")
+        self._keep(steps=self._tried(number, Try(run=run.name, why=run.why, held_up=run.held_up)))
         step = self.session.steps[number]
         if run.why and len(step.tries) % MOST_TRIES == 0:
             raise _failed(step, is_emulated=self.session.emulated is not None)
-        if not run.why and self.inferring is None and shows_more(self.session):
+        if not run.why and self.inference is None and shows_more(self.session):
             self._infer(joins=False)
 
     def _look(self) -> None:
         """Process an answer that arrives while a step is driven."""
-        if self.inferring is None or not self.inferences[self.inferring].is_done:
+        if self.inference is None or not self.inference.is_done:
             return
         try:
             answer = self._finished()
@@ -279,40 +275,26 @@ class Conductor:
     def _infer(self, *, joins: bool) -> None:
         """Start an inference with the available runs.
 
-        joins: also use the runs of the other place, after their judgement. When that place judges, both inferences run
-        in parallel: computers have at least two cores.
+        joins: also use the runs of the other place, after their judgement.
         """
-        find, judge = (
-            tuple(step.run for step in self.session.runs_for(purpose) if step.run) for purpose in ("find", "judge")
-        )
-        every: Runs = ((*find, *judge), ())
-        self.inferring = every if joins else (find, judge)
-        wanted = [self.inferring]
-        if not joins and judge and first_open(self.session, "judge") is None:
-            wanted.append(every)
+        find, judge = ([step.run for step in self.session.runs_for(kind) if step.run] for kind in ("find", "judge"))
+        self.inferred, self.diagnosis = ([*find, *judge], []) if joins else (find, judge), None
         folder = self.place.directory / "found"
-        for runs in wanted:
-            if runs not in self.inferences:
-                number = 1 + max((int(path.stem) for path in folder.glob("[0-9]*") if path.stem.isdigit()), default=0)
-                model = self.place.directory / "cells" / f"{self.session.stages[0].name}.yaml"
-                used, judges = ([self.place.run(name) for name in names] for names in runs)
-                self.inferences[runs] = self.cell.infer(used, judges, model, folder / f"{number:02d}")
+        number = 1 + max((int(path.name) for path in folder.glob("[0-9]*") if path.name.isdigit()), default=0)
+        model = self.place.directory / "cells" / f"{self.session.stages[0].name}.yaml"
+        used, judges = ([self.place.run(name) for name in names] for names in self.inferred)
+        self.inference = self.cell.infer(used, judges, model, folder / f"{number:02d}")
 
     def _await_answer(self) -> None:
-        inference, began_s = self.inferences[_of(self.inferring)], clock.now_s()
-        count = len(self.session.runs_for("find"))
-        while not inference.is_done:
-            self.screen.show(f"diagnosing {counted(count, 'run')}: {clock.now_s() - began_s:.0f} s")
+        began_s, runs = clock.now_s(), counted(len(self.session.runs_for("find")), "run")
+        while self.inference and not self.inference.is_done:
+            self.screen.show(f"diagnosing {runs}: {clock.now_s() - began_s:.0f} s")
             clock.sleep(_POLL_S)
         self._store_answer(self._finished())
 
     def _finished(self) -> Answer:
-        """Answer of the finished inference and keep its diagnosis. Raises RigError."""
-        runs = _of(self.inferring)
-        self.inferring = None
-        inference = self.inferences.pop(runs)
-        answer = inference.result()
-        self.latest = runs, inference.diagnosis()
+        inference, self.inference = _of(self.inference), None
+        answer, self.diagnosis = inference.result()
         return answer
 
     def _store_answer(self, answer: Answer) -> None:
@@ -352,8 +334,7 @@ class Conductor:
         stage, steps = addition
         is_there = stage.name in [present.name for present in session.stages]
         stages = session.stages if is_there else (*session.stages, stage)
-        at = next((k for k, step in enumerate(session.steps) if step.purpose != "find"), len(session.steps))
-        self._keep(stages=stages, steps=numbered((*session.steps[:at], *steps, *session.steps[at:]), session.steps))
+        self._keep(stages=stages, steps=numbered(before_others(session.steps, steps), session.steps))
         self.stage = ""
         measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
         self._say(f"  {answer.condition}: {measure}", f"  next stage: {stage.name}")
@@ -382,13 +363,11 @@ class Conductor:
         steps = self.session.steps
         if correction.way == "none":
             steps = self._skipped("verify", "the robot was not corrected")
-        names = {name: program.name for name, program in self.corrected.items()}
-        steps = tuple(
-            step.model_copy(update={"program": names.get(step.program, step.program)})
-            if step.purpose == "verify"
-            else step
-            for step in steps
-        )
+        elif self.corrected:
+            steps = tuple(
+                step.model_copy(update={"program": f"{step.program}{FIXED}"}) if step.purpose == "verify" else step
+                for step in steps
+            )
         self._keep(correction=correction, steps=steps)
         # Entered values take effect in the current stage. Corrected programs must be loaded first.
         self.stage = self.stage if correction.way == "entries" else ""
@@ -430,7 +409,7 @@ class Conductor:
         session = self.session
         verified = None if session.aim == "check" else report.verified_by(session, self.place)
         session = session.model_copy(update={"verified": verified})
-        kept = self.latest[1] if self.latest and self.latest[0] == (session.diagnosed_runs, ()) else None
+        kept = self.diagnosis if self.inferred == (session.diagnosed_runs, []) else None
         page = report.write_report(session, self.rig, self.place, kept)
         self._keep(verified=verified, report=page.name)
 
@@ -496,15 +475,3 @@ def _begun(rig: Rig, text: str, asked: SessionOptions, screen: Screen) -> Sessio
         stages=stages,
         steps=steps,
     )
-
-
-def _require_same_session(session: Session, text: str, asked: SessionOptions, place: SessionDirectory) -> None:
-    """Raise an error if the stored session belongs to a different cell or was started with other options."""
-    if session.rig_sha256 != digest_of(text):
-        problem = f"is a session with the rig file {session.rig_file}, which has changed or is a different file"
-        remedy = "restore that file, or start a new session with a different --output"
-        raise FileError(str(place.file), problem, remedy, code="session.other_rig_file")
-    if (session.emulated is None) != (asked.emulated is None):
-        problem = f"this session uses {'a real' if session.emulated is None else 'an emulated'} cell"
-        remedy = "continue with the original options, or choose a different -o"
-        raise UseError("--emulated", problem, remedy, code="session.other_cell")

@@ -55,7 +55,6 @@ def step_lines(session: Session, number: int) -> list[str]:
 
 
 def diagnosis_blocks(answer: Answer) -> list[Block]:
-    """The first sentence of the diagnosis so far, and the parts of the error."""
     head = Sentence(_TEXTS("session_after_runs", runs=counted(answer.runs, "run"), headline=answer.headline))
     return [head, _parts(answer.parts)] if answer.parts else [head]
 
@@ -81,7 +80,7 @@ def before_after(session: Session, directory: Path, verdict: PageVerdict | None 
         correction.sentence, correction.way, session.sides, work=correction.work,
         judged=(judged.before_there_um, judged.calibrated_um) if judged and judged.before_there_um else None,
         joined=session.answer.joined if session.answer else 0, own_programs=own_programs(session, directory),
-        verdict=verdict,
+        verdict=verdict, summary=session.summary,
     )  # fmt: skip
 
 

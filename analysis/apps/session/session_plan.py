@@ -9,7 +9,8 @@ just the circle.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -34,7 +35,7 @@ from analysis.apps.session.session_state import (
     Stage,
     Way,
 )
-from analysis.diagnosis.plan.further_tests import further_tests, places, with_circle
+from analysis.diagnosis.plan.further_tests import FurtherTest, further_tests, places, with_circle
 from analysis.robot.geometry.driven_programs import circle_program
 from analysis.runs.written_files import write_all_over
 from daq.store.manifest import DrivenWith
@@ -53,6 +54,10 @@ _MOST_MORE = 4
 """Maximum number of stages added to separate rivals or to decide. If they do not suffice, an expert is needed."""
 _SEPARATING_RUNS = 2
 """Runs in each direction of a test that separates rivals: two are needed to measure the scatter."""
+
+
+Addition = tuple[Stage, tuple[ProgramStep, ...]]
+"""A further stage with its steps."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +80,6 @@ BY_ITSELF = SessionPace(0.05, 1.5, 0.8)
 
 @dataclass(frozen=True)
 class SessionOptions:
-    """Options of the command `rig session`."""
-
     rig_file: str
     aim: Aim
     minutes: float
@@ -147,9 +150,8 @@ def planned(
     spare_min = minutes - minutes_of(stages, steps, pace)
     if aim != "check" and spare_min > pace.set_up_min + 1:
         extra = _further_stages(rig, spare_min, pace, progress)
-        at = next((k for k, step in enumerate(steps) if step.purpose != "find"), len(steps))
         stages = (*stages, *(stage for stage, _ in extra))
-        steps = (*steps[:at], *(step for _, extra_steps in extra for step in extra_steps), *steps[at:])
+        steps = before_others(steps, (step for _, added in extra for step in added))
     return stages, numbered(steps)
 
 
@@ -163,19 +165,10 @@ def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, .
     other_stage = elsewhere(rig)
     stages = (main, other_stage) if other_stage else (main,)
     other_programs = programs_for(rig, other_stage, MAIN) if other_stage else []
-    for repeats in (3, 2, 1):
-        for again in (2, 1):
-            if again <= repeats:
-                judged, after = _circles(other_programs, "judge", again), _circles(other_programs, "verify", again)
-                yield (
-                    stages,
-                    (
-                        *_circles(main_programs, "find", repeats),
-                        *judged,
-                        *after,
-                        *_circles(main_programs, "verify", again),
-                    ),
-                )
+    for repeats, again in ((3, 2), (3, 1), (2, 2), (2, 1), (1, 1)):
+        judged, after = _circles(other_programs, "judge", again), _circles(other_programs, "verify", again)
+        find, verify = _circles(main_programs, "find", repeats), _circles(main_programs, "verify", again)
+        yield stages, (*find, *judged, *after, *verify)
 
 
 def elsewhere(rig: Rig) -> Stage | None:
@@ -201,7 +194,6 @@ def drives(rig: Rig) -> bool:
 
 
 def _set_up(test: DrivenTest, place: str | None) -> str:
-    """Describe the set-up of a test for the operator."""
     if test not in CIRCLES:
         return "mount the ball at the centre of the hemisphere, and one gauge on its link"
     where = f"mount the ball {place}" if place else "mount the ball at the centre of the circle of the rig file"
@@ -209,7 +201,6 @@ def _set_up(test: DrivenTest, place: str | None) -> str:
 
 
 def _circles(programs: Sequence[SessionProgram], purpose: Purpose, repeats: int) -> tuple[ProgramStep, ...]:
-    """Steps for a number of runs of each program, in turn."""
     return tuple(
         ProgramStep(
             program=program.name,
@@ -224,9 +215,19 @@ def _circles(programs: Sequence[SessionProgram], purpose: Purpose, repeats: int)
     )
 
 
-def separating(
-    rig: Rig, words: str, tests: Sequence[TestName], number: int
-) -> tuple[Stage, tuple[ProgramStep, ...]] | None:
+def _addition(rig: Rig, further: FurtherTest, words: str, moved: Rig, number: int) -> Addition | None:
+    """Stage and steps of a further test; None if it needs another link or tool. Raises FileError if undrivable."""
+    circle, rig_circle = moved.tests.circle, rig.tests.circle
+    if moved.robot != rig.robot or (circle and rig_circle and circle.radius_mm != rig_circle.radius_mm):
+        return None
+    test: DrivenTest = next(candidate for candidate in get_args(DrivenTest) if candidate in further.tests)
+    is_moved = circle != rig_circle
+    name, where = (f"circle-{number}", words.removeprefix("circle ")) if is_moved else (test, None)
+    stage = Stage(name=name, words=_set_up(test, where), circle=circle if is_moved else None)
+    return stage, _circles(programs_for(rig, stage, test), "find", _SEPARATING_RUNS if test in CIRCLES else 1)
+
+
+def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> Addition | None:
     """Stage and the steps of a test named by `rig plan`.
 
     number: number of the stage, used in the name if the circle differs. None if the test needs another link or tool, or
@@ -234,69 +235,44 @@ def separating(
     """
     for further in further_tests(rig, tests):
         for called, moved in further.choices:
-            if called != words:
-                continue
-            circle, rig_circle = moved.tests.circle, rig.tests.circle
-            if moved.robot != rig.robot or (circle and rig_circle and circle.radius_mm != rig_circle.radius_mm):
-                return None
-            test: DrivenTest = next(candidate for candidate in get_args(DrivenTest) if candidate in further.tests)
-            is_moved = circle != rig_circle
-            name = f"circle-{number}" if is_moved else test
-            where = words.removeprefix("circle ") if is_moved else None
-            stage = Stage(name=name, words=_set_up(test, where), circle=circle if is_moved else None)
-            return stage, _circles(programs_for(rig, stage, test), "find", _SEPARATING_RUNS if test in CIRCLES else 1)
+            if called == words:
+                return _addition(rig, further, words, moved, number)
     return None
 
 
-def _further_stages(
-    rig: Rig, minutes: float, pace: SessionPace, progress: Callable[[str], None]
-) -> list[tuple[Stage, tuple[ProgramStep, ...]]]:
+def _further_stages(rig: Rig, minutes: float, pace: SessionPace, progress: Callable[[str], None]) -> list[Addition]:
     """Choose additional tests for the remaining time by the number of parameters made testable per minute."""
-    possible = []
+    possible: list[tuple[str, float, Addition]] = []
     for number, further in enumerate(further_tests(rig, (MAIN,)), start=2):
-        for words, _ in further.choices:
-            try:
-                addition = separating(rig, words, (MAIN,), number)
-            except FileError:
-                continue
-            if addition and minutes_of((addition[0],), addition[1], pace) <= minutes:
-                possible.append((words, addition))
+        for words, moved in further.choices:
+            with suppress(FileError):
+                if addition := _addition(rig, further, words, moved, number):
+                    need = minutes_of((addition[0],), addition[1], pace)
+                    possible += [(words, need, addition)] if need <= minutes else []
     if not possible:
         return []
     progress("planning further tests")
     gains = {gain.test: gain.parts + gain.shows for gain in plan_tests(rig, (MAIN,), 2).gains}
-    chosen: list[tuple[Stage, tuple[ProgramStep, ...]]] = []
-    ranked = sorted(
-        (
-            (gains.get(words, 0) / minutes_of((addition[0],), addition[1], pace), k)
-            for k, (words, addition) in enumerate(possible)
-        ),
-        reverse=True,
-    )
-    for gain, k in ranked:
-        stage, steps = possible[k][1]
-        need = minutes_of((stage,), steps, pace)
-        if gain > 0 and need <= minutes and stage.name not in [taken.name for taken, _ in chosen]:
-            chosen.append((stage, steps))
+    chosen: dict[str, Addition] = {}
+    for words, need, addition in sorted(possible, key=lambda one: -gains.get(one[0], 0) / one[1]):
+        if gains.get(words, 0) > 0 and need <= minutes and addition[0].name not in chosen:
+            chosen[addition[0].name] = addition
             minutes -= need
-    return chosen
+    return list(chosen.values())
 
 
-def further_stage(
-    session: Session, answer: Answer, rig: Rig, pace: SessionPace
-) -> tuple[Stage, tuple[ProgramStep, ...]] | None:
+def further_stage(session: Session, answer: Answer, rig: Rig, pace: SessionPace) -> Addition | None:
     """Stage with steps that separate rivals or help to decide; None if none does, or if time is short."""
     if len(session.stages) >= 2 + _MOST_MORE:
         return None
-    addition: tuple[Stage, tuple[ProgramStep, ...]] | None = None
+    addition: Addition | None = None
+    is_open = answer.condition == "undecided"
     # More repeats do not distinguish these causes.
-    is_ambiguous = answer.condition == "ambiguous" or (
-        answer.condition == "undecided" and answer.runs_to_decide is None
-    )
+    is_ambiguous = answer.condition == "ambiguous" or (is_open and answer.runs_to_decide is None)
     if answer.next_test and (is_ambiguous or session.is_last(answer)):
         tests = tuple(dict.fromkeys(step.test for step in session.runs_for("find")))
         addition = separating(rig, answer.next_test, tests, len(session.stages) + 1)
-    elif answer.condition == "undecided" and answer.runs_to_decide is not None:
+    elif is_open and answer.runs_to_decide is not None:
         # Repeat the main test in each direction, if that may decide.
         main = session.stages[0]
         main_steps = [step for step in session.steps if step.stage == main.name and step.purpose == "find"]
@@ -311,8 +287,13 @@ def further_stage(
     return addition if session.driven_minutes + need <= session.minutes else None
 
 
+def before_others(steps: Sequence[ProgramStep], added: Iterable[ProgramStep]) -> tuple[ProgramStep, ...]:
+    """Steps with further ones after those that find errors."""
+    at = sum(step.purpose == "find" for step in steps)
+    return (*steps[:at], *added, *steps[at:])
+
+
 def minutes_of(stages: Sequence[Stage], steps: Sequence[ProgramStep], pace: SessionPace) -> float:
-    """Duration of steps in minutes, including the set-up before each change of the stage."""
     changes = sum(k == 0 or steps[k - 1].stage != step.stage for k, step in enumerate(steps))
     driven_s = sum(step.seconds + pace.handling_s for step in steps)
     return changes * pace.set_up_min + driven_s / 60

@@ -23,7 +23,7 @@ from analysis.diagnosis.judge.acts import is_done
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text
-from rigs.problems import Problem, RigFileError, problems_of
+from rigs.problems import RigFileError, problems_of
 from rigs.schema.declared_tests import Circle
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, MakerName
@@ -97,7 +97,6 @@ class ProgramStep(Part):
 
     @property
     def run(self) -> str | None:
-        """The usable run of the step; None if there is none."""
         return next((attempt.run for attempt in self.tries[::-1] if not attempt.why), None)
 
     @property
@@ -106,13 +105,10 @@ class ProgramStep(Part):
 
     @property
     def title(self) -> str:
-        """Title of the step, for example `yaw acw`."""
         return " ".join(filter(None, (self.test, self.direction)))
 
 
 class PartOfError(Part):
-    """A part of the error: share of the total, and rms value in µm."""
-
     part: str
     kind: str = ""
     size: str = ""
@@ -217,8 +213,6 @@ class Emulated(Part):
 
 
 class Session(Part):
-    """The complete state of a session."""
-
     version: Literal[1] = 1
     rig: Annotated[str, Field(min_length=1)]
     rig_file: Annotated[str, Field(min_length=1)]
@@ -277,7 +271,6 @@ class Session(Part):
 
     @property
     def is_corrected(self) -> bool:
-        """True if the robot was driven with a correction."""
         return bool(self.verified and self.verified.same_after)
 
     @property
@@ -333,12 +326,12 @@ class Session(Part):
         return [step for step in self.steps if step.purpose in purposes and step.run]
 
     @property
-    def diagnosed_runs(self) -> tuple[str, ...]:
+    def diagnosed_runs(self) -> list[str]:
         """Names of the runs of the diagnosis on the page: the runs for finding errors, and joined runs of the other
         place.
         """
         joined = self.runs_for("judge") if self.answer and self.answer.joined else []
-        return tuple(step.run for step in (*self.runs_for("find"), *joined) if step.run)
+        return [step.run for step in (*self.runs_for("find"), *joined) if step.run]
 
 
 def own_programs(session: Session, directory: Path) -> str:
@@ -405,7 +398,6 @@ class SessionDirectory:
         return self.directory / "found" / answer.found / answer.model
 
     def read(self) -> Session | None:
-        """Read the stored session; None if there is none. Raises FileError and RigFileError."""
         try:
             text = read_text(self.file, _MOST_BYTES)
         except FileNotFoundError:
@@ -422,28 +414,12 @@ class SessionDirectory:
                 raise newer from None
             raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
 
-    def require_complete(self, session: Session, rig_text: str) -> None:
-        """Check that all runs of a session exist and that it belongs to this text of the rig file.
-
-        Raises RigFileError with the lines of the problems.
-        """
-        missing = []
+    def require_same_rig(self, session: Session, rig_text: str) -> None:
+        """Raise FileError if the stored session belongs to another text of the rig file."""
         if session.rig_sha256 != digest_of(rig_text):
-            problem = (
-                "does not match the rig file: the rig file was changed, or this session belongs to a different one"
-            )
-            missing.append(("rig_sha256", session.rig_sha256, problem))
-        names = (attempt.run for step in session.steps for attempt in step.tries)
-        missing += [
-            ("run", name, f"run {name} is missing in {self.runs}") for name in names if not self.run(name).is_dir()
-        ]
-        if missing:
-            lines = read_text(self.file, _MOST_BYTES).splitlines()
-            problems = [
-                Problem(next((k for k, line in enumerate(lines, 1) if text in line), 1), place, problem)
-                for place, text, problem in missing
-            ]
-            raise RigFileError(str(self.file), problems)
+            problem = f"is a session with the rig file {session.rig_file}, which has changed or is a different file"
+            remedy = "restore that file, or start a new session with a different --output"
+            raise FileError(str(self.file), problem, remedy, code="session.other_rig_file")
 
     def write(self, session: Session) -> None:
         """Store a session durably and atomically. Raises CellError if the disk refuses; the old file is kept."""
@@ -465,5 +441,4 @@ def text_of(session: Session) -> str:
 
 
 def digest_of(text: str) -> str:
-    """Digest that identifies the text of a rig file."""
     return hashlib.sha256(text.encode()).hexdigest()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +22,7 @@ from analysis.apps.emulate.pendant import Pendant
 from analysis.apps.emulate.robot import EmulatedRobot, write_cell_files
 from analysis.apps.emulate.served_cell import CellEvent, Keyboard
 from analysis.apps.session.answer import Inference
-from analysis.apps.session.cell import ServedCell
+from analysis.apps.session.cell import Machine, ServedCell
 from daq import clock
 from daq.apps.emulate.emulated_cell import as_emulated
 from daq.apps.emulate.instruments import instruments_of
@@ -35,23 +35,41 @@ _INFERENCE_S = 20.0
 """Simulated duration of an inference. Measured: 10 to 25 s for four to twelve runs on one of two busy cores."""
 _HANGS_S = 1800.0
 """Upper limit for the slowest inference in real time."""
-_POLL_S = 0.02
 
 
-@dataclass
 class SimulatedInference(Inference):
     """An inference in a separate process that finishes after a fixed simulated time."""
 
-    done_ns: int
+    def __init__(self, *request: Any) -> None:
+        super().__init__(*request)
+        self._done_ns = clock.now_ns() + int(1e9 * _INFERENCE_S)
 
     @property
     def is_done(self) -> bool:
         """True if the simulated time has passed. The property then blocks until the real process has finished."""
-        if clock.now_ns() < self.done_ns:
-            return False
-        while self.child.runs:
-            time.sleep(_POLL_S)
-        return True
+        return clock.now_ns() >= self._done_ns and self._outcome.poll(None)
+
+
+@dataclass
+class MachineInThisProcess:
+    """The emulated cell without a process of its own."""
+
+    keyboard: Keyboard | None = None
+
+    @property
+    def runs(self) -> bool:
+        return self.keyboard is not None
+
+    def type_line(self, line: str) -> None:
+        if self.keyboard:
+            self.keyboard.take(line)
+
+    def ended(self) -> CellError:
+        problem, remedy = "exited unexpectedly", "repeat the command to continue"
+        return CellError("rig emulate", problem, remedy, code="process.ended")
+
+    def stop(self) -> None:
+        self.keyboard = None
 
 
 @dataclass
@@ -60,10 +78,9 @@ class CellInSimulatedTime(ServedCell):
 
     simulated: SimulatedClock = field(kw_only=True)
     _cell: SimulatedCell | None = None
-    _keyboard: Keyboard | None = None
     _daemon: Any = None
 
-    def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> None:
+    def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> Machine:
         rig, text = load(rig_file)
         text, effects = as_emulated(text), self.emulated.effects
         hidden = load_hidden(effects).apply_to(rig) if effects else rig
@@ -72,25 +89,12 @@ class CellInSimulatedTime(ServedCell):
         self.simulated.kill("cell")
         devices = instruments_of(parse(text, "cell"), robot, robot.signal, condition=robot.pose)
         self._cell = SimulatedCell.switched_on(self.simulated, self.directory, text, robot, robot.signal, devices)
-        self._keyboard = Keyboard(
-            robot, Pendant(hidden, programs, self.session.maker), lambda _: self.switch_off(), hear
-        )
+        machine, pendant = MachineInThisProcess(), Pendant(hidden, programs, self.session.maker)
+        machine.keyboard = Keyboard(robot, pendant, lambda _: machine.stop(), hear)
         with self.simulated.process("cell"):
-            self._keyboard.start()
+            machine.keyboard.start()
         hear(CellEvent("ready", str(rig_file), "ready"))
-
-    def switch_off(self) -> None:
-        self._keyboard = None
-
-    def type_line(self, line: str) -> None:
-        assert self._keyboard is not None  # noqa: S101 - it was switched on
-        self._keyboard.take(line)
-
-    def require_on(self) -> None:
-        if self._keyboard is None:
-            raise CellError(
-                "rig emulate", "exited unexpectedly", "repeat the command to continue", code="process.ended"
-            )
+        return machine
 
     def start_rigd(self, rig_file: Path) -> None:
         assert self._cell is not None  # noqa: S101 - the stage was mounted
@@ -112,9 +116,8 @@ class CellInSimulatedTime(ServedCell):
             self._cell.kill(self._daemon)
             self._daemon = None
 
-    def infer(self, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
-        begun = super().infer(used, judges, rig_file, directory)
-        return SimulatedInference(**vars(begun), done_ns=clock.now_ns() + int(1e9 * _INFERENCE_S))
+    def infer(self, *request: Any) -> Inference:
+        return SimulatedInference(*request)
 
 
 @contextmanager

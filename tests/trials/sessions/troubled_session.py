@@ -70,7 +70,7 @@ class TroubledCell(CellInSimulatedTime):
         self.meanwhile(self)
         now_s = clock.now_s()
         for line in [line for at_s, line in self._later if at_s <= now_s]:
-            self.type_line(line)
+            self.machine.type_line(line)
         self._later = [(at_s, line) for at_s, line in self._later if at_s > now_s]
         super().check()
 

@@ -154,10 +154,6 @@ def test_session_killed_at_each_step_gives_the_same_result(whole: Whole, place: 
     assert session.verified == whole.session.verified and not session.left_alone
 
 
-def test_page_shows_the_diagnosis_of_the_session_runs(whole: Whole) -> None:
-    assert whole.shown == [whole.session.diagnosed_runs] and whole.session.runs_for("judge")
-
-
 @pytest.mark.usefixtures("page_at_once")
 def test_certain_diagnosis_stops_the_search(place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place, minutes=3.6)

@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 
 from analysis.apps.emulate.served_cell import CellEvent, Keyboard
-from analysis.apps.session.cell import ServedCell
+from analysis.apps.session.cell import Machine, ServedCell
 from analysis.apps.session.session_state import Emulated, Session, Stage
 from rigs.errors import CellError
 from rigs.load import find
+from tests.support.refusals import refused
 from tests.support.session_cell import Screen, asked_for, begun
 
 PROGRAM: Any = SimpleNamespace(name="p01-yaw-acw")
@@ -22,28 +23,32 @@ PROGRAM: Any = SimpleNamespace(name="p01-yaw-acw")
 class Cell(ServedCell):
     """An emulated cell with scripted responses: `answers` to each typed line."""
 
+    runs = True
+
     def __init__(self, session: Session, directory: Path, answers: dict[str, tuple[CellEvent, ...]]) -> None:
         session = session.model_copy(update={"emulated": Emulated()})
         super().__init__(session, directory, Screen(), asked_for(session))
         self.answers = answers
         self.typed: list[str] = []
-        self.runs = True
         self.hear: Callable[[CellEvent], None] = print
         self.seeds: list[int] = []
 
-    def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> None:
+    def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> Machine:
         self.hear = hear
         self.seeds.append(seed)
         hear(CellEvent("ready", "cell/rig.yaml", "ready"))
+        return self
 
     def type_line(self, line: str) -> None:
         self.typed.append(line)
         for event in self.answers.get(line.partition(" ")[0], ()):
             self.hear(event)
 
-    def require_on(self) -> None:
-        if not self.runs:
-            raise CellError("rig emulate", "exited unexpectedly", "repeat", code="process.ended")
+    def ended(self) -> CellError:
+        return CellError("rig emulate", "exited unexpectedly", "repeat", code="process.ended")
+
+    def stop(self) -> None:
+        pass
 
 
 @pytest.fixture
@@ -81,9 +86,9 @@ def test_refusal_ends_the_session_except_of_a_late_stop(session: Session, tmp_pa
     cell.type_line("stop")
     cell.check()
     cell.answers = {"enter": (CellEvent("refused", "enter x", "error: x: is for a controller of abb"),)}
-    with pytest.raises(CellError) as error:
+    with refused("emulated.refused"):
         cell.enter(Path("x"))
-    assert error.value.code == "emulated.refused" and not cell.entered
+    assert not cell.entered
 
 
 def test_entered_values_are_entered_again_at_each_stage(session: Session, tmp_path: Path) -> None:
@@ -102,9 +107,8 @@ def test_resumed_session_has_new_noise(session: Session, tmp_path: Path) -> None
 def test_cell_that_has_ended_ends_the_session(session: Session, tmp_path: Path) -> None:
     cell = cell_at(session, tmp_path)
     cell.runs = False
-    with pytest.raises(CellError) as error:
+    with refused("process.ended"):
         cell.check()
-    assert error.value.code == "process.ended"
 
 
 def test_event_is_a_line_of_json_and_other_lines_are_ignored() -> None:
