@@ -56,7 +56,6 @@ class Tolerance:
     least_rad: float
 
     def at(self, radius_mm: float) -> float:
-        """Tolerance in mm for a circle of this radius."""
         return min(self.mm, self.scale * _OF_RADIUS * radius_mm)
 
 
@@ -238,6 +237,10 @@ _TRIMS = 3
 """Rounds of dropping outlying bins and refitting the circle. The second changes very little."""
 _ROUNDS = 4
 """Gauss-Newton steps: the start is accurate to 1 %, and each step squares the relative error."""
+_ROUND_MM = 0.3
+"""Largest deviation from a circle caused by a healthy arm, whose constants are wrong by some tenths of a mm."""
+NEAR = 4.0
+"""Tolerances from a circle within which a path still belongs to it."""
 _APART_S = 1e7
 """Time between two runs that makes them uncorrelated. Noise common to both runs is ignored."""
 
@@ -279,7 +282,6 @@ class Binned:
 
 
 def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
-    """Divide motions into bins of 0.05 s, or of one row if rows are further apart."""
     times: list[Array] = []
     angles, runs, counts = [], [], []
     stands: list[Stand] = []
@@ -324,17 +326,26 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A fitted circle with the covariances (3, 3) in mm² of the coefficients of radial and axial deviations."""
+class CircleFit:
+    """A fitted circle, with the longest stretch of the robot on it."""
 
     circle: CircleFrame
     radial: Array
+    """Covariance (3, 3) in mm² of the coefficients of the radial deviations."""
     axial: Array
-    rows: int
-    outliers: int
+    """The same of the axial deviations."""
+    T: Array
+    """Tool poses (n, 4, 4) of the stretch, in order of time."""
+    q: Array
+    """Joint angles (n, 6) of the stretch in rad."""
+    used: str
+    """Description of the data."""
+    doubts: tuple[str, ...] = ()
+    motion: int = 0
+    """Number of the motion of the stretch."""
 
 
-def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, circle: CircleFrame) -> Fit:
+def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, circle: CircleFrame) -> CircleFit:
     """Fit a circle to all rows of the selected bins (n,), allowing for slow noise."""
     # Mask (n,) of bins off the circle with neighbours on it. Their rows are tested individually, because an outlier or
     # a reversing joint spoils the median of a small bin.
@@ -369,7 +380,23 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     away = deviations(circle, places)
     readings = mean(np.stack([away.radial, away.axial], axis=1))
     (radial, radial_cov), (axial, axial_cov) = regress(mean(away.design), readings, mean(t_s), count)
-    return Fit(moved(circle, radial, axial), radial_cov, axial_cov, len(t_s), int((~sound).sum()))
+    circle = moved(circle, radial, axial)
+    # The longest stretch of the path on the circle. A pause at the turning point of a program does not end it.
+    rows = np.flatnonzero(on)
+    is_off = deviations(circle, bins.places).largest > DRIVEN.at(circle.radius) * NEAR
+    number = np.cumsum(is_off | (np.diff(bins.run, prepend=0) != 0))[rows]
+    pieces = [rows[number == piece] for piece in np.unique(number)]
+    longest = max(pieces, key=lambda piece: float(np.ptp(circle.angle(bins.places[piece]))))
+    outliers = int((~sound).sum())
+    doubts = [f"{outliers} rows are outliers of the circle and are not used"] if outliers else []
+    off_mm = float(np.quantile(deviations(circle, bins.places[on]).largest, 0.95))
+    if off_mm > _ROUND_MM:
+        hand = f"the path is off the circle by {off_mm:.1f} mm: the robot was guided by hand, the feedback jumped, or"
+        doubts.append(f"{hand} the link constants of the controller differ from the rig file")
+    return CircleFit(
+        circle, radial_cov, axial_cov, bins.T[longest], bins.q[longest], f"{len(t_s)} rows", tuple(doubts),
+        int(bins.run[longest][0]),
+    )  # fmt: skip
 
 
 def _outlier_from_mm(largest: Array) -> float:

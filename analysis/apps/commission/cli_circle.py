@@ -127,7 +127,7 @@ def fit_ball(
             raise FileError(RigPlace.of(to.rig.name), problem, remedy, code="ball.no_hemisphere")
     else:
         touched = touched_ball(recorded, to.rig)
-        values, u_mm, used, doubts = touched.values(to.rig), touched.u_centre_mm, touched.used, touched.doubts
+        values, u_mm, used, doubts = touched.values, touched.u_centre_mm, touched.used, touched.doubts
     fitted = FittedTest("hemisphere", values, {"centre_mm": u_mm.tolist()}, used, doubts)
     print_or_write(fitted, to, write=write, as_json=as_json)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -35,8 +34,6 @@ class RigFile:
 
 @dataclass(frozen=True)
 class FittedTest:
-    """Fitted values of a test."""
-
     test: Literal["circle", "hemisphere"]
     values: Values
     u: Mapping[str, Sequence[float]]
@@ -107,22 +104,8 @@ def _not_drivable(rig: Rig) -> list[str]:
     try:
         circle_program(rig, "acw")
     except RigError as error:
-        problem, remedy = error.what, error.remedy
-    else:
-        return []
-    circle = rig.tests.circle
-    assert circle is not None  # noqa: S101 - it was just fitted
-    # The circle may be possible with an axis turned by a full turn.
-    for axis, turn_deg in product(range(len(circle.posture_deg)), (360.0, -360.0)):
-        posture = list(circle.posture_deg)
-        posture[axis] = round(posture[axis] + turn_deg, 2)
-        turned = circle.model_copy(update={"posture_deg": tuple(posture)})
-        tests = rig.tests.model_copy(update={"circle": turned})
-        with contextlib.suppress(RigError):
-            circle_program(rig.model_copy(update={"tests": tests}), "acw")
-            remedy = f"posture_deg: {posture} would be reachable"
-            break
-    return [f"the robot cannot drive a program of this circle: {problem}; {remedy}"]
+        return [f"the robot cannot drive a program of this circle: {error.what}; {error.remedy}"]
+    return []
 
 
 def _replace(path: Path, old: str, new: str) -> Path:
@@ -138,17 +121,10 @@ def _replace(path: Path, old: str, new: str) -> Path:
         if not mode & 0o222:  # a rename would replace the file nevertheless
             remedy = "make the file writable with chmod u+w, or paste the printed block"
             raise FileError(str(path), "is read-only", remedy, code="file.read_only")
-        number = 1
-        while True:
-            kept = path.with_name(f"{path.name}.{number}")
-            with contextlib.suppress(FileExistsError):
-                fd = durable.create(kept, old.encode())
-                break
-            number += 1
-        durable.sync(fd)
-        durable.close(fd)
-        durable.replace(path, new.encode())
-        for file in (path, kept):
+        copies = (path.with_name(f"{path.name}.{number}") for number in count(1))
+        kept = next(copy for copy in copies if not copy.exists())
+        for file, text in ((kept, old), (path, new)):
+            durable.replace(file, text.encode())
             file.chmod(mode & 0o777)
     except OSError as error:
         remedy = "check the permissions and the free space of the directory"

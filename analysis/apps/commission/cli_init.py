@@ -16,7 +16,6 @@ from rigs.schema.vocabulary import Build, MeasuredBy
 
 if TYPE_CHECKING:
     from analysis.apps.commission.init_answers import Options
-    from rigs.rig import Rig
 
 _INTERRUPTED = 130
 
@@ -135,17 +134,17 @@ def init(
         say(read.words)
     check([str(rig_file)])
     say("next:")
-    for line in pair_steps(rig_file) if measured_by == "arm" else next_steps(rig_file):
+    for line in next_steps(rig_file, measured_by):
         say(f"  {line}")
 
 
 def _say_devices(options: Options) -> None:
-    """Print the ports, the gauges and the robot as JSON."""
     from analysis.apps.commission.gauge_questions import ports_of, reports_of
-    from analysis.apps.commission.questionnaire import robot_at
+    from analysis.apps.commission.questionnaire import NO_ROBOT, robot_at
     from daq.apps.commission.port_search import ports_here
 
-    robots = [robot_at(options.robot, options.keys["feedback"]).to_dict()] if options.robot else []
+    address = options.robot if options.robot != NO_ROBOT else None
+    robots = [robot_at(address, options.keys["feedback"]).to_dict()] if address else []
     with progress_of("looking at the ports") as doing:
         ports = [report.to_dict() for report in reports_of(ports_of(options), options, doing)]
     say_json({"ports_here": ports_here(), "ports": ports, "robots": robots})
@@ -168,85 +167,12 @@ def _make(options: Options) -> None:
         raise typer.Exit(_INTERRUPTED) from None
 
 
-def next_steps(rig_file: Path) -> list[str]:
-    """Commands for a new rig file."""
+def next_steps(rig_file: Path, measured_by: MeasuredBy) -> list[str]:
+    from analysis.apps.commission.rig_file_text import rendered
     from rigs.load import load
-
-    rig, _ = load(rig_file)
-    file = shlex.quote(str(rig_file))
-    if not rig.gauges.recorded:
-        return _without_gauges(rig, file)
-    begin = [f"rigd {file}", "# in a second terminal:", "rig live  # push each gauge once, and jog the robot"]
-    if rig.tests.circle is None:
-        return [
-            *begin,
-            "# jog the robot to three or more points of the circle, then Ctrl-C:",
-            f"rig circle fit --live --rig {file} --write",
-            f"# restart rigd (Ctrl-C first) to load the circle: rigd {file}",
-            *_first_lap(rig, file),
-        ]
-    *lap, report = _first_lap(rig, file)
-    return [*begin, *lap, f"rig circle fit runs/*first* --rig {file} --write", report]
-
-
-def pair_steps(rig_file: Path) -> list[str]:
-    """Commands for an arm that a second arm measures."""
-    file, other = shlex.quote(str(rig_file)), shlex.quote(str(rig_file.with_name("other.yaml")))
-    return [
-        f"rig init {other} --measured-by arm  # the other arm, unless it has its rig file",
-        "# below, the arm with the ball comes first; the base of the second arm as measured by tape:",
-        f"rig pair {file} {other} --plan 40 --base 1500,0,0,0,0,180 -o touches.csv  # x, y, z, roll, pitch, yaw",
-        "# seat the ball in the socket in these postures, and write the joints of both arms into touches.csv",
-        f"rig pair {file} {other} touches.csv -o calibrated",
-    ]
-
-
-def _without_gauges(rig: Rig, file: str) -> list[str]:
-    """Commands for a tracker or a ball in sockets, with joint angles that are read or typed."""
     from rigs.schema.feedback import NoFeedback
 
-    if rig.tests.touch is None:
-        return [
-            f"rig plan {file} --poses 40 -o planned  # the most informative poses",
-            f"rig import poses.csv --rig {file} --test pose -o runs/poses  # as written by the tracker",
-            "rig diagnose runs/poses -o found",
-        ]
-    touch = [f"rig parts {file} -o parts  # sockets and ball holder to print", f"rig plan {file} --tests touch"]
-    if isinstance(rig.feedback, NoFeedback):
-        axes = len(rig.robot.axes)
-        measure = [
-            "# seat the ball, or a pointer in a punch mark, in many postures, and write touches.csv: socket,",
-            f"# q1_deg … q{axes}_deg or J1 … J{axes}; with a single socket, --socket NAME replaces the column",
-            f"rig import touches.csv --rig {file} --test touch -o runs/first",
-        ]
-    else:
-        measure = [f"rigd {file}", "# in a second terminal:", "rig record touch first -o runs/first"]
-    if not rig.tests.touch.distances:
-        measure.insert(
-            0, f"# measure the distance between two sockets and write tests.touch.distances in {file}: {_WORTH}"
-        )
-    calibrated = f"found/{rig.name}.yaml"
-    check = "rig moved runs/first --plan" if isinstance(rig.feedback, NoFeedback) else "rig moved runs/first --live"
-    return [
-        *touch,
-        *measure,
-        "rig diagnose runs/first -o found",
-        f"rig export-urdf {calibrated} -o arm.urdf",
-        f"{check}  # after a crash or a change of tool: what moved",
-    ]
-
-
-_WORTH = "the error falls to about a sixth"
-"""Remaining share of the error in a trial of four simulated UR10e (docs/any-arm.md)."""
-
-
-def _first_lap(rig: Rig, file: str) -> list[str]:
-    maker, *further = rig.makers
-    others = f"  # or {', '.join(further)}" if further else ""
-    return [
-        f"rig program {file} --for {maker} --test yaw -o programs{others}",
-        "rig record start first-acw --test yaw --direction acw",
-        "# start the robot's program, at reduced speed",
-        "rig record stop",
-        "rig report runs/*first* -o first.html",
-    ]
+    rig, _ = load(rig_file)
+    file, other = (shlex.quote(str(path)) for path in (rig_file, rig_file.with_name("other.yaml")))
+    is_typed = isinstance(rig.feedback, NoFeedback)
+    return rendered("next_steps", rig=rig, by=measured_by, file=file, other=other, is_typed=is_typed).splitlines()

@@ -130,7 +130,6 @@ def _find_movement(
 def _mark(
     result: MovementResult, reference: Sequence[Measured], after: Sequence[Measured], paths: Sequence[Path]
 ) -> None:
-    """Store the answer with the new runs."""
     from analysis.apps.commission.guided_touches import mark_of
     from daq.store import mark_moved
 
@@ -149,7 +148,6 @@ def _mark(
 def _check_live(
     runs: list[Path], rig_file: str | None, save: Path | None, *, is_quiet: bool
 ) -> tuple[MovementResult, str]:
-    """Guide through the touches and save them as a run."""
     from analysis.apps.commission.guided_touches import GuidedCheck, follow_touches
     from analysis.runs.written_files import refuse_existing
     from daq import clock

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -11,8 +12,9 @@ from analysis.apps.commission.circle_motion import (
     BENT,
     DRIVEN,
     GUIDED,
+    NEAR,
     Binned,
-    Fit,
+    CircleFit,
     FoundCircle,
     Tolerance,
     binned,
@@ -21,9 +23,16 @@ from analysis.apps.commission.circle_motion import (
     fit_rows,
     on_circle,
 )
-from analysis.apps.commission.touched_ball import circle_through_stands, distinct, is_jogged
-from analysis.robot.geometry.circle import CircleFrame, circle_frame, deviations
-from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of
+from analysis.apps.commission.touched_ball import GAUGE_MM, distinct, scatter
+from analysis.robot.geometry.circle import (
+    CircleFrame,
+    circle_frame,
+    circles_through,
+    deviations,
+    largest_deviations,
+    nearest_circle,
+)
+from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward
 from analysis.runs.loading import RobotMotion
 from analysis.runs.stands import STILL_RUN_RAD
 from rigs.edit import Values
@@ -51,29 +60,15 @@ _SAME_TOOL_RAD = np.radians(2.0)
 """Largest deviation of the tool from its orientation in a circle test."""
 
 
-@dataclass(frozen=True)
-class CircleStart:
-    """Circle with sign and zero direction."""
-
-    circle: CircleFrame
-    at: Array
-    """Unit vector (3,) to the start of the acw circle."""
-    posture: Array
-    """Joint angles (6,) at the start, in rad."""
-    arc_rad: float
-    """Driven angle."""
-    keeps_zero: bool
-    """True if the zero direction of the rig file remains valid."""
-    doubts: tuple[str, ...]
-
-
 def start_of(
-    circle: CircleFrame, T: Array, q: Array, direction: Direction | None, declared: Circle | None
-) -> CircleStart:
-    """Start of a circle from a stretch of tool poses T (n, 4, 4) and angles q (n, 6) on it.
+    fit: CircleFit, direction: Direction | None, declared: Circle | None
+) -> tuple[CircleFrame, Array, Array, float, bool, list[str]]:
+    """Start of a fitted circle: the circle with sign and zero direction, the unit vector (3,) to the start, the joint
+    angles (6,) there in rad, the driven angle, whether the zero direction of the rig file stays, and doubts.
 
     direction: label of the run. declared: circle of the rig file.
     """
+    circle, T = fit.circle, fit.T
     phi = circle.angle(T[:, :3, 3])
     doubts: list[str] = []
     if _sense(circle, T, phi, direction, declared, doubts) < 0:
@@ -82,17 +77,16 @@ def start_of(
     laps = int(arc / (2 * np.pi) + _MISSING_SHARE)
     lead = max(0.0, (arc - 2 * np.pi * laps) / 2) if laps else 0.0
     begins = float(phi.min()) + lead
-    row = int(np.abs(phi - begins).argmin())
     begun = np.radians(declared.start_deg) if declared else 0.0
-    zero = circle.radial(np.array([begins - begun]))[0]
-    keeps_zero = False
+    zero, keeps_zero = circle.radial(np.array([begins - begun]))[0], False
     if declared is not None and abs(np.dot(_unit(declared.zero), circle.n)) < _ALONG_NORMAL:
         declared_frame = circle_frame(circle.centre, circle.n, _unit(declared.zero), circle.radius)
         keeps_zero = bool(declared_frame.u @ zero > np.cos(_SAME_START_RAD))
         zero = declared_frame.u if keeps_zero else zero
     circle = circle_frame(circle.centre, circle.n, zero, circle.radius)
+    posture = fit.q[int(np.abs(phi - begins).argmin())]
     at = circle.radial(np.array([begun]))[0]
-    return CircleStart(circle, at, q[row], arc, keeps_zero, (*doubts, *_tool_doubts(circle, T)))
+    return circle, at, posture, arc, keeps_zero, [*doubts, *_tool_doubts(circle, T)]
 
 
 def _sense(
@@ -149,14 +143,8 @@ _SECOND = 1 / 3
 """Minimum angle of a second circle relative to the first. Such a circle was driven on purpose."""
 _FURTHER = 1.3
 """Ratio of angles for preferring a bent circle. The path of a healthy arm follows both."""
-_ROUND_MM = 0.3
-"""Largest deviation from a circle caused by a healthy arm, whose constants are wrong by some tenths of a mm."""
-_NEAR = 4.0
-"""Tolerances from the first circle within which a path is no part of a second."""
 _FEWEST_OFF = 10
 """Minimum number of points of a second circle, of some hundred."""
-_GAUGE_MM = 5.0
-"""Largest 2 u: the ball is mounted at the centre of the circle, and a gauge reads about 5 mm in both directions."""
 _LONGER = "drive a longer arc, preferably a full lap, or rest for a second at three or more points of the circle"
 
 
@@ -210,99 +198,58 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
         if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < STILL_RUN_RAD:
             remedy = "move the tool about the ball during the recording"
             raise FileError(motion.where, "the robot stood still", remedy, code="circle.stood_still")
+    where = ", ".join(motion.where for motion in motions)
     bins = binned(motions, arm)
-    where = _where(motions)
     path = bins.moving
     path[bins.stand_rows] = True  # a stop is a single point of the path
     points, run = even_path(bins.places[path], bins.run[path])
     # Use a bent circle only if the path follows it much further than a round circle.
     true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
-    path_circle, tolerance = true, DRIVEN
+    found, tolerance = true, DRIVEN
     if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
-        path_circle, tolerance = bent, BENT
-    if is_jogged(bins, path_circle):
-        stops = circle_through_stands(arm, bins, where)
-        start = start_of(stops.circle, stops.T, stops.q, motions[0].direction, rig.tests.circle)
-        used = f"{len(stops.T)} stops of the robot, over {np.degrees(start.arc_rad):.0f}° of arc"
-        doubts = (*_doubts(motions), *stops.doubts)
-        return _result(stops.circle, stops.covariance, stops.covariance, start, used, doubts, where)
-    stood = len(distinct(bins.places[bins.stand_rows]))
-    if path_circle is None:
-        path_circle, tolerance = find_circle(points, run, GUIDED), GUIDED
-    if path_circle is None:
+        found, tolerance = bent, BENT
+    if is_jogged(bins, found):
+        return _started(fit_stops(arm, bins, where), motions, rig, where)
+    if found is None:
+        found, tolerance = find_circle(points, run, GUIDED), GUIDED
+    if found is None:
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         problem = (
             f"the motion of {length:.0f} mm contains no arc of a circle that is long enough, and the robot stopped at "
-            f"{stood} points; three are needed"
+            f"{len(distinct(bins.places[bins.stand_rows]))} points; three are needed"
         )
         raise FileError(where, problem, _LONGER, code="circle.none")
-    _check_one_circle(path_circle, tolerance, points, run, where)
-    on, circle = on_circle(bins, path_circle.circle, tolerance, where)
-    return _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
+    _check_one_circle(found, tolerance, points, run, where)
+    on, circle = on_circle(bins, found.circle, tolerance, where)
+    return _started(fit_rows(motions, arm, bins, on, circle), motions, rig, where)
 
 
-def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
-    # Choose the stretch with the largest angle. A pause at the turning point of a program does not end a stretch.
-    rows = np.flatnonzero(on)
-    off_path = deviations(fit.circle, bins.places).largest > DRIVEN.at(fit.circle.radius) * _NEAR
-    number = np.cumsum(off_path | (np.diff(bins.run, prepend=0) != 0))[rows]
-    pieces = [rows[number == piece] for piece in np.unique(number)]
-    longest = max(pieces, key=lambda piece: float(np.ptp(fit.circle.angle(bins.places[piece]))))
-    start = start_of(
-        fit.circle, bins.T[longest], bins.q[longest], motions[bins.run[longest][0]].direction, rig.tests.circle
-    )
-    doubts = _doubts(motions)
-    if fit.outliers:
-        doubts.append(f"{fit.outliers} rows are outliers of the circle and are not used")
-    off_mm = float(np.quantile(deviations(fit.circle, bins.places[on]).largest, 0.95))
-    if off_mm > _ROUND_MM:
-        hand = f"the path is off the circle by {off_mm:.1f} mm: the robot was guided by hand, the feedback jumped, or"
-        doubts.append(f"{hand} the link constants of the controller differ from the rig file")
-    used = f"{fit.rows} rows over {np.degrees(start.arc_rad):.0f}° of arc"
-    return _result(fit.circle, fit.radial, fit.axial, start, used, tuple(doubts), _where(motions))
-
-
-def _result(
-    fitted: CircleFrame, radial: Array, axial: Array, start: CircleStart, used: str, doubts: tuple[str, ...], where: str
-) -> DrivenCircle:
-    """Rotate the covariances (3, 3) in mm² of radial and axial deviations into world coordinates."""
-    plane = np.stack([fitted.u, fitted.v], axis=1)
-    centre_cov = plane @ radial[1:, 1:] @ plane.T + axial[0, 0] * np.outer(fitted.n, fitted.n)
-    normal_cov = plane @ axial[1:, 1:] @ plane.T / fitted.radius**2
-    tangent = np.cross(start.circle.n, start.at)
-    u_zero = float(np.sqrt(tangent @ centre_cov @ tangent)) / fitted.radius
-    driven = DrivenCircle(
-        start.circle,
-        centre_cov,
-        normal_cov,
-        float(np.sqrt(radial[0, 0])),
-        u_zero,
-        start.posture,
-        start.arc_rad,
-        start.keeps_zero,
-        used,
-        (*doubts, *start.doubts),
-    )
-    largest = max(float(driven.u_centre_mm.max()), driven.u_radius_mm)
-    if 2 * largest > _GAUGE_MM:
+def _started(fit: CircleFit, motions: Sequence[RobotMotion], rig: Rig, where: str) -> DrivenCircle:
+    """Circle with its start, and with the covariances in world coordinates."""
+    direction = motions[fit.motion].direction
+    circle, at, posture, arc, keeps_zero, of_start = start_of(fit, direction, rig.tests.circle)
+    plane, normal = np.stack([fit.circle.u, fit.circle.v], axis=1), fit.circle.n
+    centre_cov = plane @ fit.radial[1:, 1:] @ plane.T + fit.axial[0, 0] * np.outer(normal, normal)
+    normal_cov = plane @ fit.axial[1:, 1:] @ plane.T / fit.circle.radius**2
+    tangent = np.cross(circle.n, at)
+    u_zero = float(np.sqrt(tangent @ centre_cov @ tangent)) / circle.radius
+    u_radius_mm = float(np.sqrt(fit.radial[0, 0]))
+    used = f"{fit.used} over {np.degrees(arc):.0f}° of arc"
+    if 2 * (largest := max(float(np.sqrt(np.diag(centre_cov)).max()), u_radius_mm)) > GAUGE_MM:
         problem = f"{used} leave centre and radius of the circle uncertain by {largest:.3g} mm (u)"
         raise FileError(where, problem, _LONGER, code="circle.uncertain")
-    return driven
-
-
-def _where(motions: Sequence[RobotMotion]) -> str:
-    return ", ".join(motion.where for motion in motions)
-
-
-def _doubts(motions: Sequence[RobotMotion]) -> list[str]:
     named = len(motions) > 1
-    return [f"{motion.where}: {doubt}" if named else doubt for motion in motions for doubt in motion.doubts]
+    doubts = [f"{motion.where}: {doubt}" if named else doubt for motion in motions for doubt in motion.doubts]
+    doubts += [*fit.doubts, *of_start]
+    return DrivenCircle(
+        circle, centre_cov, normal_cov, u_radius_mm, u_zero, posture, arc, keeps_zero, used, tuple(doubts)
+    )
 
 
 def _check_one_circle(path_circle: FoundCircle, tolerance: Tolerance, points: Array, run: Integers, where: str) -> None:
     """Refuse a path (k, 3) in mm with a second circle."""
     first = path_circle.circle
-    off_first = deviations(first, points).largest > _NEAR * tolerance.at(first.radius)
+    off_first = deviations(first, points).largest > NEAR * tolerance.at(first.radius)
     if off_first.sum() < _FEWEST_OFF:
         return
     # Keep the path after the first circle separate from the path before it.
@@ -317,3 +264,80 @@ def _check_one_circle(path_circle: FoundCircle, tolerance: Tolerance, points: Ar
     problem = f"contains two circles ({found[0]}, and {found[1]})"
     remedy = "give separate runs of the same circle; if there is only one, check the feedback for jumps"
     raise FileError(where, problem, remedy, code="circle.two")
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Circle through the stops of a robot that was jogged from point to point.
+
+_OFF_MM = 5.0
+"""Largest deviation of jogged points from a circle defined by a link."""
+_FEWEST = 4
+"""Minimum number of stops on a common circle: any three points lie on one."""
+_OTHERS = 1 / 3
+"""Largest share of stops elsewhere, such as the position of the robot before and after."""
+_MOST_STANDS = 40
+"""Stops of which all triples are tried, about 10 000. Jogging produces fewer."""
+_FOLLOWED = 0.8
+"""Minimum share of time on the circle through the stops for a driven circle."""
+_LINE = 0.01
+"""Flatness of a triangle, relative to its length, below which three points lie on a line."""
+
+
+def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
+    """True if the robot was jogged from point to point of a circle instead of driving it.
+
+    Between jogged points the path leaves the circle. Other stops are the home position and turning points of a program.
+    """
+    places = distinct(bins.places[bins.stand_rows])
+    if len(places) < 3 or path_circle is None:
+        return len(places) > 2
+    if len(places) == 3:  # three points always lie on a circle
+        return int((deviations(path_circle.circle, places).largest < _OFF_MM).sum()) < 2
+    together = on_one_circle(places)
+    circle = nearest_circle(places[together])
+    if together.sum() < _FEWEST or circle is None:
+        return False
+    rows = bins.stand_rows[deviations(circle, bins.places[bins.stand_rows]).largest < _OFF_MM]
+    between = slice(rows[0], rows[-1])
+    follows = deviations(circle, bins.places[between][bins.moving[between]]).largest < DRIVEN.at(circle.radius)
+    return bool(follows.mean() < _FOLLOWED) if len(follows) else True
+
+
+def on_one_circle(places: Array) -> Mask:
+    """Mask of the places (m, 3), three or more, on the circle with the most places, then the best fit."""
+    triples = np.array(list(combinations(range(min(len(places), _MOST_STANDS)), 3)))
+    centre, normal, radius = circles_through(places[triples])
+    off = largest_deviations(places, centre, normal, radius)
+    near = off < _OFF_MM
+    score = near.sum(axis=1) - np.where(near, off, 0.0).sum(axis=1) / (_OFF_MM * len(places))
+    return np.asarray(near[int(score.argmax())])
+
+
+def fit_stops(arm: Arm, bins: Binned, where: str) -> CircleFit:
+    """Fit a circle to the stops, except a few stops elsewhere."""
+    q = np.array([stand.q for stand in bins.stands])
+    T = forward(arm, q)
+    together = on_one_circle(T[:, :3, 3])
+    off_circle = int((~together).sum())
+    if together.sum() < _FEWEST or off_circle > _OTHERS * len(q):
+        together[:], off_circle = True, 0
+    q, T = q[together], T[together]
+    places = T[:, :3, 3]
+    circle = nearest_circle(places)
+    extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    if circle is None or extent[1] < _LINE * extent[0]:
+        problem = f"the {len(places)} stops of the robot lie on a straight line"
+        raise FileError(where, problem, "stop at points far apart around the circle", code="circle.line")
+    away = deviations(circle, places)
+    if (worst_mm := away.largest.max()) > _OFF_MM:
+        worst = int(away.largest.argmax()) + 1
+        problem = f"the {len(places)} stops are up to {worst_mm:.1f} mm from a circle, most in stop {worst}"
+        remedy = "record only stops on the circle, or the circle without stops"
+        raise FileError(where, problem, remedy, code="circle.stops_off")
+    squares = float((away.radial**2).sum() + (away.axial**2).sum())
+    within_mm = np.sqrt(np.mean([bins.places[stand.settled].var(axis=0).mean() for stand in bins.stands]))
+    scatter_mm, doubts = scatter(squares, 2 * (len(places) - 3), float(within_mm))
+    if off_circle:
+        doubts = (*doubts, f"{off_circle} stops are not used because they are off the circle of the others")
+    covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(away.design.T @ away.design), dtype=np.float64)
+    return CircleFit(circle, covariance, covariance, T, q, f"{len(T)} stops of the robot,", doubts)

@@ -10,7 +10,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from analysis.apps.commission.init_answers import Answers, Changes, Options, checked, key_error, read_number, with_keys
+from analysis.apps.commission.init_answers import (
+    Answers,
+    Changes,
+    Options,
+    checked,
+    key_error,
+    read_number,
+    with_keys,
+)
+from analysis.apps.report.texts import texts_of
 from analysis.cli.dialogue import Dialogue
 from daq.apps.commission.attempts import FoundGauge, PortReport, named_attempts
 from daq.apps.commission.port_search import SearchOptions, ports_here, search
@@ -28,10 +37,6 @@ _BODY_MM = 8.0
 """Diameter of the clamping stem of a dial gauge (DIN EN ISO 463)."""
 _MOST_SHOWN = 5
 """Number of readings that fit into a line of 80 columns."""
-_WHICH_PORTS = """\
-rig listens to each chosen port and then requests readings. Do not choose ports
-of other machines: a machine may execute the request as a command.
-Ports of the gauges: numbers, as 1,2, or all"""
 _SIDES = {"g1": "+", "g2": "-"}
 
 
@@ -53,14 +58,14 @@ def describe_gauge(name: str, gauge: Gauge) -> str:
 
 def ask_baseline(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
     if len(answers.gauges or ()) < 2:
-        return {}
+        return {"baseline_mm": None}
 
     def read(text: str) -> float:
         remedy = f"type a number from {_NEAREST_MM:g} in mm, such as 50"
         smallest = math.ulp(0.0)  # a distance is positive
         return check_baseline_mm(read_number(text, smallest, _FURTHEST_MM, "a distance in mm", remedy), repr(text))
 
-    return {"baseline_mm": dialogue.ask("Distance between the two gauges, in mm", "--baseline-mm", read, "50")}
+    return {"baseline_mm": dialogue.ask(texts_of("en")("ask_baseline"), "--baseline-mm", read, "50")}
 
 
 def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], None]) -> list[PortReport]:
@@ -112,7 +117,7 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
         if not ports and (here or not dialogue.terminal):  # the user has to approve each port
             for number, (port, description) in enumerate(here.items(), 1):
                 dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
-            ports = dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(here)))
+            ports = dialogue.ask(texts_of("en")("ask_ports"), "--port", partial(_selected, list(here)))
         with dialogue.busy("looking at the ports") as doing:
             reports = reports_of(ports, options, doing)
         gauges = [gauge for report in reports for gauge in report.gauges]
@@ -201,9 +206,8 @@ def _completed(answering: FoundGauge, name: str, options: Options, dialogue: Dia
     for key in answering.lacks:
         if key not in keys:
             read = partial(_key, name, key, answering.gauge)
-            keys[key] = dialogue.ask(
-                f"{key} of {name} ({answering.gauge.origin.instruments})", f"--key {name}.{key}", read
-            )
+            question = f"{key} of {name} ({answering.gauge.origin.instruments})"
+            keys[key] = dialogue.ask(question, f"--key {name}.{key}", read)
     gauge: Gauge = with_keys(Gauge, answering.gauge, keys, name)
     return gauge
 

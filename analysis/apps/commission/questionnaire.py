@@ -29,12 +29,13 @@ from analysis.apps.commission.init_answers import (
     with_keys,
 )
 from analysis.apps.commission.rig_file_text import chosen_arm, rig_text
+from analysis.apps.report.texts import texts_of
 from analysis.cli.dialogue import Dialogue
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.written_files import holding, write_all_over
 from daq.apps.commission.attempts import RobotReport
 from daq.apps.commission.linuxcnc_files import linuxcnc_files
-from daq.apps.commission.robots import ADDRESSES, joints_of, linuxcnc_port, search_robot
+from daq.apps.commission.robots import joints_of, linuxcnc_port, search_robot
 from daq.store import durable
 from rigs.arms import arm_names
 from rigs.errors import CellError, FileError, UseError
@@ -51,14 +52,7 @@ from rigs.text import as_argument, numbers_in
 
 _COLUMNS = 79
 _BUILDS: tuple[Build, ...] = get_args(Build)
-_BUILD_QUESTION = """\
-The build determines the usual plays, zeros and lengths of the arm:
-  industrial: reducers of large machines; light: strain-wave gears, as of cobots;
-  torque_sensing: with torque sensors in the joints; servo: hobby servos
-Build"""
-_ROBOT_QUESTION = """\
-rigd can read the joints and guide from touch to touch; otherwise type the joints into a table.
-Address of the robot, or none"""
+_TEXTS = texts_of("en")
 NO_ROBOT = "none"
 _MOST_TOLERANCE_MM = 1000.0
 _LEAST_TOOL_MM = 1.0
@@ -69,17 +63,19 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     """Ask all open questions and write the rig file. If interrupted, the answers remain stored."""
     _check_options(options)
     path, stored = options.path, load_answers(options.path)
-    if stored.count:
+    if stored.model_fields_set:
         dialogue.say(f"Continuing with the answers in {kept_in(path)}; remove the file to restart")
     answers = _with_options(stored, options)
-    for key, ask in _QUESTIONS[options.measured_by].items():
-        if getattr(answers, key) is None:
-            answers = answers.model_copy(update=ask(answers, options, dialogue))
+    for key, answer in _QUESTIONS[options.measured_by].items():
+        if key not in answers.model_fields_set:
+            answers = answers.model_copy(update=answer(answers, options, dialogue))
             keep_answers(path, answers)
         if key == "gauges":
             for name, gauge in zip(("g1", "g2"), answers.gauges or (), strict=False):
                 dialogue.say(describe_gauge(name, gauge))
-    _, text = _rig(answers, options)
+    arm, today = chosen_arm(answers.arm or "", options.measured_by), dt.datetime.now(dt.UTC).date()
+    text = rig_text(answers, arm, options.name, today, options.measured_by)
+    parse(text, str(path))
     _check_new(path)
     try:
         durable.replace(path, text.encode())  # atomic, even after a power failure
@@ -97,14 +93,7 @@ def _check_options(options: Options) -> None:
         remedy = "create the directory, or choose a different name"
         raise FileError(str(path.parent), "is not a directory", remedy, code="init.no_directory")
     _check_new(path)
-    other = {"tracker": "a tracker", "arm": "a second arm"}.get(by)
-    if other and options.robot not in (None, NO_ROBOT):
-        problem = f"is not used with {other}: the table contains the joints"
-        raise UseError("--robot", problem, "remove it", code="init.option_unused")
-    if by == "gauges" and options.robot == NO_ROBOT:
-        problem = "cannot be none with gauges: the joints are read while the gauges measure"
-        remedy = "give the address of the robot, or --measured-by sockets"
-        raise UseError("--robot", problem, remedy, code="init.option_unused")
+    _check_robot(options.robot, by)
     gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": given.get("baseline_mm")}
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
     gauges |= {"--radius-mm": options.radius_mm}
@@ -116,6 +105,17 @@ def _check_options(options: Options) -> None:
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
     if "arm" in given:
         chosen_arm(given["arm"], by)
+
+
+def _check_robot(address: str | None, by: MeasuredBy) -> None:
+    """Raise UseError if the address of a robot, or none, does not fit the instrument."""
+    if by in ("tracker", "arm") and address not in (None, NO_ROBOT):
+        problem = f"is not used with --measured-by {by}: the table contains the joints"
+        raise UseError("--robot", problem, "remove it", code="init.option_unused")
+    if by == "gauges" and address == NO_ROBOT:
+        problem = "cannot be none with gauges: the joints are read while the gauges measure"
+        remedy = "give the address of the robot, or --measured-by sockets"
+        raise UseError("--robot", problem, remedy, code="init.option_unused")
 
 
 def _check_new(path: Any) -> None:
@@ -136,15 +136,9 @@ def _with_options(stored: Answers, options: Options) -> Answers:
     if options.places or not all(has_keys(Gauge, gauge, keys[name]) for name, gauge in pairs):
         dropped.add("gauges")
     if options.circle_here is not None:
-        dropped |= {"circle", "circle_later"}
+        dropped.add("circle")
     kept = {name: getattr(stored, name) for name in stored.model_fields_set - dropped}
     return Answers.model_construct(**kept | given)
-
-
-def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:
-    arm, today = chosen_arm(answers.arm or "", options.measured_by), dt.datetime.now(dt.UTC).date()
-    text = rig_text(answers, arm, options.name, today, options.measured_by)
-    return parse(text, str(options.path)), text
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -163,13 +157,12 @@ def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Change
             problem = f"is supported only for arms of {DRIVEN_AXES} axes, and {answers.arm} has {axes}"
             remedy = "remove the option: the joints are typed into a table"
             raise UseError("--robot", problem, remedy, code="init.option_unused")
-        if axes != DRIVEN_AXES:
-            return {}
-        address = address or dialogue.ask(_ROBOT_QUESTION, "--robot", str, NO_ROBOT)
-        if address == NO_ROBOT:
-            return {"robot_address": NO_ROBOT}
+        if axes == DRIVEN_AXES:
+            address = address or dialogue.ask(_TEXTS("ask_robot_or_none"), "--robot", str, NO_ROBOT)
+        if address in (None, NO_ROBOT):
+            return {"robot_address": address, "feedback": None}
     read = partial(_reported, options, dialogue)
-    report = read(address) if address is not None else dialogue.ask(f"{ADDRESSES}\nRobot", "--robot", read)
+    report = read(address) if address is not None else dialogue.ask(_TEXTS("ask_robot"), "--robot", read)
     feedback = report.feedback
     assert feedback is not None  # noqa: S101 - of a robot that was found
     dialogue.say(f"  {feedback.interface} at {feedback.port}, {report.rate_hz:.0f} readings a second")
@@ -177,8 +170,7 @@ def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Change
     if report.reported:
         dialogue.say(f"      the controller reports: {report.reported}")
     if not report.units_sure and not options.keys["feedback"]:
-        question = "Are these angles degrees? The pendant shows it: deg or rad"
-        unit = dialogue.ask(question, "--key feedback.fields", partial(_choice, ("deg", "rad")), "deg")
+        unit = dialogue.ask(_TEXTS("ask_unit"), "--key feedback.fields", partial(_choice, ("deg", "rad")), "deg")
         fields = tuple(name.replace("_deg", f"_{unit}") for name in getattr(feedback, "fields", ()))
         feedback = feedback.model_copy(update={"fields": fields})
     return {"robot_address": report.address, "feedback": feedback}
@@ -200,6 +192,7 @@ def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
 
 
 def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
+    _check_robot(address, options.measured_by)
     if port := linuxcnc_port(address):
         _write_controller_files(options, dialogue, port)
     with dialogue.busy(f"searching for a robot at {address}"):
@@ -235,8 +228,7 @@ def _ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
     maker = maker_of(answers.feedback.interface) if answers.feedback else None
     likely = [name for name in arm_names() if maker and name.startswith(maker)] or arm_names()
     arms = fill(", ".join(likely), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  ")
-    question = f"Arm: name in the library, or a file with a section robot\n{arms}\nArm"
-    return {"arm": dialogue.ask(question, "--arm", read)}
+    return {"arm": dialogue.ask(_TEXTS("ask_arm", arms=arms), "--arm", read)}
 
 
 def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
@@ -246,8 +238,8 @@ def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Change
     """
     arm = chosen_arm(answers.arm or "", options.measured_by)
     if arm.robot.build is not None or arm.in_library:
-        return {}
-    build = dialogue.ask(_BUILD_QUESTION, "--build", partial(_choice, _BUILDS), arm.robot.design)
+        return {"build": None}
+    build = dialogue.ask(_TEXTS("ask_build"), "--build", partial(_choice, _BUILDS), arm.robot.design)
     if not dialogue.terminal:
         dialogue.say(f"{arm.robot.name} is taken to be {build}; to change: --build {', '.join(_BUILDS)}")
     return {"build": build}
@@ -258,8 +250,7 @@ def _ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Changes
     tool = chosen_arm(answers.arm or "", options.measured_by).robot.tool
     usual = None if tool == Pose() else ",".join(f"{value:g}" for value in (*tool.xyz_mm, *tool.rpy_deg))
     thing = "ball or socket" if options.measured_by == "arm" else "ball"
-    question = f"Pose of the {thing} on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
-    return {"tool": dialogue.ask(question, "--tool", _pose, usual)}
+    return {"tool": dialogue.ask(_TEXTS("ask_tool", thing=thing), "--tool", _pose, usual)}
 
 
 def _pose(text: str) -> Pose:
@@ -278,16 +269,12 @@ def _ask_tolerance(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
     """Ask for the allowed error, from which limits follow. The default follows from the repeatability."""
     rp_mm = chosen_arm(answers.arm or "").repeatability_mm
     whose = "from the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is unknown"
-    question = (
-        "Limits: all results are compared with the error that your application allows at the "
-        f"ball.\nUp to {WATCH_SHARE:.0%} of the allowed error is a PASS, up to all of it a WATCH, and "
-        f"more a FAIL.\nThe default is {TOLERANCE_BY_RP:g} times a repeatability of "
-        f"{rp_mm or USUAL_RP_MM:g} mm, {whose}.\nAllowed error in mm, 0 for no limits"
-    )
 
     def read(text: str) -> float:
         return read_number(text, 0.0, _MOST_TOLERANCE_MM, "an error in mm", "type for example 0.25, or 0 for unlimited")
 
+    rp = rp_mm or USUAL_RP_MM
+    question = _TEXTS("ask_tolerance", watch=WATCH_SHARE, times=TOLERANCE_BY_RP, rp=rp, whose=whose)
     return {"tolerance_mm": dialogue.ask(question, "--tolerance-mm", read, f"{offered_tolerance_mm(rp_mm):g}")}
 
 
@@ -296,21 +283,19 @@ def _ask_tolerance(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
 
 
 def _ask_circle(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    if answers.circle_later:
-        return {}
-    rig, _ = _rig(answers, options)
     radius_mm = options.radius_mm or float(Circle.model_fields["radius_mm"].default)
+    robot, feedback = chosen_arm(answers.arm or "").robot, answers.feedback
+    assert feedback is not None  # noqa: S101 - asked before
 
     def read(answer: str) -> Changes:
         if _choice(("y", "n", "yes", "no"), answer).startswith("n"):
-            return {"circle_later": True}
-        return {"circle": circle_from_start(rig.robot, joints_of(rig.feedback), radius_mm)}
+            return {"circle": None}
+        held = robot.model_copy(update={"tool": answers.tool})
+        return {"circle": circle_from_start(held, joints_of(feedback), radius_mm)}
 
     if options.circle_here is not None:
         return read("y" if options.circle_here else "n")
-    question = f"The circle has a radius of {radius_mm:g} mm; to change: --radius-mm.\n"
-    question += "Is the robot at the start of the circle, with the ball link? y or n"
-    return dialogue.ask(question, "--circle-here", read, "n")
+    return dialogue.ask(_TEXTS("ask_circle", radius=radius_mm), "--circle-here", read, "n")
 
 
 def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
@@ -337,7 +322,7 @@ _QUESTIONS: dict[MeasuredBy, Questions] = {
         "tolerance_mm": _ask_tolerance,
         "circle": _ask_circle,
     },
-    "sockets": {**_ARM, "robot_address": _ask_robot, "tool": _ask_tool},
+    "sockets": {**_ARM, "feedback": _ask_robot, "tool": _ask_tool},
     "arm": {**_ARM, "tool": _ask_tool},
     "tracker": _ARM,
 }

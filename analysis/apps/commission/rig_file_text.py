@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,6 @@ from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.declared_tests import Circle, Touch
-from rigs.schema.feedback import Feedback
-from rigs.schema.gauges import Gauge
 from rigs.schema.limits import limits_of_tolerance, shared_limit
 from rigs.schema.part import Part
 from rigs.schema.robot import Pose, Robot
@@ -89,114 +87,44 @@ def _of_library(name: str) -> ChosenArm:
 
 
 _BASELINE_MM = 50.0
-_SOCKETS = ("A", "B")
-_NO_CIRCLE = """\
-# No circle yet. Mount the ball link, guide the robot around the ball with the z axis of the tool towards the ball,
-# and run `rig circle fit --live --rig FILE --write`; or write the circle by hand:
-# tests:
-#   circle: {centre_mm: [x, y, z], normal: [0, 0, 1], radius_mm: 70, posture_deg: [q1, q2, q3, q4, q5, q6]}"""
-_CIRCLE = "computed from the start position with the nominal arm, accurate to some mm"
 
 
 def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measured_by: MeasuredBy = "gauges") -> str:
     """Text of a rig file for the answers. Effects and certificates are added later."""
+    half_mm, circle = (answers.baseline_mm or _BASELINE_MM) / 2, answers.circle
+    placed = zip(answers.gauges or (), (half_mm, -half_mm), strict=False)
     tool = Pose() if measured_by in ("sockets", "arm") else answers.tool or arm.robot.tool
-    lines = [
-        f"# Written by rig init on {today}. Lengths are in mm, angles in degrees; run rig check after each edit.",
-        f"name: {name}",
-        "",
-        f"# Nominal arm, from {plain(arm.source)}{_ABOUT[measured_by]}",
-        robot_text(arm.robot.model_copy(update={"tool": tool, "build": answers.build or arm.robot.build})).rstrip(),
-    ]
-    match measured_by:
-        case "gauges":
-            lines += ["", *_gauges(answers), "", *_feedback(answers), *_circle(answers)]
-        case "sockets" | "arm":
-            lines += ["", *_feedback(answers), *_touch(answers, measured_by)]
-    return "\n".join([*lines, *_limits(answers, arm.repeatability_mm, measured_by)]) + "\n"
+    radius_mm: float = circle.radius_mm if circle else Circle.model_fields["radius_mm"].default
+    limits, rp_mm = dict[str, Any](), arm.repeatability_mm
+    if answers.tolerance_mm and (test := TEST_WITHOUT_GAUGES.get(measured_by)):
+        limits = {test: {"rms_mm": shared_limit(answers.tolerance_mm).model_dump()}}
+    elif answers.tolerance_mm:
+        own = limits_of_tolerance(answers.tolerance_mm, radius_mm, rp_mm)
+        limits = own.model_dump(exclude_none=True, exclude={"data_sheet_rp_mm"})
+    return rendered(
+        "rig_file",
+        by=measured_by, today=today, name=name, source=plain(arm.source), keys=_keys, flow=flow,
+        robot=robot_text(
+            arm.robot.model_copy(update={"tool": tool, "build": answers.build or arm.robot.build})
+        ).rstrip(),
+        gauges=[gauge.model_copy(update={"offset_mm": at_mm}) for gauge, at_mm in placed], feedback=answers.feedback,
+        circle=circle, touches=Touch.model_fields["touches"].default,
+        ball_mm=list(answers.tool.xyz_mm if answers.tool else Touch.model_fields["ball_mm"].default),
+        limits=limits, rp_mm=rp_mm, tolerance_mm=f"{answers.tolerance_mm or 0:g}", radius_mm=f"{radius_mm:g}",
+    )  # fmt: skip
 
 
-_ABOUT: dict[MeasuredBy, str] = {
-    "gauges": "; tool is the ball's position on the flange.",
-    "tracker": ". The places of tracker and target are fitted to the poses.",
-    "sockets": ".",
-    "arm": ". Another arm measures it: rig pair.",
-}
-
-
-def _gauges(answers: Answers) -> Iterator[str]:
-    """Yield the gauges, placed symmetrically on the baseline."""
-    yield "gauges:"
-    half_mm = (answers.baseline_mm or _BASELINE_MM) / 2
-    for name, at_mm, gauge in zip(("g1", "g2"), (half_mm, -half_mm), answers.gauges or (), strict=False):
-        yield f"  {name}: # {gauge.origin.instruments}"
-        shared = ("channel",) if gauge.shares else ()
-        seen = ("counts",) if "counts" in gauge.model_fields_set else ()
-        placed = gauge.model_copy(update={"offset_mm": at_mm})
-        yield from _part(placed, ("interface", "port", "line", *shared, "offset_mm", *seen), 4)
-        if gauge.origin.doubts:
-            yield f"    # not confirmed: {gauge.origin.doubts}"
-
-
-def _circle(answers: Answers) -> Iterator[str]:
-    if answers.circle is None:
-        yield _NO_CIRCLE
-        return
-    yield "tests:"
-    yield f"  circle: # {_CIRCLE}"
-    yield from _part(answers.circle, ("centre_mm", "normal", "zero", "radius_mm"), 4)
-
-
-def _touch(answers: Answers, measured_by: MeasuredBy) -> Iterator[str]:
-    defaults, names = Touch.model_fields, ", ".join(_SOCKETS)
-    ball_mm = flow(list(answers.tool.xyz_mm if answers.tool else defaults["ball_mm"].default))
-    yield "tests:"
-    yield "  touch:"
-    yield f"    sockets: [{names}]"
-    if measured_by == "arm":
-        yield f"    ball_mm: {ball_mm} # about where ball or socket is on the flange; the fit finds it"
-        yield "    # One known distance fixes the scale: of two sockets on the second arm, or of two fixed in the cell."
-        yield f"    # distances: [{{between: [{names}], distance_mm: 300, u_mm: 0.02}}]"
-        return
-    yield f"    ball_mm: {ball_mm} # approximate ball position on the flange, refined by the diagnosis"
-    yield f"    touches: {defaults['touches'].default}"
-    yield "    seat: ball # tip for a pointer that is guided into a punch mark by eye"
-    yield "    # A known distance sets the scale of the arm; measure over both balls (rig parts --over-balls-mm):"
-    yield f"    # distances: [{{between: [{names}], distance_mm: 100, u_mm: 0.05}}]"
-
-
-def _feedback(answers: Answers) -> Iterator[str]:
-    if (feedback := answers.feedback) is None:
-        return
-    yield f"feedback: # {feedback.origin.instruments}"
-    yield from _part(feedback, ("interface", "port", "rate_hz", "cycle_ms", "fields"), 2)
-    yield ""
-
-
-def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy) -> Iterator[str]:
-    tolerance_mm, test = answers.tolerance_mm, TEST_WITHOUT_GAUGES.get(measured_by)
-    if not tolerance_mm and rp_mm is None:
-        return
-    comment, figures_by_test = "", dict[str, Any]()
-    if tolerance_mm and test:
-        comment = f" # allowed error {tolerance_mm:g} mm, rms"
-        figures_by_test = {test: {"rms_mm": shared_limit(tolerance_mm).model_dump()}}
-    elif tolerance_mm:
-        radius_mm = answers.circle.radius_mm if answers.circle else Circle.model_fields["radius_mm"].default
-        comment = (
-            f" # allowed error {tolerance_mm:g} mm at the ball; for angles divided by the radius, {radius_mm:g} mm"
-        )
-        limits = limits_of_tolerance(tolerance_mm, radius_mm, rp_mm)
-        figures_by_test = limits.model_dump(exclude_none=True, exclude={"data_sheet_rp_mm"})
-    yield from ("", f"limits:{comment}")
-    yield from (f"  {name}: {flow(figures)}" for name, figures in figures_by_test.items() if figures)
-    if rp_mm is not None:
-        yield f"  data_sheet_rp_mm: {flow(rp_mm)} # pose repeatability by ISO 9283, data sheet"
-
-
-def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...], indent: int) -> Iterator[str]:
+def _keys(part: Part, first: Sequence[str], indent: int) -> str:
     """Keys of a part: first the most important, then all others that differ from the default."""
     whole = part.model_dump(mode="json")
-    differing = part.model_dump(mode="json", exclude_defaults=True)
-    fields = {key: whole[key] for key in first if key in whole} | differing
-    return (f"{' ' * indent}{key}: {flow(value)}" for key, value in fields.items())
+    fields = {key: whole[key] for key in first if key in whole} | part.model_dump(mode="json", exclude_defaults=True)
+    return "\n".join(f"{' ' * indent}{key}: {flow(value)}" for key, value in fields.items())
+
+
+def rendered(template: str, /, **values: Any) -> str:
+    """A plain text from a template of this package. The values are not escaped."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow to import, needed here only
+
+    loader = PackageLoader("analysis")
+    environment = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # noqa: S701 - no HTML
+    return environment.get_template(f"{template}.jinja").render(values).rstrip() + "\n"

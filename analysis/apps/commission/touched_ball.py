@@ -1,4 +1,4 @@
-"""Circles and spheres through stops of the robot, location of a fixed ball, and detection of touches.
+"""Location of a fixed ball through stops of the robot, and detection of touches.
 
 Detection uses neither a clock nor a daemon. A robot at rest after a motion has seated the ball in the socket if the
 nominal arm agrees within the usual errors of arms; otherwise it just rests. The last turning point of each joint gives
@@ -9,14 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
-from analysis.apps.commission.circle_motion import DRIVEN, Binned, FoundCircle
-from analysis.robot.geometry.circle import CircleFrame, circles_through, deviations, largest_deviations, nearest_circle
-from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, forward
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.runs.align import align, robot_only
 from analysis.runs.stands import FLICKER_DEG, stands_of
 from analysis.runs.tables import TargetTable, TouchTable, table_from
@@ -25,39 +22,8 @@ from rigs.edit import Values
 from rigs.errors import FileError
 from rigs.rig import Rig
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Circles and spheres through stops of the robot, each with the scatter common to all stops.
-#
-# Few points determine the scatter poorly. The uncertainty u is therefore widened by Student's t factor to make 2 u
-# cover 95 % for any number of points. If there are no degrees of freedom (three points of a circle, four of a sphere),
-# only the scatter of the joints within each stop is known.
-
 _APART_MM = 5.0
 """Largest distance of two stops at the same place."""
-_OFF_MM = 5.0
-"""Largest deviation of jogged points from a circle defined by a link."""
-_FEWEST = 4
-"""Minimum number of stops on a common circle: any three points lie on one."""
-_OTHERS = 1 / 3
-"""Largest share of stops elsewhere, such as the position of the robot before and after."""
-_MOST_STANDS = 40
-"""Stops of which all triples are tried, about 10 000. Jogging produces fewer."""
-_FOLLOWED = 0.8
-"""Minimum share of time on the circle through the stops for a driven circle."""
-_LINE = 0.01
-"""Flatness of a triangle, relative to its length, below which three points lie on a line."""
-
-
-@dataclass(frozen=True)
-class JoggedCircle:
-    """A circle through m stops, in order of time, with tool poses (m, 4, 4) and angles (m, 6)."""
-
-    circle: CircleFrame
-    T: Array
-    q: Array
-    covariance: Array
-    """Covariance (3, 3) in mm² of the coefficients of the radial, and of the axial, deviations."""
-    doubts: tuple[str, ...]
 
 
 def distinct(places: Array) -> Array:
@@ -68,73 +34,13 @@ def distinct(places: Array) -> Array:
     return np.array(apart).reshape(-1, 3)
 
 
-def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
-    """True if the robot was jogged from point to point of a circle instead of driving it.
-
-    Between jogged points the path leaves the circle. Other stops are the home position and turning points of a program.
-    """
-    places = distinct(bins.places[bins.stand_rows])
-    if len(places) < 3 or path_circle is None:
-        return len(places) > 2
-    if len(places) == 3:  # three points always lie on a circle
-        return int((deviations(path_circle.circle, places).largest < _OFF_MM).sum()) < 2
-    together = on_one_circle(places)
-    circle = nearest_circle(places[together])
-    if together.sum() < _FEWEST or circle is None:
-        return False
-    rows = bins.stand_rows[deviations(circle, bins.places[bins.stand_rows]).largest < _OFF_MM]
-    between = slice(rows[0], rows[-1])
-    follows = deviations(circle, bins.places[between][bins.moving[between]]).largest < DRIVEN.at(circle.radius)
-    return bool(follows.mean() < _FOLLOWED) if len(follows) else True
-
-
-def on_one_circle(places: Array) -> Mask:
-    """Mask of the places (m, 3), three or more, on the circle with the most places, then the best fit."""
-    triples = np.array(list(combinations(range(min(len(places), _MOST_STANDS)), 3)))
-    centre, normal, radius = circles_through(places[triples])
-    off = largest_deviations(places, centre, normal, radius)
-    near = off < _OFF_MM
-    score = near.sum(axis=1) - np.where(near, off, 0.0).sum(axis=1) / (_OFF_MM * len(places))
-    return np.asarray(near[int(score.argmax())])
-
-
-def circle_through_stands(arm: Arm, bins: Binned, where: str) -> JoggedCircle:
-    """Fit a circle to the stops, except a few stops elsewhere."""
-    q = np.array([stand.q for stand in bins.stands])
-    T = forward(arm, q)
-    together = on_one_circle(T[:, :3, 3])
-    off_circle = len(q) - int(together.sum())
-    if together.sum() < _FEWEST or off_circle > _OTHERS * len(q):
-        together[:] = True
-    q, T = q[together], T[together]
-    places = T[:, :3, 3]
-    circle = nearest_circle(places)
-    extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-    if circle is None or extent[1] < _LINE * extent[0]:
-        problem = f"the {len(places)} stops of the robot lie on a straight line"
-        raise FileError(where, problem, "stop at points far apart around the circle", code="circle.line")
-    away = deviations(circle, places)
-    if away.largest.max() > _OFF_MM:
-        worst = int(away.largest.argmax())
-        problem = (
-            f"the {len(places)} stops are up to {away.largest[worst]:.1f} mm from a circle, most in stop {worst + 1}"
-        )
-        remedy = "record only stops on the circle, or the circle without stops"
-        raise FileError(where, problem, remedy, code="circle.stops_off")
-    free = 2 * (len(places) - 3)
-    squares = float((away.radial**2).sum() + (away.axial**2).sum())
-    scatter_mm, doubts = scatter(
-        squares, free, float(np.sqrt(np.mean([bins.places[stand.settled].var(axis=0).mean() for stand in bins.stands])))
-    )
-    if not together.all():
-        doubts = (*doubts, f"{off_circle} stops are not used because they are off the circle of the others")
-    design = away.design
-    covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
-    return JoggedCircle(circle, T, q, covariance, doubts)
-
-
 def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[str, ...]]:
-    """Scatter in mm of a coordinate, widened for few points, and a warning without degrees of freedom."""
+    """Scatter in mm of a coordinate, and a warning without degrees of freedom.
+
+    Few points determine it poorly. It is therefore widened by Student's t factor to make 2 u cover 95 % for any number
+    of points. Without degrees of freedom (three points of a circle, four of a sphere), only the scatter of the joints
+    within each stop is known.
+    """
     if free <= 0:
         return within_mm, (
             "a fit to so few points has no residual: u includes only the scatter within the stops; add a point",
@@ -156,36 +62,22 @@ _OFF_BALL_MM = 10.0
 """Largest distance of a stop from the sphere: the errors of an arm bend a hemisphere by some mm."""
 _OTHERS_OF_BALL = 1 / 8
 """Largest share of stops elsewhere: the home position before and after the program."""
-_GAUGE_MM = 5.0
-"""Largest 2 u: the ball must be near the centre of the hemisphere, in the range of a gauge."""
+GAUGE_MM = 5.0
+"""Largest 2 u: the ball is mounted at the centre, and a gauge reads about 5 mm in both directions."""
 
 
 @dataclass(frozen=True)
 class TouchedBall:
-    """A ball located by m stops of the robot, with the sphere of their places; lengths in mm, angles in rad."""
+    """A ball located by stops of the robot on a sphere about it."""
 
     centre: Array
-    covariance: Array
+    u_centre_mm: Array
+    """Standard uncertainty (3,) of the centre."""
     radius_mm: float
-    u_radius_mm: float
-    q: Array
-    places: Array
+    values: Values
+    """Keys of tests.hemisphere: the centre, and all keys if the rig file has none."""
     used: str
     doubts: tuple[str, ...]
-
-    @property
-    def u_centre_mm(self) -> Array:
-        """Standard uncertainty (3,) of the centre in mm."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def values(self, rig: Rig) -> Values:
-        """Keys of tests.hemisphere: the centre, and all keys if the rig file has none."""
-        values: dict[str, float | list[float]] = {"centre_mm": [round(float(x), 3) for x in self.centre]}
-        if rig.tests.hemisphere is None:
-            pole = int((self.places - self.centre)[:, 2].argmax())  # the default normal points upwards
-            values["radius_mm"] = round(self.radius_mm, 3)
-            values["posture_deg"] = [round(float(x), 2) for x in np.degrees(self.q[pole])]
-        return values
 
 
 def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
@@ -220,17 +112,21 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
         remedy = "record only stops at which the link or the ball fixed the tool"
         raise FileError(where, problem, remedy, code="ball.stop_off")
     scatter_mm, few = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
-    covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
+    u_mm = scatter_mm * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))[:3]
     used = f"{len(q)} stops on a sphere of {x[3]:.1f} mm"
-    if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
-        problem = f"the ball position from {used} has an uncertainty of {u_mm:.3g} mm (u), which is too large"
+    if 2 * u_mm.max() > GAUGE_MM:
+        problem = f"the ball position from {used} has an uncertainty of {u_mm.max():.3g} mm (u), which is too large"
         remedy = "stop at places farther apart, all over the hemisphere"
         raise FileError(where, problem, remedy, code="ball.uncertain")
     doubts = (*(doubt for of_run in run_doubts for doubt in of_run), *few)
     if off_sphere:
         doubts = (*doubts, f"{off_sphere} stops are not used because they are off the sphere of the others")
-    u_radius_mm = float(np.sqrt(covariance[3, 3]))
-    return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), u_radius_mm, q, places, used, doubts)
+    values: dict[str, float | list[float]] = {"centre_mm": [round(float(value), 3) for value in x[:3]]}
+    if rig.tests.hemisphere is None:
+        pole = int(places[:, 2].argmax())  # the default normal points upwards
+        values["radius_mm"] = round(float(x[3]), 3)
+        values["posture_deg"] = [round(float(angle), 2) for angle in np.degrees(q[pole])]
+    return TouchedBall(x[:3], u_mm, float(x[3]), values, used, doubts)
 
 
 def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:

@@ -33,12 +33,10 @@ def ok(about: str, observation: str) -> CellFinding:
 
 
 def doubtful(about: str, observation: str, remedy: str) -> CellFinding:
-    """A finding that deserves attention."""
     return CellFinding(about, FindingVerdict.DOUBTFUL, observation, remedy)
 
 
 def wrong(about: str, observation: str, remedy: str) -> CellFinding:
-    """A finding that must be corrected."""
     return CellFinding(about, FindingVerdict.WRONG, observation, remedy)
 
 

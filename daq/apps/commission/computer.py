@@ -38,7 +38,6 @@ _UNIT_PROPERTIES = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileStat
 
 
 def examine_computer(runs: Path, unit: str | None) -> Iterator[CellFinding]:
-    """Check the computer. unit: service of the rig, if any."""
     try:
         place = next(path for path in (runs, *runs.parents) if path.is_dir())
         yield room(runs, shutil.disk_usage(place).free / _GB)
@@ -76,7 +75,6 @@ def sync_time(runs: Path, slowest_s: float) -> CellFinding:
 
 
 def wall_clock(state: int) -> CellFinding:
-    """Check that NTP controls the clock. state: result of adjtimex."""
     if state != _TIME_ERROR:
         return ok("clock", "synchronised by NTP")
     observation = "not synchronised by NTP: the start time of a run may be wrong (readings use a different clock)"
@@ -84,7 +82,6 @@ def wall_clock(state: int) -> CellFinding:
 
 
 def service(unit: str, properties: Mapping[str, str]) -> CellFinding:
-    """Check the state of the unit according to `systemctl show`."""
     if properties.get("LoadState") != "loaded":
         return doubtful(unit, "not installed", "run: sudo scripts/install")
     active, sub = properties.get("ActiveState", ""), properties.get("SubState", "")
@@ -106,7 +103,6 @@ def service(unit: str, properties: Mapping[str, str]) -> CellFinding:
 
 
 def slowest_sync_s(folder: Path) -> float:
-    """The longest of several fsyncs in a temporary file."""
     with tempfile.TemporaryFile(dir=folder) as file:
         taken = []
         for _ in range(_SYNCS):
@@ -222,7 +218,6 @@ def free(about: str, port: str, root: Path) -> CellFinding | None:
 
 
 def quick(about: str, port: str, root: Path) -> CellFinding | None:
-    """Check the latency timer of an FTDI adapter."""
     timer = root / "sys/bus/usb-serial/devices" / _at(port, root).resolve().name / "latency_timer"
     try:
         ms = int(timer.read_text())

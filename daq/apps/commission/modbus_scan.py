@@ -90,7 +90,6 @@ def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Val
 
 
 def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[ValueDecoding]:
-    """Decodings of the registers read from a unit."""
     orders = product(get_args(Order), repeat=2)
     for address, kind, (word_order, byte_order) in product(seen, get_args(Number), list(orders)):
         register = Register(address=address, type=kind)
@@ -157,7 +156,6 @@ class Asker:
     heard: set[int] = field(default_factory=set)
 
     def read(self, place: Place, piece: Piece, timeout_s: float) -> tuple[int, ...] | None:
-        """Registers; None after a refusal or time-out."""
         unit, function = place
         clock.sleep(0.0 if self.wire.numbered else _SILENCE_S)
         while self.link.read(0.0):
@@ -182,7 +180,6 @@ class Asker:
 
 
 def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[CellFinding]:
-    """Findings about each Modbus gauge of a rig. say: shows instructions to the user."""
     gauges = {name: gauge for name, gauge in rig.gauges if isinstance(gauge, ModbusMap)}
     if not gauges:
         yield doubtful("scan", "the rig file has no gauge with interface modbus_map", "give a rig with Modbus gauges")

@@ -54,8 +54,6 @@ _PACE = 0.25
 
 @dataclass(frozen=True)
 class LineLayout:
-    """Layout of lines. fields, separator: as in the rig file. sure: the unit is certain."""
-
     fields: tuple[str, ...]
     separator: str
     sure: bool
@@ -108,13 +106,6 @@ def _clock(column: list[float | None], at_s: list[float]) -> str | None:
     return next((name for name, rate in _CLOCKS.items() if abs(pace / rate - 1) < _PACE), None)
 
 
-ADDRESSES = """\
-Robot: its host name or IP address (Universal Robots);
-  tcp://HOST:PORT, or a serial port, of a program that prints its joints;
-  udp://HOST:60015 of FANUC's Stream Motion;
-  udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls;
-  linuxcnc://HOST of a LinuxCNC controller, for which the HAL lines are written first"""
-"""Help text: forms of an address and the interface of each."""
 _LISTEN_S = 1.5
 _SILENCES = 3
 """Number of time-outs in each attempt: a request datagram may be lost."""
@@ -145,7 +136,7 @@ def linuxcnc_port(address: str) -> str | None:
 
 
 def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
-    """Search for a robot at any of `ADDRESSES`. named: interface given by the user; no other is tried.
+    """Search for a robot at an address (`rig init --help`). named: interface given by the user; no other is tried.
 
     At a local UDP address the search waits for the controller.
     """
@@ -180,7 +171,6 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
 
 
 def joints_of(robot: Feedback) -> tuple[float, ...]:
-    """Current joint angles in degrees."""
     trial = _try(robot).trial
     if trial.error:
         raise trial.error
@@ -191,7 +181,6 @@ def joints_of(robot: Feedback) -> tuple[float, ...]:
 
 
 def _tries(address: str) -> Iterator[_Tried]:
-    """Try all interfaces possible at an address in sequence."""
     tcp, udp = tcp_address(address), udp_address(address)
     if port := linuxcnc_port(address):
         yield _try(LinuxCNC(interface="linuxcnc", port=port))

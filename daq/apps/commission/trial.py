@@ -135,9 +135,6 @@ class _Counted:
         self._link.set_dtr(on)
 
 
-Attempt = Callable[[Stream, Line, float, float], Trial]
-
-
 def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> Trial:
     """Run a conversation with these line settings until it works, and then for another `listen_s`."""
     try:
@@ -168,15 +165,14 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
     return Trial(items, clock.now_s() - began, counted.received, counted.carried)
 
 
-def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[CellFinding]:
+def examine_conversation(stream: Stream, timeout_s: float) -> Iterator[CellFinding]:
     """Check the responses, rate and clock of an instrument, and the condition of a robot."""
-    wait_s = min(_LONGEST_WAIT_S, 2 * timeout_s)
-    serial = stream.port.startswith("/")
-    trial = attempt(stream, stream.line, _TALK_S + wait_s, _LISTEN_S)
+    patience_s, serial = _TALK_S + min(_LONGEST_WAIT_S, 2 * timeout_s), stream.port.startswith("/")
+    trial = try_line(stream, stream.line, patience_s, _LISTEN_S)
 
     def search() -> Line | None:
         others = (line for line in USUAL_LINES if serial and line != stream.line)
-        return next((line for line in others if attempt(stream, line, _TALK_S + wait_s, 0).understood), None)
+        return next((line for line in others if try_line(stream, line, patience_s, 0).understood), None)
 
     yield answers(stream, trial, search)
     if trial.understood and trial.samples:
@@ -238,7 +234,6 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> CellFinding:
 
 
 def pace(stream: Stream, trial: Trial) -> CellFinding | None:
-    """Compare the rate with the capacity of the line."""
     readings, reached_hz = len(trial.samples), trial.rate_hz
     if readings < _ENOUGH or not reached_hz:
         return None

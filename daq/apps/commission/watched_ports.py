@@ -77,7 +77,6 @@ class PortWatch:
         self._end()
 
     def readings_mm(self) -> dict[str, float]:
-        """Latest reading of each gauge by place."""
         with self._changed:
             for place, why in self._lost.items():
                 raise CellError(
@@ -99,12 +98,10 @@ class PortWatch:
         self.readings_mm()
 
     def pushed(self, places: Sequence[str]) -> str | None:
-        """Gauge among these that has moved since it was at rest."""
         now_mm = self.readings_mm()
         return pushed({place: self._rest[place] for place in places}, now_mm)
 
     def grows(self, place: str) -> bool:
-        """True if the push increased the reading."""
         with self._changed:
             rest_mm = sorted(self._rest[place])[len(self._rest[place]) // 2]
             return max(self._latest[place], key=lambda reading: abs(reading - rest_mm)) > rest_mm

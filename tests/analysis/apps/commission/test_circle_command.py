@@ -66,22 +66,6 @@ def test_file_is_written_and_each_old_one_is_kept(run, cell):
     assert len(list(cell.parent.iterdir())) == 3 and ran("check", cell).returncode == 0
 
 
-def test_drivable_posture_is_proposed(tmp_path):
-    """An arc with axis 6 turned back so far that a lap from there would leave its limits."""
-    circle = circle_of(load("ur10e")[0])
-    poses = frame_of(circle).poses(np.radians(np.linspace(0, 90, 300)))
-    q = np.degrees(follow(arm_of(load("ur10e")[0].robot), poses, np.radians(circle.posture_deg), "test"))
-    q[:, 5] -= 360
-    rows = [f"{k / 50},acw,{','.join(map(str, one))},0,0" for k, one in enumerate(q)]
-    heads = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
-    (tmp_path / "arc.csv").write_text("\n".join([heads, *rows]))
-    imported = ran("import", tmp_path / "arc.csv", "--rig", "ur10e", "--test", "yaw", "-o", tmp_path / "arc")
-    assert imported.returncode == 0, imported.stderr
-    done = ran("circle", "fit", tmp_path / "arc")
-    assert done.returncode == 0, done.stderr
-    assert "posture_deg: [" in done.stderr
-
-
 def test_json_contains_values_and_uncertainties(run):
     done = ran("circle", "fit", run, "--json")
     found = json.loads(done.stdout)
@@ -123,35 +107,11 @@ def test_impossible_fit_is_refused(words, code, run):
     assert code_of("circle", "fit", *(run if word == "RUN" else word for word in words)) == code
 
 
-def test_run_of_single_readings_is_refused(tmp_path):
-    radial = simulate("ur10e", "radial", seed=1)
-    assert ran("circle", "fit", save_run(radial, tmp_path / radial.path)).returncode == 3
-
-
 def test_read_only_file_is_unchanged(run, cell):
     before = cell.read_text()
     cell.chmod(0o440)
     assert code_of("circle", "fit", run, "--rig", cell, "--write") == "file.read_only"
     assert cell.read_text() == before and list(cell.parent.iterdir()) == [cell]
-
-
-def test_unwritable_directory_leaves_the_file_unchanged(run, cell):
-    before = cell.read_text()
-    cell.parent.chmod(0o500)
-    try:
-        done = ran("circle", "fit", run, "--rig", cell, "--write")
-    finally:
-        cell.parent.chmod(0o700)
-    if done.returncode == 0:
-        pytest.skip("root")
-    assert done.returncode == 4 and cell.read_text() == before
-
-
-def test_live_without_a_daemon_is_refused(tmp_path):
-    rig_file = tmp_path / "cell.yaml"
-    rig_file.write_text(UR10E.replace("name: ur10e", "name: nobody"))
-    done = ran("circle", "fit", "--live", "--rig", rig_file)
-    assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and "nobody" in done.stderr
 
 
 def test_live_points_are_fitted_at_ctrl_c(tmp_path):

@@ -163,14 +163,6 @@ def test_other_tool_orientation_is_reported() -> None:
     assert any("40°" in doubt for doubt in driven_circle([program()], rig).doubts)
 
 
-def test_longer_arc_has_a_smaller_uncertainty() -> None:
-    u = [
-        driven_circle([driven_along(around(np.linspace(0, arc, 2000)))], blank()).u_centre_mm.max()
-        for arc in (50, 120, 300)
-    ]
-    assert u[0] > 3 * u[1] > 3 * u[2]
-
-
 def refused(*motions: RobotMotion) -> str:
     with pytest.raises(FileError) as raised:
         driven_circle(motions, blank())

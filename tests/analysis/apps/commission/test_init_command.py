@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import signal
 from collections.abc import Sequence
 from pathlib import Path
@@ -169,6 +168,11 @@ def test_json_lists_the_devices_and_writes_nothing(tmp_path: Path) -> None:
     assert found["robots"][0]["joints_deg"] == pytest.approx([0, 10, 20, 30, 40, 50])
 
 
+def test_json_without_a_robot_searches_for_none(tmp_path: Path) -> None:
+    done = init(tmp_path, "--json", "--robot", "none", *QUICK)
+    assert done.returncode == 0 and json.loads(done.stdout)["robots"] == [], done.stderr
+
+
 def test_same_command_continues_with_its_keys(tmp_path: Path) -> None:
     with switched_on("keyence", "ur") as unknown:
         given: list[str | Path] = [tmp_path / "cell.yaml", *at_ports(unknown), "--key", "g1.accuracy_mm=0.002"]
@@ -227,7 +231,8 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
     path = tmp_path / "cell.yaml"
     with switched_on("keyence", "ur") as unknown, Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
         person = Person(terminal)
-        person.answers("Robot: its", "tcp://127.0.0.1:1")
+        person.answers("Robot: its", "none")
+        person.answers("cannot be none", "tcp://127.0.0.1:1")
         person.answers("connection refused", unknown.robot)
         person.answers("Push gauge 1", "7")
         person.answers("is not a remaining gauge", "2")
@@ -301,25 +306,6 @@ def test_two_gauges_need_names_without_a_terminal(tmp_path: Path) -> None:
         assert refused(tmp_path, *given, "--arm", "ur10e", *at_ports(unknown)) == "gauge.ambiguous"
         (port,) = unknown.gauge_ports
         assert refused(tmp_path, *given, "--g1", port, *unknown.robot_is_named, *QUICK) == "gauge.ambiguous"
-
-
-def test_missing_port_is_refused(tmp_path: Path) -> None:
-    with switched_on("tesa", "ur") as unknown:
-        given = ["--robot", unknown.robot, *unknown.robot_is_named]
-        assert refused(tmp_path, "cell.yaml", *given, "--port", str(tmp_path / "none")) == "gauge.not_found"
-
-
-def test_damaged_answers_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "cell.yaml.init").write_text('{"arm": 5}')
-    assert refused(tmp_path, "cell.yaml") == "answers.damaged"
-
-
-def test_stored_answers_are_private(tmp_path: Path) -> None:
-    with switched_on("tesa", "ur") as unknown:
-        init(tmp_path, "cell.yaml", "--robot", unknown.robot, *at_ports(unknown))
-    (kept,) = tmp_path.iterdir()
-    assert kept.name == "cell.yaml.init" and kept.stat().st_mode & 0o777 == 0o600
-    assert os.geteuid() == kept.stat().st_uid
 
 
 def test_arm_file_without_a_build_is_asked_for_it(tmp_path: Path) -> None:

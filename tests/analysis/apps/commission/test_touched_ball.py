@@ -24,7 +24,7 @@ def test_radial_run_shows_the_ball():
     error = found.centre - np.array(rig.tests.hemisphere.centre_mm)
     assert np.abs(error).max() < 0.02
     assert found.radius_mm == pytest.approx(400, abs=0.02)
-    assert list(found.values(rig)) == ["centre_mm"]
+    assert list(found.values) == ["centre_mm"]
 
 
 @pytest.mark.parametrize("gauge", [True, False])
@@ -41,7 +41,7 @@ def test_recorded_run_shows_the_ball_with_and_without_a_gauge(gauge, tmp_path):
 def test_rig_file_without_a_hemisphere_gets_radius_and_posture(tmp_path):
     run, rig = recorded_stands(tmp_path, gauge=True)
     bare = rig.model_copy(update={"tests": rig.tests.model_copy(update={"hemisphere": None, "repeatability": None})})
-    assert set(touched_ball([run], bare).values(bare)) == {"centre_mm", "radius_mm", "posture_deg"}
+    assert set(touched_ball([run], bare).values) == {"centre_mm", "radius_mm", "posture_deg"}
 
 
 def refused(run: Run) -> str:

@@ -1,7 +1,7 @@
 import pytest
 from pydantic import ValidationError
 
-from daq.apps.commission.attempts import Probing, attempts, missing_keys, named_attempts
+from daq.apps.commission.attempts import attempts, missing_keys, named_attempts
 from daq.apps.commission.port_search import host_of
 from rigs.interfaces import list_interfaces
 from tests.support.simulated_conversation import Script
@@ -21,11 +21,6 @@ def test_these_requests_are_sent_and_no_other():
     assert sent == texts | {bytes.fromhex("01 04 00c8 000d b031")}
 
 
-def test_listening_comes_before_asking():
-    sends = [attempt.sends for attempt in attempts(PORT)]
-    assert sends == sorted(sends) and set(sends) == {"nothing", "requests"}
-
-
 def test_the_makers_line_settings_come_before_others():
     lines = {one.name: one.line for one in list_interfaces()}
     asked = [attempt for attempt in attempts(PORT) if attempt.sends == "requests"]
@@ -34,11 +29,6 @@ def test_the_makers_line_settings_come_before_others():
     # Baumer's own settings are those of the shipped rig, not the default of any Modbus gauge.
     first_others = [str(attempt.line) != lines[attempt.interface] for attempt in asked].index(True)
     assert {a.interface for a in asked[first_others:][:1]} == {"modbus_map"} and first_others >= len(declared) - 1
-
-
-def test_nothing_is_tried_twice():
-    tried = [(attempt.gauges, attempt.line) for attempt in attempts(PORT)]
-    assert len({repr(one) for one in tried}) == len(tried)
 
 
 def test_over_the_network_a_gauge_speaks_modbus():
@@ -83,15 +73,3 @@ def test_an_attempt_that_hears_nothing_ends():
             break
         script.wake()
     assert script.step.hang_up and script.sent == b"?\r"
-
-
-def test_an_attempt_that_hears_readings_goes_on():
-    (first, *_) = [attempt for attempt in attempts(PORT) if attempt.interface == "tesa_tt"]
-    host = host_of(first.gauges, first.sends, 0.3)
-    assert isinstance(host, Probing)
-    script = Script(host)
-    script.wake()
-    for _ in range(10):
-        script.receive(b"+0001.23\r\n", script.now_ns + 30_000_000)
-        assert not script.step.hang_up
-    assert len(script.items) == 10

@@ -48,12 +48,6 @@ def test_robot_in_protective_stop_is_reported_with_program_and_speed():
     assert "paused" in found[1][1] and "40 %" in found[2][1]
 
 
-def test_robot_without_condition():
-    with _robot([]) as stream:
-        found = list(trial.examine_conversation(stream, 0.3))
-    assert {finding.verdict for finding in found} == {FindingVerdict.OK} and "not available" not in found[0].what
-
-
 def test_missing_condition_fields_are_named_and_not_judged():
     readings = trial.Trial([Sample((*[1.0] * 6, math.nan, 0.0, *[math.nan] * 8), k, k, k, 9) for k in range(9)])
     finding = trial.answers(robot_stream(rtde()), readings, lambda: None)

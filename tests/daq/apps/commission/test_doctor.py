@@ -15,20 +15,14 @@ from typing import Any
 import pytest
 import yaml
 
-from daq import gauges
 from daq.acquisition.streams import Stream, streams_of
 from daq.apps.commission import computer, trial
 from daq.apps.commission.cell_finding import FindingVerdict
 from daq.apps.commission.examine import examine, of_daemon
 from daq.apps.emulate.instruments import emulated
-from daq.apps.emulate.network_ports import TcpPort
-from daq.apps.emulate.pty_line import PtyLine, heard
-from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Sample
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.service.client import Client
-from daq.wire.conversation_loop import ByteLink
-from daq.wire.links import open_link
 from rigs.load import SHIPPED, parse
-from rigs.schema.links import Line
 from tests.support.bench import ByHand, rig_text
 
 FTDI = "/dev/serial/by-id/usb-FTDI_FT232R_A900XYZ-if00-port0"
@@ -134,11 +128,6 @@ def test_states_of_the_service_are_judged(shown, verdict, says):
     assert finding.verdict is verdict and says in finding.what
 
 
-def test_kernel_shows_whether_ntp_keeps_the_clock(tmp_path):
-    assert 0 <= computer.clock_state() <= 5
-    assert 0 < computer.slowest_sync_s(tmp_path) < 60 and not list(tmp_path.iterdir())
-
-
 def _samples(rate_hz: float, seconds: float, drift_ppm: float) -> list[Sample]:
     """Of a controller whose clock runs fast by so much, arriving up to 2 ms late."""
     made = []
@@ -176,47 +165,6 @@ def test_signed_readings_that_are_read_as_unsigned_are_wrong():
     assert "`type: int16`" in found[0].remedy
     sound = [replace(s, values=(0.01,) * columns) for s in samples]
     assert not list(trial.of_signs(stream, trial.Trial(sound, 2.0, 360, 360)))
-
-
-def test_readings_that_came_all_at_once_have_no_pace():
-    """The link was lost after its first piece."""
-    stream = streams_of(parse(rig_text(), "bench"))[0]
-    samples = [replace(sample, first_byte_ns=5, last_byte_ns=5) for sample in _samples(500, 0.1, 0)]
-    assert trial.pace(stream, trial.Trial(samples, 2.0, 360, 360)) is None
-    assert trial.pace_of_clock("robot", samples) is None
-
-
-@pytest.mark.parametrize("text", ["4800 7E2", "9600 8N1", "19200 8O1", "115200 8E2"])
-def test_uart_receives_bytes_only_at_equal_settings(text):
-    line = Line.model_validate(text)
-    data = bytes(range(2**line.bits))
-    assert heard(data, line, line) == data
-    for baud in (line.baud // 2, line.baud * 2, line.baud * 4):
-        other = Line.model_validate(f"{baud} 8N1")
-        right = sum(heard(bytes([byte]), line, other) == bytes([byte]) for byte in data)
-        assert right < len(data) / 16, (baud, right)
-
-
-def _all(end: ByteLink) -> bytes:
-    return b"".join(iter(lambda: end.read(0.3), b""))
-
-
-def test_an_emulated_line_garbles_both_ways_at_another_baud():
-    def exchanged(host: str) -> tuple[bytes, bytes]:
-        far = PtyLine.open(Line.model_validate("4800 7E2"))
-        link = open_link("g1", far.port, Line.model_validate(host))
-        try:
-            link.write(b"?\r")
-            asked = _all(far)
-            far.write(b"+1.2345\r")
-            return asked, _all(link)
-        finally:
-            link.close()
-            far.close()
-
-    assert exchanged("4800 8N1") == (b"?\r", b"+1.2345\r")
-    asked, answered = exchanged("9600 8N1")
-    assert b"?" not in asked and b"1.2" not in answered
 
 
 @contextmanager
@@ -352,31 +300,11 @@ def test_a_controller_that_sends_over_udp():
     assert [finding.verdict for finding in found] == [OK, OK] and "ppm" in found[1].what, found
 
 
-class _EverySecond:
-    def __init__(self, device: Device) -> None:
-        self.sent, self._device, self._requests = 0, device, 0
-        self.connected, self.tick = device.connected, device.tick
-
-    def received(self, data: bytes, now_ns: int) -> ConversationStep:
-        self._requests += 1
-        if self._requests % 2:
-            return self._device.received(data, now_ns)
-        return ConversationStep(data[:7].replace(data[4:6], b"\0\3", 1) + bytes([data[7] | 0x80, 6]))
-
-
 def test_exceptions_every_second_answer_are_doubtful():
     stream = _streams(yaml.safe_load(rig_text("tcp")))["g1"]
-    gauge = parse(rig_text("tcp"), "bench").gauges.g1
-    stop = threading.Event()
-    port = TcpPort.open(lambda: _EverySecond(gauges.device([gauge], lambda now_ns: [1.0])))
-    serve = threading.Thread(target=port.serve, args=(stop,))
-    serve.start()
-    try:
-        finding, *_ = trial.examine_conversation(replace(stream, port=port.port), 0.3)
-    finally:
-        stop.set()
-        serve.join()
-    assert finding.verdict is DOUBTFUL and "device_error" in finding.what and "exception 6" in finding.remedy, finding
+    refusal = Fault(FaultKind.DEVICE_ERROR, 5, "exception 6")
+    finding = trial.answers(stream, trial.Trial([Sample((1.0,), 5, 5, 5, 9), refusal] * 10, 2.0), lambda: None)
+    assert finding.verdict is DOUBTFUL and "10 device_error" in finding.what and finding.remedy == "exception 6"
 
 
 def test_a_few_readings_among_hundreds_of_garbled_messages_are_an_accident():

@@ -65,7 +65,3 @@ def test_an_unrestful_gauge_has_to_move_further():
     rest = {"a": [0.0, 0.3, -0.3, 0.2, 0.0], "b": [0.0] * 5}
     assert pushed(rest, {"a": 0.5, "b": 0.0}) is None
     assert pushed(rest, {"a": 2.5, "b": 0.0}) == "a"
-
-
-def test_nothing_is_known_before_there_is_a_rest():
-    assert pushed({"a": [0.0] * 4}, {"a": 9.0}) is None

@@ -17,11 +17,9 @@ from typing import Any, TypeVar
 
 import pytest
 
-from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.streams import Stream, streams_of
 from daq.apps.commission.attempts import Attempt, PortReport, attempts, named_attempts
 from daq.apps.commission.port_search import SearchOptions, ports_here, search
-from daq.apps.commission.trial import Trial, try_line
 from daq.apps.commission.watched_ports import PortWatch
 from daq.apps.emulate.instruments import instruments_of
 from daq.apps.emulate.pty_line import PtyLine, heard
@@ -168,13 +166,6 @@ def test_a_modbus_unit_with_registers_of_its_own():
     assert "ILLEGAL_ADDRESS" in report.remedy and "check `address`" in report.remedy
 
 
-def test_a_modbus_unit_of_another_number():
-    with simulated("modbus unit 7 at") as unknown:
-        (port,) = unknown.gauge_ports
-        (report,) = search(SearchOptions((port,), listen_s=LISTEN_S, modbus_units=(1, 7)), lambda doing: None)
-    assert [gauge.gauge.unit for gauge in report.gauges] == [7]
-
-
 def test_ports_that_cannot_be_searched(tmp_path):
     (tmp_path / "file").write_text("no port")
     for port in searched("ttyUSB0", "tcp://host", "tcp://host:99999", "", "udp://127.0.0.1:5"):
@@ -191,13 +182,6 @@ def test_a_port_that_another_program_has_locked():
             fcntl.flock(held, fcntl.LOCK_EX)
             (report,) = searched(port)
     assert report.problem.startswith("in use")
-
-
-def test_a_port_without_permission(monkeypatch):
-    with switched_on("tesa") as unknown:
-        monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
-        (report,) = searched(*unknown.gauge_ports)
-    assert "no access" in report.problem and "usermod -aG" in report.remedy
 
 
 def test_a_silent_port_and_one_that_babbles():
@@ -233,30 +217,6 @@ def test_a_request_that_nothing_answers_is_sent_once_at_each_line():
     finally:
         silent.close()
     assert len({str(attempt.line) for attempt in tried}) == len(said) < len(tried)
-
-
-def test_attempt_during_a_stall_is_repeated(monkeypatch):
-    """Otherwise an answer that came meanwhile is missed, and the request counts as one that nothing answers."""
-    watches, held_up = list[StallWatch](), list[Line]()
-
-    class Watched(StallWatch):
-        def start(self) -> None:
-            super().start()
-            watches.append(self)
-
-    def stood_still(stream: Stream, line: Line, *patience: float) -> Trial:
-        if line in held_up:
-            return try_line(stream, line, *patience)
-        held_up.append(line)
-        watches[0].note(0, 300_000_000)
-        return Trial()
-
-    monkeypatch.setattr(SEARCH, "StallWatch", Watched)
-    monkeypatch.setattr(SEARCH, "try_line", stood_still)
-    with simulated("tesa") as unknown:
-        (port,) = unknown.gauge_ports
-        (report,) = searched(port, named=of("tesa_tt", port))
-    assert report.gauges and held_up
 
 
 def test_a_port_keeps_the_settings_that_it_had():
