@@ -53,7 +53,7 @@ def plain_values(value: Any) -> Any:
             return plain(value)
         case dict():
             return {plain(key): plain_values(item) for key, item in value.items()}
-        case list():
+        case list() | tuple():
             return [plain_values(item) for item in value]
     return value
 

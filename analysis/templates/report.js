@@ -11,6 +11,85 @@ async function unpacked(id) {
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
 }
 
+// The contents of a picture (analysis.apps.report.live_chart) as traces and layout of plotly. The colours come later.
+function plotted(picture, looks) {
+  if (picture.frame === "sphere") return sphere(picture);
+  if (picture.frame === "polar") return polar(picture, looks);
+  const full = { yref: "paper", y0: 0, y1: 1 };
+  const mark = { type: "line", ...full, line: { dash: "dot", width: 1 } };
+  const shade = { type: "rect", ...full, line: { width: 0 }, opacity: 0.25, layer: "below", shade: true };
+  const word = { yref: "paper", y: 1, yanchor: "bottom", xanchor: "left", textangle: -45, font: { size: 10 } };
+  const layout = {
+    xaxis: { title: { text: picture.x_label }, zeroline: false },
+    yaxis: { title: { text: picture.y_label }, zeroline: true, automargin: true },
+    hovermode: picture.frame === "straight" ? "x unified" : "closest",
+    shapes: [
+      ...picture.marks.map(({ at_deg }) => ({ ...mark, x0: at_deg, x1: at_deg })),
+      ...picture.shaded.map(([low, high]) => ({ ...shade, x0: low, x1: high })),
+    ],
+    annotations: picture.marks.map(({ at_deg, text }) => ({ ...word, x: at_deg, text, showarrow: false })),
+  };
+  if (picture.frame === "plane") layout.yaxis.scaleanchor = "x";
+  if (picture.frame === "straight") Object.assign(layout.xaxis, { range: [0, 360], dtick: 30, ticksuffix: "°" });
+  if (picture.steps) layout.yaxis.range = picture.reach;
+  if (picture.ticks.length) {
+    layout.xaxis.tickvals = picture.ticks.map(([at]) => at);
+    layout.xaxis.ticktext = picture.ticks.map(([, name]) => name);
+  }
+  const data = picture.lines.map((line) => ({
+    ...named(line, looks), type: "scatter", mode: line.points ? "markers" : "lines",
+    x: numbers(line.x), y: numbers(line.y), marker: { symbol: looks[line.role].symbol, size: 7 },
+    hovertemplate: `%{y:.4~g} ${picture.unit}`,
+    ...(line.steps && { steps: line.steps.map(numbers) }),
+    ...(line.half && { error_y: { type: "data", array: numbers(line.half), thickness: 1 } }),
+  }));
+  return { data, layout, height: picture.frame === "plane" ? 520 : 340 };
+}
+
+const named = ({ name, role }, looks) =>
+  ({ name, role, line: { dash: looks[role].dash, width: 1.5 * looks[role].width } });
+
+// Numbers of single precision in base64.
+function numbers(text) {
+  return new Float32Array(Uint8Array.from(atob(text), (char) => char.charCodeAt(0)).buffer);
+}
+
+// Deviations around the circle, drawn outwards from a circle of zero; the lines are closed.
+function polar({ lines, unit, hole, largest, largest_shown }, looks) {
+  const data = lines.map((line) => {
+    const [x, y] = [line.x, line.y].map(numbers).map((values) => [...values, values[0]]);
+    return {
+      ...named(line, looks), type: "scatterpolar", mode: "lines", theta: x, r: y.map((value) => hole + value),
+      customdata: y, hovertemplate: `φ %{theta:.0f}°: %{customdata:.4~g} ${unit}`,
+    };
+  });
+  const theta = Array.from({ length: 181 }, (_, k) => 2 * k);
+  data.push({
+    type: "scatterpolar", mode: "lines", role: "quiet", showlegend: false, hoverinfo: "skip", theta,
+    r: theta.map(() => hole), line: { width: 1, dash: "dot" },
+  });
+  const ticks = { tickvals: [hole, hole + largest], ticktext: ["", `+${largest_shown} ${unit}`] };
+  const radialaxis = { range: [0, hole + 1.4 * largest], angle: 45, ...ticks };
+  return { data, layout: { polar: { radialaxis, angularaxis: { dtick: 30, ticksuffix: "°" } } }, height: 420 };
+}
+
+// The measured surface, the translucent least-squares sphere, and the targets.
+function sphere(picture) {
+  const [sphere, surface, targets] = picture.words, limit = picture.limit, grey = "#9a9a9a";
+  const data = [
+    { type: "surface", name: sphere, opacity: 0.35, showscale: false, hoverinfo: "skip", showlegend: true,
+      colorscale: [[0, grey], [1, grey]], ...picture.sphere },
+    { type: "surface", name: surface, surfacecolor: picture.deviation, showlegend: true, cmin: -limit, cmax: limit,
+      colorscale: "Cividis", hoverinfo: "skip", colorbar: { title: { text: "mm" }, thickness: 12, len: 0.7 },
+      ...picture.surface },
+    { type: "scatter3d", mode: "markers", name: targets, marker: { size: 3, color: "#000000" }, text: picture.names,
+      hovertemplate: "%{text}<extra></extra>", ...picture.targets },
+  ];
+  const axes = ["x", "y", "z"].map((name) => [`${name}axis`, { title: { text: `${name} / mm` } }]);
+  const camera = { eye: { x: 1.5, y: -1.5, z: 1 }, center: { x: 0, y: 0, z: -0.15 } };
+  return { data, layout: { scene: { ...Object.fromEntries(axes), aspectmode: "data", camera } }, height: 520 };
+}
+
 // Lines of a legend whose entries stand in columns as wide as the longest name.
 function legendRows(data, width) {
   const names = data.filter((trace) => trace.showlegend !== false && trace.name).map((trace) => trace.name);
@@ -33,11 +112,11 @@ function readable(annotations, range, width) {
   return kept.map(({ at, axes, ...mark }) => mark);
 }
 
-function painted(picture, colours, ink, step) {
+function painted(picture, looks, ink, step) {
   const data = picture.data.map(({ steps, ...found }) => (steps ? { ...found, y: steps[step] } : found)).map((trace) => {
     if (!trace.role) return trace.marker ? { ...trace, marker: { ...trace.marker, color: ink.text } } : trace;
     const { role, ...rest } = trace;
-    const color = colours[role];
+    const color = looks[role][dark.matches ? "dark" : "light"];
     return { ...rest, line: { ...rest.line, color }, marker: { ...rest.marker, color } };
   });
   const axis = { gridcolor: ink.rule, zerolinecolor: ink.quiet, linecolor: ink.rule, color: ink.text };
@@ -73,13 +152,12 @@ function painted(picture, colours, ink, step) {
   return { data, layout };
 }
 
-function paint({ pictures, colours }, step, all = true) {
+function paint({ pictures, looks }, step, all = true) {
   const style = getComputedStyle(document.documentElement);
   const [text, quiet, rule, paper] = ["--ink", "--quiet", "--rule", "--paper"].map((name) => style.getPropertyValue(name));
   for (const [id, picture] of Object.entries(pictures)) {
     if (!all && !picture.data.some((trace) => trace.steps)) continue;
-    const inks = [dark.matches ? colours.dark : colours.light, { text, quiet, rule, paper }];
-    const { data, layout } = painted(picture, ...inks, step);
+    const { data, layout } = painted(picture, looks, { text, quiet, rule, paper }, step);
     Plotly.react(id, data, layout, { responsive: true, displaylogo: false, displayModeBar: narrow.matches ? false : undefined });
   }
 }
@@ -91,6 +169,7 @@ async function draw() {
   document.head.append(script);
   document.documentElement.classList.add("drawn");
   const given = JSON.parse(data);
+  for (const [id, picture] of Object.entries(given.pictures)) given.pictures[id] = plotted(picture, given.looks);
   const step = stepper((now) => paint(given, now, false));
   paint(given, step());
   for (const screen of [dark, narrow]) screen.addEventListener("change", () => paint(given, step()));

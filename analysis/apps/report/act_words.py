@@ -27,8 +27,6 @@ _KEYS = {
 
 
 class ActWords(AnswerWords):
-    """Sentences for the acts of a diagnosis in a given language."""
-
     @property
     def next(self) -> str:
         """The first act with the expected gain and the arguments against it; empty if nothing is recommended."""
@@ -71,13 +69,9 @@ class ActWords(AnswerWords):
                 load += "_unwritten"
             keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early", "load": load}
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act), maker=rig.maker or "MAKER")
-        key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
-        if act.kind == "mount" and act.effect.part == "gravity":
-            key = "act_mount_base"
-        if act.kind == "check" and act.effect.part in ("gauges", "clocks"):
-            key = "act_check_gauges"
-        if act.kind == "check" and f"act_check_{act.effect.effect}" in texts.words:
-            key = f"act_check_{act.effect.effect}"
+        kind, part = act.kind, {"clocks": "gauges", "gravity": "base"}.get(act.effect.part, act.effect.part)
+        keys = (f"act_{kind}_{act.effect.effect}", f"act_{kind}_{part}", f"act_{kind}_{act.why}", f"act_{kind}")
+        key = next(key for key in keys if key in texts.words)
         axis = getattr(act.effect, "axis", None)
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
@@ -161,7 +155,6 @@ class ActWords(AnswerWords):
         return joined(phrases, "; ")
 
     def parts(self, act: Act) -> str:
-        """Return the parts of the error that an act reduces, separated by commas."""
         return ", ".join(self.part_name(self.diagnosis.budget[k]) for k in act.parts)
 
     def _check_stated(self) -> str:

@@ -119,8 +119,6 @@ def fields_of(effect: Effect) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class AnswerWords:
-    """Sentences for a diagnosis in a given language."""
-
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
 
@@ -175,7 +173,6 @@ class AnswerWords:
 
     @property
     def accuracy(self) -> str:
-        """The present error of the readings used, rms and maximum."""
         accuracy = self.diagnosis.accuracy
         now_um = self._bounded(accuracy.now_um, self.diagnosis.train.u_um)
         model = "error_corrected" if has_model(self.diagnosis) else "error_now"
@@ -196,7 +193,6 @@ class AnswerWords:
 
     @property
     def judged(self) -> str:
-        """The verdict of the error against the limits, for the uncorrected arm."""
         accuracy = self.diagnosis.accuracy
         if accuracy.standing is None or accuracy.limit is None:
             return self.texts("accuracy_open")
@@ -227,7 +223,6 @@ class AnswerWords:
         return size(self.diagnosis.effects[part.index]) if part.index is not None else ""
 
     def rank_of(self, part: BudgetPart) -> str:
-        """Return the class of a part; empty if it has none."""
         return self.texts(f"rank_{part.rank}") if part.rank else ""
 
     def times_usual(self, part: BudgetPart) -> str:
@@ -386,7 +381,6 @@ def judged_gap(diagnosis: Diagnosis) -> Gap:
 
 
 def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:
-    """Return the budget part of an effect; None if the budget does not list it."""
     return next(
         (part for part in diagnosis.budget if part.index is not None and diagnosis.effects[part.index] is named), None
     )

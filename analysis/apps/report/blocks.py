@@ -58,8 +58,6 @@ class Sentence:
 
 @dataclass(frozen=True)
 class Command:
-    """A command line to type."""
-
     words: str
 
 
@@ -83,7 +81,6 @@ class Segments:
     parts: tuple[BarSegment, ...]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the bar as a single line, and a line for each segment."""
         width, begin = min(_STACKED, options.max_width), 0.0
         for fill, part in zip(FILLS, self.parts, strict=False):
             yield Segment(fill * (round(width * (begin + part.share)) - round(width * begin)))
@@ -179,12 +176,10 @@ class _Abreast:
                 return
 
     def _splits(self, columns: range) -> bool:
-        """Whether a table of these columns may be split: several, and all of numbers."""
         return len(columns) > 1 and self.table.numbers >= set(range(1, len(self.table.columns)))
 
 
 def _columns(table: Table, columns: range) -> RichTable:
-    """Return the first column of a table with some of the others."""
     chosen = (0, *columns)
     heads = (right(table.columns[k]) if k in table.numbers else table.columns[k] for k in chosen)
     shown = bare_table(*heads)

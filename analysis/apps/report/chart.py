@@ -102,7 +102,6 @@ class Chart:
 
     @property
     def steps(self) -> int:
-        """Number of steps; 0 for a static chart."""
         return max((len(line.steps) for line in self.lines if line.steps is not None), default=0)
 
     def at_step(self, step: int) -> Chart:
@@ -183,7 +182,6 @@ def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[CircleMa
 
 
 def stretches(places: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Return ranges (from, to) in degrees, with ranges across 360° split in two."""
     parts: list[tuple[float, float]] = []
     for low, high in places:
         parts += [(low, high)] if low <= high else [(low, 360.0), (0.0, high)]

@@ -224,13 +224,11 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
 
 def stairs_table(stairs: Stairs, texts: Texts) -> Table:
     """A row for each step of the staircase, with a bar for the residual on the runs used."""
-    rows: tuple[tuple[str | Cell, ...], ...] = tuple(
-        (step.name, Cell(residual_words(step.left[0]), bar=step.left[0].um / stairs.largest_um),
-         *map(residual_words, step.left[1:]))
-        for step in stairs.steps
-    )  # fmt: skip
+    rows: list[tuple[str | Cell, ...]] = []
+    for name, (used, *others) in zip(stairs.step_names(texts), stairs.left, strict=True):
+        rows.append((name, Cell(residual_words(used), bar=used.um / stairs.largest_um), *map(residual_words, others)))
     columns = (texts("step_left"), *(texts(f"runs_{place}") for place in stairs.places))
-    return Table(columns, rows, frozenset(range(2, len(columns))), key="steps")
+    return Table(columns, tuple(rows), frozenset(range(2, len(columns))), key="steps")
 
 
 def _gaps(words: AnswerWords) -> list[Block]:

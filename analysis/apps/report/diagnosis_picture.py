@@ -47,38 +47,37 @@ def disagreement_picture(disagreement: Disagreement) -> Figure:
 
 def _sheet(title: list[str], residuals: Diagnosis | Disagreement, stairs: Stairs | None, lines: list[str]) -> Figure:
     wrapped = [line for paragraph in lines for line in textwrap.wrap(paragraph, _TEXT_COLUMNS)]
+
+    def draw_words(sheet: SubFigure) -> None:
+        axes = sheet.subplots()
+        axes.set_axis_off()
+        axes.text(0.0, 1.0, "\n".join(wrapped), transform=axes.transAxes, va="top", fontsize=8, color="#444444")
+
     parts = [_stairs(stairs)] if stairs else []
-    parts += [(0.2 + 0.17 * len(wrapped), lambda sheet: _draw_words(sheet, wrapped))] if wrapped else []
+    parts += [(0.2 + 0.17 * len(wrapped), draw_words)] if wrapped else []
     return sheet_of(title, residual_charts(residuals, stairs, texts_of("en")), parts, 11.0)
 
 
-def _draw_words(sheet: SubFigure, lines: list[str]) -> None:
-    axes = sheet.subplots()
-    axes.set_axis_off()
-    axes.text(0.0, 1.0, "\n".join(lines), transform=axes.transAxes, va="top", fontsize=8, color="#444444")
-
-
 def _stairs(stairs: Stairs) -> Part:
-    """Draw a bar for the residual of each step at each place."""
-
     def draw(sheet: SubFigure) -> None:
         axes, texts = sheet.subplots(), texts_of("en")
-        for k, key in enumerate(stairs.places):
-            left = [step.left[k] for step in stairs.steps]
-            rows = [row + k * _BAR for row in range(len(left))]
-            um, u_um = [residue.um for residue in left], [residue.u_um for residue in left]
+        for k, (key, left) in enumerate(zip(stairs.places, zip(*stairs.left, strict=True), strict=True)):
+            rows, u_um = [row + k * _BAR for row in range(len(left))], [residual.u_um for residual in left]
+            um = [residual.um for residual in left]
             axes.barh(rows, um, _BAR, xerr=u_um, label=texts(f"runs_{key}"), error_kw={"elinewidth": 0.7})
-        for row, step in enumerate(stairs.steps):
-            end = max(residue.um + residue.u_um for residue in step.left), row
-            words = " · ".join(map(residual_words, step.left))
+        for row, step in enumerate(stairs.left):
+            end = max(residual.um + residual.u_um for residual in step), row
+            words = " · ".join(map(residual_words, step))
             axes.annotate(words, end, (5, 0), textcoords="offset points", va="center", fontsize=8)
         # The name of a part with many cancelling parts takes three lines, which would squeeze the bars.
-        names = [textwrap.wrap(step.name, _NAME_COLUMNS, max_lines=2, placeholder=" …") for step in stairs.steps]
-        axes.set_yticks(range(len(names)), list(map("\n".join, names)), fontsize=8)
+        wrapped = [
+            textwrap.wrap(name, _NAME_COLUMNS, max_lines=2, placeholder=" …") for name in stairs.step_names(texts)
+        ]
+        axes.set_yticks(range(len(wrapped)), list(map("\n".join, wrapped)), fontsize=8)
         axes.invert_yaxis()
         axes.set_xlim(0, (1.04 + 0.12 * len(stairs.places)) * stairs.largest_um)
         axes.set_xlabel("left of the error, rms / µm", fontsize=8)
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(fontsize=7.5, loc="lower right", frameon=False)
 
-    return 0.9 + 0.28 * len(stairs.steps), draw
+    return 0.9 + 0.28 * len(stairs.left), draw

@@ -99,28 +99,14 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
 
 
 def require_empty(directory: Path) -> None:
-    """Raise FileError unless a directory is empty, or absent and can be created."""
-    try:
-        above = next(parent for parent in directory.absolute().parents if os.path.lexists(parent))
-        if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
-            why = "is not a writable directory" if above.is_dir() else "is a file, not a directory"
-            raise FileError(
-                str(directory),
-                f"cannot be created: {above} {why}",
-                "choose a different --output",
-                code="output.not_writable",
-            )
-        if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
-            raise FileError(
-                str(directory),
-                "exists already and is not empty",
-                "choose a different --output, or remove it first",
-                code="output.exists",
-            )
-    except OSError as error:
-        raise FileError(
-            str(directory), error.strerror or str(error), "choose a different --output", code="output.not_writable"
-        ) from None
+    """Raise FileError unless a directory is empty, or absent and can be created. Call it before any computation."""
+    above = next(path for path in (directory, *directory.absolute().parents) if os.path.lexists(path))
+    if not above.is_dir() or not os.access(above, os.R_OK | os.W_OK | os.X_OK):
+        problem = f"cannot be written: {above} is not a writable directory"
+        raise FileError(str(directory), problem, "choose a different --output", code="output.not_writable")
+    if above == directory and any(directory.iterdir()):
+        problem, remedy = "exists already and is not empty", "choose a different --output, or remove it first"
+        raise FileError(str(directory), problem, remedy, code="output.exists")
 
 
 def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool = False) -> list[Path]:

@@ -140,7 +140,7 @@ def residual_charts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, 
     """Return charts of readings and model on circles, and of residuals at targets, for each step."""
     charts = strand_charts(residuals, texts)
     if stairs and charts:
-        charts[0] = replace(charts[0], panels=tuple(step.name for step in stairs.steps))
+        charts[0] = replace(charts[0], panels=tuple(stairs.step_names(texts)))
     staircase = residuals.staircase
     steps = staircase.maps if staircase else [np.array([target_map.before_um]) for target_map in residuals.maps]
     maps = list(zip(residuals.maps, steps, strict=True))[:_MOST_MAPS]
@@ -175,7 +175,6 @@ def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> list[Cha
 
 
 def _target_chart(target_map: Map, steps_um: Array, texts: Texts) -> Chart:
-    """Return a chart of the residuals at targets by reading: `steps_um` is (steps, readings)."""
     x = np.arange(1.0, len(target_map.before_um) + 1)
     lines = [ChartLine(texts("gap_before"), "measured", x, steps_um[0], points=True)]
     if len(steps_um) > 1:

@@ -118,7 +118,6 @@ def _facts(group: Sequence[Result], columns: int) -> list[tuple[str, ...]]:
 
 
 def remarks_of(group: Sequence[Result]) -> list[str]:
-    """Return the meaning of u for these runs, and remarks on lags, pairs and temperatures."""
     remarks = [what_u_is(group, [means for means in pooled(group) if means.figures])]
     return [*remarks, *lag_in_words(pairs_of(group), group), *eccentricities_in_words(group), *warmth_in_words(group)]
 

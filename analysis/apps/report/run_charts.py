@@ -5,7 +5,7 @@ and the cube and paths of ISO 9283 on their inclined plane with magnified deviat
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ _FRAMES: tuple[Frame, ...] = ("straight", "polar")
 _DIRECTIONS: tuple[Role, ...] = ("acw", "cw")
 _EACH_DEG = 2.0
 """Spacing of the points of a joint curve, which is smooth."""
+_FULL_TURN_DEG = 300.0
+"""Range of a joint above which it is not drawn, because it would dwarf the others."""
 _JOINT_ROLES: tuple[Role, ...] = ("acw", "cw", "after", "quiet", "fifth", "sixth")
 _GRID = (13, 37)
 """Nodes of the drawn surface in polar angle and azimuth: every 7.5° and 10° of a hemisphere."""
@@ -38,7 +40,6 @@ _STATIONS = 80
 
 
 def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
-    """Return charts of the angle and the distance error, along and around the circle."""
     test = group[0].test
     marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
     charts = []
@@ -81,25 +82,23 @@ def raw_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     """Return a chart of each joint angle over the circle minus the mean, from the feedback of the first run."""
-    marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
-    circle = next(result.found for result in group if isinstance(result.found, CircleResult))
-    robot = group[0].measured.rig.robot
-    lap = circle.laps.first
-    order = np.argsort(lap.phi % (2 * np.pi))
-    phi_deg, q = np.degrees(lap.phi % (2 * np.pi))[order], np.degrees(lap.q[order])
-    at_deg = np.arange(0.0, 360.0, _EACH_DEG)
-    lines, squares = [], []
-    for axis, role in enumerate(_JOINT_ROLES):
-        whole_turn = abs(q[:, axis].max() - q[:, axis].min()) > 300.0
-        if not whole_turn:  # a joint that makes a full turn would dwarf the others
-            curve = np.interp(at_deg, phi_deg, q[:, axis])
-            lines.append(ChartLine(texts.axis(robot, axis + 1), role, at_deg, curve - curve.mean()))
-            at = [reversal.phi_deg for reversal in group[0].reversals if reversal.joint == axis + 1]
-            squares += [(phi, float(np.interp(phi, at_deg, curve - curve.mean()))) for phi in at]
-    if squares:
-        phi, angle_deg = np.array(squares).T
-        lines.append(ChartLine(texts("turns_back"), "model", phi, angle_deg, points=True))
+    reversals, robot = group[0].reversals, group[0].measured.rig.robot
+    lap = next(result.found for result in group if isinstance(result.found, CircleResult)).laps.first
+    phi_deg, q_deg = np.degrees(lap.phi % (2 * np.pi)), np.degrees(lap.q)
+    order, at_deg = np.argsort(phi_deg), np.arange(0.0, 360.0, _EACH_DEG)
+    lines, turns = [], list[tuple[float, float]]()
+    for axis, (role, angle_deg) in enumerate(zip(_JOINT_ROLES, q_deg.T, strict=True), start=1):
+        if np.ptp(angle_deg) > _FULL_TURN_DEG:
+            continue
+        curve = np.interp(at_deg, phi_deg[order], angle_deg[order])
+        lines.append(ChartLine(texts.axis(robot, axis), role, at_deg, curve - curve.mean()))
+        places = [reversal.phi_deg for reversal in reversals if reversal.joint == axis]
+        turns += zip(places, np.interp(places, at_deg, curve - curve.mean()).tolist(), strict=True)
+    if turns:
+        phi, turn_deg = np.array(turns).T
+        lines.append(ChartLine(texts("turns_back"), "model", phi, turn_deg, points=True))
     title, labels = texts("chart_joints"), (texts("circle_angle"), texts("joint_angle"))
+    marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in reversals], texts)
     return Chart(title, texts("caption_joints"), "straight", *labels, "°", tuple(lines), marks)
 
 
@@ -140,7 +139,6 @@ def interpolated(targets: Array, values_mm: Array, nodes: Array) -> Array:
 
 
 def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Picture]:
-    """Return charts of the surface around the least-squares sphere, and of the deviation of each target."""
     used = curve.used
     targets = directions(curve.polar_deg, curve.azimuth_deg)
     polar, azimuth = np.meshgrid(
@@ -195,7 +193,7 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
     view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
     line = ChartLine(texts("measured"), "measured", number, curve.distance_mm, points=True)
     labels = texts("pose"), f"{texts('error_position')} / mm"
-    charts = [] if view is None else [_plane(view, "chart_cube", texts, points=True)]
+    charts = [] if view is None else [_plane("chart_cube", *view, texts, points=True)]
     charts.append(Chart(texts("chart_pose"), texts("caption_pose"), "targets", *labels, "mm", (line,)))
     labels = texts("angle_of_axis"), texts("error_of_angle")
     for axis in curve.axes:
@@ -210,13 +208,21 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
     return [*charts]
 
 
-def _plane(view: _PlaneView, title: str, texts: Texts, *, points: bool) -> Chart:
-    """Return a chart of commanded and attained positions on the plane of the cube, with magnified deviations."""
-    attained = ChartLine(texts("attained"), "cw", view.attained_mm[:, 0], view.attained_mm[:, 1], points=points)
-    command = ChartLine(texts("commanded"), "quiet", view.command_mm[:, 0], view.command_mm[:, 1], points=points)
-    caption = texts("caption_plane", times=f"{view.times:g}")
+def _plane(
+    title: str, command: Array, places: Array, off: Array, side_mm: float, texts: Texts, *, points: bool
+) -> Chart:
+    """Return a chart of positions (n, 2) mm on the plane of the cube, with magnified deviations `off` from `places`.
+
+    Gaps between paths are nan.
+    """
+    largest = max(float(np.nanmax(np.linalg.norm(off, axis=1))), 1e-9)
+    times = float(f"{_SHARE * side_mm / largest:.1g}")
+    positions: tuple[tuple[str, Role, Array], ...] = (
+        ("attained", "cw", places + times * off), ("commanded", "quiet", command),
+    )  # fmt: skip
+    lines = tuple(ChartLine(texts(name), role, xy[:, 0], xy[:, 1], points=points) for name, role, xy in positions)
     labels = f"{texts('level')} / mm", f"{texts('rising')} / mm"
-    return Chart(texts(title), caption, "plane", *labels, "mm", (attained, command))
+    return Chart(texts(title), texts("caption_plane", times=f"{times:g}"), "plane", *labels, "mm", lines)
 
 
 def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
@@ -234,7 +240,7 @@ def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
         command, off = [curve.place_mm[:, :2]], [curve.off_mm[:, :2]]
     places, away = np.concatenate(command), np.concatenate(off)
     side = float(np.nanmax(np.abs(places[:, 0]))) / FROM_CENTRE
-    plane = _plane(_enlarged(places, away, side), "chart_paths", texts, points=False)
+    plane = _plane("chart_paths", places, places, away, side, texts, points=False)
     roles: tuple[Role, ...] = ("acw", "cw", "after", "fifth", "quiet")
     lines = []
     for name, role in zip(names, roles, strict=False):
@@ -249,23 +255,12 @@ def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
 # ISO 9283: commands on the inclined plane of the cube, with magnified deviations.
 
 
-@dataclass(frozen=True)
-class _PlaneView:
-    """Positions (n, 2) mm on the plane, level and rising: command and attained position, with the deviation
-    magnified by `times`. Gaps between paths are nan.
+def _cube_view(result: Result) -> tuple[Array, Array, Array, float] | None:
+    """Commanded places (k, 2) mm of the cube of a pose run, those of its stops (n, 2) with the deviations (n, 2), and
+    the side in mm; None without a cube.
     """
-
-    command_mm: Array
-    attained_mm: Array
-    times: float
-
-
-def _cube_view(result: Result) -> _PlaneView | None:
-    """Return the cube stops of a pose run; None if it has none."""
     table, rig = result.measured.table, result.measured.rig
-    if not isinstance(result.found, PoseResult):
-        return None
-    if rig.tests.iso9283 is None or len(rig.robot.axes) != DRIVEN_AXES:
+    if not isinstance(result.found, PoseResult) or rig.tests.iso9283 is None or len(rig.robot.axes) != DRIVEN_AXES:
         return None
     cube = cube_of(rig)
     pose = poses_of_cube(table.q[result.found.rows], cube)
@@ -274,10 +269,4 @@ def _cube_view(result: Result) -> _PlaneView | None:
     off = result.found.placed_mm[pose > 0] @ arm_of(rig.robot).T_world_base[:3, :3].T
     on_plane = np.stack([cube.level, cube.rising], axis=1)
     places = (cube.places_mm - cube.centre_mm) @ on_plane
-    return replace(_enlarged(places[pose[pose > 0] - 1], off @ on_plane, cube.side_mm), command_mm=places)
-
-
-def _enlarged(places: Array, off: Array, side_mm: float) -> _PlaneView:
-    largest = max(float(np.nanmax(np.linalg.norm(off, axis=1))), 1e-9)
-    times = float(f"{_SHARE * side_mm / largest:.1g}")
-    return _PlaneView(places, places + times * off, times)
+    return places, places[pose[pose > 0] - 1], off @ on_plane, cube.side_mm

@@ -28,7 +28,6 @@ to 1.
 
 
 def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
-    """Return the meaning of the uncertainties of a group, for means and for single runs."""
     if not repeated:
         return ONE_RUN
     runs = " and ".join(f"{len(mean.runs)} {mean.title} runs" for mean in repeated)
@@ -67,7 +66,6 @@ def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
 
 
 def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
-    """Return a line about the lag of the gauges, and a line for each refused pair."""
     if not isinstance(group[0].found, CircleResult):
         return []
     if both is None:
@@ -87,7 +85,6 @@ def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
 
 
 def warmth_in_words(group: Sequence[Result]) -> list[str]:
-    """Return a line for each run with joint temperatures."""
     lines = []
     for result in group:
         if warmth := result.measured.condition.warmth:

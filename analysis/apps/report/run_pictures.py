@@ -48,7 +48,6 @@ def _circles(title: str, charts: Callable[..., Sequence[Picture]], group: Sequen
 
 
 def _targets(result: Result) -> Figure:
-    """Draw the charts of a run at targets, with the leading figures in the title."""
     figures = [f"{label(name).strip()} {result.figures[name]}" for name in result.figures if name in LEADING]
     title = f"{result.title} · {result.measured.rig.name} · {result.name}"
     return sheet_of([title, *figures], target_charts(result, texts_of("en")))

@@ -1,4 +1,4 @@
-"""The staircase of the gap, as text and on the screen: name and residual of each step."""
+"""The staircase of the gap in words: the part that each step adds, and the residual after it."""
 
 from __future__ import annotations
 
@@ -14,72 +14,54 @@ from analysis.diagnosis.judge.staircase import ModelResidual, Staircase
 
 
 @dataclass(frozen=True)
-class Stair:
-    """A step by name, with the part that it adds (empty for the first step) and the residual at each place."""
-
-    name: str
-    left: tuple[ModelResidual, ...]
-    part: str = ""
-
-
-@dataclass(frozen=True)
 class Stairs:
-    """All steps. `places` are the text keys of the places, the runs used first."""
-
     places: tuple[str, ...]
-    steps: tuple[Stair, ...]
+    """Text keys of the places, the runs used first."""
+    names: tuple[str, ...]
+    """The initial model, then the part that each step adds."""
+    left: tuple[tuple[ModelResidual, ...], ...]
+    """Residuals of each step by place."""
+
+    def step_names(self, texts: Texts) -> list[str]:
+        return [self.names[0], *(texts("step_with", part=part) for part in self.names[1:])]
 
     @property
     def largest_um(self) -> float:
-        return max(1e-9, *(residue.um for step in self.steps for residue in step.left))
+        return max(1e-9, *(residual.um for step in self.left for residual in step))
 
 
 def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None:
-    """Return the staircase of a diagnosis; None if it has none."""
     if diagnosis.staircase is None:
         return None
     texts = texts or texts_of("en")
-    words = AnswerWords(diagnosis, texts)
-    parts = []
+    words, names = AnswerWords(diagnosis, texts), [str(texts("step_first"))]
     for step in diagnosis.staircase.steps[1:]:
-        count = len(step.parts)
-        single = words.part_name(diagnosis.budget[step.parts[0]]) if count == 1 else ""
-        parts.append(single or texts.counted("smaller_parts", count))
-    stairs = _name_stairs(diagnosis.staircase, texts("step_first"), parts, texts)
-    if has_measured_noise(diagnosis):
-        return stairs
-    bare = [replace(step, left=tuple(replace(residue, u_um=0.0) for residue in step.left)) for step in stairs.steps]
-    return replace(stairs, steps=tuple(bare))
+        single = words.part_name(diagnosis.budget[step.parts[0]]) if len(step.parts) == 1 else ""
+        names.append(single or texts.counted("smaller_parts", len(step.parts)))
+    return _stairs(diagnosis.staircase, names, has_u=has_measured_noise(diagnosis))
 
 
 def stairs_of_model(disagreement: Disagreement) -> Stairs | None:
-    """Return the staircase of a rig file's effects and calibration; None if the model has none."""
     if disagreement.staircase is None:
         return None
     texts, rig = texts_of("en"), disagreement.rig
     parts = [*(plain(rig, effect) for effect in rig.effects), texts("step_calibration")]
     added = [parts[step.parts[0]] for step in disagreement.staircase.steps[1:]]
-    return _name_stairs(disagreement.staircase, texts("step_bare"), added, texts)
+    return _stairs(disagreement.staircase, [texts("step_bare"), *added], has_u=True)
 
 
-def _name_stairs(staircase: Staircase, first: str, parts: Sequence[str], texts: Texts) -> Stairs:
-    lefts = [tuple(filter(None, (step.used, step.held_out, step.unseen))) for step in staircase.steps]
-    names = [first, *(texts("step_with", part=part) for part in parts)]
-    return Stairs(staircase.places, tuple(map(Stair, names, lefts, ["", *parts])))
+def _stairs(staircase: Staircase, names: Sequence[str], *, has_u: bool) -> Stairs:
+    left = [[residual for residual in (step.used, step.held_out, step.unseen) if residual] for step in staircase.steps]
+    shown = (tuple(residual if has_u else replace(residual, u_um=0.0) for residual in step) for step in left)
+    return Stairs(staircase.places, tuple(names), tuple(shown))
 
 
-def residual_words(residue: ModelResidual) -> str:
-    """Return a residual ± standard uncertainty in µm, as in the tiles."""
-    return error_size(residue.um, residue.u_um)
+def residual_words(residual: ModelResidual) -> str:
+    return error_size(residual.um, residual.u_um)
 
 
-def step_sentences(diagnosis: Diagnosis, texts: Texts) -> list[str]:
+def step_sentences(stairs: Stairs, texts: Texts) -> list[str]:
     """Return a sentence for each step, for screen readers and the slider of the page."""
-    stairs = stairs_of(diagnosis, texts)
-    steps = stairs.steps if stairs else ()
-    return [
-        texts("step_now", number=number, count=len(steps) - 1, part=step.part)
-        if step.part
-        else texts("step_start", count=len(steps) - 1, name=step.name)
-        for number, step in enumerate(steps)
-    ]
+    first, *parts = stairs.names
+    later = [texts("step_now", number=number, count=len(parts), part=part) for number, part in enumerate(parts, 1)]
+    return [texts("step_start", count=len(parts), name=first), *later]

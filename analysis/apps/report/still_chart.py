@@ -12,6 +12,7 @@ import re
 import textwrap
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, BinaryIO
 
 import matplotlib as mpl
@@ -19,13 +20,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure, FigureBase, SubFigure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.text import Text
 
 from analysis.apps.report.chart import ROLE_STYLES, Chart, ChartLine, Frame, Picture, SphereChart
-from analysis.robot.kinematics.arm import Array
 from rigs.text import plain_lines
 
 mpl.rcParams["text.parse_math"] = False
@@ -66,6 +64,7 @@ _HEIGHTS_INCH: dict[Frame, float] = {"straight": 1.8, "targets": 1.8, "plane": 4
 _MOST_NODES = 360
 """Maximum number of nodes of a line on paper, 1 per degree, while curves resolve 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
+"""Number of points above which small dots are drawn."""
 _WIDEST = 45
 """Maximum total length of the names in a legend line, in characters."""
 _PANEL_LETTERS = 62
@@ -101,7 +100,6 @@ def svg_of(figure: Figure, salt: str = "rig") -> str:
 
 
 def part_of(picture: Picture) -> Part:
-    """Return a chart as part of a sheet, with title and caption above."""
     words = [picture.title, *textwrap.wrap(picture.caption, _CAPTION_LETTERS)]
 
     def draw(sheet: SubFigure) -> None:
@@ -148,7 +146,6 @@ def _draw_picture(sheet: FigureBase, picture: Picture) -> None:
 
 
 def _panels(sheet: FigureBase, chart: Chart) -> None:
-    """Draw each step of an animated chart in a panel, with a common scale."""
     rows = -(-len(chart.panels) // 2)
     panels = sheet.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
     for step, (name, axes) in enumerate(zip(chart.panels, panels, strict=False)):
@@ -164,13 +161,9 @@ def _panels(sheet: FigureBase, chart: Chart) -> None:
 
 
 def _legend(sheet: FigureBase, axes: Axes, chart: Chart) -> None:
-    wide = sum(len(line.name) for line in chart.lines) > _WIDEST
-    sheet.legend(
-        *axes.get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=3 if wide else len(chart.lines),
-        frameon=False,
-    )
+    is_wide = sum(len(line.name) for line in chart.lines) > _WIDEST
+    columns = 3 if is_wide else len(chart.lines)
+    sheet.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns, frameon=False)
 
 
 def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
@@ -206,39 +199,22 @@ def _draw(axes: Axes, line: ChartLine) -> None:
     look = ROLE_STYLES[line.role]
     if not line.points:
         every = max(1, len(line.x) // _MOST_NODES)
-        axes.plot(
-            line.x[::every], line.y[::every], ls=_DASHES[look.dash], lw=look.width, color=look.light, label=line.name
-        )
+        x, y = line.x[::every], line.y[::every]
+        axes.plot(x, y, ls=_DASHES[look.dash], lw=look.width, color=look.light, label=line.name)
         return
-    if len(line.x) > _MOST_SYMBOLS:
-        # Draw many points as one path of tiny steps with round ends, at a fifth of the size of symbols. Steps of zero
-        # length would be invisible in a PNG.
-        places = np.repeat(np.stack([line.x, line.y], axis=1), 2, axis=0)
-        places[1::2, 0] += 1e-6 * max(float(np.ptp(line.x)), 1e-9)
-        steps = Path(places, [Path.MOVETO, Path.LINETO] * len(line.x))
-        steps.should_simplify = False
-        colour = ROLE_STYLES[line.role].light
-        axes.add_patch(PathPatch(steps, fill=False, lw=3.0, capstyle="round", ec=colour, snap=False))
-        axes.plot([], [], "o", ms=3, color=colour, label=line.name)
-        axes.autoscale_view()
-        return
-    symbol: dict[str, Any] = {"marker": _SYMBOLS[look.symbol], "ms": 4, "color": look.light, "label": line.name}
-    if line.half is None:
-        axes.plot(line.x, line.y, ls="", **symbol)
-    else:
-        axes.errorbar(line.x, line.y, line.half, fmt="none", ecolor=look.light, elinewidth=0.8)
-        axes.plot(line.x, line.y, ls="", **symbol)
+    size, symbol = (3, "o") if len(line.x) > _MOST_SYMBOLS else (4, _SYMBOLS[look.symbol])
+    style: dict[str, Any] = {"ls": "", "marker": symbol, "ms": size, "color": look.light, "elinewidth": 0.8}
+    axes.errorbar(line.x, line.y, line.half, label=line.name, **style)
 
 
 def _polar(sheet: FigureBase, chart: Chart) -> None:
     axes = sheet.add_subplot(projection="polar")
     assert isinstance(axes, PolarAxes)  # noqa: S101 - for the type checker
-    hole, circle = chart.hole, np.linspace(0.0, 2 * np.pi, 181)
-    axes.plot(circle, np.full(181, hole), color=_GREY, lw=0.8, ls=":")
+    hole = chart.hole
+    axes.plot(np.linspace(0.0, 2 * np.pi, 181), np.full(181, hole), color=_GREY, lw=0.8, ls=":")
     for line in chart.lines:
-        look, order = ROLE_STYLES[line.role], np.append(np.arange(len(line.x)), 0)
-        turned: Array = np.radians(line.x[order])
-        axes.plot(turned, hole + line.y[order], ls=_DASHES[look.dash], lw=look.width, color=look.light, label=line.name)
+        closed = np.append(np.arange(len(line.x)), 0)
+        _draw(axes, replace(line, x=np.radians(line.x[closed]), y=hole + line.y[closed]))
     axes.set_rlim(0, hole + 1.4 * chart.largest)
     axes.set_xticks(np.radians(range(0, 360, 30)), [f"{angle}°" for angle in range(0, 360, 30)])
     axes.set_yticks([hole, hole + chart.largest], ["", f"+{chart.largest_shown} {chart.unit}"], color=_GREY)

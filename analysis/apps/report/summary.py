@@ -66,13 +66,11 @@ class Summary:
 
 
 def with_action(sentence: str, action: str) -> str:
-    """Return a sentence that ends with the next step in a few words."""
     keys = (*keys_of(sentence), *keys_of(action))
     return Phrase(f"{sentence.removesuffix('.')}; {action}.", keys) if action else sentence
 
 
 def with_next(summary: Summary, step: str, command: str, action: str) -> Summary:
-    """Return a summary with a different next step; empty texts if nothing is left to do."""
     headline = summary.headline.replace(f"; {summary.action}.", f"; {action}." if action else ".", 1)
     return replace(summary, headline=headline, next=step, command=command, action=action)
 

@@ -31,10 +31,8 @@ from analysis.apps.report.summary import (
     ErrorChange,
     Summary,
     with_action,
-    with_driven_error,
 )
 from analysis.apps.report.texts import Phrase, Texts, capital, joined, keys_of, texts_of
-from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import IMITATED, Act
 from analysis.diagnosis.judge.probability import CONFIRMED
@@ -62,26 +60,12 @@ _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here
 """Conditions under which no cause and no act is certain."""
 
 
-def summarise(
-    diagnosis: Diagnosis,
-    texts: Texts | None = None,
-    *,
-    acts: Sequence[Act] | None = None,
-    driven: tuple[Deviation, Deviation] | None = None,
-    judged_elsewhere: tuple[float, float] | None = None,
-) -> Summary:
-    """Return the summary of a diagnosis.
-
-    acts: the open acts, by default those of the diagnosis. driven: error measured before and after a correction.
-    judged_elsewhere: error in µm before and with the model, on runs at a different place before they joined these.
-    """
-    words = _SummaryWords(diagnosis, texts or texts_of("en"), judged_elsewhere)
-    open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
-    act = open_acts[0] if open_acts else None
-    causes = words.leading()
+def summarise(diagnosis: Diagnosis, texts: Texts | None = None) -> Summary:
+    words, acts = _SummaryWords(diagnosis, texts or texts_of("en")), without_idle_mounts(diagnosis.acts)
+    act, causes = acts[0] if acts else None, words.leading()
     action = words.action(act) if act else ""
     first, *others = words.first_sentences(causes)
-    summary = Summary(
+    return Summary(
         badge=words.texts(f"badge_{words.heading(causes, act)}"),
         standing=words.standing,
         tone=words.tone(causes),
@@ -93,7 +77,6 @@ def summarise(
         command=command(act) if act else "",
         action=action,
     )
-    return with_driven_error(summary, *driven, words.texts) if driven else summary
 
 
 @dataclass(frozen=True)
@@ -107,12 +90,7 @@ class _Cause:
     is_single: bool = True
 
 
-@dataclass(frozen=True)
 class _SummaryWords(ActWords):
-    """Sentences of a summary. judged_elsewhere: see `summarise`."""
-
-    judged_elsewhere: tuple[float, float] | None = None
-
     @property
     def standing(self) -> str:
         """The condition of the arm, or a contradicted constant or a movement, which come first."""
@@ -194,7 +172,6 @@ class _SummaryWords(ActWords):
         return Phrase(f"{joined([words, more], ', ')}.", keys_of(words))
 
     def leading(self) -> list[_Cause]:
-        """Faults and other large parts of the error, the largest first."""
         diagnosis, causes = self.diagnosis, []
         for named in diagnosis.standing:
             part = part_of(diagnosis, named)
@@ -257,12 +234,10 @@ class _SummaryWords(ActWords):
         return list(filter(None, sentences))
 
     def step(self, act: Act) -> str:
-        """Return the next step, marked as unnecessary if it only improves an arm within its limits."""
         step = self.imperative(act)
         return self.texts("optional_step", step=step) if self._is_optional(act) else step
 
     def action(self, act: Act) -> str:
-        """Return the next step in a few words, for the end of the first sentence."""
         return self.texts("do_nothing_necessary") if self._is_optional(act) else self.action_of(act)
 
     def _is_optional(self, act: Act) -> bool:
@@ -278,10 +253,7 @@ class _SummaryWords(ActWords):
         gap, crossed, is_used = judged_gap(diagnosis), diagnosis.remains, accuracy.place == "used"
         now, after = (accuracy.before_there_um, gap.u_um), (accuracy.calibrated_um, gap.left_u_um)
         label, basis = self._after_label, f"basis_{accuracy.place}"
-        if is_used and self.judged_elsewhere:
-            (now_um, after_um), basis = self.judged_elsewhere, "basis_unseen"
-            now, after = (now_um, 0.0), (after_um, 0.0)
-        elif not diagnosis.is_testable:
+        if not diagnosis.is_testable:
             label, basis = "", "basis_unknown"
         elif is_used and is_complete(diagnosis):
             label, basis = "", "basis_now"

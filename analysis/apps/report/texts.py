@@ -75,7 +75,6 @@ def capital(text: str) -> Phrase:
 
 
 def joined(texts: Iterable[str], by: str = " ") -> Phrase:
-    """Join the texts that are not empty, and keep their keys."""
     shown = [text for text in texts if text]
     return Phrase(by.join(shown), tuple(key for text in shown for key in keys_of(text)))
 
@@ -97,12 +96,10 @@ class Texts:
         return Phrase(self.words[key].format(**values), keys, values)
 
     def counted(self, key: str, count: int, **values: object) -> str:
-        """Return the text for a count, in the singular if the language has one for 1."""
         singular = f"{key}_single"
         return self(singular if count == 1 and singular in self.words else key, count=count, **values)
 
     def test(self, name: str) -> str:
-        """Return the name of a test; for a test of an external package, the identifier."""
         return self.words.get(f"test_{name}", name)
 
     def not_known(self, share: float) -> str:

@@ -12,7 +12,6 @@ from analysis.api import Diagnosis, Result
 from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
 from analysis.apps.report.texts import Texts, joined, whole_label
 from analysis.diagnosis.judge.verdict import JudgedFigure, judged_figures
-from analysis.procedures.pooled import FigureColumn
 from analysis.procedures.shared.test_kind import labels_of
 from analysis.runs.tables import TESTS
 from rigs.schema.limits import COVERAGE, Limits, Standing
@@ -23,8 +22,6 @@ Overall = Standing | Literal["unjudged"]
 
 @dataclass(frozen=True)
 class PageVerdict:
-    """Verdict on accuracy."""
-
     overall: Overall
     """Standing by the tolerance given to the diagnosis, otherwise the worst one; `unjudged` without limits."""
     judged: tuple[JudgedFigure, ...]
@@ -88,15 +85,8 @@ def limits_blocks(verdict: PageVerdict, texts: Texts, heading: str) -> list[Bloc
 
 
 def figure_title(figure: JudgedFigure, texts: Texts) -> str:
-    """Return the test, the direction and the label of a figure."""
-    title = title_of(figure.column, texts)
-    of = texts.test(figure.test) + (f" {title}" if title else "")
-    return f"{of}: {whole_label(figure.name, texts.label)}"
-
-
-def title_of(column: FigureColumn, texts: Texts) -> str:
-    """Return the title of a column: a direction, or the comparison of both; empty for a test without directions."""
-    return texts("acw_against_cw") if column.kind == "pairs" else column.direction
+    direction = texts("acw_against_cw") if figure.column.kind == "pairs" else figure.column.direction
+    return f"{joined([texts.test(figure.test), direction])}: {whole_label(figure.name, texts.label)}"
 
 
 def example_limits(verdict: PageVerdict) -> str:

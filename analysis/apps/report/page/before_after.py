@@ -8,6 +8,7 @@ from typing import Literal
 from analysis.apps.report.blocks import Block, Command, Heading, Sentence, Table
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.page.accuracy import PageVerdict, verdict_blocks
+from analysis.apps.report.summary import Summary
 from analysis.apps.report.texts import Texts, joined
 from analysis.correction.deviation import Deviation, Expected, Side, Work
 
@@ -29,6 +30,8 @@ class BeforeAfter:
     """Command that corrects programs of the user."""
     verdict: PageVerdict | None = None
     """Verdict on the runs after the correction on the same circle."""
+    summary: Summary | None = None
+    """Headline and tiles for the corrected robot, in English; None for those of the diagnosis."""
 
     @property
     def driven(self) -> tuple[Deviation, Deviation] | None:
@@ -62,7 +65,6 @@ def now_sentence(after: BeforeAfter, texts: Texts) -> str:
 
 
 def now_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
-    """The error now, how to correct other programs, and the verdict on the corrected robot."""
     own = texts(f"your_programs_{after.way}") if after.own_programs else ""
     blocks: list[Block] = [
         Sentence(now_sentence(after, texts), "strong"), Sentence(joined([texts("arm_unchanged"), own])),

@@ -35,7 +35,6 @@ class Report:
 
     @property
     def title(self) -> str:
-        """Name of the rig, which is unique, and type of the robot."""
         return f"{self.results[0].measured.rig.name} – {self.rig.robot.name}"
 
 

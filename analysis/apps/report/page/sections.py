@@ -31,7 +31,6 @@ TestSection = tuple[list[Block], list[Picture], list[Block]]
 
 
 def test_sections(report: Report, texts: Texts) -> list[TestSection]:
-    """Return a section for each test, in the order of the vocabulary."""
     groups = sorted(by_test(report.results), key=lambda group: _ORDER.index(group[0].test))
     first_circle = next((group for group in groups if isinstance(group[0].found, CircleResult)), None)
     sections = []
@@ -49,14 +48,12 @@ def test_sections(report: Report, texts: Texts) -> list[TestSection]:
 
 
 def _above(group: Sequence[Result], about: str, texts: Texts) -> list[Block]:
-    """The title, the description of the test and of the charts, and the doubts."""
     test, place = group[0].test, group[0].measured.run.manifest.placement
     title = texts.test(test) + (f" · {place}" if place and place != test else "")
     return [Heading(title), Sentence(about), *(Sentence(line, "doubt") for line in doubt_lines(doubts_of(group)))]
 
 
 def _below(group: Sequence[Result], texts: Texts) -> list[Block]:
-    """The figures, remarks on them, and the reversals of the joints."""
     words = " ".join(f"{capital(line)}." for line in remarks_of(group))
     figures = figure_table(columns_of(group, texts), texts)
     blocks: list[Block] = [Heading(texts("figures"), 3), figures, Sentence(words, "note")]

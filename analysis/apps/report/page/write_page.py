@@ -30,7 +30,7 @@ from analysis.apps.report.blocks import Block, Cell, Command, Heading, Sentence,
 from analysis.apps.report.chart import Picture
 from analysis.apps.report.diagnosis_answer import Sections, sections_of, summary_parts
 from analysis.apps.report.html_page import environment, is_pdf, write_html, write_pdf
-from analysis.apps.report.live_chart import colours, live
+from analysis.apps.report.live_chart import live, looks
 from analysis.apps.report.model_charts import residual_charts
 from analysis.apps.report.page.accuracy import PageVerdict, example_limits, judge, limits_blocks, verdict_blocks
 from analysis.apps.report.page.before_after import BeforeAfter, now_blocks, path_blocks
@@ -38,7 +38,6 @@ from analysis.apps.report.page.page_content import Report
 from analysis.apps.report.page.sections import test_sections
 from analysis.apps.report.stairs import stairs_of, step_sentences
 from analysis.apps.report.still_chart import still
-from analysis.apps.report.summary import Summary, with_corrections_removed
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, Texts, joined, texts_of
 from analysis.diagnosis.judge.acts import Act, is_done
@@ -61,7 +60,6 @@ class PageHead:
     order: str = ""
 
     def check(self) -> None:
-        """Raise UseError for a field that does not fit in a line of the page."""
         for name, text in vars(self).items():
             if len(text) > _LONGEST:
                 raise UseError(
@@ -91,7 +89,6 @@ def fields_of(heading: PageHead, results: Sequence[Result], texts: Texts) -> lis
 
 
 def trace_table(results: Sequence[Result], texts: Texts) -> Table:
-    """The runs in order: path, time, operator, program, and files with SHA-256."""
     rows = []
     for result in results:
         manifest = result.measured.run.manifest
@@ -107,7 +104,6 @@ def trace_table(results: Sequence[Result], texts: Texts) -> Table:
 
 
 def instruments_table(rig: Rig, texts: Texts) -> Table:
-    """Gauges, ball and link of a rig with their certificates."""
     parts: list[tuple[str, str, Certificate | None, dt.date | None]] = [
         (name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges
     ]
@@ -137,48 +133,44 @@ def write_page(report: Report, file: Path, language: Language = "en", heading: P
 def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
     """Return the page as HTML; all text is plain and escaped."""
     found, after = report.found, report.after
-    sections = test_sections(report, texts)
-    gaps = residual_charts(found, stairs_of(found, texts), texts) if found else []
-    pictures = [picture for _, drawn, _ in sections for picture in drawn] + list(gaps)
+    stairs = stairs_of(found, texts) if found else None
+    sections, gaps = test_sections(report, texts), residual_charts(found, stairs, texts) if found else []
     verdict = judge(report.results, report.rig.limits, found)
+    corrected = after.verdict if after and after.verdict and after.verdict.judged else None
     days = sorted(result.measured.run.manifest.started[:10] for result in report.results)
     span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
-    parts = _parts(report, texts)
-    badge, (head, *tiles) = _summary(report, verdict, texts)
-    limits = limits_blocks(verdict, texts, "limits_before" if after and after.driven else "limits")
-    standing: str = texts(f"standing_{verdict.overall}")
-    if after and after.verdict and after.verdict.judged:
-        standing = f"{texts('corrected_now')} {texts(f'standing_{after.verdict.overall}')}"
-    template = environment().get_template("report.html")
-    return template.render(
-        t=texts,
-        title=report.title,
-        standing=standing,
-        measured_on=texts.counted("measured_on", len(days), days=span),
-        heading=fields_of(heading, report.results, texts),
-        condition_badge=badge,
-        head=head,
-        tiles=tiles,
-        condition=_condition(report, badge, parts, texts),
-        accuracy=_accuracy(after, verdict, texts),
-        findings=_findings(report, verdict, parts, texts),
-        before=[*([path_blocks(after, texts)] if after else []), *_present(parts, "budget", "passport")],
-        steps=step_sentences(found, texts) if found else [],
-        stairs=parts.get("steps", []),
-        gaps=gaps,
-        behind=[*_present(parts, "unexplained"), *([limits] if limits else [])],
-        sections=sections,
-        others=_present(parts, "gaps", "inseparable", "undetectable", "where", "doubts"),
-        still=_still_uri,
-        trace=[Heading(texts("trace")), *_trace(report, texts)],
-        simulated_only=all(result.measured.is_simulated for result in report.results),
-        style=_template("report.css"),
-        **_scripts(pictures),
+    acts = _open_acts(found, after) if found else []
+    parts = sections_of(found, texts, acts, corrected=bool(after and after.driven)) if found else {}
+    badge, (head, *tiles) = _summary(report, corrected or verdict, texts)
+    standing = texts(f"standing_{(corrected or verdict).overall}")
+    return (
+        environment()
+        .get_template("report.html")
+        .render(
+            t=texts,
+            title=report.title,
+            standing=f"{texts('corrected_now')} {standing}" if corrected else standing,
+            measured_on=texts.counted("measured_on", len(days), days=span),
+            heading=fields_of(heading, report.results, texts),
+            condition_badge=badge,
+            head=head,
+            tiles=tiles,
+            condition=_condition(report, badge, parts, texts),
+            accuracy=_accuracy(after, verdict, texts),
+            findings=_findings(report, verdict, parts, texts),
+            path=path_blocks(after, texts) if after else [],
+            parts=parts,
+            steps=step_sentences(stairs, texts) if stairs else [],
+            gaps=gaps,
+            limits=limits_blocks(verdict, texts, "limits_before" if after and after.driven else "limits"),
+            sections=sections,
+            still=_still_uri,
+            trace=_trace(report, texts),
+            simulated_only=all(result.measured.is_simulated for result in report.results),
+            style=_template("report.css"),
+            **_scripts([picture for _, drawn, _ in sections for picture in drawn] + list(gaps)),
+        )
     )
-
-
-def _present(parts: Sections, *names: str) -> list[list[Block]]:
-    return [parts[name] for name in names if name in parts]
 
 
 def _condition(report: Report, badge: Sentence, parts: Sections, texts: Texts) -> list[Block]:
@@ -197,45 +189,36 @@ def _accuracy(after: BeforeAfter | None, verdict: PageVerdict, texts: Texts) -> 
 
 def _findings(report: Report, verdict: PageVerdict, parts: Sections, texts: Texts) -> list[list[Block]]:
     """The acts, the faults, and an example of limits if the rig file has none for these tests."""
-    acts, faults, after = parts.get("acts", []), parts.get("faults", []), report.after
+    acts, after, limits = parts.get("acts", []), report.after, list[Block]()
     if acts and after and after.driven:
         acts = [*acts, Sentence(texts(f"after_cause_{after.way}"))]
-    limits: list[Block] = []
     if verdict.overall == "unjudged" and (example := example_limits(verdict)):
         has_data_sheet = report.rig.limits.data_sheet_rp_mm is not None
         about = joined([texts("example_limits"), texts("or_repeatability") if has_data_sheet else ""])
         limits = [Sentence(about), Command(example)]
-    return [blocks for blocks in (acts, faults, limits) if blocks]
+    return [blocks for blocks in (acts, parts.get("faults", []), limits) if blocks]
 
 
 def _summary(report: Report, verdict: PageVerdict, texts: Texts) -> tuple[Sentence, list[list[Block]]]:
     """The badge, the first sentences, and the three tiles of a diagnosis; the first tile also states the accuracy."""
     if report.found is None:
         return Sentence("", "unjudged", texts("badge_not_examined")), [[]]
-    after, summary = report.after, _summarised(report.found, report.after, texts)
+    summary = (report.after and report.after.summary) or summarise(report.found, texts)
     head, error, *tiles = summary_parts(summary, texts)
-    shown = after.verdict if after and after.driven and after.verdict and after.verdict.judged else verdict
-    accuracy = f"{texts('accuracy')}: {texts(f'standing_{shown.overall}')}"
-    error[-1] = Sentence(summary.error.basis, shown.overall, accuracy)
+    accuracy = f"{texts('accuracy')}: {texts(f'standing_{verdict.overall}')}"
+    error[-1] = Sentence(summary.error.basis, verdict.overall, accuracy)
     return Sentence("", summary.tone, summary.badge), [head, error, *tiles]
 
 
 def _trace(report: Report, texts: Texts) -> list[Block]:
     made = dt.datetime.now(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
     return [
+        Heading(texts("trace")),
         trace_table(report.results, texts),
         *(Sentence(f"left out: {error}", "doubt") for error in report.left_out),
         instruments_table(report.rig, texts),
         Sentence(texts("made", version=version(), written=made), "note"),
     ]
-
-
-def _parts(report: Report, texts: Texts) -> Sections:
-    """Return the sections of the diagnosis; the correction is no act if it is already made."""
-    if report.found is None:
-        return {}
-    acts = _open_acts(report.found, report.after)
-    return sections_of(report.found, texts, acts, corrected=bool(report.after and report.after.driven))
 
 
 def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
@@ -246,25 +229,12 @@ def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
     return [act for act in every if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)]
 
 
-def _summarised(diagnosis: Diagnosis, after: BeforeAfter | None, texts: Texts) -> Summary:
-    """Return the headline and the tiles. For a corrected robot they show the error measured with the correction."""
-    driven, judged = (after.driven, after.judged if after.joined else None) if after else (None, None)
-    acts = _open_acts(diagnosis, after)
-    summary = summarise(diagnosis, texts, acts=acts, driven=driven, judged_elsewhere=judged)
-    if not (acts and after and after.driven):
-        return summary
-    return with_corrections_removed(summary, acts[0].kind, after.way, texts)
-
-
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
     """Return script, plotting library and chart data of the page, and the script hashes for the browser."""
     packed = (resources.files("analysis") / "templates" / "plotly.min.js.gz").read_bytes()
     script = _template("report.js")
-    drawn = {
-        "pictures": {f"p{number}": live(picture) for number, picture in enumerate(pictures)},
-        "colours": {"light": colours(dark=False), "dark": colours(dark=True)},
-    }
     places = {id(picture): f"p{number}" for number, picture in enumerate(pictures)}
+    drawn = {"pictures": {places[id(picture)]: live(picture) for picture in pictures}, "looks": looks()}
     return {
         "script": script,
         "script_hashes": Markup(f"{_hash(script)} {_hash(gzip.decompress(packed).decode())}"),  # noqa: S704 - base64 of a hash
@@ -283,6 +253,5 @@ def _still_uri(picture: Picture) -> str:
 
 
 def _template(name: str) -> Markup:
-    """Return a style or script file of this package as unescaped markup."""
     text = (resources.files("analysis") / "templates" / name).read_text(encoding="utf-8")
     return Markup(text)  # noqa: S704 - a file of this package

@@ -12,11 +12,10 @@ from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
-from analysis.diagnosis.judge.acts import Act, Against, Cost, Doubt, JudgedOn, NamingTest, Objection, is_done
+from analysis.diagnosis.judge.acts import Act, Against, Cost, JudgedOn, NamingTest, Objection, is_done
 from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import PartKind
-from tests.support.answers import acts_in_words
 from tests.support.handmade_diagnosis import PLAY, REPAIR, SMALL, ZERO, diagnosis
 
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
@@ -26,19 +25,6 @@ NEED: dict[str, Any] = {
 }  # fmt: skip
 USUAL = replace(PLAY, doubt="usual", times_usual=2.0)
 GRAVITY = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("condition", CONDITIONS)
-def test_every_condition_has_sentences_in_every_language(condition: Condition, language: Language) -> None:
-    found = diagnosis(condition)
-    words = AnswerWords(found, texts_of(language))
-    acts = acts_in_words(found, texts_of(language))
-    condition_sentences = [] if condition in ("named", "ambiguous") else [words.condition_sentence]
-    for sentence in (*condition_sentences, words.accuracy, words.judged, *acts, words.texts(f"badge_{condition}")):
-        assert len(sentence) > 2 and not {"{", "}"} & set(sentence) and "None" not in sentence
-    for doubt in get_args(Doubt):
-        assert words.texts(f"doubt_{doubt}")
 
 
 def test_an_act_states_the_error_after_it_and_the_place() -> None:
@@ -128,12 +114,6 @@ def test_every_part_and_effect_has_a_noun_in_every_language(language: Language) 
     assert all(noun and "{" not in noun and "_" not in noun for noun in nouns)
     assert language == "en" or {noun.split()[0] for noun in texts_of(language).nouns} == VOCABULARY.keys()
     assert len(set(nouns)) == len(nouns)
-
-
-def test_objections_belong_to_the_last_sentence_of_an_act() -> None:
-    doubted = replace(REPAIR, against=(Against("few_runs"),))
-    said = ActWords(diagnosis(acts=(doubted,))).next
-    assert keys_of(said)[-1] == "against_few_runs" and ". (" not in said and said.endswith(").")
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

@@ -14,9 +14,7 @@ import pytest
 from rich.console import Console
 
 from analysis.apps.report.blocks import (
-    BarSegment,
     Block,
-    Cell,
     Heading,
     Segments,
     Sentence,
@@ -32,7 +30,7 @@ from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.diagnosis.judge.residuals import ResidualBand
 from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis, Gap
 from rigs.effects import JointOffset, TransmissionError
-from tests.support.handmade_diagnosis import LOAD, PLACES, PLAY, SMALL, ZERO, diagnosis
+from tests.support.handmade_diagnosis import LOAD, PLAY, SMALL, diagnosis
 
 EN = texts_of("en")
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
@@ -88,24 +86,6 @@ def test_a_terminal_of_any_width_shows_every_letter(width: int) -> None:
         assert "".join(shown.split()) in letters, shown
 
 
-def test_the_answer_stays_short_when_there_is_much() -> None:
-    names = tuple(f"transmission_error {axis} order {order}" for axis in range(1, 7) for order in range(1, 40))
-    many = diagnosis(where=PLACES * 10, not_testable=names, groups=(("a 1", "b 2"),) * 30)
-    console = Console(width=80, file=io.StringIO())
-    with console.capture() as text:
-        console.print(on_screen(answer_of(many)))
-    lines = text.get().splitlines()
-    assert len(lines) < 105 and max(map(len, lines)) <= 80
-
-
-def test_the_bar_has_a_segment_for_each_share() -> None:
-    console = Console(width=20, file=io.StringIO())
-    with console.capture() as capture:
-        console.print(Segments(tuple(map(BarSegment, "abc", (0.9, 0.07, 0.03), ("90 %", "7 %", "3 %")))))
-    bar, *names = capture.get().splitlines()
-    assert bar == "█" * 18 + "▓" + "▒" and [name.split()[1] for name in names] == ["a", "b", "c"]
-
-
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_shown_shares_add_up_to_100_percent(language: Language) -> None:
     thirds = tuple(BudgetPart("curve", 10.0, 1.0, 1 / 3, axis=k, rank="usual") for k in (1, 2, 3))
@@ -153,11 +133,6 @@ def test_rivals_and_twins_are_below_the_fault() -> None:
     assert keys_of(name.below[-1])[0] == "twins"
 
 
-def test_the_fault_with_the_largest_contribution_comes_first() -> None:
-    rows = table_of(diagnosis("named", effects=(ZERO, PLAY, SMALL)), "faults").cells()
-    assert [row[2].text for row in rows] == ["5.8", "5.1"]
-
-
 def test_an_unconfirmed_effect_has_its_reason_and_no_act() -> None:
     wave = replace(SMALL, effect=TransmissionError(axis=1, order=60, amplitude_deg=0.01), doubt="unexplained")
     sections = sections_of(diagnosis("named", effects=(PLAY, SMALL, wave)), EN)
@@ -188,7 +163,3 @@ def test_terminal_page_and_json_show_the_same_texts() -> None:
         assert "".join(text.split()) in screen
         assert environment().from_string("{{ text }}").render(text=text) in page
     assert plain[0]["keys"] == list(keys_of(summarise(found).headline))
-
-
-def test_a_cell_may_be_a_text() -> None:
-    assert Table(("a",), (("b",),)).cells() == [[Cell("b")]]

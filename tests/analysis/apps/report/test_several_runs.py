@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +12,13 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from analysis import evaluate, evaluate_runs, load_run
-from analysis.apps.report.blocks import Sentence, Table, on_screen
+from analysis.apps.report.blocks import Table, on_screen
 from analysis.apps.report.run_answer import answer_of
 from analysis.apps.report.run_object import as_object, compare
 from analysis.cli import app
-from analysis.procedures.pooled import ONE_RUN, pooled
+from analysis.procedures.pooled import pooled
 from analysis.procedures.results import Result, by_test
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.runs.tables import format_of
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from tests.support.refusals import refused
@@ -96,22 +93,6 @@ def test_runs_of_two_placements_are_not_pooled(tmp_path: Path) -> None:
         [run.name for run in runs[:2]],
         [run.name for run in runs[2:]],
     ]
-
-
-def test_a_kind_with_gauges_of_which_a_rig_file_has_no_part_is_of_one_place(
-    laps: list[Result], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kind: Any = type(format_of("yaw"))
-    monkeypatch.setattr(kind, "labels", replace(kind.labels, part=""))
-    assert len(by_test(laps)) == 1
-
-
-def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:
-    notes = [block.text for block in answer_of(laps[:1]) if isinstance(block, Sentence)]
-    assert any(note.startswith(ONE_RUN) for note in notes)
-    answer = as_object(laps[:1])
-    assert answer["between_runs"] == []
-    assert any(line.startswith("single run: u ") for line in answer["remarks"])
 
 
 def test_a_single_run_beside_repeated_ones_says_it_too(laps: list[Result]) -> None:

@@ -56,13 +56,6 @@ def test_what_is_given_stands_there_as_text_and_goes_first(report: Report) -> No
     assert fields(page) == given | {"gemessen von": "M. Kim"} and EVIL not in page
 
 
-def test_without_any_field_there_is_no_head(report: Report) -> None:
-    (result,) = report.results
-    manifest = result.measured.run.manifest.model_copy(update={"operator": ""})
-    measured = replace(result.measured, run=replace(result.measured.run, manifest=manifest), rig=RIG)
-    assert '"heading"' not in rendered(replace(report, results=(replace(result, measured=measured),)), texts_of("en"))
-
-
 @pytest.mark.parametrize(("emulated", "imported"), [(False, False), (True, False), (False, True)])
 def test_runs_that_measured_no_robot_are_called_so(report: Report, *, emulated: bool, imported: bool) -> None:
     (result,) = report.results

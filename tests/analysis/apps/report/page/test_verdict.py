@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -10,7 +9,7 @@ from typing import get_args
 import pytest
 import yaml
 
-from analysis import Measured, Result, evaluate_runs, load_run
+from analysis import Result, evaluate_runs, load_run
 from analysis.apps.report.page.accuracy import PageVerdict, example_limits, figure_title, judge, verdict_sentence
 from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.diagnosis.judge.verdict import standing_of
@@ -52,20 +51,6 @@ def test_the_example_of_limits_makes_every_test_judged() -> None:
     assert all(getattr(limits, test).model_fields_set for test in with_limits)
 
 
-def test_of_a_test_without_limits_no_example_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A user's own test may inherit the example limits of poses, which a rig file would refuse."""
-    monkeypatch.setattr("analysis.apps.report.page.accuracy.TESTS", ("height",))
-    monkeypatch.setattr("analysis.apps.report.page.accuracy.labels_of", lambda _: Labels(example=("rms_mm", 0.5, 1.0)))
-    assert example_limits(PageVerdict("unjudged", (), ("height",))) == ""  # type: ignore[arg-type]
-
-
-def test_the_example_of_limits_for_one_test_has_three_lines(laps: list[Result]) -> None:
-    lines = example_limits(judge(laps, Limits()))
-    assert lines.count("\n") == 3
-    limits = Limits.model_validate(yaml.safe_load(lines)["limits"])
-    assert judge(laps, limits).judged
-
-
 def test_each_direction_and_the_pair_are_judged_and_the_worst_decides(laps: list[Result]) -> None:
     wide, narrow = Limit(fail=100.0), Limit(fail=1e-4)
     verdict = judge(laps, _limits(band_deg=wide, circular_deviation_mm=narrow))
@@ -88,13 +73,6 @@ def test_the_worst_figure_is_named_and_the_others_counted(laps: list[Result], la
     assert len(verdict.with_standing("fail")) == 5
     assert [figure_title(one, texts) in sentence for one in verdict.judged] == [True] + [False] * 4
     assert "5" in sentence
-
-
-def test_a_single_figure_is_not_spoken_of_as_several(laps: list[Result]) -> None:
-    for bound, overall in ((100.0, "pass"), (1e-6, "fail")):
-        verdict = judge(laps[:1], _limits(band_deg=Limit(fail=bound)))
-        assert (verdict.overall, len(verdict.judged)) == (overall, 1)
-        assert ("fails: " in verdict_sentence(verdict, TEXTS)) == (overall == "fail")
 
 
 def test_a_figure_whose_uncertainty_reaches_over_its_limit_does_not_pass(laps: list[Result]) -> None:
@@ -133,25 +111,3 @@ def test_the_data_sheet_is_named_where_it_is_the_limit(tmp_path: Path) -> None:
     judged = {one.name: one for one in judge(evaluate_runs([load_run(run)]), RIG.limits).judged}
     assert (judged["rp_mm"].of_data_sheet, judged["rp_mm"].standing) == (True, "pass")
     assert not judged["bi_mm"].of_data_sheet
-
-
-@pytest.mark.parametrize(("factor", "expected"), [(0.5, 1), (3.0, 2)])
-def test_no_test_is_evaluated_after_one_that_failed(
-    laps: list[Result], monkeypatch: pytest.MonkeyPatch, factor: float, expected: int
-) -> None:
-    """The same runs, as those of two tests: only a failure makes the second test unnecessary."""
-    evaluated: list[str] = []
-
-    def results_of(runs: Sequence[Measured]) -> list[Result]:
-        evaluated.append(runs[0].run.manifest.test)
-        return laps
-
-    # private: counts the evaluations, which no result shows
-    monkeypatch.setattr("analysis.diagnosis.judge.verdict._results_of", results_of)
-    yaw = laps[0].measured
-    manifest = yaw.run.manifest.model_copy(update={"test": "roll"})
-    roll = replace(yaw, run=replace(yaw.run, manifest=manifest))
-    limit = Limit(fail=factor * laps[0].figures["band_deg"].value)
-    limits = Limits(yaw=_limits(band_deg=limit).yaw, roll=_limits(band_deg=limit).yaw)
-    standing_of(RIG.model_copy(update={"limits": limits}), [yaw, roll])
-    assert len(evaluated) == expected
