@@ -70,8 +70,8 @@ class ActWords(AnswerWords):
             keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early", "load": load}
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act), maker=rig.maker or "MAKER")
         kind, part = act.kind, {"clocks": "gauges", "gravity": "base"}.get(act.effect.part, act.effect.part)
-        keys = (f"act_{kind}_{act.effect.effect}", f"act_{kind}_{part}", f"act_{kind}_{act.why}", f"act_{kind}")
-        key = next(key for key in keys if key in texts.words)
+        ends = (f"_{act.effect.effect}", f"_{part}", f"_{act.why}", "")
+        key = next(key for end in ends if (key := f"act_{kind}{end}") in texts.words)
         axis = getattr(act.effect, "axis", None)
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})

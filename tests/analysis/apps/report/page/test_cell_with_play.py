@@ -39,7 +39,7 @@ def test_one_lap_each_way_has_the_play_in_the_first_sentence_and_shares_that_add
     play = next(one for one in found.budget if one.name == "backlash 1")
     assert play.rank in ("usual", "unusual", "undecided") and play.share > 0.9
     assert found.condition != "undecided"  # what is sure, and of usual size, is not doubted for being driven once
-    assert "play of axis 1 (Theta)" in _first_sentence(page)
+    assert "lay of axis 1 (Theta)" in _first_sentence(page)
     assert sum(_shares(page)) == pytest.approx(100.0, abs=1e-9) and len(_shares(page)) >= 3
     for language, name in (("de", "Spiel von Achse 1 (Theta)"), ("ko", "축 1(Theta)의 백래시")):
         other = rendered(replace(report, results=report.results[:1]), texts_of(language))  # fewer pictures
