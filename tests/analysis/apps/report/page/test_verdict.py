@@ -14,7 +14,6 @@ from analysis.apps.report.page.accuracy import PageVerdict, example_limits, figu
 from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.diagnosis.judge.verdict import standing_of
 from analysis.procedures.pooled import figure_columns
-from analysis.procedures.shared.test_kind import Labels
 from rigs.load import load, load_hidden
 from rigs.schema.limits import CircleLimits, Limit, Limits
 from rigs.schema.vocabulary import TestName
