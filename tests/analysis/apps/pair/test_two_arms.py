@@ -27,25 +27,22 @@ from rigs.rig import Rig
 from rigs.schema.robot import Pose
 from tests.support.command_line import ran
 from tests.support.refusals import refused
-from tests.support.two_arm_cases import KNOWN, deviations, rig_of, touches_alone, touches_of_pair, with_fixed
-from tests.worlds import two_arms as world
+from tests.support.two_arm_cases import (
+    KNOWN,
+    deviations,
+    known_base,
+    nominal_points,
+    rigs,
+    touches_of_pair,
+    with_fixed,
+)
 
 FIRST_BALL, SECOND_BALL = (60.0, 20.0, 90.0), (-50.0, 30.0, 70.0)
-SCATTER_MM = 0.05
 
 
 @cache
-def cell(second: world.Kind = world.IIWA, seed: int = 5) -> world.Cell:
-    return world.drawn_cell(world.UR10E, second, np.random.default_rng(seed))
-
-
-def rigs(second: world.Kind = world.IIWA) -> tuple[Rig, Rig]:
-    return rig_of(world.UR10E, "left", FIRST_BALL), rig_of(second, "right", SECOND_BALL)
-
-
-@cache
-def touches(count: int = 50) -> PairTable:
-    return touches_of_pair(cell(), count, SCATTER_MM, np.random.default_rng(7))
+def touches() -> PairTable:
+    return touches_of_pair()
 
 
 @cache
@@ -60,7 +57,7 @@ def result() -> PairResult:
 
 def error_over_u(found: PairResult) -> Array:
     """Deviation of the base (3,) in its standard uncertainties."""
-    off = np.array(found.base.xyz_mm) - cell().known_base[:3, 3]
+    off = np.array(found.base.xyz_mm) - known_base()[:3, 3]
     return np.abs(off) / np.array(found.base.u_xyz_mm)
 
 
@@ -69,17 +66,16 @@ def error_over_u(found: PairResult) -> Array:
 
 
 def test_constants_and_base_are_within_their_uncertainty() -> None:
-    found = deviations(cell(), fitted(), np.random.default_rng(1))
-    z = np.array([value for values in found.z.values() for value in values])
+    z = deviations(fitted()).z
     assert 0.4 < np.sqrt(np.mean(z**2)) < 1.5
     assert np.mean(np.abs(z) < 2) > 0.88
     assert error_over_u(result()).max() < 3
 
 
 def test_both_arms_become_several_times_more_accurate() -> None:
-    error = deviations(cell(), fitted(), np.random.default_rng(1)).error
+    error = deviations(fitted()).error
     for arm in ("first", "second"):
-        assert error[f"{arm} place fitted"] < 0.3 * error[f"{arm} place nominal"]
+        assert error[f"{arm} fitted"] < 0.3 * error[f"{arm} nominal"]
     assert result().left_mm < 0.15 * result().before_mm
 
 
@@ -97,12 +93,10 @@ def test_the_columns_are_the_change_of_the_gap() -> None:
 
 
 def test_arms_of_four_and_five_axes_are_fitted() -> None:
-    for kind in (world.FOUR, world.FIVE):
-        drawn = world.drawn_cell(world.UR10E, kind, np.random.default_rng(2))
-        table = touches_of_pair(drawn, 30, SCATTER_MM, np.random.default_rng(2))
-        fit = fit_pair(pair_of(*rigs(kind), table, "t"))
+    for kind in ("four", "five"):
+        fit = fit_pair(pair_of(*rigs(kind), touches_of_pair(kind), "t"))
         found = result_of(fit)
-        off = np.array(found.base.xyz_mm) - drawn.known_base[:3, 3]
+        off = np.array(found.base.xyz_mm) - known_base(kind)[:3, 3]
         assert (np.abs(off) < 4 * np.array(found.base.u_xyz_mm)).all()
         assert found.left_mm < 0.3 * found.before_mm
 
@@ -142,9 +136,7 @@ def test_the_scale_of_both_arms_is_not_testable() -> None:
 
 
 def test_a_known_distance_of_fixed_sockets_fixes_the_scale() -> None:
-    fixed = touches_alone(cell().first, 7, 24, SCATTER_MM, np.random.default_rng(11))
-    both, left = with_fixed(touches(), fixed), rig_of(world.UR10E, "left", FIRST_BALL, KNOWN)
-    found = result_of(fit_pair(pair_of(left, rigs()[1], both, "t")))
+    found = result_of(fit_pair(pair_of(*rigs(more=KNOWN), with_fixed(touches()), "t")))
     assert found.scale.is_known
     assert found.base.u_distance_mm < 0.5 * result().base.u_distance_mm
     assert error_over_u(found).max() < 3.5
@@ -166,10 +158,9 @@ def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_o
     planned = plan_touches(left, right, 20, "t")
     table = planned.table
     tips = []
-    for kind, joints, ball in ((world.UR10E, table.q, FIRST_BALL), (world.IIWA, table.p, SECOND_BALL)):
-        arm = world.nominal_arm(kind, np.array(ball))
-        tips.append(arm.tip_and_slope(joints)[0])
-        assert (np.abs(joints) <= np.radians([170 if kind is world.IIWA else 180] * kind.axes)).all()
+    for rig, joints, ball in ((left, table.q, FIRST_BALL), (right, table.p, SECOND_BALL)):
+        tips.append(nominal_points(rig, joints, ball))
+        assert (np.abs(joints) <= np.radians(180 if rig is left else 170)).all()
     there = np.array([1500.0, 0.0, 0.0]) + tips[1] * np.array([-1.0, -1.0, 1.0])
     assert np.abs(tips[0] - there).max() < 0.01
     arms = PairArm(left, ()).model.arm, PairArm(right, ()).model.arm
@@ -262,7 +253,7 @@ def test_from_init_to_both_calibrations_and_the_base(tmp_path: Path) -> None:
     done = ran("pair", "left.yaml", "right.yaml", "touches.csv", "-o", "calibrated", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    off = np.array(found["base"]["xyz_mm"]) - cell().known_base[:3, 3]
+    off = np.array(found["base"]["xyz_mm"]) - known_base()[:3, 3]
     assert (np.abs(off) < 3 * np.array(found["base"]["u_xyz_mm"])).all()
     assert {one["what"] for one in found["not_testable"]} >= {"zero and d of axis 6", "zero and d of axis 7"}
     assert json.loads((tmp_path / "calibrated/pair.json").read_text()) == found
