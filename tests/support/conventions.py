@@ -1,7 +1,8 @@
 """Cells of an independent world, sound or with one broken convention, and the expected findings of rig.
 
 `tests/tables/conventions.xz` has them as the retired trial `conventions` drew them (docs/evidence/conventions.md):
-circles and targets of `tests.worlds.stranger`, laps that begin where the one before ended, and poses of five arms. Each
+circles and targets of `tests.worlds.stranger`, laps that begin where the one before ended, laps with a joint a turn on,
+and poses of five arms. Each
 arm has every effect at its healthy size.
 """
 

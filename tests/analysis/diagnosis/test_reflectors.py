@@ -14,7 +14,6 @@ from analysis.runs.loading import Measured
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 from tests.support.conventions import run_of
-from tests.support.driven_on import remounted
 from tests.worlds.arms.independent_arm import Cell, Seen, bad_zeros, cell, healthy, postures
 
 RIG = load("ur10e")[0]
@@ -35,7 +34,8 @@ def _cell(seed: int) -> tuple[Cell, np.random.Generator]:
 @pytest.mark.parametrize("named", [False, True])
 def test_each_reflector_has_a_place_of_its_own(seed: int, named: bool) -> None:
     there, rng = _cell(seed)
-    seen = remounted(there, postures("ur10e", 50, rng), TARGETS, rng)
+    q = postures("ur10e", 50, rng)
+    seen = [replace(there, tool_mm=place).seen(q, rng) for place in TARGETS]
     seen.append(replace(there, tool_mm=TARGETS[1], place_mm=there.place_mm + 500).seen(seen[0].q, rng))
     runs = [_run(one, f"t{k}", f"p{k}" if named else "") for k, one in enumerate(seen)]
     (kept,), said = prepare_runs(RIG, runs)

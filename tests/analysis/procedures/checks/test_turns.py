@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from analysis.procedures.checks.check_runs import findings_of
 from analysis.procedures.checks.columns import unit_findings
@@ -7,15 +6,7 @@ from analysis.procedures.pose import groups
 from analysis.robot.kinematics.joint_limits import impossible_rad, wrapped
 from analysis.runs.tables import CircleTable, PoseTable
 from rigs.load import load
-from tests.support import driven_on
 from tests.support.conventions import cells, run_of
-from tests.support.driven_on import Drive, drive
-from tests.worlds.arms.independent_arm import none
-
-
-@pytest.mark.parametrize("name", driven_on.ROBOTS)
-def test_the_robots_of_these_tests_wind_a_wrist(name):
-    assert np.abs(driven_on.winds(name)).sum() == 1
 
 
 def test_inverted_gauges_are_detected_despite_a_winding_joint():
@@ -29,19 +20,6 @@ def test_inverted_gauges_are_detected_despite_a_winding_joint():
             if isinstance(t, CircleTable)
         ]
         assert [one.strength for one in findings_of(turned)] == ["decisive"] * (sign < 0)
-
-
-def test_a_turn_added_to_a_joint_changes_nothing():
-    """The same lap with joint 4 a turn on in the cw run alone, and a play of axis 1 that is to be seen."""
-    rng, play = np.random.default_rng(5), np.radians([0.03, 0, 0, 0, 0, 0])
-    rig = load("paper-fanuc")[0]
-    for turns in ((0,) * 6, (0, 0, 0, 1, 0, 0), (0, 0, 0, -1, 0, 1)):
-        runs = []
-        for sense, way in ((1, "acw"), (-1, "cw")):
-            one = Drive("yaw", sense, turns=turns if sense < 0 else (0,) * 6)
-            got = drive("paper-fanuc", one, none(), rng, play_rad=play)
-            runs.append(run_of(CircleTable("yaw", way, got.t_s, got.q, got.g_mm), way, rig))
-        assert findings_of(runs) == []
 
 
 def test_a_wrist_that_winds_on_is_no_mistake_of_units():
