@@ -11,7 +11,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from analysis.apps.report.diagnosis_report import write_extended
-from analysis.correction.pose_uncertainty import CalibratedUncertainty
+from analysis.correction.pose_uncertainty import PoseUncertainty
 from analysis.correction.work import tool_poses
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import model_of
@@ -137,7 +137,7 @@ def test_every_kind_of_term_moves_the_tool(k, read):
 
 def test_the_uncertainty_of_the_place_is_that_of_corrected_targets(rig, read):
     assert rig.calibrated
-    moves = CalibratedUncertainty(rig, rig.calibrated).pose_displacements(Q[:5])[:, :, :3]
+    moves = PoseUncertainty(rig, rig.calibrated).pose_displacements(Q[:5])[:, :, :3]
     theirs = [READER["u_of_place"](*read, q) for q in Q[:5]]
     assert theirs == pytest.approx(np.sqrt((moves**2).sum(axis=(0, 2))), rel=2e-3)
 

@@ -31,8 +31,6 @@ _SEEDS = 128
 """
 _ORTHONORMAL = 1e-6
 """Permitted deviation of rotation rows from orthonormality: rounding to ten digits."""
-_ONE_FRAME = 2
-"""Dimensions of a single frame (4, 4)."""
 _UNTURNED_DEG, _UNTURNED_DIGITS, _ALIKE_DIGITS = 1e-6, 6, 3
 """Rotation in degrees below which a result is a rounding error, and decimals in rad for equal rotations and
 postures.
@@ -116,7 +114,7 @@ class CalibratedArm:
         FileError for invalid frames.
         """
         poses = _numbers(T, "T")
-        poses = poses[None] if poses.ndim == _ONE_FRAME else poses
+        poses = poses[None] if poses.shape == (4, 4) else poses
         if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
             raise FileError(
                 "T",

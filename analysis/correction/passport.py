@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm
+from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm
 from analysis.correction.work import rest_mm, rms_um, spread_angles, tool_poses
-from analysis.diagnosis.judge.passport import Passport
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.judge.probability import CONFIRMED
-from analysis.diagnosis.judge.result import SURE_SIGMA, Diagnosis, Named
+from analysis.diagnosis.judge.result import Diagnosis, Named, Passport
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.description.controller_constants import data_sheet_of
 from analysis.robot.kinematics.arm import Array, arm_of, controller_arm, forward
@@ -22,7 +22,7 @@ def passport_of(diagnosis: Diagnosis) -> Passport | None:
     if calibrated is None or not diagnosis.is_modelled:
         return None
     real = diagnosis.extended_rig.with_calibration(None, calibrated)
-    uncertainty = CalibratedUncertainty(real, calibrated)
+    uncertainty = PoseUncertainty(real, calibrated)
     q = spread_angles(real, uncertainty.joints_rad)  # a single circle would not determine base and tool
     of_posture = [effect for effect in model_of(real).effects if effect.compensation().use != "none"]
     places = tool_poses(model_of(real, of_posture), q)[:, :3, 3]

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Protocol
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from analysis.diagnosis.evidence.observation import BEYOND_DEG
 from analysis.procedures.shared.quantity import parameter_label
 from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers, Mask, pose_error
 from analysis.robot.model.predict import Model, apply, driven, model_of, moved, posed
-from rigs.calibration import TIMES, CalibratedModel, verdict_of
+from rigs.calibration import TIMES, CalibratedModel, CovarianceParameter, verdict_of
 from rigs.effects import Effect, turned
 from rigs.rig import Rig
 from rigs.schema.effect import healthy_size, label_of, size_field
@@ -37,45 +37,46 @@ _ROWS = 128
 
 
 @dataclass(frozen=True)
-class CalibratedUncertainty:
-    """Uncertainty of a rig from the covariance of the calibrated model and, independently, of other effects."""
+class PoseUncertainty:
+    """Uncertainty of the tool pose of a rig: from the covariance of its calibration, if any, and independently from
+    other effects of the rig file."""
 
     rig: Rig
-    calibrated: CalibratedModel
-    others: tuple[Support, ...] = ()
+    calibrated: CalibratedModel | None = None
+    supported: tuple[Support, ...] = ()
+    """Effects of the rig file outside the calibration."""
 
     @cached_property
-    def _effective_parameters(self) -> list[int]:
-        """Indices of the parameters of posture-dependent terms, which move the tool."""
+    def _parameters(self) -> list[tuple[int, CovarianceParameter, Effect]]:
+        """Parameters of posture-dependent terms of the calibration, which move the tool, with row and effect."""
+        if self.calibrated is None:
+            return []
         terms = self.calibrated.terms
-        return [
-            k
-            for k, parameter in enumerate(self.calibrated.parameters)
-            if terms[parameter.term].effect.compensation().use != "none"
-        ]
+        rows = [(k, parameter, terms[parameter.term].effect) for k, parameter in enumerate(self.calibrated.parameters)]
+        return [row for row in rows if row[2].compensation().use != "none"]
+
+    @property
+    def factor(self) -> Array:
+        """A root (p, P) of the covariance of the parameters of `pose_derivatives`, a row in the unit of each."""
+        if self.calibrated is None:
+            return np.empty((0, 0))
+        return np.asarray(self.calibrated.root[[row for row, _, _ in self._parameters]])
 
     @cached_property
     def _root(self) -> Array:
         """Matrix root (p, r) of the covariance of the parameters that affect the tool."""
-        rows = self.calibrated.root[self._effective_parameters]
-        values, vectors = np.linalg.eigh(rows @ rows.T)
+        values, vectors = np.linalg.eigh(self.factor @ self.factor.T)
         root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
         return root
 
     def pose_displacements(self, q: Array) -> Array:
         """Return independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint
-        angles q (n, 6) rad."""
+        angles q (n, 6) rad: their sum of squares is the covariance."""
+        others = self.displacements_by_effects(q)
+        if self.calibrated is None:
+            return others
         moves: Array = np.tensordot(self._root.T, self.pose_derivatives(model_of(self.rig), q), axes=1)
-        return np.concatenate([moves, self.displacements_by_others(q)])
-
-    def displacements_by_others(self, q: Array) -> Array:
-        """Return the part of `pose_displacements` (k, n, 6) mm and rad by effects outside the calibration."""
-        return EffectsUncertainty(self.rig, self.others).pose_displacements(q)
-
-    @property
-    def factor(self) -> Array:
-        """A root (p, P) of the covariance of the parameters of `pose_derivatives`, a row in the unit of each."""
-        return np.asarray(self.calibrated.root[self._effective_parameters])
+        return np.concatenate([moves, others])
 
     def pose_derivatives(self, model: Model, q: Array) -> Array:
         """Return the derivatives (p, n, 6) of the tool pose, mm and rad, by the parameters of posture-dependent terms
@@ -89,8 +90,9 @@ class CalibratedUncertainty:
         ]) / np.radians(_STEP_DEG)  # fmt: skip
         scene = driven(replace(model, effects=()), path)
 
+        @cache
         def change(effect: Effect) -> Array:
-            """Return the influence of an effect on the tool (n, 6), mm and rad."""
+            """Influence of an effect on the tool (n, 6), mm and rad."""
             if effect.STAGE == "joint":
                 turns = apply([effect], "joint", scene).link_q - scene.link_q
                 by_turns: Array = np.einsum("na,ani->ni", turns[:, : len(by_joint)], by_joint)
@@ -99,91 +101,19 @@ class CalibratedUncertainty:
             at_joints = joints if effect.STAGE == "tool" else driven(changed, path)
             return pose_error(base, posed(changed, path, at_joints).T)
 
-        changes: dict[Effect, Array] = {}
-
-        def of(effect: Effect) -> Array:
-            if effect not in changes:
-                changes[effect] = change(effect)
-            return changes[effect]
-
-        derivatives = np.zeros((len(self._effective_parameters), len(q), 6))
-        for row, k in enumerate(self._effective_parameters):
-            parameter = self.calibrated.parameters[k]
-            effect: Any = self.calibrated.terms[parameter.term].effect
+        derivatives = np.zeros((len(self._parameters), len(q), 6))
+        for derivative, (_, parameter, effect) in zip(derivatives, self._parameters, strict=True):
             if parameter.field == TIMES:
-                derivatives[row] = of(effect)
+                derivative[:] = change(effect)
                 continue
             step = _SMALL * healthy_size(effect) if parameter.field == size_field(effect) else _SMALL
             stepped = effect.model_copy(update={parameter.field: getattr(effect, parameter.field) + step})
-            derivatives[row] = (of(stepped) - of(effect)) / step
+            derivative[:] = (change(stepped) - change(effect)) / step
         return derivatives
 
-    @property
-    def unexplained_mm(self) -> float:
-        """Unexplained rms position error from the validation in a diagnosis. It is equal in all three coordinates
-        and varies between places, so a taught frame cannot remove it.
-        """
-        judged = self.calibrated.judged
-        return 0.0 if judged is None else np.sqrt(3.0) * judged.unexplained_um / 1e3
-
-    @property
-    def joints_rad(self) -> Array:
-        """Range of each joint (6, 2) rad in the model's runs, followed by that of a rail in m."""
-        joints, rail = np.radians(np.array(self.calibrated.joints_deg)), self.calibrated.rail_mm
-        return joints if rail is None else np.vstack([joints, np.array(rail) / RAIL_MM])
-
-    def is_within_reach(self, q: Array) -> Mask:
-        """Return a mask (n,) of postures q (n, 6) rad with the ball no further from touched sockets than validated.
-
-        True for runs measured with an instrument, false for a model that must not be used for correction.
-        """
-        reach_mm, judged = self.calibrated.reach_mm, verdict_of(self.calibrated) == "correct"
-        if reach_mm is None or not judged:
-            return np.full(len(q), judged)
-        placed = list(self.calibrated.setups.values())
-        sockets = -np.array([setup.T_instrument_world for setup in placed])[:, :3, 3]
-        balls = (tool_poses(model_of(self.rig, ()), q) @ np.array(placed[0].T_tool_target))[:, :3, 3]
-        return np.asarray(np.linalg.norm(balls[:, None] - sockets, axis=2).min(axis=1) <= reach_mm)
-
-
-def _with(model: Model, effect: Effect) -> Model:
-    return replace(model, effects=(*model.effects, effect))
-
-
-_TAUGHT = 200
-"""Limit of postures for teaching a frame. Chosen: six parameters do not improve with more."""
-
-
-class PoseUncertainty(Protocol):
-    """Uncertainty of a model."""
-
-    def pose_displacements(self, q: Array) -> Array:
-        """Return independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint
-        angles q (n, 6) rad: their sum of squares is the covariance."""
-
-    def is_within_reach(self, q: Array) -> Mask:
-        """Return a mask (n,) of tool positions within the validated distance from measured positions, at joint
-        angles q (n, 6) rad.
-        """
-
-    @property
-    def joints_rad(self) -> Array | None:
-        """Range of each joint (6, 2) rad in the model's runs, None if unknown."""
-
-    @property
-    def unexplained_mm(self) -> float:
-        """Unexplained rms position error in mm beyond the covariance, from the validation; 0 if not validated."""
-
-
-@dataclass(frozen=True)
-class EffectsUncertainty:
-    """Uncertainty of a rig from the effects in the rig file, with correlations."""
-
-    rig: Rig
-    supported: tuple[Support, ...]
-
-    def pose_displacements(self, q: Array) -> Array:
-        """Return independent displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad."""
+    def displacements_by_effects(self, q: Array) -> Array:
+        """Return the part of `pose_displacements` (k, n, 6) mm and rad by effects of the rig file, with their
+        correlations."""
         model = model_of(self.rig, used_effects(self.rig, self.supported))
         path = at_rest(q)
         base = moved(model, path).T
@@ -210,32 +140,56 @@ class EffectsUncertainty:
 
     @property
     def unexplained_mm(self) -> float:
-        """Always 0: the effects were not validated together."""
-        return 0.0
-
-    def is_within_reach(self, q: Array) -> Mask:
-        """Return True for each posture (n,) of q (n, 6) rad. Effects of a rig file have only joint ranges."""
-        return np.ones(len(q), dtype=bool)
+        """Unexplained rms position error beyond the covariance, from the validation in a diagnosis; 0 if not validated.
+        It is equal in all three coordinates and varies between places, so a taught frame cannot remove it.
+        """
+        judged = self.calibrated and self.calibrated.judged
+        return np.sqrt(3.0) * judged.unexplained_um / 1e3 if judged else 0.0
 
     @property
     def joints_rad(self) -> Array | None:
-        """Joint ranges (6, 2) rad common to the runs of all effects; None if all are unknown."""
+        """Range of each joint (6, 2) rad in the runs of the calibration, followed by that of a rail in m; without a
+        calibration, the range common to the runs of all effects. None if unknown."""
+        if self.calibrated is not None:
+            joints, rail = np.radians(np.array(self.calibrated.joints_deg)), self.calibrated.rail_mm
+            return joints if rail is None else np.vstack([joints, np.array(rail) / RAIL_MM])
         effects = used_effects(self.rig, self.supported)
         ranges_deg = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
         if not ranges_deg:
             return None
         ranges = np.radians(np.array(ranges_deg))
-        common: Array = np.stack([ranges[:, :, 0].max(axis=0), ranges[:, :, 1].min(axis=0)], axis=1)
-        return common
+        return np.stack([ranges[:, :, 0].max(axis=0), ranges[:, :, 1].min(axis=0)], axis=1)
+
+    def is_within_reach(self, q: Array) -> Mask:
+        """Return a mask (n,) of postures q (n, 6) rad with the ball no further from touched sockets than validated.
+
+        True for runs measured with an instrument, false for a model that must not be used for correction.
+        """
+        if self.calibrated is None:
+            return np.ones(len(q), dtype=bool)
+        reach_mm, judged = self.calibrated.reach_mm, verdict_of(self.calibrated) == "correct"
+        if reach_mm is None or not judged:
+            return np.full(len(q), judged)
+        placed = list(self.calibrated.setups.values())
+        sockets = -np.array([setup.T_instrument_world for setup in placed])[:, :3, 3]
+        balls = (tool_poses(model_of(self.rig, ()), q) @ np.array(placed[0].T_tool_target))[:, :3, 3]
+        return np.asarray(np.linalg.norm(balls[:, None] - sockets, axis=2).min(axis=1) <= reach_mm)
+
+
+def _with(model: Model, effect: Effect) -> Model:
+    return replace(model, effects=(*model.effects, effect))
+
+
+_TAUGHT = 200
+"""Limit of postures for teaching a frame. Chosen: six parameters do not improve with more."""
 
 
 def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
     """Return the uncertainty of a rig's model: of the calibration, and of effects outside the calibration."""
-    if rig.calibrated is None:
-        return EffectsUncertainty(rig, tuple(supported))
-    held_labels = {label_of(term.effect) for term in rig.calibrated.terms if term.named}
+    terms = rig.calibrated.terms if rig.calibrated else ()
+    held_labels = {label_of(term.effect) for term in terms if term.named}
     others = tuple(support for support in supported if label_of(support.effect) not in held_labels)
-    return CalibratedUncertainty(rig, rig.calibrated, others)
+    return PoseUncertainty(rig, rig.calibrated, others)
 
 
 def few_taught(count: int) -> Integers:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.diagnosis.evidence.significance import POSSIBLE_SIGMA
 from rigs.calibration import ground_of, verdict_of
 from rigs.effects import Effect, size_field
 from rigs.errors import FileError
@@ -84,11 +85,6 @@ def _support(effect: Effect, u: float, *, from_calibration: bool = False) -> Sup
     return Support(effect, value, u, use, _HOW[use] + doubt)
 
 
-CERTAIN_U = 2.0
-"""Number of standard uncertainties above which an effect counts as certain.
-
-For a smaller effect no gain is proven, and a correction may do harm.
-"""
 ANYWAY = "written although rig advises against a correction by this model"
 """Mark in every file written against the verdict."""
 
@@ -101,14 +97,14 @@ def known_plays(rig: Rig) -> tuple[Effect, ...]:
     backlash. If a joint reverses between two targets, the link crosses the backlash gradually on the way. This part of
     the error remains.
     """
-    unsure = {id(support.effect) for support in supports(rig) if support.value < CERTAIN_U * support.u}
+    unsure = {id(support.effect) for support in supports(rig) if support.value < POSSIBLE_SIGMA * support.u}
     plays = [
         effect for effect in rig.effects if effect.STAGE == "joint" and is_play(effect) and id(effect) not in unsure
     ]
     plays += [
         support.effect
         for support in supports_of_usual_size(rig)
-        if support.effect.STAGE == "joint" and is_play(support.effect) and support.value >= CERTAIN_U * support.u
+        if support.effect.STAGE == "joint" and is_play(support.effect) and support.value >= POSSIBLE_SIGMA * support.u
     ]
     return tuple(plays)
 

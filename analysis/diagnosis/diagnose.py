@@ -1,6 +1,6 @@
 """Diagnosis of runs: find the disagreement, identify the missing effects, validate them, and state the doubts.
 
-runs → evidence → effects selected and refined on the simulator → gaps of the model → verdict → diagnosis with actions
+runs → evidence → effects selected and refined on the simulator → gaps of the model → diagnosis → actions
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from threadpoolctl import threadpool_limits
 from analysis.diagnosis.evidence.gather import Uses, gather
 from analysis.diagnosis.fit.contradictions import without_contradicted
 from analysis.diagnosis.fit.fit_evidence import fit_evidence
-from analysis.diagnosis.judge.conclude import conclude
 from analysis.diagnosis.judge.judge import judge
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.validate import validate
@@ -49,8 +48,7 @@ def diagnose(
         evidence, contradictions = without_contradicted(evidence, given, progress)
         fit = fit_evidence(evidence, given, progress)
         validation = validate(evidence, fit, progress)
-        verdict, findings = judge(evidence, fit, validation)
-        diagnosis = conclude(evidence, fit, validation, verdict, findings)
+        diagnosis, early = judge(evidence, fit, validation)
         diagnosis = replace(diagnosis, contradictions=contradictions)
-        diagnosis = plan_next(diagnosis, evidence, fit, validation, findings, progress)
+        diagnosis = plan_next(diagnosis, evidence, fit, validation, progress, early=early)
         return replace(diagnosis, seconds=time.perf_counter() - begin_s)

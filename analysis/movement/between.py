@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket
 from analysis.diagnosis.evidence.placements import observe_runs
 from analysis.diagnosis.judge.act_list import MOVED
-from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.result import Diagnosis, Movement
 from analysis.movement.cause_odds import CauseOdds, odds_of
 from analysis.movement.causes import look_alike
 from analysis.movement.changes import find_step
@@ -157,7 +156,7 @@ def _movement(runs: Sequence[Measured], where: int, row: int, found: CauseOdds, 
         u_rotation_deg=found.u_rotation_deg,
         run=names[where],
         row=None if row == 0 else int(rows[row]),
-        alike=look_alike(found.cause, piece.model.arm.axes, of_tracker=facts_of(piece.table.test).of_tracker),
+        alike=look_alike(found.cause, piece.model.arm.axes, of_tracker=piece.facts.of_tracker),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.diagnosis.evidence.movements import Alike
+from analysis.diagnosis.judge.result import Alike
 from analysis.robot.kinematics.arm import Array
 
 What = Literal["nothing", "base", "instrument", "socket", "target", "tool", "zero", "pair", "triple", "other"]

@@ -14,6 +14,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, parts
 from analysis.diagnosis.evidence.setups import fit_setups
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.movement.cause_odds import CauseOdds, causes_by_odds
 from analysis.movement.causes import LEVELS, Cause
 from analysis.movement.evidence import Conditioned, LinearReadings, condition
@@ -31,10 +32,6 @@ _LOG_ODDS = 12.0
 """Minimum gain of log evidence for a step to be examined.
 
 Chosen: a hundred readings and ten causes give a thousand possible steps, so an unexpected step must be certain.
-"""
-_TIMES_SCATTER = 3.0
-"""Minimum effect on a reading in multiples of the scatter. Smaller changes, such as drift with temperature, are
-covered by other effects of a diagnosis.
 """
 
 
@@ -75,7 +72,8 @@ def find_step(runs: Sequence[ObservedRun], order: Integers) -> MovementStep | No
     members = likeliest.members or (likeliest,)
     columns = np.concatenate([compared.shifts[member].columns for member in members], axis=1)
     moves_mm = np.abs(columns @ compared.posterior.estimates[likeliest].mean).max()
-    is_large = moves_mm > _TIMES_SCATTER * reference.scatter_mm
+    # Smaller changes, such as drift with temperature, are covered by other effects of a diagnosis.
+    is_large = moves_mm > SURE_SIGMA * reference.scatter_mm
     return MovementStep(first, found, is_joint=len(members) > 1) if is_large else None
 
 

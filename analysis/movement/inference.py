@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.evidence.observation import ObservedRun, parts
 from analysis.diagnosis.evidence.setups import fit_setups, folds_of
+from analysis.diagnosis.judge.result import Movement
 from analysis.movement.causes import NOTHING, Cause, prior_of
 from analysis.movement.evidence import (
     CausePosterior,

@@ -13,10 +13,9 @@ from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted
 from analysis.diagnosis.evidence.setups import columns_of, moved_setup, placement_of, target_of
 from analysis.movement.causes import Cause
 from analysis.movement.evidence import LinearReadings, Shift
-from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Arm, Array, drive_angles, forward, rotation
-from analysis.robot.model.predict import Model, SetUp, pull
+from analysis.robot.model.predict import Model, SetUp, SetUps, pull
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM
 
 _ZERO, _LENGTH_MM, _TWIST = float(np.radians(0.05)), 0.2, float(np.radians(0.02))
@@ -51,7 +50,7 @@ class Workplace:
     """
 
     model: Model
-    setups: Mapping[str, SetUp]
+    setups: SetUps
     centre_mm: Array
     names: Mapping[str, list[int]]
     constants: Array
@@ -59,11 +58,11 @@ class Workplace:
 
 def selected(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
     """Return runs reduced to the number of readings used for inference, evenly selected."""
-    total = sum(len(run.rows) for run in runs if facts_of(run.table.test).of_places)
+    total = sum(len(run.rows) for run in runs if run.facts.of_places)
     chosen = []
     for run in runs:
         most = max(6, int(_MOST_READINGS * len(run.rows) / max(total, 1)))
-        most = most if facts_of(run.table.test).of_places else _CIRCLE_ROWS
+        most = most if run.facts.of_places else _CIRCLE_ROWS
         keep = np.zeros(len(run.rows), dtype=bool)
         keep[np.unique(np.linspace(0, len(run.rows) - 1, min(most, len(run.rows))).astype(int))] = True
         chosen.append(_without_rest(part(run, keep)))
@@ -128,10 +127,10 @@ def after(run: ObservedRun, place: Workplace, cause: Cause, change: Array) -> Ar
 def _concerns(cause: Cause, run: ObservedRun) -> bool:
     """Return whether a run uses the socket, target or instrument of a cause."""
     if cause.what == "instrument":
-        return facts_of(run.table.test).of_tracker and placement_of(run.setup) == cause.name
-    if cause.what == "target" and facts_of(run.table.test).of_tracker:
+        return run.facts.of_tracker and placement_of(run.setup) == cause.name
+    if cause.what == "target" and run.facts.of_tracker:
         return target_of(run.setup) == cause.name
-    return cause.what in ("socket", "target") and not facts_of(run.table.test).of_tracker and run.setup == cause.name
+    return cause.what in ("socket", "target") and not run.facts.of_tracker and run.setup == cause.name
 
 
 def _moved_thing(setup: SetUp, cause: Cause, centre_mm: Array, change: Array) -> SetUp:
@@ -152,12 +151,10 @@ def _moved_thing(setup: SetUp, cause: Cause, centre_mm: Array, change: Array) ->
 def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
     """Return the possible causes of a movement in the set-ups of reference runs."""
     axes = runs[0].model.arm.axes
-    sockets = sorted(
-        {run.setup for run in runs if facts_of(run.table.test).of_places and not facts_of(run.table.test).of_tracker}
-    )
-    balls = sorted({run.setup for run in runs if not facts_of(run.table.test).of_places})
-    trackers = sorted({placement_of(run.setup) for run in runs if facts_of(run.table.test).of_tracker})
-    targets = sorted({target_of(run.setup) for run in runs if facts_of(run.table.test).of_tracker})
+    sockets = sorted({run.setup for run in runs if run.facts.of_places and not run.facts.of_tracker})
+    balls = sorted({run.setup for run in runs if not run.facts.of_places})
+    trackers = sorted({placement_of(run.setup) for run in runs if run.facts.of_tracker})
+    targets = sorted({target_of(run.setup) for run in runs if run.facts.of_tracker})
     causes = [Cause("base"), Cause("tool"), *(Cause("zero", axis) for axis in range(1, axes + 1))]
     causes += [Cause("socket", name=name) for name in sockets] + [Cause("target", name=name) for name in balls]
     if len(trackers) > 1 or sockets or balls:
@@ -169,7 +166,7 @@ def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
 # Columns.
 
 
-def workplace(model: Model, runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], constants: Array) -> Workplace:
+def workplace(model: Model, runs: Sequence[ObservedRun], setups: SetUps, constants: Array) -> Workplace:
     """Return the workplace of reference runs with fitted set-ups and arm constants (a,) in units of their prior
     standard deviations.
     """
@@ -197,7 +194,7 @@ def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> L
     by_joint = (zeros[:, :, None] * shapes).reshape(len(base), -1)
     arm_columns = np.concatenate([columns, by_joint], axis=1)
     own = np.zeros((len(base), terms))
-    facts = facts_of(run.table.test)
+    facts = run.facts
     width_mm, first_channel = (_PLACE_MM, 0) if facts.of_places else (_BALL_MM, 3)
     steps = np.full(facts.setup_terms, width_mm)
     own[:, place.names[run.setup]] = _slopes(
@@ -212,7 +209,7 @@ def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> L
 
 def scatter_mm(run: ObservedRun) -> float:
     """Return the assumed scatter of a reading of a run in mm."""
-    facts = facts_of(run.table.test)
+    facts = run.facts
     return facts.assumed_sd_mm if facts.of_places else SLOW_MM.rms
 
 
@@ -265,7 +262,7 @@ def day_columns(runs: Sequence[ObservedRun], readings: LinearReadings) -> Array:
     gauges, first = [], 0
     for run in runs:
         stop = first + run.values.size
-        if not facts_of(run.table.test).of_places:
+        if not run.facts.of_places:
             for channel in range(run.values.shape[1]):
                 column = np.zeros(len(readings.residual))
                 column[first + channel : stop : run.values.shape[1]] = _GAUGE_ZERO_MM

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from analysis.diagnosis.judge.acts import Act, Against, Cost, NamingTest
-from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
+from analysis.diagnosis.judge.residuals import Curve, Map, Residual, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.result import (
     Accuracy,
     BudgetPart,
@@ -17,8 +17,6 @@ from analysis.diagnosis.judge.result import (
     Diagnosis,
     Gap,
     Named,
-    NextTest,
-    Remainder,
     Rival,
 )
 from analysis.robot.model.predict import SetUp
@@ -170,15 +168,15 @@ def diagnosis(condition: Condition = "named", **changed: Any) -> Diagnosis:
         runs=("yaw-acw-001", "yaw-acw-002", "yaw-cw-001", "yaw-cw-002"),
         where=PLACES,
         effects=effects,
-        remainder=Remainder(1.4, 0.05, "yaw cw, angle: 8 to 29 cycles a lap, 1.5 times the noise", 2.2),
+        residual=Residual(1.4, 0.05, "yaw cw, angle: 8 to 29 cycles a lap, 1.5 times the noise", 2.2),
         train=Gap(("yaw-acw-001", "yaw-cw-001"), 6.12, after, 1.88, 1.7),
         held_out=Gap(("yaw-acw-003",), 6.3, after, 1.9, 1.75),
         unseen=None,
-        left=(ResidualBand("yaw", "cw", "angle", (8, 29), 2.31, "orders 8–29 are 1.5 times the noise"),),
+        bands=(ResidualBand("yaw", "cw", "angle", (8, 29), 2.31, "orders 8–29 are 1.5 times the noise"),),
         setups={"yaw": setup},
         groups=(("joint_offset 5", "link_geometry 5.a"),),
         not_testable=("joint_offset 1", "joint_offset 6", "link_geometry 6.a", "time_lag"),
-        next_test=NextTest("circle of radius 140 mm", "an angle's effect grows with the radius", 12.3),
+        next_test=NamingTest("circle of radius 140 mm", "an angle's effect grows with the radius", 12.3, 0.9999),
         repeated=True,
         levels={"others": 0.2, "constants": 0.3, "gravity": 0.5},
         doubts=("the runs are of one direction only",),

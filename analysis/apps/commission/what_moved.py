@@ -15,8 +15,8 @@ from analysis.apps.commission.next_touch import (
     hidden_causes,
     next_posture,
 )
-from analysis.diagnosis.evidence.movements import Alike, Movement
 from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.judge.result import Alike, Movement
 from analysis.movement.between import observed, without_moved
 from analysis.movement.cause_odds import CauseOdds, causes_by_odds, short_name, vector_of
 from analysis.movement.causes import NOTHING, Cause, look_alike

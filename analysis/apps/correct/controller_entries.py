@@ -29,7 +29,7 @@ import numpy as np
 from analysis.apps.makers import CHECK_LENGTH, Controller, maker_by
 from analysis.correction.corrected_targets import CorrectedTargets
 from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
-from analysis.correction.support import CERTAIN_U, Support
+from analysis.correction.support import Support
 from analysis.correction.work import (
     TaughtFrame,
     base_u_um,
@@ -44,6 +44,7 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
+from analysis.diagnosis.evidence.significance import POSSIBLE_SIGMA
 from analysis.robot.kinematics.arm import Array, Mask, arm_of, controller_robot, pose_error, reported_angles
 from analysis.robot.model.predict import model_of
 from rigs.effects import Effect, changed, turned
@@ -149,7 +150,7 @@ class Projection:
         in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)
         for without, full, *by_u in (in_base, frame.remove_motions(in_base, nominal, frame.motions(in_base))):
             u = 2.0 * math.hypot(*(float((move * (without - full)).sum()) for move in by_u))
-            if float((without**2).sum() - (full**2).sum()) > CERTAIN_U * u:
+            if float((without**2).sum() - (full**2).sum()) > POSSIBLE_SIGMA * u:
                 return True
         return False
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Candidate, Level
 from analysis.diagnosis.plan.expected import (
-    DETECTABLE,
     SEPARABLE,
     ExpectedPosterior,
     expected_posterior,
@@ -96,7 +96,7 @@ class Detectability:
     @property
     def limit(self) -> float:
         """Size detected at 7 sigma, in the unit of the effect."""
-        return DETECTABLE * self.sd
+        return CERTAIN_SIGMA * self.sd
 
 
 def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
@@ -123,8 +123,8 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
                 hidden = f"the ball lies on axis {axis}"
             elif LARGEST_FAULT * whole < _NOTHING:
                 hidden = effect.idle
-            elif LARGEST_FAULT * remaining < DETECTABLE:
-                hidden = f"too small: below {DETECTABLE:g} sigma even at {LARGEST_FAULT:g} times the usual size"
+            elif LARGEST_FAULT * remaining < CERTAIN_SIGMA:
+                hidden = f"too small: below {CERTAIN_SIGMA:g} sigma even at {LARGEST_FAULT:g} times the usual size"
             else:
                 hidden = "hidden by the other effects of a healthy arm"
         chosen.append(candidate)

@@ -19,11 +19,10 @@ from analysis.apps.planning.detectability import (
     assumed_um,
 )
 from analysis.cli.plain_console import fold_long_words, right
+from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
-from analysis.diagnosis.judge.result import ODDS
 from analysis.diagnosis.plan.expected import (
-    DETECTABLE,
     SEPARABLE,
     is_detectable,
     is_separable,
@@ -127,7 +126,7 @@ def _unit(effect: Effect) -> str:
 
 
 def _title(of: str) -> str:
-    return f"{of}: smallest size that is detected ({DETECTABLE:g} σ)"
+    return f"{of}: smallest size that is detected ({CERTAIN_SIGMA:g} σ)"
 
 
 def _by_seat(plan: CapabilityOfTests, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:

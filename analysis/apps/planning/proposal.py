@@ -10,8 +10,9 @@ import numpy as np
 
 from analysis.apps.planning.detectability import Judgement, judged
 from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
-from analysis.diagnosis.plan.expected import DETECTABLE, SEPARABLE, FormInformation, expected_posterior, planned_blocks
+from analysis.diagnosis.plan.expected import SEPARABLE, FormInformation, expected_posterior, planned_blocks
 from analysis.diagnosis.plan.further_tests import (
     FASTER,
     OFF_AXIS_MM,
@@ -173,7 +174,7 @@ class Aims:
         """
         posterior = self._forms.posterior(information)
         sds = np.array([min(map(posterior.sd, self._of_name[name])) for name in self._names])
-        named = LARGEST_FAULT / (DETECTABLE * sds)
+        named = LARGEST_FAULT / (CERTAIN_SIGMA * sds)
         apart = np.empty(0)
         if self._pairs:
             pairs = np.arange(len(self._ones), dtype=np.int64).reshape(-1, 2)

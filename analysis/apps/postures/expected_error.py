@@ -16,7 +16,6 @@ import numpy as np
 
 from analysis.apps.planning.pose_plan import pose_columns
 from analysis.correction.pose_uncertainty import (
-    CalibratedUncertainty,
     PoseUncertainty,
     covered,
     few_taught,
@@ -181,10 +180,10 @@ def expected_errors(
 def _model_square(uncertainty: PoseUncertainty, frame: TaughtFrame, taught: Array, q: Array, poses: Array) -> Array:
     """Variance (m,) mm² of positions in a taught frame by the model, including its unexplained error."""
     terms: list[tuple[Callable[[Array], Array], Array | None]] = [(uncertainty.pose_displacements, None)]
-    if isinstance(uncertainty, CalibratedUncertainty):
+    if uncertainty.calibrated is not None:
         # Effects are small, and evaluating them takes most time: the derivatives are those of the nominal arm.
         derivatives = partial(uncertainty.pose_derivatives, model_of(uncertainty.rig, ()))
-        terms = [(uncertainty.displacements_by_others, None), (derivatives, uncertainty.factor.T)]
+        terms = [(uncertainty.displacements_by_effects, None), (derivatives, uncertainty.factor.T)]
     squares = (_rest_square(moves_at, factor, frame, taught, (q, poses)) for moves_at, factor in terms)
     return sum(squares, np.full(len(q), uncertainty.unexplained_mm**2))
 

@@ -12,8 +12,8 @@ from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, with_uncertainty
 from analysis.apps.report.movement_words import act_after
 from analysis.apps.report.texts import Phrase, joined, keys_of
-from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import FOUND, Act
+from analysis.diagnosis.judge.result import LEAST_SHARE
 from analysis.diagnosis.plan.naming_tests import JOINED
 from rigs.effects import size_field
 from rigs.rig import Rig
@@ -169,7 +169,7 @@ class ActWords(AnswerWords):
             return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
         if act.why in _KEYS:
             return texts(self._of_places(_KEYS[act.why]))
-        if act.why == "follows" and self.diagnosis.unexplained and (followed := self.diagnosis.unexplained.likeliest):
+        if act.why == "follows" and (followed := self.diagnosis.residual.likeliest):
             joint = texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
             return texts(f"act_follows_{followed.what}", joint=joint)
         if test is None:

@@ -23,12 +23,12 @@ from analysis.apps.report.diagnosis_words import (
 )
 from analysis.apps.report.movement_words import movement_sentence
 from analysis.apps.report.texts import Texts, capital, joined, texts_of
-from analysis.diagnosis.evidence.contradiction import Contradiction
+from analysis.diagnosis.fit.contradictions import Contradiction
 from analysis.diagnosis.fit.refine import size_limits
-from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import IMITATED
 from analysis.diagnosis.judge.result import (
     LARGE_SHARE,
+    LEAST_SHARE,
     BudgetPart,
     Diagnosis,
     Gap,
@@ -73,8 +73,8 @@ def is_certain_except_small(diagnosis: Diagnosis) -> bool:
 
     A fault in a small part cannot be the first action, because actions are sorted by gain.
     """
-    unexplained = diagnosis.unexplained
-    if diagnosis.condition != "undecided" or (unexplained and (unexplained.scatter_um or unexplained.unrepeated_um)):
+    residual = diagnosis.residual
+    if diagnosis.condition != "undecided" or residual.scatter_um or residual.unrepeated_um:
         return False
     open_share = sum(share_of(diagnosis, named) for named in diagnosis.effects if is_undecided([named]))
     certain = [part for part in large_parts(diagnosis) if is_sure(diagnosis, part)]
@@ -141,10 +141,10 @@ class AnswerWords:
     @property
     def unrepeated(self) -> list[str]:
         """A sentence on deviations larger than usual scatter, if no target was visited twice."""
-        unexplained = self.diagnosis.unexplained
-        if unexplained is None or unexplained.unrepeated_um is None or unexplained.scatter_um is not None:
+        residual = self.diagnosis.residual
+        if residual.unrepeated_um is None or residual.scatter_um is not None:
             return []
-        return [self.texts("finding_unrepeated", um=micrometres(unexplained.unrepeated_um))]
+        return [self.texts("finding_unrepeated", um=micrometres(residual.unrepeated_um))]
 
     @property
     def contradictions(self) -> list[str]:
@@ -163,12 +163,12 @@ class AnswerWords:
     @property
     def visits(self) -> str:
         """The difference between visits or repeats, or of two gauges, if it is unusual; otherwise empty."""
-        unexplained = self.diagnosis.unexplained
-        if unexplained and unexplained.visits_um:
+        residual = self.diagnosis.residual
+        if residual.visits_um:
             places = "_places" if self.diagnosis.train.of_places else ""
-            return self.texts(f"finding_repeats_differ{places}", um=_length(unexplained.visits_um))
-        if unexplained and unexplained.gauges_um:
-            return self.texts("finding_gauges_differ", um=_length(unexplained.gauges_um))
+            return self.texts(f"finding_repeats_differ{places}", um=_length(residual.visits_um))
+        if residual.gauges_um:
+            return self.texts("finding_gauges_differ", um=_length(residual.gauges_um))
         return ""
 
     @property
@@ -182,8 +182,8 @@ class AnswerWords:
         """Return the errors of a gap in µm by the text key of the column; an error much smaller than its u as "< u"."""
         diagnosis = self.diagnosis
         errors = {"gap_before": (gap.before_um, gap.u_um)}
-        errors |= {"gap_after": (gap.after_um, gap.left_u_um)} if diagnosis.standing else {}
-        errors |= {"gap_calibrated": (gap.calibrated_um, gap.left_u_um)} if diagnosis.is_modelled else {}
+        errors |= {"gap_after": (gap.after_um, gap.residual_u_um)} if diagnosis.standing else {}
+        errors |= {"gap_calibrated": (gap.calibrated_um, gap.residual_u_um)} if diagnosis.is_modelled else {}
         cells = {key: self._bounded(*error) for key, error in errors.items()}
         return cells | {"noise" if diagnosis.shows_noise else "assumed_noise": error_size(gap.noise_floor_um, 0.0)}
 
@@ -268,15 +268,15 @@ class AnswerWords:
         return joined([self.texts(f"finding_{which}", **values), larger])
 
     def _condition(self) -> tuple[str, dict[str, str]]:
-        diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.remainder.um)}
-        if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
+        diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.residual.um)}
+        if scatter_um := diagnosis.residual.scatter_um:
             return "scatter", {"um": _length(math.sqrt(3) * scatter_um)}  # of a place, like every error
         if is_complete(diagnosis):
             return self._complete()
         if diagnosis.condition == "undecided":
             return self._undecided()
         if diagnosis.condition == "outside_library":
-            return "unexplained_there" if diagnosis.remainder.at_new_places else "unexplained", values
+            return "unexplained_there" if diagnosis.residual.at_new_places else "unexplained", values
         if diagnosis.condition in HARMLESS and diagnosis.movements:
             return "nothing_else", values
         single = any(part.index is not None for part in large_parts(diagnosis))
@@ -287,15 +287,15 @@ class AnswerWords:
         """Return the sentence on a complete model: at how many places the readings still differ, if it was repeated."""
         diagnosis, places = self.diagnosis, len(self.diagnosis.where)
         if not (diagnosis.repeated and len(diagnosis.runs) > 1):
-            return "model_sufficient", {"um": micrometres(diagnosis.remainder.um)}
+            return "model_sufficient", {"um": micrometres(diagnosis.residual.um)}
         if not places:
-            return "model_complete", {"um": micrometres(diagnosis.remainder.um)}
+            return "model_complete", {"um": micrometres(diagnosis.residual.um)}
         largest = micrometres(max(place.rms_um for place in diagnosis.where))
         return f"nearly_complete{'_single' * (places == 1)}", {"count": str(places), "largest": largest}
 
     def _undecided(self) -> tuple[str, dict[str, str]]:
         """Return the reason why no part can be confirmed: the number of runs, an open question, or an imitation."""
-        diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.remainder.um)}
+        diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.residual.um)}
         doubts = {named.doubt for named in diagnosis.effects}
         if diagnosis.runs_to_decide is None and self.unrepeated:
             return "undecided_unexplained" if "unexplained" in doubts else "undecided_unrepeated", values
@@ -310,21 +310,21 @@ class AnswerWords:
     @property
     def unexplained_too(self) -> str:
         """A sentence on the error of unknown cause; empty if a different sentence already states it."""
-        remainder, condition = self.diagnosis.remainder, self.diagnosis.condition
+        residual, condition = self.diagnosis.residual, self.diagnosis.condition
         if self.unrepeated:
             return "" if self._repeats_decide else self.unrepeated[0]
-        if not remainder.is_material or condition in ("outside_library", "out_of_range"):
+        if not residual.is_material or condition in ("outside_library", "out_of_range"):
             return ""
-        where = "_there" if remainder.at_new_places else ""
-        return self.texts(f"finding_unexplained{where}", um=micrometres(remainder.um))
+        where = "_there" if residual.at_new_places else ""
+        return self.texts(f"finding_unexplained{where}", um=micrometres(residual.um))
 
     @property
     def follows(self) -> str:
         """The quantity that the unexplained error follows; empty unless the cause is unknown and a search was made."""
-        unexplained = self.diagnosis.unexplained
-        if unexplained is None or not unexplained.follows or self.diagnosis.condition != "outside_library":
+        residual = self.diagnosis.residual
+        if not residual.follows or self.diagnosis.condition != "outside_library":
             return ""
-        if (followed := unexplained.likeliest) is None:
+        if (followed := residual.likeliest) is None:
             return self.texts("finding_follows_none")
         joint = self.texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
         subject = self.texts(f"follows_{followed.what}", joint=joint)

@@ -254,16 +254,16 @@ def _gaps(words: AnswerWords) -> list[Block]:
 
 def _unexplained(words: AnswerWords) -> list[Block]:
     """The unexplained error, and the quantities on which it depends."""
-    diagnosis, texts, remainder = words.diagnosis, words.texts, words.diagnosis.remainder
-    share = texts("share_of_error", share=percent(remainder.share))
-    blocks: list[Block] = [Sentence(f"{remainder.um:.1f} µm rms, {share}: {remainder.words}")]
-    blocks += [Sentence(f"{runs_of(band)}, {band.part}: {band.words}", "note") for band in diagnosis.left]
-    if diagnosis.remains is None:
+    diagnosis, texts, residual = words.diagnosis, words.texts, words.diagnosis.residual
+    share = texts("share_of_error", share=percent(residual.share))
+    blocks: list[Block] = [Sentence(f"{residual.um:.1f} µm rms, {share}: {residual.words}")]
+    blocks += [Sentence(f"{runs_of(band)}, {band.part}: {band.words}", "note") for band in diagnosis.bands]
+    if residual.held_out is None:
         return blocks
-    rows = tuple(remains_rows(diagnosis.remains, texts))
+    rows = tuple(remains_rows(residual.held_out, texts))
     table = Table((texts("remains_against"), texts("remains_share")), rows)
-    noise = micrometres(diagnosis.remains.noise_um)
-    return [*blocks, Sentence(texts("remains", um=micrometres(diagnosis.remains.um), noise=noise)), table]
+    noise = micrometres(residual.held_out.noise_um)
+    return [*blocks, Sentence(texts("remains", um=micrometres(residual.held_out.um), noise=noise)), table]
 
 
 def _inseparable(diagnosis: Diagnosis) -> Iterable[Block]:

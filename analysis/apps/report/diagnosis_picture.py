@@ -11,7 +11,7 @@ from analysis.apps.report.stairs import Stairs, residual_words, stairs_of, stair
 from analysis.apps.report.still_chart import Part, sheet_of
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import texts_of
-from analysis.diagnosis.judge.comparison import Disagreement
+from analysis.diagnosis.judge.comparison import LocatedResidual
 from analysis.diagnosis.judge.result import Diagnosis
 from rigs.effect_names import name_in_words
 
@@ -39,13 +39,13 @@ def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
     return _sheet([*title, diagnosis.rig.name], diagnosis, stairs_of(diagnosis), lines)
 
 
-def disagreement_picture(disagreement: Disagreement) -> Figure:
+def disagreement_picture(residual: LocatedResidual) -> Figure:
     """Draw the disagreement of a rig file's model and the readings, and the staircase of its effects."""
-    title = f"Where model and readings disagree · {disagreement.rig.name}"
-    return _sheet([title], disagreement, stairs_of_model(disagreement), [])
+    title = f"Where model and readings disagree · {residual.rig.name}"
+    return _sheet([title], residual, stairs_of_model(residual), [])
 
 
-def _sheet(title: list[str], residuals: Diagnosis | Disagreement, stairs: Stairs | None, lines: list[str]) -> Figure:
+def _sheet(title: list[str], residuals: Diagnosis | LocatedResidual, stairs: Stairs | None, lines: list[str]) -> Figure:
     wrapped = [line for paragraph in lines for line in textwrap.wrap(paragraph, _TEXT_COLUMNS)]
 
     def draw_words(sheet: SubFigure) -> None:

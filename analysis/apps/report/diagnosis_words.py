@@ -6,8 +6,7 @@ import math
 from collections.abc import Mapping
 
 from analysis.apps.report.texts import Texts
-from analysis.diagnosis.judge.remains import ResidualSummary
-from analysis.diagnosis.judge.residuals import Curve, ResidualBand, ResidualPlace
+from analysis.diagnosis.judge.residuals import Curve, HeldOutResidual, ResidualBand, ResidualPlace
 from analysis.diagnosis.judge.result import Diagnosis, Gap, GroupMember, Named, Rival, likely_rivals
 from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of
 from rigs.effects import Effect, size_field
@@ -128,7 +127,7 @@ and the shares are slightly optimistic.
 """
 
 
-def remains_rows(remains: ResidualSummary, texts: Texts) -> list[tuple[str, str]]:
+def remains_rows(residual: HeldOutResidual, texts: Texts) -> list[tuple[str, str]]:
     """Return a row for each tested quantity: its share of the residual, or the reason for a missing share."""
 
     def words(share: float | None) -> str:
@@ -136,4 +135,4 @@ def remains_rows(remains: ResidualSummary, texts: Texts) -> list[tuple[str, str]
             return texts("remains_unknown")
         return percent(share) if share >= _FOUND else texts("remains_undetected")
 
-    return [(texts(f"remains_{looked.subject}"), words(looked.share)) for looked in remains.looked]
+    return [(texts(f"remains_{subject}"), words(share)) for subject, share in residual.looked.items()]

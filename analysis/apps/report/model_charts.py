@@ -14,7 +14,7 @@ from analysis.apps.report.chart import Chart, ChartLine, Role, marks_of, stretch
 from analysis.apps.report.diagnosis_words import runs_of
 from analysis.apps.report.stairs import Stairs
 from analysis.apps.report.texts import Texts
-from analysis.diagnosis.judge.comparison import Compared, Comparison, Disagreement
+from analysis.diagnosis.judge.comparison import Compared, Comparison, LocatedResidual
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.repeatability import SIDES, RepeatabilityResult
@@ -104,7 +104,7 @@ class Strand:
         return f"{runs_of(self.curve)}, {self.part}"
 
 
-def strands_of(residuals: Diagnosis | Disagreement) -> list[Strand]:
+def strands_of(residuals: Diagnosis | LocatedResidual) -> list[Strand]:
     """Return a strand for each circle, of the part with the larger disagreement.
 
     Circles beyond the limit are omitted, smallest residuals first.
@@ -136,7 +136,7 @@ def _size(values: Array, part: str) -> float:
     return rms(values) / float(np.linalg.norm(_PARTS[part]))
 
 
-def residual_charts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, texts: Texts) -> list[Chart]:
+def residual_charts(residuals: Diagnosis | LocatedResidual, stairs: Stairs | None, texts: Texts) -> list[Chart]:
     """Return charts of readings and model on circles, and of residuals at targets, for each step."""
     charts = strand_charts(residuals, texts)
     if stairs and charts:
@@ -147,7 +147,7 @@ def residual_charts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, 
     return [*charts, *(_target_chart(target_map, steps_um, texts) for target_map, steps_um in maps)]
 
 
-def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> list[Chart]:
+def strand_charts(residuals: Diagnosis | LocatedResidual, texts: Texts) -> list[Chart]:
     """Return a chart for each circle.
 
     Each chart shows the measured error, the accumulated parts, and the residual. If the staircase is missing, it shows

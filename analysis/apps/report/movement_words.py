@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from analysis.apps.report.texts import Texts, joined, texts_of
-from analysis.diagnosis.evidence.movements import Movement
+from analysis.diagnosis.judge.result import Movement
 from analysis.movement.cause_odds import CauseOdds, short_name
 from analysis.movement.causes import Cause
 from rigs.schema.part import Vector

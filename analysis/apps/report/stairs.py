@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import error_size, has_measured_noise, plain
 from analysis.apps.report.texts import Texts, texts_of
-from analysis.diagnosis.judge.comparison import Disagreement
+from analysis.diagnosis.judge.comparison import LocatedResidual
+from analysis.diagnosis.judge.residuals import ModelResidual, Staircase
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.diagnosis.judge.staircase import ModelResidual, Staircase
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,14 @@ def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None
     return _stairs(diagnosis.staircase, names, has_u=has_measured_noise(diagnosis))
 
 
-def stairs_of_model(disagreement: Disagreement) -> Stairs | None:
-    if disagreement.staircase is None:
+def stairs_of_model(residual: LocatedResidual) -> Stairs | None:
+    """Return the staircase of a rig file's effects and calibration; None if the model has none."""
+    if residual.staircase is None:
         return None
-    texts, rig = texts_of("en"), disagreement.rig
+    texts, rig = texts_of("en"), residual.rig
     parts = [*(plain(rig, effect) for effect in rig.effects), texts("step_calibration")]
-    added = [parts[step.parts[0]] for step in disagreement.staircase.steps[1:]]
-    return _stairs(disagreement.staircase, [texts("step_bare"), *added], has_u=True)
+    added = [parts[step.parts[0]] for step in residual.staircase.steps[1:]]
+    return _stairs(residual.staircase, [texts("step_bare"), *added], has_u=True)
 
 
 def _stairs(staircase: Staircase, names: Sequence[str], *, has_u: bool) -> Stairs:

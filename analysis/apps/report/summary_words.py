@@ -33,11 +33,11 @@ from analysis.apps.report.summary import (
     with_action,
 )
 from analysis.apps.report.texts import Phrase, Texts, capital, joined, keys_of, texts_of
-from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.acts import IMITATED, Act
 from analysis.diagnosis.judge.probability import CONFIRMED
 from analysis.diagnosis.judge.result import (
     LARGE_SHARE,
+    LEAST_SHARE,
     BudgetPart,
     Diagnosis,
     Named,
@@ -98,7 +98,7 @@ class _SummaryWords(ActWords):
         if diagnosis.contradictions or diagnosis.movements:
             return "contradicted" if diagnosis.contradictions else "moved"
         # Plain scatter hides every other error, so that nothing is shown to be usual.
-        if diagnosis.unexplained is not None and diagnosis.unexplained.scatter_um is not None:
+        if diagnosis.residual.scatter_um is not None:
             return "undecided"
         if any(part.share > LEAST_SHARE for part in unusual_groups(diagnosis)):
             return "unusual_group"
@@ -250,15 +250,18 @@ class _SummaryWords(ActWords):
         An assumed noise is no measured uncertainty of the two figures, and the basis says so.
         """
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
-        gap, crossed, is_used = judged_gap(diagnosis), diagnosis.remains, accuracy.place == "used"
-        now, after = (accuracy.before_there_um, gap.u_um), (accuracy.calibrated_um, gap.left_u_um)
+        gap, crossed, is_used = judged_gap(diagnosis), diagnosis.residual.held_out, accuracy.place == "used"
+        now, after = (accuracy.before_there_um, gap.u_um), (accuracy.calibrated_um, gap.residual_u_um)
         label, basis = self._after_label, f"basis_{accuracy.place}"
         if not diagnosis.is_testable:
             label, basis = "", "basis_unknown"
         elif is_used and is_complete(diagnosis):
             label, basis = "", "basis_now"
         elif diagnosis.condition == "out_of_range":
-            now, after = (accuracy.now_um, diagnosis.train.u_um), (diagnosis.train.after_um, diagnosis.train.left_u_um)
+            now, after = (
+                (accuracy.now_um, diagnosis.train.u_um),
+                (diagnosis.train.after_um, diagnosis.train.residual_u_um),
+            )
             basis = "basis_out_of_range"
         elif is_used and crossed:
             basis = "basis_crossed"

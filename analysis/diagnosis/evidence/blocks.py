@@ -7,7 +7,7 @@ response to a single effect: a column, in sigmas of the noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from analysis.diagnosis.evidence.noise import (
+    PRIOR_FREEDOM,
     CircleNoise,
     Repeated,
     circle_noise,
@@ -37,11 +38,11 @@ from analysis.diagnosis.evidence.observation import (
     predicted_in_scene,
     residual_of,
 )
-from analysis.diagnosis.evidence.setups import moved_setup, with_effects, without_origin
+from analysis.diagnosis.evidence.setups import STEP_MM, moved_setup, with_effects, without_origin
 from analysis.procedures.pose import groups as visits
 from analysis.procedures.shared.test_kind import facts_of, kind_of
 from analysis.robot.kinematics.arm import Array, Integers, cos_sin, drive_angles
-from analysis.robot.model.predict import Model, ModelScene, Motion, SetUp, apply, driven, posed
+from analysis.robot.model.predict import Model, ModelScene, Motion, SetUp, SetUps, apply, driven, posed
 from analysis.runs.tables import SAME_RAD
 from rigs.calibration import is_sine, sine_of
 from rigs.effects import Effect, late_stamps, turned
@@ -73,12 +74,10 @@ BAND_EDGES = (0, 3, 8, 16, 30, 60, 120, ORDERS)
 """Edges of the bands of orders; an unexplained residual may have a separate strength in each band. Chosen: bands of
 about an octave, so that joint motion (below order 8), gears and probe noise are separated.
 """
-_SLOW = 8
+_SLOW = BAND_EDGES[2]
 """Orders below this are as slow as the noise of a robot at rest. Chosen: an eighth of a lap lasts several seconds,
 longer than the correlation times of most noise.
 """
-_BORROWED = 2.0
-"""Degrees of freedom of the prior for each order of a trend, relative to those of few repeats."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +120,7 @@ class Block(ObservedRun):
         return vector / self.sd_mm.reshape(-1, *[1] * (vector.ndim - 1))
 
 
-def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> list[Block]:
+def blocks_of(runs: Sequence[ObservedRun], setups: SetUps, effects: Sequence[Effect] = ()) -> list[Block]:
     """Return the blocks of all runs about fitted set-ups; residuals (N,) mm exclude the `effects` in the model."""
     groups: dict[tuple[str, bytes], list[ObservedRun]] = {}
     for run in runs:
@@ -146,7 +145,7 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
 
 
 def _repeated(
-    members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
+    members: Sequence[ObservedRun], setups: SetUps, effects: Sequence[Effect]
 ) -> tuple[ObservedRun, Repeated]:
     """Return the first of repeated runs in comparable form, and their residuals (n, N) mm with response to scatter."""
     # Standstills are compared only if every run has them before and after its lap.
@@ -254,7 +253,7 @@ def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNois
     for number in np.unique(alike).tolist():
         entries = np.flatnonzero(alike == number)
         of_one, freedom = float(expected[entries].mean()), (runs - 1) * len(entries)
-        shown = (float((apart[:, entries] ** 2).sum()) + _BORROWED * of_one) / (freedom + _BORROWED)
+        shown = (float((apart[:, entries] ** 2).sum()) + PRIOR_FREEDOM * of_one) / (freedom + PRIOR_FREEDOM)
         squares[entries] += max(shown - of_one, 0.0) / runs
     return np.asarray(np.sqrt(squares), dtype=float)
 
@@ -265,8 +264,6 @@ def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNois
 _STEP_DEG = 1e-4
 """Step of the derivatives by a joint angle. Readings are linear over such a step, which moves the tool of a one-metre
 arm by 2 µm, far from the limits of floating-point arithmetic."""
-_STEP_MM = 0.01
-"""Step of the derivatives by a set-up term, within the linear range."""
 _EARLY, _READING = ("time", "arm"), ("setup", "gauge")
 """Stages of effects before joint errors, and stages with no influence on the tool."""
 _RIGID = ("arm", "tool")
@@ -293,9 +290,6 @@ class SimulatedBlock:
     setup: SetUp
     _scenes: dict[tuple[Effect, ...], ModelScene] = field(default_factory=dict, init=False, repr=False)
     _errors: dict[tuple[tuple[Effect, ...], Effect], Array] = field(default_factory=dict, init=False, repr=False)
-    _moved: dict[tuple[Effect, ...], tuple[ModelScene, ModelScene]] = field(
-        default_factory=dict, init=False, repr=False
-    )
 
     @cached_property
     def scene(self) -> ModelScene:
@@ -320,10 +314,10 @@ class SimulatedBlock:
     @cached_property
     def by_setup(self) -> Array:
         """Change (N, t) of the whitened readings per mm of each set-up term."""
-        steps = _STEP_MM * np.eye(facts_of(self.block.table.test).setup_terms)
+        steps = STEP_MM * np.eye(self.block.facts.setup_terms)
         setups = [moved_setup(self.setup, self.block.table, step) for step in steps]
         changed = np.stack([self.read(self.reference, self.scene, setup) - self.base for setup in setups], axis=2)
-        return self.block.whitened(changed) / _STEP_MM
+        return self.block.whitened(changed) / STEP_MM
 
     def scene_with(self, effects: Sequence[Effect]) -> ModelScene:
         """Return the scene up to the tool with `effects` in place of the reference."""
@@ -361,36 +355,22 @@ class SimulatedBlock:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6)."""
         return self.block.whitened(self.slopes[:, :, axis - 1, None] * off[self.block.samples, None])
 
-    def late(self, effect: Effect) -> Array:
-        """Return the change (N, c) of the whitened readings of a circle if the joint errors of an effect are delayed
-        by each of c stamp effects of healthy size; zero at targets.
+    def retimed(self, effect: Effect) -> Array:
+        """Return the change (N, c + 1) of the whitened readings of a circle if the joint errors of an effect are late
+        by each of c stamp effects of healthy size, and if they are averaged over an earlier and a later time, as for
+        scattering stamps; zero at targets.
         """
         stamps = late_stamps()
         if not self.block.sampling:
-            return np.zeros((len(self.block.y_mm), len(stamps)))
+            return np.zeros((len(self.block.y_mm), len(stamps) + 1))
         early = _early((*self.block.model.effects, *self.reference))
-        now, later = self._error(early, effect), [self._error((*early, stamp), effect) for stamp in stamps]
-        change = np.stack([(error - now)[self.block.samples] for error in later], axis=2)
+        joints, now = self._joints(early), self._error(early, effect)
+        moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self.block.samples])))
+        scenes = [joints.taken_at(joints.t_s + way * moment_s) for way in (-1, 1)]
+        scattered = sum(apply([effect], "joint", scene).link_q - scene.link_q for scene in scenes) / 2
+        errors = [*(self._error((*early, stamp), effect) for stamp in stamps), scattered]
+        change = np.stack([(error - now)[self.block.samples] for error in errors], axis=2)
         return self.block.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
-
-    def scattered(self, effect: Effect) -> Array:
-        """Return the change (N, 1) of the whitened readings of a circle if the joint errors of an effect are
-        averaged over an earlier and a later time, as for scattering stamps; zero at targets.
-        """
-        if not self.block.sampling:
-            return np.zeros((len(self.block.y_mm), 1))
-        early = _early((*self.block.model.effects, *self.reference))
-
-        def moment_apart() -> tuple[ModelScene, ModelScene]:
-            joints = self._joints(early)
-            moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self.block.samples])))
-            return joints.taken_at(joints.t_s - moment_s), joints.taken_at(joints.t_s + moment_s)
-
-        moved = recent(self._moved, early, moment_apart, _SCENES)
-        earlier, later = (apply([effect], "joint", scene).link_q - scene.link_q for scene in moved)
-        now = self._error(early, effect)
-        change = ((earlier + later) / 2 - now)[self.block.samples]
-        return self.block.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return the responses (N, p) of the whitened readings to the effects."""

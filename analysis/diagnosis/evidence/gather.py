@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.diagnosis.evidence.setups import without_a_fold
-from analysis.procedures.shared.test_kind import facts_of
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -77,7 +76,7 @@ def _rows_by_run(parts: Sequence[ObservedRun], runs: Sequence[Measured]) -> dict
 
 def _require_enough_readings(runs: Sequence[ObservedRun]) -> None:
     """Raise FileError if there are fewer readings than set-up terms."""
-    terms = sum({run.setup: facts_of(run.table.test).setup_terms for run in runs}.values())
+    terms = sum({run.setup: run.facts.setup_terms for run in runs}.values())
     if (count := sum(run.values.size for run in runs)) < terms:
         raise FileError(
             "RUN…",

@@ -16,7 +16,7 @@ import numpy as np
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import SetUp
+from analysis.robot.model.predict import SetUps
 from analysis.runs.noise.cell_noise import SEAT_MM
 from rigs.schema.declared_tests import KnownSocketDistance
 
@@ -31,13 +31,13 @@ class KnownDistances:
     pairs: tuple[tuple[str, str], ...]
     distances: tuple[KnownSocketDistance, ...]
 
-    def residual(self, setups: Mapping[str, SetUp]) -> Array:
+    def residual(self, setups: SetUps) -> Array:
         """Return the known distances minus those of set-ups (t,), in standard deviations of their scatter."""
         apart = [float(np.linalg.norm(_socket_vector(setups, pair))) for pair in self.pairs]
         stated_mm = [distance.distance_mm for distance in self.distances]
         return np.asarray((np.array(stated_mm) - np.array(apart)) / _SD_MM, dtype=float)
 
-    def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
+    def by_setup(self, setups: SetUps, terms: Mapping[str, Sequence[int]], count: int) -> Array:
         """Return the change (t, count) of the distances per mm of each set-up term, in the same unit. `terms`: of
         each set-up, with those of the socket first.
         """
@@ -49,9 +49,7 @@ class KnownDistances:
             row[terms[pair[1]][:3]] += along
         return slopes
 
-    def fitted_mm(
-        self, setups: Mapping[str, SetUp], slopes: Array, moves: Array, covariance: Array
-    ) -> tuple[Array, Array]:
+    def fitted_mm(self, setups: SetUps, slopes: Array, moves: Array, covariance: Array) -> tuple[Array, Array]:
         """Return the distances (t,) mm between the sockets of set-ups moved by terms (s,), and their standard
         uncertainties (t,), from the covariance (s, s) of the terms. `slopes` (t, s) as of `by_setup`.
         """
@@ -91,7 +89,7 @@ def _socket(run: ObservedRun) -> str:
     return "" if sockets is None else str(sockets[run.rows[0]])
 
 
-def _socket_vector(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
+def _socket_vector(setups: SetUps, pair: tuple[str, str]) -> Array:
     """Return the vector (3,) mm from the first to the second socket."""
     first, second = (setups[name].T_instrument_world[:3, 3] for name in pair)
     return second - first

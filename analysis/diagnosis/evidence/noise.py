@@ -21,7 +21,6 @@ from analysis.diagnosis.evidence.observation import (
     predicted,
     predicted_in_scene,
 )
-from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp, moved
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
@@ -104,7 +103,7 @@ def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
     for axis in range(1, model.arm.axes + 1):
         off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
         columns.append(predicted(replace(run, model=off), setup) - base)
-    if not facts_of(run.table.test).of_places:
+    if not run.facts.of_places:
         places = [replace(setup, ball=setup.ball + step) for step in SCATTER_MM * np.eye(3)]
         columns += [predicted_in_scene(model, run, scene, place) - base for place in places]
     return np.stack(columns, axis=2)
@@ -139,9 +138,11 @@ class Repeated:
 
     def of_laps(self) -> Repeated:
         """Return only the laps, excluding standstills and the trend, which follow the orders (N,)."""
-        count = len(ORDER_OF)
-        rows, drifting = self.rows[:, :count], self.drifting[:, :count]
-        return replace(self, rows=rows, response=self.response[:count], drifting=drifting, stamps=self.stamps[:count])
+        laps = slice(len(ORDER_OF))
+        return replace(
+            self, rows=self.rows[:, laps], response=self.response[laps], drifting=self.drifting[:, laps],
+            stamps=self.stamps[laps],
+        )  # fmt: skip
 
     def noise(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return the expected noise part (n, N) mm of the deviations, for noise of sd_mm (N,), and the share (N,) of
@@ -168,19 +169,6 @@ class Repeated:
         normal = columns.T @ columns
         normal[np.diag_indices_from(normal)] += 1.0
         return columns, np.asarray(np.linalg.solve(normal, columns.T), dtype=float)
-
-    def whitened(self, sd_mm: Array) -> tuple[Array, Array, Array]:
-        """Return deviations (n, N), constant response (N, c) and drifting response (w, N, c) in standard deviations
-        of noise sd_mm (N,) and stamps combined.
-        """
-        directions, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
-        less = directions * (1 - 1 / np.sqrt(1 + size**2))
-
-        def white(rows: Array) -> Array:
-            whitened = rows / sd_mm
-            return np.asarray(whitened - (whitened @ directions) @ less.T, dtype=float)
-
-        return white(self.deviations_mm), white(self.response.T).T, white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
 
 
 def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Array:
@@ -211,7 +199,7 @@ def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
 def _span_of(columns: Array) -> Array:
     """Return an orthonormal basis of columns (N, c), omitting nearly zero directions."""
     squares, directions = np.linalg.eigh(columns.T @ columns)
-    seen = squares > 1e-6 * squares[-1]
+    seen = squares > 1e-10 * squares[-1]
     return np.asarray(columns @ (directions[:, seen] / np.sqrt(squares[seen])), dtype=float)
 
 
@@ -225,13 +213,14 @@ def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
     squares = np.stack([joints**2 * (1 - share), ball**2 * (1 - share), joints**2 * share, ball**2 * share], axis=1)
     evidence = np.zeros(len(squares))
     for runs, sd_mm in repeated:
-        apart, constant, drifting = runs.whitened(sd_mm)
-        span = _span_of(np.concatenate([constant, *drifting], axis=1))
+        constant, drifting = runs.response / sd_mm[:, None], runs.drifting / sd_mm[:, None]
+        stamps = runs.stamps / sd_mm[:, None]
+        span = _span_of(np.concatenate([constant, *drifting, stamps], axis=1))
         waves = [drifting[:, :, columns].transpose(1, 0, 2).reshape(len(constant), -1) for columns in _JOINTS_AND_BALL]
         inside = [span.T @ part for part in (*(constant[:, columns] for columns in _JOINTS_AND_BALL), *waves)]
         C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)
-        C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
-        Z = apart @ span
+        C += np.eye(span.shape[1]) + (span.T @ stamps) @ (span.T @ stamps).T
+        Z = (runs.deviations_mm / sd_mm) @ span
         cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
         evidence += -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
     weight = np.exp(evidence - np.max(evidence))
@@ -261,21 +250,15 @@ _NOISE_ROUNDS = 4
 """Rounds of alternating noise and scatter estimates. Chosen: another round changes the noise by less than its
 uncertainty.
 """
-_BORROWED = 4.0
-"""Degrees of freedom contributed by the finer neighbour of a band. Chosen: as for targets, fewer than in a band with
-no scatter.
+PRIOR_FREEDOM = 4.0
+"""Degrees of freedom of the expected variance in an estimate from few repeats: that of the finer neighbour of a band,
+or of all targets together (Smyth 2004). Chosen: permits the tenfold differences between targets of real cells.
 """
 _LEAST_MM = 1e-5
 """Smallest standard deviation of an entry, well below any gauge, so that exact repeats do not give infinite weights."""
 _LEAST_FREE = 0.1
 """Smallest remaining share of a reading after removing the scatter of a run. Chosen: limits the correction to a
 factor of about three.
-"""
-_LEAST_LEVEL = 1e-6
-"""Smallest level of a run, so that an exactly repeated run does not get infinite weight."""
-_AGREEMENT = 4.0
-"""Degrees of freedom contributed by all targets together to the variance of a single target (Smyth 2004). Chosen:
-permits the tenfold differences between targets of real cells.
 """
 LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 """Smallest power of assumed noise, relative to the mean: the lower bound of real cells."""
@@ -379,7 +362,7 @@ def _shape(unexplained: Sequence[Array], free: Sequence[Array]) -> Array:
     freedom = np.asarray(sum((len(rows) - 1) * share for rows, share in zip(unexplained, free, strict=True)))
     shape, finer = np.empty(len(ORDER_OF)), 0.0
     for band in reversed(_bands()):
-        extra = _BORROWED if ORDER_OF[band].max() < ORDER_OF.max() else 0.0
+        extra = PRIOR_FREEDOM if ORDER_OF[band].max() < ORDER_OF.max() else 0.0
         seen = freedom[band].sum() + extra
         # The scaled inverse chi-square has a mean of about 1 + 2/ν.
         variance = (squares[band].sum() + extra * finer) / seen * (1 + 2 / seen)
@@ -398,10 +381,10 @@ def _levels(rows: Array, free: Array) -> Array:
     q = np.stack([(rows[:, part == _PART] ** 2).sum(axis=1) / free[part == _PART].sum() for part in range(4)], axis=1)
     total = q.sum(axis=0) * n / (n - 1)
     if n < 3:
-        return np.tile(np.maximum(np.sqrt(total / n), _LEAST_LEVEL), (n, 1))
+        return np.tile(np.maximum(np.sqrt(total / n), _LEAST_MM), (n, 1))
     each = (q - total / n**2) / (1 - 2 / n)
     # The estimate for the quietest of few runs can be zero; the minimum is a quarter of their mean level.
-    return np.asarray(np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL), dtype=float)
+    return np.asarray(np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_MM), dtype=float)
 
 
 def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:
@@ -430,7 +413,7 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
     # A median is robust against heavy tails and outliers. The scatter of each target is then combined with it by
     # weight.
     common = max(1.4826 * float(np.median(np.abs(np.concatenate(away)))), 10 * _LEAST_MM)
-    sd: Array = np.sqrt((_AGREEMENT * common**2 + squares) / (_AGREEMENT + freedom))
+    sd: Array = np.sqrt((PRIOR_FREEDOM * common**2 + squares) / (PRIOR_FREEDOM + freedom))
     return sd, True
 
 

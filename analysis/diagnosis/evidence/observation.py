@@ -6,7 +6,7 @@ be compared with repeats. The joint ranges of runs limit the validity of a model
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.procedures.shared.test_kind import (
+    Facts,
     facts_of,
     kind_of,
     no_joints_error,
@@ -23,7 +24,7 @@ from analysis.procedures.shared.test_kind import (
     shows_joints,
 )
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.robot.model.predict import Model, ModelScene, Motion, Path, SetUp, moved
+from analysis.robot.model.predict import Model, ModelScene, Motion, Path, SetUp, SetUps, moved
 from analysis.runs.laps import laps_of
 from analysis.runs.noise.readings import is_outlier, step_of
 from analysis.runs.tables import CircleTable, Table, content_order
@@ -55,6 +56,11 @@ class ObservedRun:
     sampling: Sampling | None = None
     wild: int = 0
     step_mm: float = 0.0
+
+    @property
+    def facts(self) -> Facts:
+        """Facts of its kind of test."""
+        return facts_of(self.table.test)
 
     @property
     def samples(self) -> Integers:
@@ -163,16 +169,26 @@ def in_content_order(run: ObservedRun) -> ObservedRun:
 
     Other runs are unchanged. The table keeps the order of the file.
     """
-    if not facts_of(run.table.test).of_places:
+    if not run.facts.of_places:
         return run
     rank = np.argsort(content_order(run.table))
     order = np.argsort(rank[run.rows], kind="stable")
     return replace(run, rows=run.rows[order], values=run.values[order])
 
 
-def thinned(run: ObservedRun, most: int) -> ObservedRun:
-    """Return a circle with at most `most` (m,) of its readings, evenly spaced, for simulation."""
-    kept = np.argsort(run.rows)[:: -(-len(run.rows) // most)]
+_FEW_ROWS = 256
+"""Number of readings of a thinned circle. Chosen: they give the rms of a model to some percent, and locate the ball to
+a tenth of a micrometre.
+"""
+
+
+def thinned(run: ObservedRun) -> ObservedRun:
+    """Return a circle with few of the readings (m, k) mm of its lap, evenly spaced, for simulation; other runs are
+    unchanged."""
+    if not run.table.swept:
+        return run
+    run = run.on_lap
+    kept = np.argsort(run.rows)[:: -(-len(run.rows) // _FEW_ROWS)]
     path = replace(run.path, rows=run.samples[kept], alone=True)
     return replace(run, path=path, rows=np.arange(len(kept)), values=run.values[kept])
 
@@ -185,12 +201,12 @@ def predicted(run: ObservedRun, setup: SetUp) -> Array:
 def predicted_in_scene(model: Model, run: ObservedRun, scene: ModelScene, setup: SetUp) -> Array:
     """Return the readings (m, k) mm predicted from an existing scene, common to all set-ups."""
     values = read(model, run.table, run.path, scene, setup)
-    if facts_of(run.table.test).of_places:
+    if run.facts.of_places:
         values = values[:, [3, 7, 11]]
     return values[run.rows]
 
 
-def residual_of(run: ObservedRun, setups: Mapping[str, SetUp]) -> Array:
+def residual_of(run: ObservedRun, setups: SetUps) -> Array:
     """Return measured minus predicted readings (m, k) mm of a run in its set-up."""
     return run.values - predicted(run, setups[run.setup])
 
@@ -209,8 +225,8 @@ JointRange = tuple[float, float]
 BEYOND_DEG = 3.0
 """Margin of a model's validity beyond the measured range. Chosen: link constants and gear errors change little over
 3 degrees."""
-BEYOND_MM = 50.0
-"""Margin of a rail: the displacement by 3 degrees of a joint at a metre."""
+BEYOND_MM = 1000 * float(np.radians(BEYOND_DEG))
+"""Margin of a rail: the displacement by that angle of a joint at a metre."""
 
 
 def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> list[str]:
@@ -243,9 +259,8 @@ def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -
 # ----------------------------------------------------------------------------------------------------------------------
 # Smoothing of reported angles, which removes the steps of their last digit.
 #
-# A controller rounds the reported angles, for example to 1e-4 degrees. At a reach of one metre that equals the noise of
-# a gauge, and a model following the steps would explain them by gauge errors. An arm on a circle moves smoothly. A
-# local parabola over a fifth of a second to either side therefore replaces the angles of the lap.
+# A controller rounds the reported angles, for example to 1e-4 degrees, which at a reach of one metre equals the noise
+# of a gauge. A local parabola over a fifth of a second to either side replaces the angles of the lap.
 
 _HALF_WIDTH_S = 0.2
 """Half width of the local parabola in seconds. Chosen: longer than several samples at 50 Hz, and shorter than a
@@ -413,9 +428,9 @@ class Sampling:
 def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
     """Return samplings of repeated laps in which the same grid angles around the start are interpolated.
 
-    At the end of a lap a joint may be a full turn away from the start, which can change the readings by a tenth of a
-    millimetre. Repeated laps start up to a row apart. Without interpolation, a grid angle near the start would show the
-    end of one lap and the start of another. Laps with distant starts are unchanged.
+    At the end of a lap a joint may be a full turn away from the start, which changes the readings. Repeated laps start
+    up to a row apart, so a grid angle near the start would show the end of one lap and the start of another. Laps with
+    distant starts are unchanged.
     """
     first = samplings[0].begin
     offsets = [(sampling.begin - first + GRID / 2) % GRID - GRID / 2 for sampling in samplings]

@@ -12,7 +12,7 @@ poses only needs to determine the frame. The data can prove that a reflector was
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,9 +28,8 @@ from analysis.diagnosis.evidence.observation import (
     without_socket,
 )
 from analysis.diagnosis.evidence.setups import FRAME, fit_setups, placement_of, target_of, targeted
-from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Arm, Array, arm_of
-from analysis.robot.model.predict import SetUp, model_of
+from analysis.robot.model.predict import SetUps, model_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG
 from rigs.errors import FileError
@@ -47,10 +46,6 @@ scatter of a ball between runs in real cells.
 _MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
 """Change of the readings between repeated circles above which the ball was moved: three times the largest scatter of
 ball and joints of real cells, at the end of a one-metre arm.
-"""
-_ENOUGH_ROWS = 256
-"""Number of readings of a circle used to locate its frame. Chosen: with a micrometre of noise they locate the ball
-to a tenth of a micrometre, and a moved ball is a thousand times further off.
 """
 TO_SPARE = 9
 """Surplus of readings over set-up terms required for a meaningful residual of a single run. Chosen: three poses of
@@ -86,7 +81,7 @@ def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[l
         for number, frame in enumerate(frames[1:], start=2):
             for k in frame:
                 split_up[k] = replace(split_up[k], setup=f"{setup}{FRAME}{number}")
-        if len(frames) > 1 and not facts_of(runs[places[0]].table.test).of_tracker:
+        if len(frames) > 1 and not runs[places[0]].facts.of_tracker:
             messages.append(_of_frames(setup, [[names[k] for k in frame] for frame in frames]))
     return split_up, messages
 
@@ -107,7 +102,7 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
     split_up = list(runs)
     members: dict[str, list[int]] = {}
     for k, run in enumerate(runs):
-        if facts_of(run.table.test).of_tracker:
+        if run.facts.of_tracker:
             members.setdefault(run.setup, []).append(k)
     settled: dict[str, list[ObservedRun]] = {}
     for setup in sorted(members, key=lambda name: -_readings(runs, name)):
@@ -145,17 +140,11 @@ def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[O
     if frame != setup:
         trials[targeted(frame, str(len(targets) + 1))] = [home for home in settled if placement_of(home) == frame]
     # Few poses are not judged: they take the common target.
-    few, fits = sum(run.values.size for run in runs) < facts_of(runs[0].table.test).setup_terms + TO_SPARE, []
+    few, fits = sum(run.values.size for run in runs) < runs[0].facts.setup_terms + TO_SPARE, []
     for name, homes in trials.items():
         if homes:
-            home = settled[homes[0]]
-            moved_mm = rms(_residuals([*home, *(replace(run, setup=name) for run in runs)]))
-            if few:
-                is_home = target_of(name) == target_of(homes[0])
-            else:
-                apart_mm = max(rms(_residuals(home)), rms(_residuals(runs)))
-                is_home = moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM)
-            fits += [(moved_mm, name)] * is_home
+            moved_mm, is_home = _shares_frame(settled[homes[0]], [replace(run, setup=name) for run in runs])
+            fits += [(moved_mm, name)] * (target_of(name) == target_of(homes[0]) if few else is_home)
     return min(fits)[1] if fits else targeted(setup, str(len(targets) + 1))
 
 
@@ -165,14 +154,12 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
     Raises FileError if no run remains.
     """
     tool_known = {
-        (run.table.test, target_of(run.setup))
-        for run in runs
-        if _readings(runs, run.setup) > facts_of(run.table.test).setup_terms
+        (run.table.test, target_of(run.setup)) for run in runs if _readings(runs, run.setup) > run.facts.setup_terms
     }
     reasons: dict[str, str] = {}
     for run in runs:
-        shares = facts_of(run.table.test).of_places and (run.table.test, target_of(run.setup)) in tool_known
-        terms = facts_of(run.table.test).setup_terms - 3 * shares
+        shares = run.facts.of_places and (run.table.test, target_of(run.setup)) in tool_known
+        terms = run.facts.setup_terms - 3 * shares
         readings = _readings(runs, run.setup)
         if readings <= terms:
             reasons[run.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
@@ -188,7 +175,7 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
     return kept, [f"{setup} is ignored: {why}" for setup, why in reasons.items()]
 
 
-def reach_mm(judged: Mapping[str, SetUp], used: Mapping[str, SetUp]) -> float:
+def reach_mm(judged: SetUps, used: SetUps) -> float:
     """Return the largest distance (mm) of a validated socket from all used sockets of other placements, or, for a
     single placement, from all others.
 
@@ -220,55 +207,59 @@ def _readings(runs: Sequence[ObservedRun], setup: str) -> int:
 
 def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
     """Group circles by frame: first within each direction, followed by matching."""
-    few = {k: thinned(runs[k], _ENOUGH_ROWS) for k in places}
+    few = {k: thinned(runs[k]) for k in places}
     placed = {k: fit_setups([run])[run.setup] for k, run in few.items()}
 
     def moved_mm(first: int, second: int) -> float:
         at_first, at_second = (predicted(few[second], placed[k]) for k in (first, second))
         return rms([at_second - at_first])
 
-    ways: dict[str, list[list[int]]] = {}
+    ways: dict[str, list[int]] = {}
     for k in places:
-        table = runs[k].table
-        frames = ways.setdefault(table.driven_direction or "", [])
-        home = next((frame for frame in frames if moved_mm(frame[0], k) < _MOVED_MM), None)
-        if home is None:
-            frames.append([k])
-        else:
-            home.append(k)
-    most, *others = sorted(ways.values(), key=len, reverse=True)
+        ways.setdefault(runs[k].table.driven_direction or "", []).append(k)
+    by_way = [_grouped(of_way, lambda frame, k: moved_mm(frame[0], k) < _MOVED_MM) for of_way in ways.values()]
+    most, *others = sorted(by_way, key=len, reverse=True)
     for frames in others:
-        apart = np.array([[moved_mm(home[0], frame[0]) for home in most] for frame in frames])
-        pairs = [(0, 0)]
-        if apart.shape != (1, 1):  # each frame is assigned once, minimising the sum of distances
-            from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
+        from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
 
-            pairs = list(zip(*(side.tolist() for side in linear_sum_assignment(apart)), strict=True))
-        for row, column in pairs:
-            most[column] = most[column] + frames[row]
+        # Each frame is assigned once, minimising the sum of distances.
+        apart = np.array([[moved_mm(home[0], frame[0]) for home in most] for frame in frames])
+        for row, column in zip(*linear_sum_assignment(apart), strict=True):
+            most[column] += frames[row]
     return most
 
 
-def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
-    """Group runs at targets, or of poses, by frame."""
+def _grouped(places: Sequence[int], is_home: Callable[[list[int], int], bool]) -> list[list[int]]:
+    """Append each run to the first frame that is its home, or to a new one."""
     frames: list[list[int]] = []
-
-    def is_home(frame: Sequence[int], k: int) -> bool:
-        others, last = [runs[j] for j in frame], runs[k]
-        together, alone_mm = _residuals([*others, last]), rms(_residuals(others))
-        if last.values.size >= facts_of(last.table.test).setup_terms + TO_SPARE:
-            alone_mm = max(alone_mm, rms(_residuals([last])))
-        apart = max(rms(together[:-1]), rms(together[-1:]))
-        return apart < _APART * alone_mm or apart < alone_mm + _APART_MM
-
-    # Runs with most readings come first, because a run of few readings can only join a frame.
-    for k in sorted(places, key=lambda k: -runs[k].values.size):
+    for k in places:
         home = next((frame for frame in frames if is_home(frame, k)), None)
         if home is None:
             frames.append([k])
         else:
             home.append(k)
     return frames
+
+
+def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
+    """Group runs at targets, or of poses, by frame."""
+
+    def is_home(frame: Sequence[int], k: int) -> bool:
+        return _shares_frame([runs[j] for j in frame], [runs[k]])[1]
+
+    # Runs with most readings come first, because a run of few readings can only join a frame.
+    return _grouped(sorted(places, key=lambda k: -runs[k].values.size), is_home)
+
+
+def _shares_frame(home: Sequence[ObservedRun], runs: Sequence[ObservedRun]) -> tuple[float, bool]:
+    """Return the residual in mm of runs together with others, and whether they share a frame: it is not much larger
+    than that of each by itself, as far as the readings are enough.
+    """
+    together = _residuals([*home, *runs])
+    together_mm = max(rms(together[: len(home)]), rms(together[len(home) :]))
+    is_enough = sum(run.values.size for run in runs) >= runs[0].facts.setup_terms + TO_SPARE
+    alone_mm = max(rms(_residuals(each)) for each in ((home, runs) if is_enough else (home,)))
+    return together_mm, together_mm < max(_APART * alone_mm, alone_mm + _APART_MM)
 
 
 def _residuals(runs: Sequence[ObservedRun]) -> list[Array]:

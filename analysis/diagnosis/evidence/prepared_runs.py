@@ -21,7 +21,7 @@ from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
 from analysis.procedures.checks.check_runs import findings_of
 from analysis.procedures.checks.gauges import ORDER, SIGN
 from analysis.procedures.checks.places import left_out
-from analysis.procedures.shared.test_kind import Finding, facts_of, kind_of, labels_of, shows_joints
+from analysis.procedures.shared.test_kind import Finding, kind_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured
@@ -177,8 +177,7 @@ def _without_far(
 # ----------------------------------------------------------------------------------------------------------------------
 # Outliers at targets and poses, unexplained by any effect: they are counted, and not used for judging models.
 #
-# Names are selected with robust weights, so outliers have little influence there. An rms has no such weights: a single
-# held-out pose that was 25 mm wrong made a correct name appear harmful.
+# Names are selected with robust weights, so outliers have little influence there. An rms has no such weights.
 
 _NEAR = 2.5
 """Robust standard deviations within which a reading counts in set-up fits, at least the largest of real cells, 0.06
@@ -203,7 +202,7 @@ def without_outliers(
     targets = [k for k, run in enumerate(runs) if not run.table.swept]
     sound, far_mm, doubts = list(runs), dict[str, float](), list[str]()
     away = _model_distances(with_effects([runs[k] for k in targets], effects)) if targets else []
-    far = [spreads > facts_of(runs[k].table.test).wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
+    far = [spreads > runs[k].facts.wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
     kept = _no_accidents([runs[k] for k in targets], far)
     for k, (distance_mm, _), wild in zip(targets, away, far, strict=True):
         run = runs[k]
@@ -221,16 +220,11 @@ def without_outliers(
         members = [k for k, run in enumerate(runs) if run.setup == setup]
         count = sum(len(runs[k].rows) for k in members)
         wild_count = count - sum(len(sound[k].rows) for k in members)
-        kind, check = f"poses of {setup}", "check that the robot was at rest and that the tracker saw the target"
-        if not facts_of(runs[members[0]].table.test).of_places:
-            kind = f"readings at the targets of {setup}"
-            check = (
-                "check that the robot is at rest during a reading, that the clocks agree, and that the plunger touches"
-            )
         are = "is an outlier" if wild_count == 1 else "are outliers"
         doubts.append(
-            f"{wild_count} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not included in the rms of {use}: "
-            f"{check}"
+            f"{wild_count} of {count} readings of {setup} {are}, up to {most_mm:.1f} mm off, and not included in the "
+            f"rms of {use}: check that the robot is at rest during a reading, that the clocks agree, and that the "
+            "tracker sees the target or the plunger touches"
         )
     return [run for run in sound if len(run.rows)], doubts
 
@@ -240,7 +234,7 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
 
     Gauge readings at targets are excluded: a robot read in motion has many outliers.
     """
-    poses = [k for k, run in enumerate(runs) if facts_of(run.table.test).of_places]
+    poses = [k for k, run in enumerate(runs) if run.facts.of_places]
     kept = set()
     for setup in dict.fromkeys(runs[k].setup for k in poses):
         members = [k for k in poses if runs[k].setup == setup]

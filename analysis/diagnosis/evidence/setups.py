@@ -15,8 +15,8 @@ from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted
 from analysis.procedures.shared.test_kind import facts_of, nominal_setup
 from analysis.robot.geometry.pose_setup import best_rigid, moved_by
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import ModelScene, SetUp, moved
-from analysis.runs.tables import TESTS, Table
+from analysis.robot.model.predict import ModelScene, SetUp, SetUps, moved
+from analysis.runs.tables import Table
 from rigs.effects import Effect
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -35,7 +35,7 @@ _REACH_MM = 100.0
 """Distance at which the rotation of an instrument is expressed in mm. It scales the unknowns and does not affect the
 result.
 """
-_STEP_MM = 0.01
+STEP_MM = 0.01
 """Step of the derivatives by a set-up term, within the linear range."""
 _MOST_STEPS = 30
 """Largest number of Gauss-Newton steps. Chosen: a set-up 20 mm off needs twenty steps of 1 mm."""
@@ -124,9 +124,8 @@ def _starting_setups(run: ObservedRun) -> list[SetUp]:
     """Return possible positions of the ball of a circle or hemisphere.
 
     These are the nominal position displaced like the tool by the model's effects, and the nominal position itself,
-    which applies after a collision and in simulated runs. A fit could not find the position by itself: a shift of the
-    ball along the normal of the circle is hardly visible but determines the slope of the link. A zero wrong by 1.6°
-    moved the circle by 18 mm.
+    which applies after a collision. A fit does not find the position along the normal of the circle, which is hardly
+    visible but determines the slope of the link.
     """
     model, nominal = run.model, nominal_setup(run.model.rig, run.table)
     if not model.effects:
@@ -136,7 +135,7 @@ def _starting_setups(run: ObservedRun) -> list[SetUp]:
     return [with_tool, nominal] if np.abs(shift).max() > _FURTHEST_MM else [with_tool]
 
 
-def fit_setups(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
+def fit_setups(runs: Sequence[ObservedRun], setups: SetUps | None = None) -> dict[str, SetUp]:
     """Return set-ups fitted to runs of (m, k) mm with fixed models, starting from `setups` if given.
 
     The method is Gauss-Newton in short steps, since readings are nearly linear over a millimetre. Placements of poses
@@ -145,73 +144,41 @@ def fit_setups(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None =
     named: dict[str, list[ObservedRun]] = {}
     for run in runs:
         named.setdefault(run.setup, []).append(run)
-    starting = {name: setups[name] for name in named if setups and name in setups}
-    places = {
-        test: [name for name, members in named.items() if members[0].table.test == test]
-        for test in TESTS
-        if facts_of(test).of_places
-    }
-    for own_names in places.values():
-        starting |= _starting_pose_setups({name: named[name] for name in own_names}, starting)
-    poses = [name for own_names in places.values() for name in own_names]
-    fitted: dict[str, SetUp] = {}
+    known = {name: setups[name] for name in named if setups and name in setups}
+    by_test: dict[str, dict[str, list[ObservedRun]]] = {}
     for name, members in named.items():
-        if name not in poses:
-            starts = [starting[name]] if name in starting else _starting_setups(members[0])
-            fits = [_placed(members, {name: start})[name] for start in starts]
-            energies = [
-                sum(float(np.sum(residual_of(run, {name: setup}) ** 2)) for run in members)
-                for setup in (fits if len(fits) > 1 else ())
-            ]
-            fitted[name] = fits[int(np.argmin(energies))] if energies else fits[0]
-    if poses:
-        together = [run for name in poses for run in named[name]]
-        fitted |= _placed(together, {name: starting[name] for name in poses})
+        if facts_of(test := members[0].table.test).of_places:
+            by_test.setdefault(test, {})[name] = members
+    starting = dict(known)
+    for of_test in by_test.values():
+        starting |= _starting_pose_setups(of_test, known)
+    poses = [run for of_test in by_test.values() for members in of_test.values() for run in members]
+    fitted = _placed(poses, starting) if poses else {}
+    for name, members in named.items():
+        if name not in fitted:
+            starts = [known[name]] if name in known else _starting_setups(members[0])
+            fits = [_placed(members, {name: start}) for start in starts]
+            best: dict[str, SetUp] = min(fits, key=lambda fit: rms([residual_of(run, fit) for run in members]))
+            fitted |= best
     return {name: fitted[name] for name in named}
 
 
-def _starting_pose_setups(
-    named: Mapping[str, Sequence[ObservedRun]], starting: Mapping[str, SetUp]
-) -> dict[str, SetUp]:
-    """Return initial set-ups for placements of poses not in `starting`.
+def _starting_pose_setups(named: Mapping[str, Sequence[ObservedRun]], starting: SetUps) -> dict[str, SetUp]:
+    """Return set-ups for placements of poses, those in `starting` unchanged.
 
-    The target is taken from an existing placement, or else from the placement with most poses. Instruments are located
-    by their readings.
+    The target is taken from a placement with the same target, or else from the rig file; the placement with most poses
+    corrects it first. Instruments are located by their readings.
     """
     by_size = sorted(named, key=lambda name: -sum(run.values.size for run in named[name]))
     placed = {name: starting[name] for name in named if name in starting}
     for name in by_size:
-        if name in placed:
-            continue
-        same_tool = next(
-            (setup for other_name, setup in placed.items() if target_of(other_name) == target_of(name)), None
-        )
-        same_place = next(
-            (setup for other_name, setup in placed.items() if placement_of(other_name) == placement_of(name)), None
-        )
-        run = named[name][0]
-        if same_tool and same_place:
-            placed[name] = replace(same_tool, T_instrument_world=same_place.T_instrument_world)
-        elif same_tool:
-            placed[name] = at_instrument(same_tool, named[name])
-        elif same_place:
-            placed[name] = _at_target(same_place, named[name])
-        else:
-            start = at_instrument(nominal_setup(run.model.rig, run.table), named[name])
-            placed[name] = _placed(named[name], {name: start})[name] if len(named) > 1 else start
-    return {name: setup for name, setup in placed.items() if name not in starting}
-
-
-def _at_target(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
-    """Return a set-up with the target on the tool fitted to the poses, of (m, 3) mm, and the instrument fixed.
-    Positions are linear in the target.
-    """
-    bare = replace(setup, T_tool_target=np.eye(4))
-    steps = [replace(bare, T_tool_target=_at(step)) for step in np.eye(3)]
-    zero, *moved_by_step = (np.concatenate([predicted(run, place).ravel() for run in runs]) for place in (bare, *steps))
-    seen_there = np.concatenate([run.values.ravel() for run in runs])
-    slopes = np.stack([column - zero for column in moved_by_step], axis=1)
-    return replace(setup, T_tool_target=_at(np.linalg.lstsq(slopes, seen_there - zero, rcond=None)[0]))
+        if name not in placed:
+            run, target = named[name][0], target_of(name)
+            alike = next((setup for other, setup in placed.items() if target_of(other) == target), None)
+            start = at_instrument(alike or nominal_setup(run.model.rig, run.table), named[name])
+            is_first = not placed and len(named) > 1
+            placed[name] = _placed(named[name], {name: start})[name] if is_first else start
+    return placed
 
 
 def _at(place: Array) -> Array:
@@ -226,16 +193,16 @@ def at_instrument(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(run, bare) for run in runs])
     seen_there = np.concatenate([run.values for run in runs])
-    if facts_of(runs[0].table.test).frame_terms == 3:  # a socket has a place and no rotation
+    if runs[0].facts.frame_terms == 3:  # a socket has a place and no rotation
         return replace(bare, T_instrument_world=_at((seen_there - places).mean(axis=0)))
     return replace(bare, T_instrument_world=best_rigid(places, seen_there))
 
 
-def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
+def _placed(runs: Sequence[ObservedRun], starts: SetUps) -> dict[str, SetUp]:
     """Return set-ups that share terms, fitted together from their starting values."""
     tables = {run.setup: run.table for run in runs}
     columns = columns_of(tables)
-    poses, count = facts_of(runs[0].table.test).of_places, 1 + max(map(max, columns.values()))
+    poses, count = runs[0].facts.of_places, 1 + max(map(max, columns.values()))
     observed = [(run, moved(run.model, run.path)) for run in runs]
 
     def residual_at(run: ObservedRun, scene: ModelScene, terms: Array) -> Array:
@@ -243,10 +210,10 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
         return (run.values - predicted_in_scene(run.model, run, scene, setup)).ravel()
 
     def slopes(run: ObservedRun, scene: ModelScene, terms: Array) -> Array:
-        steps = [terms, *(terms + _STEP_MM * np.eye(len(terms)))]
+        steps = [terms, *(terms + STEP_MM * np.eye(len(terms)))]
         unmoved, *moved_by_step = (residual_at(run, scene, step) for step in steps)
         J = np.zeros((len(unmoved), count))  # zero for the terms of other set-ups
-        J[:, columns[run.setup]] = (unmoved[:, None] - np.stack(moved_by_step, axis=1)) / _STEP_MM
+        J[:, columns[run.setup]] = (unmoved[:, None] - np.stack(moved_by_step, axis=1)) / STEP_MM
         return J
 
     ball = np.arange(count) < (0 if poses else 3)
@@ -277,9 +244,7 @@ def with_effects(runs: Sequence[ObservedRun], effects: Sequence[Effect]) -> list
     return [replace(run, model=replace(run.model, effects=(*run.model.effects, *effects))) for run in runs]
 
 
-def fit_run_setups(
-    runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None = None
-) -> tuple[dict[str, SetUp], list[Array]]:
+def fit_run_setups(runs: Sequence[ObservedRun], setups: SetUps | None = None) -> tuple[dict[str, SetUp], list[Array]]:
     """Return the fitted set-ups of runs, starting from `setups` where given, and the residuals (m, k) mm of each
     run, of a circle on its lap.
     """
@@ -304,9 +269,21 @@ class FittedRuns:
             self._fits[key] = fit_run_setups(with_effects(self.runs, effects))
         return self._fits[key]
 
-    def residual_um(self, effects: Sequence[Effect]) -> float:
-        """Return the rms residual in µm with effects added to the model."""
-        return 1e3 * rms(self.fit_with_effects(effects)[1])
+    def setups_for(self, runs: Sequence[ObservedRun], effects: Sequence[Effect]) -> dict[str, SetUp]:
+        """Return the set-ups for given effects, and set-ups fitted to other runs whose set-up is not among them."""
+        known = self.fit_with_effects(effects)[0]
+        new = with_effects([run for run in runs if run.setup not in known], effects)
+        return known | (fit_run_setups(new)[0] if new else {})
+
+    def residuals_of(self, runs: Sequence[ObservedRun], effects: Sequence[Effect]) -> list[Array]:
+        """Return the residuals (m, k) mm of other runs, which keep a known set-up."""
+        setups = self.setups_for(runs, effects)
+        return [residual_of(run.on_lap, setups) for run in with_effects(runs, effects)]
+
+    def residual_um(self, effects: Sequence[Effect], others: Sequence[ObservedRun] | None = None) -> float:
+        """Return the rms residual in µm with effects added to the model, of these or of other runs."""
+        residuals = self.fit_with_effects(effects)[1] if others is None else self.residuals_of(others, effects)
+        return 1e3 * rms(residuals)
 
 
 def without_origin(effect: Effect) -> Effect:
@@ -334,8 +311,8 @@ def constants_apart(runs: Sequence[ObservedRun]) -> bool:
     This applies to touches, and to positions too few to identify constants that are larger than usual. Without separate
     widths, 30 poses of a UR10 with constants of usual size leave a residual a tenth larger.
     """
-    of_touches = all(facts_of(run.table.test).constants_apart for run in runs)
-    of_poses = all(facts_of(run.table.test).of_places for run in runs)
+    of_touches = all(run.facts.constants_apart for run in runs)
+    of_poses = all(run.facts.of_places for run in runs)
     return of_touches or (of_poses and sum(len(run.rows) for run in runs) < FEWEST_PLACES)
 
 
@@ -382,7 +359,7 @@ def without_a_fold(
         q = run.table.q[run.rows]
         # Removed outliers do not turn a run of sixty poses into a run of few.
         few = len(run.table.q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
-        if not facts_of(run.table.test).of_places or few:
+        if not run.facts.of_places or few:
             used.append(run)
             continue
         out = folds_of(q, folds) == fold

@@ -51,10 +51,6 @@ class MarginalValues:
         """Return the products (k, l) values' C⁻¹ right of whitened values (N, k) and (N, l)."""
         return self.values.T @ right.weighted - self.absorbed.T @ right.absorbed
 
-    def part(self, columns: slice) -> MarginalValues:
-        """Return some of the columns."""
-        return MarginalValues(self.values[:, columns], self.weight, self.absorbed[:, columns])
-
 
 @dataclass(frozen=True, eq=False)
 class MarginalTerms:
@@ -166,12 +162,10 @@ class Background:
         """Return responses prepared for products; all that are new are prepared together."""
         new = [response for response in dict.fromkeys(responses) if response not in self._marginals]
         if new:
-            values = np.concatenate([response.columns for response in new], axis=1)
-            products = self.columns.weighted_products(new, self._weights)
-            together = MarginalValues(values, self.weight, self._absorbed(products))
-            ends = np.cumsum([0, *(response.columns.shape[1] for response in new)]).tolist()
-            for response, begin, end in zip(new, ends, ends[1:], strict=False):
-                self._marginals[response] = together.part(slice(begin, end))
+            together = self._absorbed(self.columns.weighted_products(new, self._weights))
+            ends = np.cumsum([response.columns.shape[1] for response in new])[:-1]
+            for response, absorbed in zip(new, np.split(together, ends, axis=1), strict=True):
+                self._marginals[response] = MarginalValues(response.columns, self.weight, absorbed)
         return [self._marginals[response] for response in responses]
 
     def marginal_residual(self, residual: Array) -> MarginalValues:
@@ -381,7 +375,7 @@ class CoefficientPosterior:
         """Energy of each band (b,), in noise variances, that the uncertainty of all coefficients hides."""
         return self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
 
-    def left_out(self, rows: Integers) -> tuple[Array, Array]:
+    def prediction_errors(self, rows: Integers) -> tuple[Array, Array]:
         """Return the prediction errors (n,) of given whitened rows (n,) from all others, and their covariance (n, n)
         excluding the noise of the readings.
 
@@ -412,7 +406,7 @@ class CoefficientPosterior:
         return np.asarray(np.sum(remainder @ self.term_covariance * remainder, axis=1), dtype=float)
 
     @property
-    def unexplained(self) -> Array:
+    def residual_at_prior(self) -> Array:
         """Whitened residual (N,) of the fitted effects, with the background at its prior means."""
         return self.terms.r - self.background.at_mean
 
@@ -492,7 +486,7 @@ class CoefficientPosterior:
             cavities.append((marginal.products(marginal) - with_terms.T @ covariance @ with_terms, eta))
         return cavities
 
-    def left_of(self, columns: Array) -> Array:
+    def without_absorbed(self, columns: Array) -> Array:
         """Return the part of whitened columns (N, q), added to the readings, not absorbed by all other terms."""
         marginal = self.background.marginal(columns)
         terms = self.term_covariance @ self._products_with(marginal)[:-1]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.evidence.blocks import Block, recent
 from analysis.diagnosis.evidence.setups import constants_apart
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.fit.departures import initial_play_columns
 from analysis.diagnosis.fit.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
@@ -107,13 +107,7 @@ _BALL_MM, _PLACED_MM = 10.0, 1000.0
 """Prior standard deviation of a set-up term about the first fit: of a ball, and of an instrument or its target.
 
 It matters only for poorly determined terms, such as the height of a ball above the plane of a circle. Chosen: a ball is
-placed at the centre of the tool's circle, whereas an instrument may be anywhere. For poses of a UR10 with only two main
-directions of the last axis, instrument and target had to move by 60 mm. A prior of 10 mm prevented this, and a length
-at its limit absorbed 12 mm of it.
-"""
-_DETECTABLE_SIGMA = 3.0
-"""Minimum significance of the largest fault, with a known set-up, for a form to get a column. Chosen: below the
-detection limit of 7 sigma.
+placed at the centre of the tool's circle, whereas an instrument may be anywhere.
 """
 LARGEST_FAULT = 68.0
 """Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, because faults are 5 to 100
@@ -146,8 +140,7 @@ class Level:
     """Level of the small errors of an arm, 1 in a typical healthy arm: of geometry and zeros, and of deflection under
     load (`apart`), and of all `others`. `apart` is empty if all have the same level.
 
-    An arm with perfect gears may still have inaccurate links. With a single level, the small gear errors of such an arm
-    made many lengths of 0.1 mm improbable, and one certain, wrong length of 0.9 mm replaced them.
+    An arm with perfect gears may still have inaccurate links.
     """
 
     others: float = 1.0
@@ -206,14 +199,12 @@ class Form(Candidate):
 
 @dataclass(frozen=True, eq=False)
 class BandWeights:
-    """Weights of the N entries: the largest of each band, `scale` (b,), and the shares of it, `shape` (N,).
-
-    `equal` (b,): the weight of each band with equal weights, zero for the others, whose indices are `uneven`.
+    """Weights of the N entries: the largest of each band, `scale` (b,), the shares of it, `shape` (N,), and the bands
+    with unequal weights.
     """
 
     scale: Array
     shape: Array
-    equal: Array
     uneven: list[int]
 
 
@@ -239,9 +230,6 @@ class Columns:
     constants_apart: bool = False
     turned: tuple[float, ...] = ()
     _products: WeakKeyDictionary[Response, tuple[bytes, Array]] = field(
-        default_factory=WeakKeyDictionary, init=False, repr=False
-    )
-    _weighted: WeakKeyDictionary[Response, tuple[bytes, bytes, Array]] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
     _among_values: dict[tuple[int, bytes], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
@@ -320,10 +308,10 @@ class Columns:
         """Return the products X'WX (p, p), from bandwise products for equal weights (N,)."""
         weights = self.by_band(weight)
         gram = self.gram.copy()
-        for band in np.flatnonzero(weights.equal != 1).tolist():  # most weights are 1
-            gram += (weights.equal[band] - 1) * self.K[band]
         for band in weights.uneven:
-            gram += self._uneven_gram(band, weights)
+            gram += self._uneven_gram(band, weights) - self.K[band]
+        for band in set(np.flatnonzero(weights.scale != 1).tolist()).difference(weights.uneven):  # most weights are 1
+            gram += (weights.scale[band] - 1) * self.K[band]
         return gram
 
     def weighted_spent(self, weight: Array, covariance: Array) -> Array:
@@ -331,7 +319,7 @@ class Columns:
         coefficients.
         """
         weights = self.by_band(weight)
-        spent: Array = weights.equal * np.tensordot(self.K, covariance, axes=2)
+        spent: Array = weights.scale * np.tensordot(self.K, covariance, axes=2)
         for band in weights.uneven:
             spent[band] = np.vdot(self._uneven_gram(band, weights), covariance)
         return spent
@@ -357,10 +345,7 @@ class Columns:
         scale = np.zeros(len(self.count))
         np.maximum.at(scale, self.band, weight)
         shape = np.round(weight / scale[self.band], WEIGHT_DIGITS)
-        uneven = np.unique(self.band[shape != 1])
-        equal = scale.copy()
-        equal[uneven] = 0.0
-        return BandWeights(scale, shape, equal, uneven.tolist())
+        return BandWeights(scale, shape, np.unique(self.band[shape != 1]).tolist())
 
     def response_of(self, residual: Array) -> Response:
         """Return a whitened residual (N,) as a response, cached per residual."""
@@ -371,20 +356,13 @@ class Columns:
         key = weights.shape.tobytes()
         new = [response for response in responses if self._products.get(response, (b"",))[0] != key]
         if new:
-            whole = weights.shape[:, None] * np.concatenate([response.columns for response in new], axis=1)
-            ends = np.cumsum([0, *(response.columns.shape[1] for response in new)]).tolist()
-            by_band = [np.empty((len(self.rows), end - begin, len(self.healthy))) for begin, end in pairwise(ends)]
-            for band, (rows, part) in enumerate(zip(self.rows, self.parts, strict=True)):
-                together = whole[rows].T @ part
-                for of_response, begin, end in zip(by_band, ends, ends[1:], strict=False):
-                    of_response[band] = together[begin:end]
-            self._products.update((response, (key, part)) for response, part in zip(new, by_band, strict=True))
-        scale = weights.scale.tobytes()
-        for response in responses:
-            if self._weighted.get(response, (b"", b""))[:2] != (key, scale):
-                products = np.tensordot(weights.scale, self._products[response][1], axes=1)
-                self._weighted[response] = key, scale, products
-        return np.concatenate([self._weighted[response][2] for response in responses])
+            columns = weights.shape[:, None] * np.concatenate([response.columns for response in new], axis=1)
+            together = np.stack([columns[rows].T @ part for rows, part in zip(self.rows, self.parts, strict=True)])
+            ends = np.cumsum([response.columns.shape[1] for response in new])[:-1]
+            each = map(np.ascontiguousarray, np.split(together, ends, axis=1))
+            self._products.update((response, (key, products)) for response, products in zip(new, each, strict=True))
+        by_band = [self._products[response][1] for response in responses]
+        return np.concatenate([np.tensordot(weights.scale, products, axes=1) for products in by_band])
 
     def products_among(self, values: Array, weights: BandWeights) -> Array:
         """Return the weighted products (k, k) of whitened values (N, k) with each other. The products by band are
@@ -443,7 +421,7 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
     sizes = np.repeat([candidate.size for candidate in every], [len(candidate.effects) for candidate in every])
     columns = linear.columns([effect for candidate in every for effect in candidate.effects]) / sizes
     widths, sigma = [len(candidate.effects) for candidate in every], LARGEST_FAULT * np.linalg.norm(columns, axis=0)
-    shows = [bool(sigmas.max() > _DETECTABLE_SIGMA) for sigmas in np.split(sigma, np.cumsum(widths)[:-1])]
+    shows = [bool(sigmas.max() > SURE_SIGMA) for sigmas in np.split(sigma, np.cumsum(widths)[:-1])]
     forms = forms_of([candidate for candidate, is_shown in zip(every, shows, strict=True) if is_shown])
     seen, columns = {form.name for form in forms}, columns[:, np.repeat(shows, widths)]
     # Every joint of a healthy arm has some backlash, with an unknown position at the start of a run.
@@ -501,10 +479,9 @@ def remaining_variance_shares(forms: Sequence[Form], effect: Effect) -> Array:
     """Return the share of healthy variance kept by each form (n,) if an effect is named: zero for forms of the same
     name.
 
-    A gear may have further waves next to the named wave, which are hard to separate if the joint moves little. If these
-    waves were omitted, the fitted size of a wave of order 16 next to order 20 was 5 % too large, or 4 times the
-    uncertainty. Most orders are integers, like numbers of teeth. The named wave therefore takes the share of a single
-    order from its nearest form.
+    A gear may have further waves next to the named wave, which are hard to separate if the joint moves little. Most
+    orders are integers, like numbers of teeth, so the named wave takes the share of a single order from its nearest
+    form.
     """
     name = name_of(effect)
     keeps = np.array([form.name != name for form in forms], dtype=float)
@@ -540,9 +517,7 @@ def _is_ordered(orders: Array) -> bool:
 def _likelihoods(forms: Sequence[Form]) -> Array:
     """Return the likelihood of each form (n,) among the forms of the effect: by weight, except for gear orders.
 
-    Orders are ratios of gear stages, so each octave is equally likely. If every order were equally likely, a healthy
-    gear error of order 3 of a joint with a large range would be expected at a third of its true size. As a consequence,
-    a similar form error of the ball was estimated 8 % too small, or 6 times the uncertainty.
+    Orders are ratios of gear stages, so each octave is equally likely.
     """
     likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
@@ -558,9 +533,8 @@ def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array
     """Return the prior mean (p,) of form columns in a healthy arm, in healthy sizes.
 
     present: names already in the model, whose remaining error may have either sign. A size that cannot be negative is
-    positive on average. Servo lags of all joints together resemble late timestamps, so a prior mean of zero made the
-    estimate of a large lag too small. The mean is assigned to the expected shape of a name at a healthy size, because
-    the response to backlash is not proportional to the width.
+    positive on average. The mean is assigned to the expected shape of a name at a healthy size, because the response to
+    backlash is not proportional to the width.
     """
     means = np.zeros(sum(len(form.columns) for form in forms))
     nearest: dict[str, Form] = {}

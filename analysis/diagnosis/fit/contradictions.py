@@ -10,11 +10,11 @@ uncertainty of the prediction contains the scale of a healthy arm.
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.evidence.contradiction import Contradiction
 from analysis.diagnosis.evidence.gather import Evidence
 from analysis.diagnosis.evidence.known_distances import KnownDistances, known_distances_of
 from analysis.diagnosis.evidence.observation import ObservedRun
@@ -28,6 +28,37 @@ _SIGMA = 5.0
 """Difference of a stated distance from the prediction, in standard uncertainties, from which it is contradicted.
 Chosen: chance exceeds it once in a million diagnoses, and an error of the scale is then a fault of the longest link.
 """
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """A constant of the rig file, named by its key and the parts it belongs to, and the same according to the readings.
+
+    The fit does not use it.
+    """
+
+    key: str
+    names: tuple[str, ...]
+    stated: Quantity
+    by_readings: Quantity
+
+    @property
+    def difference(self) -> float:
+        """The value according to the readings minus the stated value."""
+        return self.by_readings.value - self.stated.value
+
+    @property
+    def sigma(self) -> float:
+        """The difference in standard uncertainties."""
+        return abs(self.difference) / float(np.hypot(self.by_readings.u, self.stated.u))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain types for JSON."""
+        return {
+            "key": self.key, "names": self.names, "unit": self.stated.unit, "sigma": self.sigma,
+            "stated": {"value": self.stated.value, "u": self.stated.u},
+            "by_readings": {"value": self.by_readings.value, "u": self.by_readings.u},
+        }  # fmt: skip
 
 
 def without_contradicted(
@@ -73,17 +104,11 @@ def _fitted_distances(distances: KnownDistances, result: SearchResult) -> list[Q
     slopes = distances.by_setup(linear.setups, linear.terms, len(columns))
     moves, covariance = posterior.mean[columns], posterior.covariance_among(columns)
     distances_mm, u_mm = distances.fitted_mm(linear.setups, slopes, moves, covariance)
-    u_mm = np.hypot(u_mm, _scale_u(linear.blocks[0].model.rig) * distances_mm)
+    # Touches do not determine a common scale of all lengths: its relative uncertainty is that of the longest link.
+    rig, length = linear.blocks[0].model.rig, changed(1, "a_mm", 0.0)
+    longest_mm = max(max(abs(axis.a_mm), abs(axis.d_mm)) for axis in rig.robot.axes)
+    u_mm = np.hypot(u_mm, healthy_size(length) * length.usual_times(rig.reference) / longest_mm * distances_mm)
     return [Quantity(float(value), float(u), "mm") for value, u in zip(distances_mm, u_mm, strict=True)]
-
-
-def _scale_u(rig: Rig) -> float:
-    """Return the relative standard uncertainty of a common scale of all lengths, which touches do not determine: that
-    of the longest link.
-    """
-    length = changed(1, "a_mm", 0.0)
-    usual_mm = healthy_size(length) * length.usual_times(rig.reference)
-    return usual_mm / max(max(abs(axis.a_mm), abs(axis.d_mm)) for axis in rig.robot.axes)
 
 
 def _without(runs: Sequence[ObservedRun], left_out: Container[KnownSocketDistance] | None = None) -> list[ObservedRun]:

@@ -54,7 +54,7 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     # too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz read at times with a scatter of 4 ms is 0.8 % smaller on
     # average.
     if effect.STAGE == "joint":
-        parts.append(_that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1)))
+        parts.append(_that_change(linear.retimed(effect)))
     return np.concatenate(parts, axis=1)
 
 

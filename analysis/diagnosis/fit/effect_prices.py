@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, Level, fault_sizes, order_of
 from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.responses import Linearisation
@@ -23,13 +24,11 @@ the 9 to 14 of an arm that was never calibrated.
 """
 HEALTHY_PRICE = 6.0
 """Log evidence that a single form at healthy size must gain to be fitted. Chosen: a smaller gain changes no verdict."""
-_OFF_STATED = 3.0
-"""Standard deviations from the stated value beyond which the cause is a different one."""
 _OF_SET_UP = 0.01
 """Share of a column that remains after a set-up is fitted, below which the column is a term of the set-up.
 
-Chosen: next to a soft joint the last length, which determines the torque, leaves 0.002; it was wrongly named, as 24 mm
-for a change of 36 µm. Columns of other terms leave 0.6 and more.
+Chosen: next to a soft joint the last length, which determines the torque, leaves 0.002. Columns of other terms leave
+0.6 and more.
 """
 
 
@@ -138,7 +137,7 @@ class EffectPrices:
         With unknown link masses, a soft joint and a heavy load look the same.
         """
         free = effect.free(self.linear.payload_kg)
-        off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
+        off = [abs(getattr(effect, one.field) - one.expected) > SURE_SIGMA * one.spread for one in free if one.stated]
         return HEALTHY_PRICE * float(sum(off))
 
     @cached_property

@@ -24,7 +24,7 @@ simulated cells the wrong constant was always among the first two.
 """
 _LARGE = 0.25
 """Share of the limit from which a constant is checked again: several large constants may share the response of a
-constant beyond the limit. A zero wrong by 7° was found as zeros of 2.6 and 0.4°, a soft link and a gear error.
+constant beyond the limit.
 """
 _EXPLAINS = 0.5
 """Largest share of the error of the initial model that the parameter by itself may leave. A length beyond the limit
@@ -60,7 +60,8 @@ def find_out_of_range(result: SearchResult, runs: Sequence[ObservedRun]) -> OutO
     None if no size came near its limit, or if no single parameter explains them better.
     """
     at_limit = [effect for effect in result.effects if ended_at_limit(effect)]
-    if not at_limit and not any(map(_is_large_constant, result.effects)):
+    large = [effect for effect in result.effects if _is_constant(effect) and _share_of_limit(effect) > _LARGE]
+    if not at_limit and not large:
         return None
     fitted = FittedRuns(runs)
     candidates = {name_of(effect): effect for effect in (*_likely_constants(result), *at_limit) if not is_wave(effect)}
@@ -79,9 +80,8 @@ def _is_constant(effect: Effect) -> bool:
     return effect.compensation().constant is not None
 
 
-def _is_large_constant(effect: Effect) -> bool:
-    limit = max(map(abs, size_limits(effect)))
-    return _is_constant(effect) and abs(float(getattr(effect, size_field(effect)))) > _LARGE * limit
+def _share_of_limit(effect: Effect) -> float:
+    return abs(float(getattr(effect, size_field(effect)))) / max(map(abs, size_limits(effect)))
 
 
 def _likely_constants(result: SearchResult) -> list[Effect]:

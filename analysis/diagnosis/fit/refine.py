@@ -37,8 +37,6 @@ _NEARBY = 0.005
 recomputed. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too large, at 0.5 and 0.2 % it is right.
 """
 
-_AT_LIMIT = 1e-6
-"""Relative distance to a limit within which a size counts as being at the limit, because of rounding."""
 _NEAR_LIMIT = 0.01
 """Standard uncertainties between a value and a limit below which the value is the limit. Chosen: below all figures."""
 _WHOLE = 0.5
@@ -134,10 +132,9 @@ def refine(
     """Return sizes and shapes of effects fitted from their current values; an empty list leaves the residual (N,)
     unchanged.
 
-    `fitted` is an earlier fit of the first of these effects. They move with the others along their earlier tangents,
-    which costs a fraction of a full fit and has an error growing with the movement; a final fit of all effects together
-    removes it. A new effect starts within the limits of the size, which also apply to the effects fitted with it; if
-    others resemble it, it is first fitted separately.
+    `fitted` is an earlier fit of the first of these effects, which move along their earlier tangents; a final fit of
+    all effects together removes the error of that. A new effect starts within the limits of its size; if others
+    resemble it, it is first fitted separately.
 
     `free` (N, f) contains the columns of unknown causes, scaled to a standard deviation, and `rounds` is the largest
     number of Gauss-Newton rounds of a fit. If `begins` is set, the fit ends before the joint fit with effects
@@ -169,8 +166,7 @@ def whole_order_gain(refined: Refined, place: int) -> float:
     """Return the log evidence that a fitted wave gains since many orders are integers; 0 for all other effects.
 
     A fit treats the order as continuous. The evidence for the nearest integer order over a continuous order is the
-    ratio of the densities of posterior and prior there (Dickey 1971). Otherwise order 2.00 ± 0.02 would pay 3.2 for the
-    digits.
+    ratio of the densities of posterior and prior there (Dickey 1971).
     """
     for k, unknown in enumerate(refined.unknowns):
         if unknown.effect == place and unknown.field == "order":
@@ -259,11 +255,12 @@ class _Problem:
         x = np.clip(x, limits[0], limits[1])
         now = self._with(effects, x)
         r = self._residual(now)
-        cost, damping = self._cost(r, x), 1e-4
-        slopes = self._slopes(now)
-        J = self._projected(self.background.marginal_responses(slopes))
-        H, fall = self._normal(J, r)
-        for _ in range(rounds if len(x) else 0):
+        cost, damping, gained = self._cost(r, x), 1e-4, np.inf
+        for turn in range(rounds + 1):
+            slopes = self._slopes(now)
+            H, fall = self._normal(self._projected(self.background.marginal_responses(slopes)), r)
+            if turn == rounds or gained < _ENOUGH or not len(x):
+                break
             gradient, least = fall - (x - self.expected) / self.spread**2, damping
             whole = step_within(limits - x, H, gradient)[0]
             if 2 * gradient @ whole - whole @ H @ whole < _ENOUGH:
@@ -284,16 +281,14 @@ class _Problem:
             x, now, r, cost = tried, nearer, there_r, there_cost
             # A damping that was needed is mostly needed again.
             damping = damping / 10 if damping == least else damping
-            slopes = self._slopes(now)
-            J = self._projected(self.background.marginal_responses(slopes))
-            H, fall = self._normal(J, r)
-            if gained < _ENOUGH:
-                break
         tangents = (*self.fitted.tangents, *slopes)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
         sd = np.sqrt(np.diag(covariance)[len(covariance) - len(x) :])
-        if (moved := _at_limits(x, limits, sd)).tolist() != x.tolist():
-            x, now = moved, self._with(now, moved)
+        # Where a fit stops before a limit depends on rounding, and so on the order of the readings.
+        nearest = np.where(np.abs(x - limits[0]) < np.abs(x - limits[1]), *limits)
+        if (is_near := np.abs(x - nearest) < _NEAR_LIMIT * sd).any():
+            x = np.where(is_near, nearest, x)
+            now = self._with(now, x)
         to_limit = step_within(limits - x, H, fall - (x - self.expected) / self.spread**2)[1]
         return Refined(
             tuple(now), self.unknowns, x, covariance, to_limit, self.linear.residual(now), tangents, self.departures,
@@ -371,15 +366,6 @@ def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[UnknownPara
     return (columns[:, 1:] - columns[:, :1]) / steps
 
 
-def _at_limits(x: Array, limits: Array, sd: Array) -> Array:
-    """Return values (q,) with those that ended close to a limit (2, q), compared with their uncertainty (q,), moved to
-    it. Where a fit stops before a limit depends on rounding, and so on the order of the readings.
-    """
-    for limit in limits:
-        x = np.where(np.abs(x - limit) < _NEAR_LIMIT * sd, limit, x)
-    return x
-
-
 def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, float]:
     """Return the smallest and the largest size of an effect in a fit, in the unit of the size; if `unlimited`, only
     the sign is limited.
@@ -393,8 +379,7 @@ def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, floa
 def ended_at_limit(effect: Effect) -> bool:
     """Return whether the size of a fitted effect is at the limit of the search, or beyond it."""
     size, (low, high) = float(getattr(effect, size_field(effect))), size_limits(effect)
-    near = _AT_LIMIT * max(abs(low), abs(high))
-    return size >= high - near or (low != 0 and size <= low + near)
+    return size >= high or (low != 0 and size <= low) or bool(np.isclose(size, [low or high, high]).any())
 
 
 def _within_limits(linear: Linearisation, effect: Effect) -> Effect:
@@ -408,10 +393,8 @@ def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]
     others.
 
     H (q, q) is the normal matrix, and gradient (q,) the negative gradient. If a limit shortens the step of an unknown,
-    the other unknowns are solved again; otherwise they would go to the optimum of an unlimited fit. Nine of ten fits
-    have an unknown at a limit, and without the second solution a third of these fits ended at the start. The evidence
-    uses the same limited optimum. With an unlimited width, a backlash that gravity keeps on one flank resembled a zero
-    error, and replaced a zero that was wrong by 1.6°.
+    the other unknowns are solved again; otherwise they would go to the optimum of an unlimited fit. The evidence uses
+    the same limited optimum.
     """
     step, (low, high) = np.linalg.solve(H, gradient), limits
     if ((step >= low) & (step <= high)).all():

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,9 +16,8 @@ from analysis.diagnosis.evidence.blocks import Block, SharedBlock, SimulatedBloc
 from analysis.diagnosis.evidence.known_distances import KnownDistances, known_distances_of
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
 from analysis.diagnosis.evidence.setups import columns_of, moved_setup, tool_shift, without_origin
-from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import ModelScene, SetUp
+from analysis.robot.model.predict import ModelScene, SetUp, SetUps
 from rigs.effects import Effect
 from rigs.schema.effect import PHASE, name_of
 
@@ -249,7 +247,7 @@ class Linearisation:
     @cached_property
     def terms_of_poses(self) -> set[int]:
         """The columns of U for placements of poses."""
-        poses = [block.setup for block in self.blocks if facts_of(block.table.test).of_places]
+        poses = [block.setup for block in self.blocks if block.facts.of_places]
         return {term for name in poses for term in self.terms[name]}
 
     def is_straight(self, moves: Array) -> bool:
@@ -270,7 +268,7 @@ class Linearisation:
         moved, unmoved = (
             self._residual_in((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
         )
-        entries = sum(len(block.y_mm) for block in self.blocks if facts_of(block.table.test).of_places)
+        entries = sum(len(block.y_mm) for block in self.blocks if block.facts.of_places)
         return bool(np.linalg.norm(moved - unmoved + self.U @ of_poses) <= _BENT * np.sqrt(entries))
 
     @cached_property
@@ -343,11 +341,11 @@ class Linearisation:
         moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
             seen = simulated.block
-            if not facts_of(seen.table.test).of_places:
+            if not seen.facts.of_places:
                 moves[self.terms[seen.setup][:3]] += tool_shift(seen, simulated.scene, scene) / count[seen.setup]
         return moves
 
-    def responses(self, effects: Sequence[Effect], setups: Mapping[str, SetUp] | None = None) -> list[Array]:
+    def responses(self, effects: Sequence[Effect], setups: SetUps | None = None) -> list[Array]:
         """Return the contribution of `effects`, in place of the reference effects, to the entries (N,) mm of each
         block.
 
@@ -356,9 +354,7 @@ class Linearisation:
         scenes = self._scenes(effects)
         return self._responses(effects, scenes, setups or self.setups_moved_by(self._moves_with_tool(scenes)))
 
-    def _responses(
-        self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: Mapping[str, SetUp]
-    ) -> list[Array]:
+    def _responses(self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: SetUps) -> list[Array]:
         """Return the contribution of `effects` to the entries (N,) mm of each block, given the scenes with them."""
         both = zip(self.simulated, scenes, strict=True)
         return [
@@ -366,9 +362,7 @@ class Linearisation:
             for simulated, scene in both
         ]
 
-    def _residual_in(
-        self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: Mapping[str, SetUp]
-    ) -> Array:
+    def _residual_in(self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: SetUps) -> Array:
         """Return the whitened residual (N,) with `effects` in given set-ups."""
         added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
         apart = self.distances.residual(self.setups) - self.distances.residual(setups)
@@ -399,17 +393,11 @@ class Linearisation:
         """
         return self.at_entries([simulated.by_joint(axis, off(simulated.block)) for simulated in self.simulated])
 
-    def late(self, effect: Effect) -> Array:
-        """Return the change (N, c) of the whitened readings if each of c timing effects, at a healthy size, delays the
-        joint errors of an effect.
+    def retimed(self, effect: Effect) -> Array:
+        """Return the change (N, c + 1) of the whitened readings if each of c timing effects, at a healthy size, delays
+        the joint errors of an effect, and if the times of the samples scatter.
         """
-        return self.at_entries([simulated.late(effect) for simulated in self.simulated])
-
-    def scattered(self, effect: Effect) -> Array:
-        """Return the change (N, 1) of the whitened readings if the times of the samples scatter, which averages the
-        joint errors of an effect.
-        """
-        return self.at_entries([simulated.scattered(effect) for simulated in self.simulated])
+        return self.at_entries([simulated.retimed(effect) for simulated in self.simulated])
 
     def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
         """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm
@@ -434,7 +422,7 @@ class Linearisation:
 
 def linearise(
     blocks: Sequence[Block],
-    setups: Mapping[str, SetUp],
+    setups: SetUps,
     effects: Sequence[Effect] = (),
     unlimited: frozenset[str] = frozenset(),
 ) -> Linearisation:
@@ -447,9 +435,7 @@ def linearise(
     return Linearisation(simulated, tuple(block.y_mm for block in blocks), unlimited)
 
 
-def extend_linearisation(
-    shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mapping[str, SetUp]
-) -> Linearisation:
+def extend_linearisation(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: SetUps) -> Linearisation:
     """Return the linearisation about set-ups of blocks shared with other linearisations, followed by more blocks,
     with N entries in total.
     """
@@ -496,17 +482,9 @@ def plain_rms_by_block(linear: Linearisation, change: Array) -> RmsByBlock:
     return RmsByBlock(np.array([rms_um(*both) for both in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
-def limits_um(linear: Linearisation, own_um: Mapping[str, float] = MappingProxyType({})) -> Array:
-    """Return the changes (b,) µm from which a named effect is material: the scatter of a run, excluding `own_um`, the
-    contribution of the effect in each set-up.
-
-    Few repeats determine the scatter of a run within a fifth or worse, so the limit is computed from the mean square
-    minus the standard uncertainty of the mean square. A single difference of two runs provides no uncertainty.
-    """
-    of_name = np.array([own_um.get(block.setup, 0.0) for block in linear.blocks])
-    squares, relative = _scatter_squares(linear, [block.steady_mm for block in linear.blocks])
-    least = np.maximum((squares - of_name**2) * (1 - relative), LEAST_MATERIAL_UM**2)
-    return np.asarray(np.sqrt(least), dtype=float)
+def limits_um(linear: Linearisation) -> Array:
+    """Return the changes (b,) µm from which a named effect is material: the scatter of a run without stamp noise."""
+    return np.maximum(_scatter_um(linear, [block.steady_mm for block in linear.blocks]), LEAST_MATERIAL_UM)
 
 
 def noise_um(linear: Linearisation) -> Array:
@@ -514,33 +492,26 @@ def noise_um(linear: Linearisation) -> Array:
 
     At targets it is that of a median target, because a few targets scatter many times as much.
     """
-    return np.asarray(np.sqrt(_scatter_squares(linear, [block.apart_mm for block in linear.blocks])[0]), dtype=float)
+    return _scatter_um(linear, [block.apart_mm for block in linear.blocks])
 
 
-def _scatter_squares(linear: Linearisation, deviations: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the mean square (b,) µm² of the difference of a run from the mean of many, and the relative standard
-    uncertainty (b,), zero if not determined by repeats.
-
-    `deviations` (n, N) mm: deviations of the repeated runs of each block.
-    """
+def _scatter_um(linear: Linearisation, deviations: Sequence[Array]) -> Array:
+    """Return the rms difference (b,) µm of a run from the mean of many: of repeated circles as their deviations (n, N)
+    mm show, and else of noise and scatter."""
     # Contribution of noise and scatter, with the set-up fitted to it.
     whole = linear.in_mm(np.sqrt(1 + (linear.without_set_up(linear.Z) ** 2).sum(axis=1)))
-    squares, relative = np.empty(len(linear.blocks)), np.zeros(len(linear.blocks))
-    for k, (block, entries) in enumerate(zip(linear.blocks, whole, strict=True)):
+    squares = np.empty(len(linear.blocks))
+    shown: dict[str, list[float]] = {}
+    for k, (block, entries, apart) in enumerate(zip(linear.blocks, whole, deviations, strict=True)):
         usual = entries if block.sampling else np.full(len(entries), np.median(entries))
-        squares[k] = rms_um(block, np.sqrt(block.count) * usual)
-    squares **= 2
-    repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and deviations[k].any()]
-    for setup in {linear.blocks[k].setup for k in repeated}:
-        members, shown = [k for k in repeated if linear.blocks[k].setup == setup], list[float]()
-        for k in members:
-            # Independent differences of the runs, whose number is smaller by 1.
-            contrasts = np.linalg.svd(np.ones((1, len(deviations[k]))))[2][1:]
-            shown += [rms_um(linear.blocks[k], contrast) ** 2 for contrast in contrasts @ deviations[k]]
-        squares[members] = np.mean(shown)
-        if len(shown) > 1:
-            relative[members] = min(1.0, float(np.std(shown, ddof=1)) / np.sqrt(len(shown)) / float(np.mean(shown)))
-    return squares, relative
+        squares[k] = rms_um(block, np.sqrt(block.count) * usual) ** 2
+        if block.sampling and apart.any():
+            single = [rms_um(block, each) ** 2 for each in apart]
+            shown.setdefault(block.setup, []).append(sum(single) / (len(single) - 1))
+    for k, block in enumerate(linear.blocks):
+        if block.sampling and deviations[k].any():
+            squares[k] = np.mean(shown[block.setup])
+    return np.asarray(np.sqrt(squares), dtype=float)
 
 
 def rms_um(block: Block, entries_mm: Array) -> float:
@@ -551,5 +522,5 @@ def rms_um(block: Block, entries_mm: Array) -> float:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:
         energy = float((entries_mm**2).sum())
-        count = len(entries_mm) // (3 if facts_of(block.table.test).of_places else 1)
+        count = len(entries_mm) // (3 if block.facts.of_places else 1)
     return 1e3 * float(np.sqrt(energy / count))

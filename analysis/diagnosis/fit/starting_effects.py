@@ -58,9 +58,9 @@ def starting_effects(
             widths = [scaled(shape, float(width)) for width in _WIDTHS]
             each = linear.near.of("every width", shape, {}, partial(linear.columns, widths))
             added = each.columns - at_mean[:, None]
-            remaining = posterior.residual[:, None] - posterior.left_of(added)
+            remaining = posterior.residual[:, None] - posterior.without_absorbed(added)
             cost[k] = columns.count @ np.log([np.sum(remaining[rows] ** 2, axis=0) for rows in columns.rows])
-            energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
+            energy = np.sum(linear.without_set_up(posterior.residual_at_prior[:, None] - added) ** 2, axis=0)
         beside_others, by_itself = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
         if max(beside_others, by_itself) <= FAULT:
             likeliest = np.argsort(cost.min(axis=1))[:2].tolist()
@@ -94,7 +94,7 @@ def _waves(columns: Columns, linear: Linearisation, posterior: CoefficientPoster
         tried = np.interp(places, np.arange(len(whole)), whole)
         effects = [part.model_copy(update={"order": float(order)}) for order in tried for part in form.effects]
         added = linear.without_set_up(linear.columns(effects) / form.size)
-        waves.append(_best_of_pairs(effects, added.T @ added, added.T @ posterior.unexplained))
+        waves.append(_best_of_pairs(effects, added.T @ added, added.T @ posterior.residual_at_prior))
     return waves
 
 

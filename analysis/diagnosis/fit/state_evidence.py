@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evidence, fault_evidence
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns
 from analysis.diagnosis.fit.effect_prices import HEALTHY_PRICE, EffectPrices
@@ -34,10 +35,6 @@ _FEW_SIGMA = 100.0
 """Norm of the difference between the responses of the faults and the reference faults, in standard deviations of the
 noise, up to which columns remain valid for any size of fault. Chosen: columns with an error of 1 % of it (6 % at
 worst) miss 1 (6) standard deviations.
-"""
-_SEEN = 4.0
-"""Sigmas that the largest fault must have for the name to be testable. Chosen: below the 7 sigma at which an effect
-is detected, to avoid reporting names in between as hidden.
 """
 
 
@@ -139,7 +136,7 @@ class StateEvidence:
         """Return the effects that these tests would not show even as a large fault, with all other effects possible."""
         sigma = posterior.gains(self.columns.forms, state.level).sigma
         named = {name_of(effect) for effect in state.effects}
-        seen = {self.columns.forms[k].name for k in np.flatnonzero(LARGEST_FAULT * sigma > _SEEN).tolist()}
+        seen = {self.columns.forms[k].name for k in np.flatnonzero(LARGEST_FAULT * sigma > SURE_SIGMA).tolist()}
         hidden = dict.fromkeys([*self.columns.not_seen, *(form.name for form in self.columns.forms)])
         return tuple(name for name in hidden if name not in seen | named)
 

@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import FittedRuns
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.judge.acts import FOUND, Act, Against, Cost, JudgedOn, NamingTest, Reason
-from analysis.diagnosis.judge.remains import Unexplained, independent_um
+from analysis.diagnosis.judge.residuals import independent_um
 from analysis.diagnosis.judge.result import (
     LARGE_SHARE,
+    LEAST_SHARE,
     BudgetPart,
     Diagnosis,
     Gap,
@@ -26,14 +28,11 @@ from analysis.diagnosis.judge.result import (
     is_sure,
     likely_rivals,
 )
-from analysis.diagnosis.judge.validation import Stages, residual_um
 from rigs.calibration import verdict_of
 from rigs.effects import Effect, turned
 from rigs.schema.effect import label_of, name_of, size_field
 from rigs.schema.scene import OUTSIDE_ARM
 
-LEAST_SHARE = 0.1
-"""Share of the error above which every part has an action, or a reason for the absence of an action."""
 _WORTH = 0.8
 """Largest remaining share of the error for a worthwhile correction. Chosen: a reduction by a fifth."""
 _REPEATS = 2
@@ -42,33 +41,26 @@ _WRONG = 25.0
 """Ratio to the usual size above which a constant of the arm is checked in the rig file before it is corrected: 5 mm of
 an industrial, 10 mm of a light arm. Chosen: the nominal constants of the right arm are accurate to 10 mm.
 """
-_RARE = 3.0
-"""Ratio to the usual size above which an effect causing much of the error is repaired: 0.3 % of healthy arms."""
 
 
 @dataclass(frozen=True)
 class JudgedPlace:
-    """Validation runs of the actions, runs for fitting set-ups of the same placement, the models, the gap there, and
-    the error at poses used, each predicted by the others."""
+    """Validation runs of the actions (`there`), the runs used, which keep set-ups of the same placement, the effects of
+    the calibrated model, the gap, and the error at poses used, each predicted by the others."""
 
     place: JudgedOn
     used: FittedRuns
     there: Sequence[ObservedRun]
-    stages: Stages
+    calibrated: Sequence[Effect]
     gap: Gap
     predicted_um: float | None = None
-
-    @property
-    def is_independent(self) -> bool:
-        """Whether the model was judged by readings with no part in its fit: other runs, or each pose by all others."""
-        return self.place != "used" or self.predicted_um is not None
 
     def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
         """Return the figures of an action that removes these effects. The change has a relative uncertainty."""
         before = self.gap.before_um
-        after = residual_um(self.there, self.used, effects)
+        after = self.used.residual_um(effects, self.there)
         change = math.sqrt(max(abs(before**2 - after**2), 0.0))
-        u_um = math.hypot(relative_u * change, self.gap.left_u_um)
+        u_um = math.hypot(relative_u * change, self.gap.residual_u_um)
         return Act(
             "none", "sound", removes_um=before - after, removes_u_um=u_um, place=self.place, remains_um=after,
             remains_u_um=u_um,
@@ -102,14 +94,14 @@ def acts_of(
         return (*before, Act("measure", "not_visible", command=("plan", _model(diagnosis))))
     if diagnosis.condition == "out_of_range":
         return (*before, _check(diagnosis, judged))
-    repairs, following = _repairs(diagnosis, judged)
+    repairs = _repairs(diagnosis, judged)
     if diagnosis.condition == "nothing_unusual" and diagnosis.accuracy.standing == "pass" and not repairs:
         # Within the limits, a correction or a one-sided approach would change programs needlessly.
-        large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
+        large = diagnosis.parts(lambda part: part.share > LEAST_SHARE)
         return (*before, Act("none", "sound", parts=large), *_measurements(diagnosis, judged, tests))
     reducing = [*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis, judged)]
     acts = _parameters_first(in_order(reducing, diagnosis.train.before_um), diagnosis)
-    acts = one_after_the_other(acts + following, judged)
+    acts = one_after_the_other(acts, judged)
     # Missing repeats are asked for last, unless scatter is the largest part of the error.
     asked = _measurements(diagnosis, judged, tests)
     asked.sort(key=lambda act: act.why == "revisit" and act.parts[:1] != (0,))
@@ -129,7 +121,7 @@ def _check(diagnosis: Diagnosis, judged: JudgedPlace) -> Act:
     difference.
     """
     (named,) = diagnosis.effects
-    parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.index == 0)
+    parts = diagnosis.parts(lambda part: part.index == 0)
     figures = judged.removed([named.effect])
     u = named.sd.get(size_field(named.effect))
     return replace(figures, kind="check", why="out_of_range", parts=parts, effect=named.effect, u=u)
@@ -208,26 +200,16 @@ def _approaches(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     return acts
 
 
-def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list[Act]]:
-    """Return the manual actions for faults and for usual effects causing much of the error, and subsequent manual
-    actions.
+def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
+    """Return the manual actions for faults and for usual effects causing much of the error.
 
-    If errors cancel, removing a single one may increase the error. Such an action is evaluated after the others.
+    If errors cancel, removing a fault alone may increase the error.
     """
     served = [(k, named) for k, part in enumerate(diagnosis.budget) for named in _by_hand(diagnosis, part)]
-    acts = [_repair(diagnosis, judged, k, named, ()) for k, named in served]
-    done = [act.effect for act in acts if act.gain_um > 0 and act.effect is not None]
-    first, following = list(acts), []
-    for (k, named), act in zip(served, acts, strict=True):
-        if done and act.gain_um <= 0 and named.is_confirmed:
-            after = _repair(diagnosis, judged, k, named, done)
-            if after.removes:
-                first.remove(act)
-                following.append(after)
-                done.append(named.effect)
+    acts = [_repair(diagnosis, judged, k, named) for k, named in served]
     # A controller with unknown constants may already contain a usual difference.
     not_offered = ("enter", "remaster") if diagnosis.rig.controller == "unknown" else ()
-    return [act for act in first if act.why == "fault" or (act.gain_um > 0 and act.kind not in not_offered)], following
+    return [act for act in acts if act.why == "fault" or (act.gain_um > 0 and act.kind not in not_offered)]
 
 
 def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
@@ -237,7 +219,7 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
     that size, or if the arm exceeds the limits.
     """
     of_part = [diagnosis.effects[part.index]] if part.index is not None else []
-    rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
+    rare = (part.times_usual or 0.0) >= SURE_SIGMA or diagnosis.accuracy.standing in ("watch", "fail")
     is_much = part.share > LARGE_SHARE and is_sure(diagnosis, part)
     if cause := part.cause:  # the only certain member of a group, as an effect of usual size
         effect, remedy = cause.effect, cause.effect.remedy()
@@ -253,20 +235,18 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
     return [name for name in [*own, *cancelling] if name.shown]
 
 
-def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, done: Sequence[Effect]) -> Act:
-    """Return the manual action for an effect of part k after removing the effects in `done`."""
+def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named) -> Act:
+    """Return the manual action for an effect of part k."""
     part = diagnosis.budget[k]
     is_own = part.index is not None and diagnosis.effects[part.index] is named
     u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.contribution_um)
-    figures = judged.removed([*done, named.effect], u_um / um if um > 0 else 1.0)
+    figures = judged.removed([named.effect], u_um / um if um > 0 else 1.0)
     is_constant = named.is_confirmed or part.rank == "difference"
     is_wrong = is_constant and named.effect.DEED == "enter" and (named.times_usual or 0.0) >= _WRONG
     rivals = tuple(name_of(rival.effect) for rival in likely_rivals(named))
     against = [Against("rivals", names=rivals)] if rivals else []
     if named.doubt is not None and named.doubt != "usual":
         against.append(Against("doubt", doubt=named.doubt))
-    if done:
-        figures = replace(figures, removes_um=judged.removed(done).residual_um - figures.residual_um)
     return replace(
         figures,
         kind="check" if is_wrong else named.effect.DEED,
@@ -296,7 +276,7 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
         return []
     if _may_not_have_arrived(diagnosis):  # a correction would hide it
         return []
-    effects = [effect for effect in judged.stages.calibrated.effects if effect.compensation().use != "none"]
+    effects = [effect for effect in judged.calibrated if effect.compensation().use != "none"]
     if not effects:
         return []
     figures = judged.removed(effects)
@@ -305,10 +285,8 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     left_um = max(figures.residual_um, (judged.predicted_um or 0.0) * (judged.place == "used"))
     if not figures.removes or left_um >= (1.0 if fails else _WORTH) * before_um:
         return []
-    parts = tuple(
-        k
-        for k, part in enumerate(diagnosis.budget)
-        if (
+    parts = diagnosis.parts(
+        lambda part: (
             part.kind in ("constants", "gravity", "curve")
             if part.index is None
             else diagnosis.effects[part.index].effect.compensation().use != "none"
@@ -333,21 +311,18 @@ def _measurements(
     """Return the measurements to make: to separate rivals, identify a group, decide, or validate elsewhere."""
     acts = []
     if _may_not_have_arrived(diagnosis):
-        large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
-        acts.append(Act("measure", "commanded", parts=large))
-    scatter = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "scatter")
+        acts.append(Act("measure", "commanded", parts=diagnosis.parts(lambda part: part.share > LEAST_SHARE)))
+    scatter = diagnosis.parts(lambda part: part.kind == "scatter")
     acts += [Act("measure", why, parts=scatter) for why in _reasons_to_repeat(diagnosis, scatter)]
     slow = [named for named in diagnosis.effects if named.doubt == "one_lap"]
     if slow:
         labels = {label_of(named.effect) for named in slow}
-        parts = tuple(k for k, part in enumerate(diagnosis.budget) if labels & {part.name, *part.cancelled})
+        parts = diagnosis.parts(lambda part: bool(labels & {part.name, *part.cancelled}))
         largest = max(slow, key=lambda named: named.contribution_um)
         um, effect = largest.contribution_um, largest.effect
         acts.append(Act("measure", "one_lap", parts=parts, remains_um=um, effect=effect, runs=_REPEATS))
     elif diagnosis.runs_to_decide is not None:
-        parts = tuple(
-            k for k, part in enumerate(diagnosis.budget) if part.rank == "undecided" and part.index is not None
-        )
+        parts = diagnosis.parts(lambda part: part.rank == "undecided" and part.index is not None)
         acts.append(Act("measure", "few_runs", parts=parts, runs=diagnosis.runs_to_decide))
     planned = {k: (test, cost) for k, test, cost in reversed(tests)}
 
@@ -364,8 +339,8 @@ def _measurements(
         if (part.members and not part.cause) or (k in fitted and is_open(part, fitted[k])):
             acts.append(test_of("group", k))
     if diagnosis.condition == "outside_library":
-        parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "unexplained")
-        if diagnosis.unexplained and diagnosis.unexplained.likeliest:
+        parts = diagnosis.parts(lambda part: part.kind == "unexplained")
+        if diagnosis.residual.likeliest:
             acts.append(Act("measure", "follows", parts=parts, place=judged.place))
         acts.append(Act("mount", "unexplained", parts=parts, place=judged.place))
     if judged.place == "used":
@@ -383,14 +358,14 @@ def _reasons_to_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> list[R
 
     Places visited once that scatter much, or more than usual, may have an error that every visit repeats.
     """
-    unexplained = diagnosis.unexplained
-    is_unusual = unexplained is not None and (unexplained.scatter_um or unexplained.unrepeated_um) is not None
+    residual = diagnosis.residual
+    is_unusual = (residual.scatter_um or residual.unrepeated_um) is not None
     is_large = diagnosis.train.of_places and any(diagnosis.budget[k].share > LEAST_SHARE for k in scatter)
     if is_unusual or (is_large and not diagnosis.repeated):
         return ["revisit"]
-    if unexplained and unexplained.visits_um:
+    if residual.visits_um:
         return ["visits_differ"]
-    return ["gauges_differ"] if unexplained and unexplained.gauges_um else []
+    return ["gauges_differ"] if residual.gauges_um else []
 
 
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis, judged: JudgedPlace) -> bool:
@@ -403,10 +378,10 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis, ju
         return True
     proven = [act for act in acts if _is_proven(act, diagnosis, judged)]
     is_open = not acts or acts[0] not in proven
-    unexplained, loads = diagnosis.unexplained or Unexplained(0.0), any(act.kind == "load" for act in acts)
+    loads = any(act.kind == "load" for act in acts)
     differ_um = {
-        "visits_differ": unexplained.visits_um,
-        "gauges_differ": unexplained.gauges_um,
+        "visits_differ": diagnosis.residual.visits_um,
+        "gauges_differ": diagnosis.residual.gauges_um,
         "one_lap": measurement.remains_um,
     }.get(measurement.why)
     if differ_um is not None:
@@ -432,7 +407,8 @@ def _is_proven(act: Act, diagnosis: Diagnosis, judged: JudgedPlace) -> bool:
         return False
     faults = [named.effect for named in diagnosis.standing if named.effect.part not in ("gauges", "clocks")]
     is_fault = diagnosis.condition == "named" and act.gain_um > 0 and act.effect in faults
-    return is_fault or (act.removes and judged.is_independent)
+    is_independent = judged.place != "used" or judged.predicted_um is not None  # each pose by all others
+    return is_fault or (act.removes and is_independent)
 
 
 def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:

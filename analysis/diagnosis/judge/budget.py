@@ -10,13 +10,13 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
 from analysis.diagnosis.evidence.setups import BALL_PRIOR_MM
+from analysis.diagnosis.evidence.significance import POSSIBLE_SIGMA
 from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form
 from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, rms_by_block
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import FAULT, combined_effect, least_fault
 from analysis.diagnosis.judge.result import LARGE_SHARE, BudgetPart, Gap, GroupMember, Named, Rank, Share
-from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, size_of
@@ -32,14 +32,10 @@ _CANCELS = 0.005
 """Negative share above which a part is combined with the part it cancels; a smaller negative share counts as zero."""
 _MOST_MEMBERS = 3
 """Number of listed group members, chosen for easy comparison. Their odds refer to all members."""
-_DOUBTED_SIGMA = 2.0
-"""Significance in sigmas below which the contribution of a part is unknown: it may be absent."""
 _INVISIBLE_UM = 1e-3
 """Contribution in µm of a healthy effect below which the runs do not show the effect. A multiple of it then has no
 meaning, for example for the backlash of a joint that always approaches from one side.
 """
-_NO_FREEDOM = 1e-14
-"""Ratio of mean squares below which a combination of set-up terms has no influence."""
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
 """Kinds of parts separate for each joint."""
 
@@ -72,7 +68,7 @@ class GapMeasure:
             if block.sampling:
                 factor[: len(ORDER_OF)] = 1 / (2 * GRID)
             else:
-                factor[:] = (3 if facts_of(block.table.test).of_places else 1) / len(factor)
+                factor[:] = (3 if block.facts.of_places else 1) / len(factor)
             parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
         return self.linear.at_entries(parts)
 
@@ -87,9 +83,9 @@ class GapMeasure:
         kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
         precision = np.zeros(U.shape[1])
         for block, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
-            if not facts_of(block.table.test).of_places:
+            if not block.facts.of_places:
                 precision[self.linear.terms[block.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
-        return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
+        return U, np.linalg.pinv(U.T @ U + np.diag(precision), hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
         """Return whitened changes (N, …) as vectors (N, …) in µm with the mean square as their sum of squares."""
@@ -101,6 +97,10 @@ class GapMeasure:
         """Return whitened changes (N, …) after removal of the part absorbed by set-ups, for plots."""
         _, moves = self._absorbs
         return changes - self.linear.U @ ((moves * self._root) @ changes)
+
+    def residual_mm(self, effects: Sequence[Effect]) -> list[Array]:
+        """Return the residual (N,) mm of each block with effects in the model."""
+        return self.linear.in_mm(self.without_set_up(self.linear.residual(effects)))
 
     def scatter_mm(self) -> list[Array]:
         """Return the responses (N, c) mm of each block to a standard deviation of all scatter between runs (joints,
@@ -210,7 +210,7 @@ class Budget:
         for place, name in enumerate(named):
             if name.effect in effects:
                 change = changes[effects.index(name.effect)]
-                is_unsure = name.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um
+                is_unsure = name.doubt != "usual" or change.um < POSSIBLE_SIGMA * change.u_um
                 as_usual: Rank = "usual" if least_fault(name.effect, self.result.reference) < np.inf else "difference"
                 rank: Rank = "unusual" if name.is_confirmed else "undecided" if is_unsure else as_usual
                 vector = self.measure.of(change.change)
@@ -221,26 +221,20 @@ class Budget:
                 )  # fmt: skip
                 drawn.append(_PartVector(part, vector))
         parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
-        # Remainder above the noise, with the unknown causes.
+        # Residual above the noise, with the unknown causes.
         result = self.result
-        remains = self.measure.of(result.beyond_noise * result.posterior.residual + result.free_share)
-        unexplained = BudgetPart("unexplained", float(np.linalg.norm(remains)), 0.0, self.share(remains))
+        residual = self.measure.of(result.beyond_noise * result.posterior.residual + result.free_share)
+        unexplained = BudgetPart("unexplained", float(np.linalg.norm(residual)), 0.0, self.share(residual))
         scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(part.share for part in [*parts, unexplained]))
-        for place, named_effect in enumerate(named):
-            if named_effect.effect not in effects:  # a vibration with a new phase in each run
-                # A vibration synchronous with the program repeats, and was unexplained; any other was scatter.
-                whole = named_effect.contribution_um**2 / self.whole_um2
-                of_scatter = min(whole, max(scatter.share, 0.0))
-                repeats = min(whole - of_scatter, max(unexplained.share, 0.0))
-                parts.append(
-                    BudgetPart(
-                        "effect", named_effect.contribution_um, named_effect.u_um, of_scatter + repeats, rank="unusual",
-                        name=label_of(named_effect.effect), odds=named_effect.probability, index=place,
-                    )
+        for place, name in enumerate(named):
+            if name.effect not in effects:  # a vibration with a new phase in each run
+                of_scatter = min(name.contribution_um**2 / self.whole_um2, max(scatter.share, 0.0))
+                part = BudgetPart(
+                    "effect", name.contribution_um, name.u_um, of_scatter, name=label_of(name.effect),
+                    rank="unusual" if name.is_confirmed else "usual", odds=name.probability, index=place,
                 )  # fmt: skip
+                parts.append(part)
                 scatter = replace(scatter, share=scatter.share - of_scatter)
-                kept = float(np.sqrt(1 - repeats / unexplained.share)) if repeats > 0 else 1.0
-                unexplained = replace(unexplained, share=unexplained.share - repeats, um=kept * unexplained.um)
         # A slightly negative share becomes zero, and the excess of the others is reduced in proportion.
         every = [replace(part, share=max(part.share, 0.0)) for part in (*parts, unexplained, scatter)]
         whole = sum(part.share for part in every)
@@ -279,7 +273,7 @@ class Budget:
             usual_um = float(np.sqrt(np.sum(moved**2 @ (columns.healthy[indices] * times**2))))
             um = float(np.linalg.norm(vector))
             ratio = um / usual_um if usual_um > _INVISIBLE_UM else 0.0
-            rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
+            rank: Rank = "undecided" if um < POSSIBLE_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
             part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
             part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
             drawn.append(_PartVector(part, vector))
@@ -347,10 +341,6 @@ class Budget:
 # An unexplained error can resemble an effect on one circle, or even two, but hardly with equal size at every place. If
 # set-ups disagree on the size, the effect therefore imitates a different cause.
 
-_WIDE = 100.0
-"""Prior standard deviation of a share, relevant only for set-ups with hardly any information. Chosen: larger than
-any share of interest.
-"""
 _CHANCE = 0.05
 """False alarm probability of a disagreement between set-ups. Chosen: the usual significance level."""
 _NOTHING = 1e-300
@@ -407,7 +397,7 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
     for rows, column in zip(linear.rows, number, strict=True):
         columns[rows, column] = change[rows]
     precision, slope = _other_parameters(result, k).cavity(columns)
-    covariance = np.asarray(np.linalg.inv(precision + np.eye(len(slope)) / _WIDE**2), dtype=float)
+    covariance = np.asarray(np.linalg.inv(precision + np.eye(len(slope)) / LARGEST_FAULT**2), dtype=float)
     of_shown = slice(len(shown))
     return SizesBySetUp(tuple(shown), (1 + covariance @ slope)[of_shown], covariance[of_shown, of_shown])
 
@@ -421,7 +411,7 @@ def runs_apart(result: SearchResult, k: int) -> float:
     """
     linear, beside, change = result.linear, _other_parameters(result, k), result.contributions[k]
     weight, scatter = beside.background.weight, np.concatenate([linear.Z, linear.stamps], axis=1)
-    pull = weight * beside.left_of(change[:, None])[:, 0]
+    pull = weight * beside.without_absorbed(change[:, None])[:, 0]
     # Share of the size determined by the readings instead of the prior.
     pull /= max(float(change @ pull) + (size_of(result.effects[k]) / LARGEST_FAULT) ** 2, _NOTHING)
     freedom, shown, expected = 0, 0.0, 0.0

@@ -15,10 +15,8 @@ import numpy as np
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_terms
-from analysis.diagnosis.judge.misses import Widening
-from analysis.diagnosis.judge.result import Verdict
-from analysis.diagnosis.judge.validation import Stages
-from analysis.procedures.shared.test_kind import facts_of
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.validate import Validation
 from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.robot.model.predict import SetUp
 from analysis.runs.loading import Measured
@@ -45,26 +43,26 @@ def covariance_of(result: SearchResult) -> Array:
 
 
 def calibrated_model(
-    verdict: Verdict,
+    diagnosis: Diagnosis,
     result: SearchResult,
     used: Sequence[Measured],
     runs: Sequence[ObservedRun],
-    stages: Stages,
-    wider: Widening,
+    validation: Validation,
     judged: ModelAssessment | None = None,
 ) -> CalibratedModel:
     """Return the calibrated model of a search.
 
-    It contains the posterior with written effects marked as named, the range of each joint in the `runs`, the set-ups
-    of the last of the `stages`, the residuals for the runs used and for the validation, and the uncertainty multiplied
-    by the factor `wider`.
+    It contains the posterior with written effects marked as named, the range of each joint in the `runs`, the set-ups,
+    the residuals for the runs used and for the validation, and the widened uncertainty.
     """
-    rig, train, elsewhere = verdict.rig, verdict.train, verdict.unseen or verdict.held_out
-    named = [name.effect for name in verdict.written]
+    wider, stages = validation.widening, validation.stages
+    setups = validation.fitted.fit_with_effects(stages.calibrated)[0]
+    rig, train, elsewhere = diagnosis.rig, diagnosis.train, diagnosis.unseen or diagnosis.held_out
+    named = [name.effect for name in diagnosis.written]
     effects, unknowns = result.effects, result.fit.unknowns
     terms = [Term.model_construct(effect=effect, times=1.0, named=effect in named) for effect in effects]
     background = background_terms(result.calibrated_posterior)
-    if not stages.has_background:
+    if stages.calibrated == stages.named:
         background = [term.model_copy(update={"times": 0.0}) for term in background]
     parameters = [CovarianceParameter.model_construct(term=unknown.effect, field=unknown.field) for unknown in unknowns]
     parameters += [
@@ -73,7 +71,7 @@ def calibrated_model(
     root = wider.factor * covariance_root(covariance_of(result))
     arm, q = runs[0].model.arm, np.concatenate([run.table.q[run.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
-    of_poses = {run.setup for run in runs if facts_of(run.table.test).of_places}
+    of_poses = {run.setup for run in runs if run.facts.of_places}
     calibrated = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,
@@ -82,7 +80,7 @@ def calibrated_model(
         runs=tuple(CalibratedRun(name=run.run.manifest.name, sha256=run.run.readings_sha256) for run in used),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
         rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
-        setups={name: _placed(setup, poses=name in of_poses) for name, setup in stages.calibrated.setups.items()},
+        setups={name: _placed(setup, poses=name in of_poses) for name, setup in setups.items()},
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,

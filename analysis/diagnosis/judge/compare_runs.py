@@ -72,9 +72,7 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
             poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
         else:
             comparisons.append(_comparison(run, part.model, placed[part.setup], part.rows, residual))
-    setups = {
-        f"{part.setup}{where}": placed[part.setup] for part in split_up if not facts_of(part.table.test).of_places
-    }
+    setups = {f"{part.setup}{where}": placed[part.setup] for part in split_up if not part.facts.of_places}
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 

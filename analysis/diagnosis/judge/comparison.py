@@ -1,4 +1,4 @@
-"""Result of a comparison: measured and simulated values, and places of disagreement between model and readings."""
+"""Result of a comparison: measured and simulated values, and places with large residuals."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
-from analysis.diagnosis.judge.staircase import Staircase
+from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace, Staircase
 from analysis.procedures.results import Result
 from analysis.procedures.shared.test_kind import Evaluated, labels_of
 from analysis.robot.kinematics.arm import Array, Integers
@@ -18,8 +17,8 @@ from rigs.rig import Rig
 
 
 @dataclass(frozen=True)
-class Disagreement:
-    """Disagreements between the model of a rig and readings, largest sigma first, and residuals of circles and targets
+class LocatedResidual:
+    """Residual of the model of a rig by place, largest sigma first, and residuals of circles and targets
     excluding the effects of the model (before) and including them (after).
 
     `staircase`: a step per effect of the rig file, and a final step for the calibration; None for a model with no
@@ -118,7 +117,7 @@ class Compared(Tabular):
     setups: dict[str, SetUp]
     doubts: tuple[str, ...]
     poses: tuple[PoseComparison, ...] = ()
-    disagreement: Disagreement | None = None
+    disagreement: LocatedResidual | None = None
 
     def to_table(self) -> pa.Table:
         """Return a row for each run and figure: run, figure, measured, u (standard uncertainty), simulated."""

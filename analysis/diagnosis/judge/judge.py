@@ -1,37 +1,35 @@
-"""Fourth stage of a diagnosis: named effects, condition of the arm, and error budget."""
+"""Fourth stage of a diagnosis: named effects, condition of the arm, error budget, calibrated model, and doubts."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+
+import numpy as np
 
 from analysis.diagnosis.evidence.gather import Evidence
-from analysis.diagnosis.evidence.link_swing import find_vibration
+from analysis.diagnosis.evidence.link_swing import FoundVibration, find_vibration
 from analysis.diagnosis.evidence.setups import with_effects
+from analysis.diagnosis.evidence.significance import ODDS
 from analysis.diagnosis.fit.fit_evidence import Fit
-from analysis.diagnosis.fit.responses import limits_um
+from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM
 from analysis.diagnosis.fit.search import early_readings
 from analysis.diagnosis.judge.alternatives import hypotheses_of
 from analysis.diagnosis.judge.budget import Budget, EffectChange, GapMeasure, effect_changes
-from analysis.diagnosis.judge.doubts import doubts_of_limits
-from analysis.diagnosis.judge.named_swing import doubts_of_phases, named_vibration
-from analysis.diagnosis.judge.remains import Unexplained
-from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
-from analysis.diagnosis.judge.result import (
-    Accuracy,
-    BudgetPart,
-    Condition,
-    Named,
-    Remainder,
-    Verdict,
-    fault_rivals,
-)
-from analysis.diagnosis.judge.unexplained import (
+from analysis.diagnosis.judge.calibrated_model import calibrated_model
+from analysis.diagnosis.judge.dependence import (
     gauges_apart_um,
+    held_out_residual,
     unrepeated_um,
     unusual_visits_um,
     with_dependences,
 )
+from analysis.diagnosis.judge.doubts import doubts_of_limits, doubts_of_rig, doubts_of_runs
+from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
+from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Named, fault_rivals
+from analysis.diagnosis.judge.staircase import staircase_of
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.validation import held_out_gains, shows_noise
 from analysis.diagnosis.judge.verdict import (
@@ -40,38 +38,25 @@ from analysis.diagnosis.judge.verdict import (
     ambiguous_names,
     as_scatter,
     condition_of,
+    doubt_of_size,
+    judged_of,
     named_effects,
     needs_runs,
-    remainder_of,
+    residual_of,
     runs_to_decide,
     standing_of,
     standing_within,
 )
-from rigs.schema.effect import is_vibration, name_of
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.loading import Measured
+from rigs.load import contradictions
+from rigs.schema.effect import is_vibration, name_of, size_field
+from rigs.schema.reference import Reference
 
 
-@dataclass(frozen=True)
-class Findings:
-    """Messages for the doubts: poses read before the joints came to rest, and sizes at the limit of fits."""
-
-    early: tuple[str, ...]
-    at_limits: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _Answer:
-    """Preliminary verdict without figures. named: includes the effects of runs that cannot show effects."""
-
-    condition: Condition
-    accuracy: Accuracy
-    named: Sequence[Named]
-    budget: tuple[BudgetPart, ...]
-    remainder: Remainder
-    unexplained: Unexplained
-
-
-def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict, Findings]:
-    """Return the verdict on readings (m, k) mm, and the messages found on the way."""
+def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Diagnosis, bool]:
+    """Return the diagnosis of readings (m, k) mm before its actions, and whether poses were read before the joints came
+    to rest."""
     result, gaps = fit.result, validation.gaps
     changes = effect_changes(result)
     named, at_limits = _named_in(evidence, fit, validation, changes)
@@ -84,19 +69,70 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Verdict
         else standing_within(evidence.tolerance_um, validation.fitted)
     )
     accuracy = accuracy_of(gaps, *standing)
-    remainder = remainder_of(result, named, result.scatter_limits_um, gaps)
-    unrepeated = None if early else unrepeated_um(result, evidence.rig.tests.touch)
-    condition = condition_of(result, named, remainder, validation.whole, early=bool(early), unrepeated_um=unrepeated)
+    residual = replace(
+        residual_of(result, named, result.scatter_limits_um, gaps),
+        visits_um=unusual_visits_um(result),
+        unrepeated_um=None if early else unrepeated_um(result, evidence.rig.tests.touch),
+        gauges_um=gauges_apart_um(result),
+        held_out=held_out_residual(result, validation.places, temperature_of(evidence.uses.used)),
+    )
+    condition = condition_of(result, named, residual, validation.whole, early=bool(early))
     budget: tuple[BudgetPart, ...] = ()
     if condition != "not_testable_here":
         budget = tuple(Budget(result, gaps.train).parts(named, changes))
         condition = "out_of_range" if fit.out_of_range else condition
-    visits_um, gauges_um = unusual_visits_um(result), gauges_apart_um(result)
-    unexplained = Unexplained(remainder.um, visits_um=visits_um, unrepeated_um=unrepeated, gauges_um=gauges_um)
-    answer = _Answer(condition, accuracy, named, budget, remainder, unexplained)
     if condition == "outside_library":
-        answer = _of_unknown_cause(answer, fit, validation)
-    return _verdict(answer, evidence, fit, validation), Findings(early, at_limits)
+        residual = with_dependences(residual, result, validation.places)
+        if residual.scatter_um and not any(name.is_confirmed for name in named):
+            budget, residual = as_scatter(budget, residual)
+            condition = "nothing_unusual"
+    linear, measure = result.linear, GapMeasure(result.linear)
+    before, after = measure.residual_mm(()), measure.residual_mm(result.effects)
+    diagnosis = Diagnosis(
+        condition=condition,
+        accuracy=accuracy,
+        budget=budget,
+        runs_to_decide=runs_to_decide(result, named) if condition == "undecided" and needs_runs(named) else None,
+        rig=evidence.rig,
+        runs=gaps.train.runs,
+        where=places(linear.blocks, before, measure.scatter_mm()),
+        effects=tuple(named) if condition != "not_testable_here" else (),
+        residual=residual,
+        train=gaps.train,
+        held_out=gaps.held_out,
+        unseen=gaps.unseen,
+        bands=bands_above_noise(linear.blocks, result.posterior.residual),
+        setups=linear.setups,
+        groups=_groups(named) if condition != "out_of_range" else (),
+        not_testable=result.selection.not_testable(result.state, result.posterior),
+        repeated=all(block.measured for block in linear.blocks),
+        shows_noise=all(block.measured or shows_noise(block) for block in linear.blocks),
+        levels=result.state.level.by_part(),
+        curves=curves_of(linear.blocks, before, after),
+        maps=maps_of(linear.blocks, before, after),
+        given=fit.is_given,
+        doubts=(
+            *evidence.doubts, *early, *validation.doubts, *at_limits, *doubts_of_runs(linear.blocks),
+            *doubts_of_rig(evidence.rig, validation.fitted),
+        ),
+        only_commanded=any(run.has_only_commanded_angles for run in evidence.uses.used),
+    )  # fmt: skip
+    return _with_model(diagnosis, evidence, fit, validation), bool(early)
+
+
+def _with_model(diagnosis: Diagnosis, evidence: Evidence, fit: Fit, validation: Validation) -> Diagnosis:
+    """Return the diagnosis with the calibrated model, and the residual as its parts are added."""
+    result, runs_at = fit.result, (validation.fitted.runs, validation.judges, validation.elsewhere)
+    staircase = staircase_of(diagnosis, result, validation.stages, *runs_at)
+    diagnosis = replace(diagnosis, staircase=staircase)
+    if fit.out_of_range:
+        return diagnosis
+    judged = judged_of(diagnosis, validation.whole, validation.gaps, validation.widening.unexplained_mm)
+    calibrated = calibrated_model(diagnosis, result, evidence.uses.used, evidence.runs, validation, judged)
+    if why := next(contradictions(calibrated, evidence.rig), ""):
+        doubt = f"no calibrated model is written, because it {why}; measure again, with more postures"
+        return replace(diagnosis, doubts=(*diagnosis.doubts, doubt))
+    return replace(diagnosis, calibrated=calibrated)
 
 
 def _named_in(
@@ -109,64 +145,19 @@ def _named_in(
     result, fitted, train, given = fit.result, validation.fitted, validation.gaps.train, fit.is_given
     only_commanded = any(run.has_only_commanded_angles for run in evidence.uses.used)
     hypotheses = hypotheses_of(result, only_commanded=only_commanded)
-    named = named_effects(result, hypotheses, fitted, held_out_gains(result, validation.judges), changes)
+    named = named_effects(
+        result, hypotheses, fitted, held_out_gains(result, validation.stages.calibrated, validation.judges), changes
+    )
     doubts = doubts_of_limits(named)
-    vibrations = [name for name in named if given and is_vibration(name.effect)]
     swing = None
-    if vibrations or not given:
+    if not given:
         swing = find_vibration(with_effects(evidence.runs, result.effects), result.linear.setups)
-    if swing is not None and given:
-        doubts += doubts_of_phases(vibrations, swing)
-    elif swing is not None:  # confirmed if its contribution exceeds the scatter of a circle without it
-        circles = [block.sampling is not None for block in result.linear.blocks]
-        limits = limits_um(result.linear, swing.scatter_um)
-        named += named_vibration(swing, limits[circles], train.after_um)
+    elif any(is_vibration(name.effect) for name in named):
+        doubts += (_ONE_PHASE,)
+    if swing is not None:
+        named += named_vibration(swing, result.reference, train.after_um)
     named = [replace(name, alone_um=fitted.residual_um([name.effect])) for name in named]
     return sorted(named, key=lambda name: (not name.is_confirmed, -name.contribution_um)), doubts
-
-
-def _of_unknown_cause(answer: _Answer, fit: Fit, validation: Validation) -> _Answer:
-    """Return the verdict with the quantities on which the unexplained part of the readings (N,) depends.
-
-    If it depends on none and no target was visited twice, it is scatter.
-    """
-    unexplained = with_dependences(answer.unexplained, fit.result, validation.left_out)
-    if not unexplained.scatter_um or any(name.is_confirmed for name in answer.named):
-        return replace(answer, unexplained=unexplained)
-    budget, remainder = as_scatter(answer.budget, answer.remainder)
-    return replace(answer, condition="nothing_unusual", budget=budget, remainder=remainder, unexplained=unexplained)
-
-
-def _verdict(answer: _Answer, evidence: Evidence, fit: Fit, validation: Validation) -> Verdict:
-    """Return the complete verdict with the figures and plots of the residuals (m, k)."""
-    result, gaps, named = fit.result, validation.gaps, answer.named
-    linear, measure = result.linear, GapMeasure(result.linear)
-    drawn = [linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.effects)]
-    return Verdict(
-        condition=answer.condition,
-        accuracy=answer.accuracy,
-        budget=answer.budget,
-        runs_to_decide=runs_to_decide(result, named) if answer.condition == "undecided" and needs_runs(named) else None,
-        rig=evidence.rig,
-        runs=gaps.train.runs,
-        where=places(linear.blocks, drawn[0], measure.scatter_mm()),
-        effects=tuple(named) if answer.condition != "not_testable_here" else (),
-        remainder=answer.remainder,
-        train=gaps.train,
-        held_out=gaps.held_out,
-        unseen=gaps.unseen,
-        left=bands_above_noise(linear.blocks, result.posterior.residual),
-        setups=linear.setups,
-        groups=_groups(named) if answer.condition != "out_of_range" else (),
-        not_testable=result.selection.not_testable(result.state, result.posterior),
-        repeated=all(block.measured for block in linear.blocks),
-        shows_noise=all(block.measured or shows_noise(block) for block in linear.blocks),
-        levels=result.state.level.by_part(),
-        curves=curves_of(linear.blocks, *drawn),
-        maps=maps_of(linear.blocks, *drawn),
-        given=fit.is_given,
-        unexplained=answer.unexplained,
-    )
 
 
 def _groups(named: Sequence[Named]) -> tuple[tuple[str, ...], ...]:
@@ -176,3 +167,44 @@ def _groups(named: Sequence[Named]) -> tuple[tuple[str, ...], ...]:
         for name in named
         if name.rivals and (name in ambiguous_names(named) or fault_rivals(name))
     )
+
+
+_ONE_PHASE = (
+    "the vibration was fitted with one phase and one frequency in all runs: its size is too small if every run begins "
+    "with another phase, which rig diagnose finds"
+)
+
+
+def named_vibration(swing: FoundVibration, reference: Reference, gap_um: float) -> list[Named]:
+    """Return a vibration of the link as a named effect, if it is material and the odds of any vibration are at least 20
+    to 1; it is confirmed like every other fault, by its size.
+
+    The phase is new in each run; therefore no model removes the vibration from the readings.
+    """
+    um = 1e3 * swing.amplitude_mm / math.sqrt(2)
+    if swing.gain < math.log(ODDS) or um < LEAST_MATERIAL_UM:
+        return []
+    odds, u = 1 / (1 + math.exp(-swing.gain)), swing.sd[size_field(swing.effect)]
+    doubt = doubt_of_size(swing.effect, u, reference)
+    return [Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), um, None, doubt)]
+
+
+_TEMPERATURE = re.compile(r"(?<![a-z])temp(erature)?(?![a-z])")
+
+
+def temperature_of(used: Sequence[Measured]) -> Array | None:
+    """Return the temperature (n,) of each table row; None for several runs or if unknown.
+
+    It is an extra column identified by its name, in any unit.
+    """
+    table = used[0].run.table if len(used) == 1 else None
+    if table is None:
+        return None
+    for name in table.column_names:
+        if _TEMPERATURE.search(name.casefold()):
+            try:
+                values = np.array([float(str(cell).replace(",", ".")) for cell in table[name].to_pylist()])
+            except ValueError:
+                continue
+            return values if len(values) == len(used[0].table.q) and np.isfinite(values).all() else None
+    return None

@@ -1,8 +1,9 @@
-"""Residuals above the noise: orders, targets and places on the circle, and the curves for plots."""
+"""The residual: the part of the readings that the model does not explain, in figures, places, bands and curves."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any, Literal
@@ -13,7 +14,7 @@ import pyarrow as pa
 from analysis.diagnosis.evidence.blocks import BAND_EDGES, Block
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF, curve
 from analysis.procedures.shared.result_curves import turns
-from analysis.procedures.shared.test_kind import facts_of, kind_of, labels_of
+from analysis.procedures.shared.test_kind import kind_of, labels_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.laps import laps_of
 from analysis.runs.tables import CircleTable
@@ -21,10 +22,96 @@ from analysis.runs.tabular import Tabular
 from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import counted
 
+Subject = Literal["angle", "load", "posture", "approach", "speed", "time", "temperature", "place"]
+"""Possible dependence of a residual: angle of a joint, torque of gravity, joint angles together, approach side, speed
+of a joint; time; temperature; place of the target."""
+FOLLOWED = 0.2
+"""Share from which a residual is said to depend on a quantity. Chosen: the best of twenty quantities explains up to a
+tenth of plain noise of 40 poses.
+"""
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """A quantity and the share of the mean square that it explains at places not used to fit it."""
+
+    what: Subject
+    share: float
+    axis: int | None = None
+    """The joint; None for a quantity of the whole arm."""
+
+
+@dataclass(frozen=True)
+class HeldOutResidual:
+    """Residual of each neighbourhood of positions for a model fitted to all others."""
+
+    um: float
+    """Rms distance."""
+    noise_um: float
+    """Noise of a position, rms distance."""
+    looked: Mapping[Subject, float | None]
+    """Share that each quantity of the whole arm explains; None if the runs do not contain it."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain types."""
+        looked = [{"subject": subject, "share": share} for subject, share in self.looked.items()]
+        return {"um": self.um, "noise_um": self.noise_um, "looked": looked}
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Part of the readings, beyond the noise, that neither the named effects nor the usual errors of a healthy arm
+    explain."""
+
+    um: float
+    """Rms, including the contribution of contradicted effects; at most that of the initial model."""
+    share: float = 0.0
+    """Share of the squared residual of the initial model."""
+    words: str = ""
+    """Description of the pattern."""
+    healthy_um: float = 0.0
+    """Rms of the usual errors of a healthy arm."""
+    at_new_places: bool = False
+    """True if `um` is the error at places not used in the fit, because it is larger there."""
+    is_material: bool = False
+    """True if it exceeds the scatter of a run."""
+    follows: tuple[Dependence, ...] = ()
+    """Quantities on which the residual of an unknown cause depends, the likeliest first."""
+    scatter_um: float | None = None
+    """Scatter of a coordinate of poses if the residual is scatter and every target was visited once."""
+    visits_um: float | None = None
+    """Rms distance between a visit of a target and the mean of its visits, or between a circle and the mean of its
+    repeats, if it exceeds the usual repeatability of the build."""
+    unrepeated_um: float | None = None
+    """Rms deviation of targets visited once from the calibrated model, if it is larger than usual scatter: scatter or
+    an unknown cause."""
+    gauges_um: float | None = None
+    """Rms change of the difference of two gauges between repeated circles, if movements of the tool are smaller."""
+    held_out: HeldOutResidual | None = None
+    """None if no positions were measured."""
+
+    @property
+    def likeliest(self) -> Dependence | None:
+        """The certain dependence, if any."""
+        return next((each for each in self.follows if each.share >= FOLLOWED), None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain types, with the keys `remainder`, `unexplained` and `remains` of a diagnosis."""
+        whole = asdict(self)
+        remainder = {key: whole[key] for key in ("um", "share", "words", "healthy_um", "at_new_places", "is_material")}
+        causes = {key: whole[key] for key in ("follows", "scatter_um", "visits_um", "unrepeated_um", "gauges_um")}
+        remains = {"remains": self.held_out.to_dict()} if self.held_out else {}
+        return {"remainder": remainder, "unexplained": {"rms_um": self.um, **causes}, **remains}
+
+
+def independent_um(um: float, part_um: float) -> float:
+    """Remove from an rms in µm a part that is independent of the rest."""
+    return math.sqrt(max(um**2 - part_um**2, 0.0))
+
 
 @dataclass(frozen=True)
 class ResidualPlace:
-    """A place of disagreement between measurement and simulation beyond noise and scatter between runs.
+    """A place with a residual beyond noise and scatter between runs.
 
     `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
     are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
@@ -49,7 +136,7 @@ class ResidualPlace:
 
 @dataclass(frozen=True)
 class ResidualBand:
-    """The unexplained residual in a band of orders (cycles per lap), or at targets: ratio of chi-square to the
+    """The residual in a band of orders (cycles per lap), or at targets: ratio of chi-square to the
     expectation from noise, and description.
     """
 
@@ -100,20 +187,14 @@ class Map(Tabular):
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The unexplained residual: bands of orders, and targets, with a residual above the noise, and a description.
+# Bands of orders, and targets, with a residual above the noise.
 
 _REPORTED = 4
 """Number of reported bands. Chosen: more do not help a reader."""
-_LEAST = 2.0
-"""Ratio of the energy to that of the noise above which a band is reported. Chosen: at 2 the residual beyond the
-noise equals the noise.
-"""
 _CLEAR = 6.0
-"""Standard deviations of chi-square by which a band must exceed the noise, so that bands of few readings are not
-reported by chance: for bands of five readings, noise exceeds it once in some thousands.
+"""Standard deviations of chi-square by which a band must exceed the noise: for bands of five readings, noise exceeds it
+once in some thousands.
 """
-_SLOW = 30
-"""Orders below this limit are compared between the directions. Chosen: as for the level of slow noise in `noise`."""
 
 
 Part = Literal["distance", "angle"]
@@ -129,58 +210,37 @@ def bands_above_noise(blocks: Sequence[Block], residual: Array) -> tuple[Residua
     deviations of the noise.
     """
     clear: list[tuple[float, ResidualBand]] = []
-    parity, begin = _parity(blocks, residual), 0
+    begin = 0
     for block in blocks:
-        of_block, table = residual[begin : begin + len(block.y_mm)], block.table
+        of_block = residual[begin : begin + len(block.y_mm)]
         begin += len(of_block)
-        bands: list[tuple[Part | Literal["targets"], tuple[int, int] | None, Integers]]
-        bands = [("targets", None, np.arange(len(of_block)))]
-        if block.sampling:
-            entries = [(part, np.arange(len(ORDER_OF))[of_part]) for part, of_part in _PARTS]
-            bands = [
-                (part, (low, high - 1), of_part[(ORDER_OF[of_part] >= low) & (ORDER_OF[of_part] < high)])
-                for part, of_part in entries
-                for low, high in pairwise(BAND_EDGES)
-            ]
-        for part, orders, rows in bands:
+        for part, orders, rows in _bands_of(block):
             ratio = float(np.mean(of_block[rows] ** 2))
-            if ratio <= max(_LEAST, 1 + _CLEAR * np.sqrt(2 / len(rows))):
-                continue  # chance explains it
-            words = f"{np.sqrt(ratio):.1f} times the noise"
-            words = f"{orders[0]} to {orders[1]} waves per lap, {words}" if orders else f"the targets differ by {words}"
-            correlation = parity.get((table.test, part), 0.0)
-            if abs(correlation) > 0.5:
-                words += (
-                    ", the same in both directions" if correlation > 0 else ", of opposite sign in the other direction"
+            if ratio > 1 + _CLEAR * np.sqrt(2 / len(rows)):
+                words = f"{np.sqrt(ratio):.1f} times the noise"
+                words = (
+                    f"{orders[0]} to {orders[1]} waves per lap, {words}" if orders else f"the targets differ by {words}"
                 )
-            energy_mm2 = float(((of_block[rows] * block.sd_mm[rows]) ** 2).sum())
-            clear.append((energy_mm2, ResidualBand(table.test, table.driven_direction, part, orders, ratio, words)))
+                energy_mm2 = float(((of_block[rows] * block.sd_mm[rows]) ** 2).sum())
+                table = block.table
+                clear.append((energy_mm2, ResidualBand(table.test, table.driven_direction, part, orders, ratio, words)))
     clear.sort(key=lambda band: -band[0])
     return tuple(band for _, band in clear[:_REPORTED])
 
 
-def _parity(blocks: Sequence[Block], residual: Array) -> dict[tuple[TestName, str], float]:
-    """Return the correlation of the residual cw and acw at the same circle angles, by test and part."""
-    ways: dict[tuple[TestName, Direction], Array] = {}
-    begin = 0
-    for block in blocks:
-        table = block.table
-        if direction := table.driven_direction:
-            ways[table.test, direction] = residual[begin : begin + len(ORDER_OF)]
-        begin += len(block.y_mm)
-    correlations: dict[tuple[TestName, str], float] = {}
-    for test in {test for test, _ in ways}:
-        cw, acw = ways.get((test, "cw")), ways.get((test, "acw"))
-        if cw is not None and acw is not None:
-            for part, entries in _PARTS:
-                slow = ORDER_OF[entries] < _SLOW
-                correlations[test, part] = float(np.corrcoef(cw[entries][slow], acw[entries][slow])[0, 1])
-    return correlations
+def _bands_of(block: Block) -> list[tuple[Part | Literal["targets"], tuple[int, int] | None, Integers]]:
+    """Bands of a block: part, orders, and entries (n,)."""
+    if block.sampling is None:
+        return [("targets", None, np.arange(len(block.y_mm)))]
+    return [
+        (part, (low, high - 1), of_part.start + np.flatnonzero((ORDER_OF[of_part] >= low) & (ORDER_OF[of_part] < high)))
+        for part, of_part in _PARTS
+        for low, high in pairwise(BAND_EDGES)
+    ]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Places of disagreement between measurement and simulation: stretches of a circle, or targets, with a residual above
-# the noise.
+# Places: stretches of a circle, or targets, with a residual above the noise.
 #
 # A residual that is too small to be detected at any single place may still be detected by its form over the complete
 # lap, which the search uses.
@@ -204,14 +264,16 @@ _MOST = 50
 """Number of reported places. Chosen: pictures shade all places of most cells; lists stop at the worst."""
 
 
-def places(blocks: Sequence[Block], left_mm: Sequence[Array], scatter_mm: Sequence[Array]) -> tuple[ResidualPlace, ...]:
+def places(
+    blocks: Sequence[Block], residual_mm: Sequence[Array], scatter_mm: Sequence[Array]
+) -> tuple[ResidualPlace, ...]:
     """Return the worst places, largest sigma first.
 
-    left_mm: residual of each block as entries (N,) mm. scatter_mm: contribution of a standard deviation of all scatter
-    between runs, (N, c) mm.
+    residual_mm: residual of each block as entries (N,) mm. scatter_mm: contribution of a standard deviation of all
+    scatter between runs, (N, c) mm.
     """
     all_places: list[ResidualPlace] = []
-    for block, residual, scattered in zip(blocks, left_mm, scatter_mm, strict=True):
+    for block, residual, scattered in zip(blocks, residual_mm, scatter_mm, strict=True):
         all_places += (_on_circle if block.sampling else _at_targets)(block, residual, scattered)
     return tuple(sorted(all_places, key=lambda place: -place.sigma)[:_MOST])
 
@@ -289,20 +351,11 @@ def _jumps(
 
 
 def _stretches(over: Array) -> list[tuple[int, int]]:
-    """Return the first and last index of each stretch on the closed circle. Small gaps are bridged, and an end may
-    exceed the end of the lap.
-    """
-    if over.all():
-        return [(0, GRID)]
+    """First and last index of each stretch on the closed circle, with small gaps bridged; an end may exceed the lap."""
     start = int(np.argmin(over))
-    flags = np.roll(over, -start)
-    runs: list[list[int]] = []
-    for k in np.flatnonzero(flags):
-        if runs and k - runs[-1][1] <= _GAP:
-            runs[-1][1] = int(k) + 1
-        else:
-            runs.append([int(k), int(k) + 1])
-    return [(begin + start, end + start) for begin, end in runs if end - begin > 1]
+    flagged = np.flatnonzero(np.roll(over, -start))
+    stretches = np.split(flagged, np.flatnonzero(np.diff(flagged) > _GAP + 1) + 1)
+    return [(int(at[0]) + start, int(at[-1]) + 1 + start) for at in stretches if len(at) > 1]
 
 
 def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, end_deg: float) -> tuple[int | None, str]:
@@ -323,7 +376,7 @@ def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, en
 
 
 def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[ResidualPlace]:
-    table, coordinates = block.table, 3 if facts_of(block.table.test).of_places else 1
+    table, coordinates = block.table, 3 if block.facts.of_places else 1
     variance = block.sd_mm**2 + (scatter_mm**2).sum(axis=1)
     size, noise = (np.sqrt(square.reshape(-1, coordinates).sum(axis=1)) for square in (residual**2, variance))
     number = table.numbers[block.rows]
@@ -364,3 +417,57 @@ def maps_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Ar
             )
             maps.append(Map(table.test, table.numbers[rows].astype(float), polar, azimuth, *sizes))
     return tuple(maps)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Staircase: the residual as parts of the error are added to the model one after the other.
+
+
+@dataclass(frozen=True)
+class ModelResidual:
+    """Residual of a model at a place, root mean square in µm, with standard uncertainty."""
+
+    um: float
+    u_um: float
+
+
+@dataclass(frozen=True)
+class StaircaseStep:
+    """A model of the staircase. `parts`: indices of the parts added in this step, in the budget of a diagnosis or
+    among the effects of a rig file; empty for the initial model. The residuals refer to the runs used, to
+    held-out runs, and to runs at an unseen place, None if not available.
+    """
+
+    parts: tuple[int, ...]
+    used: ModelResidual
+    held_out: ModelResidual | None = None
+    unseen: ModelResidual | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain types, in µm."""
+        at_places = {"used": self.used, "held_out": self.held_out, "unseen_place": self.unseen}
+        return {
+            "parts": self.parts,
+            "left": {place: left_there and asdict(left_there) for place, left_there in at_places.items()},
+        }
+
+
+@dataclass(frozen=True)
+class Staircase:
+    """The steps from the initial to the calibrated model. `curves`: residuals (steps, n, 2) µm of the two gauges of
+    each circle at the circle angles of the curves of the diagnosis. `maps`: residuals (steps, n) µm at targets.
+    All are with fitted set-ups.
+    """
+
+    steps: tuple[StaircaseStep, ...]
+    curves: tuple[Array, ...] = ()
+    maps: tuple[Array, ...] = ()
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Places with residuals: `used`, `held_out`, `unseen`."""
+        return tuple(place for place in ("used", "held_out", "unseen") if getattr(self.steps[0], place) is not None)
+
+    def to_dict(self, names: Sequence[str]) -> list[dict[str, Any]]:
+        """Return the steps in plain types, with part names."""
+        return [{**step.to_dict(), "parts": [names[k] for k in step.parts]} for step in self.steps]

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import pyarrow as pa
 
-from analysis.diagnosis.evidence.contradiction import Contradiction
-from analysis.diagnosis.evidence.movements import Movement
-from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn
+from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS, SURE_SIGMA
+from analysis.diagnosis.fit.contradictions import Contradiction
+from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn, NamingTest
 from analysis.diagnosis.judge.alternatives import Alternative
-from analysis.diagnosis.judge.passport import Passport
 from analysis.diagnosis.judge.probability import CONFIRMED
-from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained, independent_um
-from analysis.diagnosis.judge.residuals import Curve, Map, ResidualBand, ResidualPlace
-from analysis.diagnosis.judge.staircase import Staircase
-from analysis.procedures.shared.quantity import parameters_of
+from analysis.diagnosis.judge.residuals import (
+    Curve,
+    HeldOutResidual,
+    Map,
+    Residual,
+    ResidualBand,
+    ResidualPlace,
+    Staircase,
+    independent_um,
+)
+from analysis.procedures.shared.quantity import Quantity, parameters_of
 from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.model.predict import SetUp
 from analysis.runs.tabular import Tabular, for_json, table_of_rows
@@ -27,6 +33,7 @@ from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import SEATS, PartKind, name_of, size_field
 from rigs.schema.limits import Standing
+from rigs.schema.part import Vector
 from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -157,20 +164,13 @@ class Accuracy:
 # disagreement of model and measurement → missing effect → prediction of the extended model → remainder → effects that
 # these tests cannot distinguish → actions → next test
 
-_DIFFERS, _DIFFERS_SIGMA = 0.5, 3.0
-"""Difference of the shares of two set-ups above which they contradict a named effect, and the minimum difference in
-standard uncertainties. Chosen: several times the differences of true faults in development cases, and odds of 400
-to 1."""
-ODDS = 20.0
-"""Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A named effect with a closer rival is ambiguous."""
-
-
-SURE_SIGMA = 3.0
-"""Standard uncertainties from which an effect with no rival is certain. Chosen: odds of 400 to 1."""
+_DIFFERS = 0.5
+"""Difference of the shares of two set-ups above which they contradict a named effect, if it is certain. Chosen: several
+times the differences of true faults in development cases."""
+LEAST_SHARE = 0.1
+"""Share of the error above which every part has an action, or a reason for the absence of an action."""
 LARGE_SHARE = 1 / 3
 """Share of the error from which the first sentence mentions a part, and a group lists its possible causes."""
-CERTAIN_SIGMA = 7.0
-"""Standard uncertainties from which the contribution of any effect is certain: the detection limit of the plan."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +259,7 @@ class Named:
         if not self.shares:
             return False
         least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
-        return most.value - least.value > max(_DIFFERS, _DIFFERS_SIGMA * math.hypot(least.sd, most.sd))
+        return most.value - least.value > max(_DIFFERS, SURE_SIGMA * math.hypot(least.sd, most.sd))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types, including the rivals."""
@@ -292,25 +292,6 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
         "parameters": {field: {"value": value, "sd": sd.get(field)} for field, value in parameters_of(effect).items()},
         "posterior": posterior,
     }
-
-
-@dataclass(frozen=True)
-class Remainder:
-    """Residual beyond the noise that neither the named effects nor the usual errors of a healthy arm explain.
-
-    um: rms in µm, including the contribution of contradicted effects; at most the residual before the diagnosis.
-    share: share of the squared residual before the diagnosis. words: description of the pattern.
-    healthy_um: rms of the usual errors of a healthy arm.
-    at_new_places: True if this is the error at places not used in the fit, because it is larger there.
-    is_material: True if it exceeds the scatter of a run.
-    """
-
-    um: float
-    share: float
-    words: str
-    healthy_um: float
-    at_new_places: bool = False
-    is_material: bool = False
 
 
 @dataclass(frozen=True)
@@ -367,7 +348,7 @@ class Gap:
         return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
 
     @property
-    def left_u_um(self) -> float:
+    def residual_u_um(self) -> float:
         """Standard uncertainty in µm of the residual of a model. It combines `u_um` with half of the residual of the
         calibrated model beyond the noise, because that part may differ in the next run."""
         missed_um = independent_um(self.calibrated_um, self.noise_floor_um)
@@ -380,7 +361,7 @@ class Gap:
             "before_u": self.u_um,
             "after": self.after_um,
             "calibrated": self.calibrated_um,
-            "calibrated_u": self.left_u_um,
+            "calibrated_u": self.residual_u_um,
             "noise_floor": self.noise_floor_um,
             "set_up": "kept" if self.keeps_setup else "fitted",
             "tests": {tested.test: tested.to_dict() for tested in self.tests},
@@ -389,20 +370,99 @@ class Gap:
         }
 
 
-@dataclass(frozen=True)
-class NextTest:
-    """The shortest test that distinguishes the rivals, and the expected separation in sigma."""
+Alike = Literal["instrument", "plate", "base", "tool"]
 
-    test: str
-    why: str
-    expected_sigma: float
+
+@dataclass(frozen=True)
+class Movement:
+    """A movement before the first reading of `to`, which names a run, or a run and row.
+
+    `translation_mm` and `rotation_deg` refer to the axes of the base, for a tool to the axes of the flange. A zero of
+    `axis` has only `size_deg`. `u_mm` is the standard uncertainty of the length of the shift, `u_deg` of a zero,
+    `u_rotation_deg` of the rotation. `row`: row of the file of `run` from which it moved, None between runs.
+    `alike`: part with the same readings, None if the cause is distinguished from every part.
+    """
+
+    from_: str
+    to: str
+    what: Literal["base", "instrument", "socket", "target", "tool", "zero"]
+    odds: float
+    axis: int | None = None
+    name: str = ""
+    translation_mm: Vector | None = None
+    rotation_deg: Vector | None = None
+    size_deg: float | None = None
+    u_mm: float | None = None
+    u_deg: float | None = None
+    u_rotation_deg: float | None = None
+    run: str = ""
+    row: int | None = None
+    alike: Alike | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain types for JSON."""
+        return {
+            "from": self.from_, "to": self.to, "what": self.what, "alike": self.alike, "axis": self.axis,
+            "name": self.name or None,
+            "translation_mm": self.translation_mm, "rotation_deg": self.rotation_deg, "size_deg": self.size_deg,
+            "u_mm": self.u_mm, "u_deg": self.u_deg, "odds": self.odds,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Passport:
+    """Rms distances of the tool in µm over the joint ranges of the runs, with base and tool taught; None if unknown.
+
+    changed: certain effects that are not part of the factory state or of the last visit.
+    """
+
+    data_sheet: Quantity | None
+    controller: Quantity | None
+    last_visit: Quantity | None
+    changed: tuple[Effect, ...]
+
+    @property
+    def distances(self) -> dict[str, Quantity]:
+        """The known distances by the name of the other arm."""
+        every = {"data_sheet": self.data_sheet, "controller": self.controller, "last_visit": self.last_visit}
+        return {name: distance for name, distance in every.items() if distance is not None}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain types: each distance with its standard uncertainty in µm, or None."""
+        none = dict.fromkeys(("data_sheet_um", "controller_um", "last_visit_um"))
+        known = {f"{name}_um": {"value": of.value, "u": of.u} for name, of in self.distances.items()}
+        return none | known | {"changed": [name_of(effect) for effect in self.changed]}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """Part of a diagnosis that follows from the residuals: condition, accuracy, error budget and named effects.
+class Diagnosis(Tabular):
+    """The complete result of a diagnosis.
 
-    Calibrated model, doubts and actions are added in `Diagnosis`, which also explains the fields.
+    condition: condition of the arm, such as `named` (a fault was found) or `nothing_unusual`.
+    accuracy: error of the arm now and after calibration.
+    budget: all parts of the residual, largest first.
+    runs_to_decide: number of runs of each kind that would decide an undecided condition.
+    rig: the initial model.
+    runs: names of the runs used.
+    where: places with large residuals.
+    effects: effects supported by evidence, faults first, then by size of their contribution.
+    residual: part of the readings that nothing explains.
+    train, held_out, unseen: residual before and after, for the runs used, the runs held out, and runs at a different
+    place.
+    bands: residual of the calibrated model by frequency band.
+    setups: fitted set-ups by name.
+    groups: effects that these tests cannot distinguish from each other.
+    not_testable: effects that are invisible in these runs at any size.
+    repeated: True if the noise is estimated from repeated runs.
+    shows_noise: True if the noise is estimated from repeats or residuals; otherwise it is assumed.
+    levels: size of small errors, 1 in a healthy arm: of `constants`, of deflection (`gravity`) and of all `others`.
+    curves, maps: residuals over the circle angle and at the targets.
+    given: True if the effects were given by the user, as in `calibrate`.
+    next_test: shortest test that would distinguish the remaining possibilities.
+    doubts: warnings about the result, as text.
+    seconds: computing time.
+    calibrated: the calibrated model.
+    staircase: residual as the parts of the budget are added to the model one after the other; None if no part is added.
     """
 
     condition: Condition
@@ -413,11 +473,11 @@ class Verdict:
     runs: tuple[str, ...]
     where: tuple[ResidualPlace, ...]
     effects: tuple[Named, ...]
-    remainder: Remainder
+    residual: Residual
     train: Gap
     held_out: Gap | None
     unseen: Gap | None
-    left: tuple[ResidualBand, ...]
+    bands: tuple[ResidualBand, ...]
     setups: dict[str, SetUp]
     groups: tuple[tuple[str, ...], ...]
     not_testable: tuple[str, ...]
@@ -427,8 +487,43 @@ class Verdict:
     maps: tuple[Map, ...]
     given: bool = False
     shows_noise: bool = False
-    unexplained: Unexplained | None = None
-    """Unexplained part of the error; if it is large, with the quantities on which it depends."""
+    next_test: NamingTest | None = None
+    doubts: tuple[str, ...] = ()
+    seconds: float = 0.0
+    calibrated: CalibratedModel | None = None
+    staircase: Staircase | None = None
+    only_commanded: bool = False
+    """True if some run contains commanded instead of measured joint angles; an effect may then be an angle that was
+    not reached."""
+    acts: tuple[Act, ...] = ()
+    """Recommended actions in order; every report prints this list."""
+    movements: tuple[Movement, ...] = ()
+    """Movements between the runs or between rows of a run."""
+    contradictions: tuple[Contradiction, ...] = ()
+    """Stated constants that the readings contradict. The diagnosis does not use them."""
+    passport: Passport | None = None
+    """Distances of the real arm from its data sheet, its controller and the last visit; None without a model."""
+
+    # Deprecated names of the residual and its views.
+    @property
+    def remainder(self) -> Residual:
+        """The same as `residual`."""
+        return self.residual
+
+    @property
+    def unexplained(self) -> Residual:
+        """The same as `residual`."""
+        return self.residual
+
+    @property
+    def remains(self) -> HeldOutResidual | None:
+        """The same as `residual.held_out`."""
+        return self.residual.held_out
+
+    @property
+    def left(self) -> tuple[ResidualBand, ...]:
+        """The same as `bands`."""
+        return self.bands
 
     @property
     def is_testable(self) -> bool:
@@ -465,57 +560,9 @@ class Verdict:
         """The initial rig with the confirmed effects. If several effects are possible, the most likely one is used."""
         return self.rig.model_copy(update={"effects": (*self.rig.effects, *(name.effect for name in self.written))})
 
-
-@dataclass(frozen=True, kw_only=True)
-class Diagnosis(Verdict, Tabular):
-    """The complete result of a diagnosis.
-
-    condition: condition of the arm, such as `named` (a fault was found) or `nothing_unusual`.
-    accuracy: error of the arm now and after calibration.
-    budget: all parts of the residual, largest first.
-    runs_to_decide: number of runs of each kind that would decide an undecided condition.
-    rig: the initial model.
-    runs: names of the runs used.
-    where: places with large residuals.
-    effects: effects supported by evidence, faults first, then by size of their contribution.
-    remainder: unexplained part of the residual.
-    train, held_out, unseen: residual before and after, for the runs used, the runs held out, and runs at a different
-    place.
-    left: residual of the calibrated model by frequency band.
-    setups: fitted set-ups by name.
-    groups: effects that these tests cannot distinguish from each other.
-    not_testable: effects that are invisible in these runs at any size.
-    repeated: True if the noise is estimated from repeated runs.
-    shows_noise: True if the noise is estimated from repeats or residuals; otherwise it is assumed.
-    levels: size of small errors, 1 in a healthy arm: of `constants`, of deflection (`gravity`) and of all `others`.
-    curves, maps: residuals over the circle angle and at the targets.
-    given: True if the effects were given by the user, as in `calibrate`.
-    next_test: shortest test that would distinguish the remaining possibilities.
-    doubts: warnings about the result, as text.
-    seconds: computing time.
-    calibrated: the calibrated model.
-    staircase: residual as the parts of the budget are added to the model one after the other; None if no part is added.
-    """
-
-    next_test: NextTest | None
-    doubts: tuple[str, ...]
-    seconds: float
-    calibrated: CalibratedModel | None = None
-    staircase: Staircase | None = None
-    remains: ResidualSummary | None = None
-    """Residual of positions with the calibrated model, and the quantities compared with it; None if no positions
-    were measured."""
-    only_commanded: bool = False
-    """True if some run contains commanded instead of measured joint angles; an effect may then be an angle that was
-    not reached."""
-    acts: tuple[Act, ...] = ()
-    """Recommended actions in order; every report prints this list."""
-    movements: tuple[Movement, ...] = ()
-    """Movements between the runs or between rows of a run."""
-    contradictions: tuple[Contradiction, ...] = ()
-    """Stated constants that the readings contradict. The diagnosis does not use them."""
-    passport: Passport | None = None
-    """Distances of the real arm from its data sheet, its controller and the last visit; None without a model."""
+    def parts(self, is_meant: Callable[[BudgetPart], bool]) -> tuple[int, ...]:
+        """Indices of some parts of the budget."""
+        return tuple(k for k, part in enumerate(self.budget) if is_meant(part))
 
     @property
     def next_act(self) -> Act | None:
@@ -555,12 +602,10 @@ class Diagnosis(Verdict, Tabular):
                 "rig": self.rig.name,
                 "runs": self.runs,
                 "effects": [name.to_dict() for name in self.effects],
-                "remainder": asdict(self.remainder),
+                **self.residual.to_dict(),
                 "where": [place.to_dict() for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
-                "left": [asdict(band) for band in self.left],
-                **({"remains": asdict(self.remains)} if self.remains else {}),
-                **({"unexplained": self.unexplained.to_dict()} if self.unexplained else {}),
+                "left": [asdict(band) for band in self.bands],
                 "setup": {
                     name: {"T_instrument_world": setup.T_instrument_world, "T_tool_target": setup.T_tool_target}
                     if name.startswith(WITHOUT_GAUGES)

@@ -1,59 +1,168 @@
-"""Residual of the gap between model and readings as parts of the error are added to the model step by step."""
+"""Residual of a model at each step of a staircase, as parts of the error are added one after the other.
+
+Each model is simulated with set-ups fitted to the runs used, as for the gap. The first and last step of a diagnosis are
+therefore its initial and calibrated gap. Intermediate steps use some hundred readings of each circle, which takes a
+thirtieth of the time.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
-from analysis.robot.kinematics.arm import Array
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import blocks_of
+from analysis.diagnosis.evidence.observation import ObservedRun, thinned
+from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups
+from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
+from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.fit.selection_state import background_terms
+from analysis.diagnosis.judge.budget import GapMeasure, group_of
+from analysis.diagnosis.judge.comparison import Compared, LocatedResidual
+from analysis.diagnosis.judge.residuals import ModelResidual, Staircase, StaircaseStep, curves_of, maps_of, places
+from analysis.diagnosis.judge.result import BudgetPart, Diagnosis
+from analysis.diagnosis.judge.validation import Stages
+from analysis.runs.loading import Measured
+from rigs.calibration import effects_of
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.effect import label_of
+
+_MOST_STEPS = 6
+"""Number of parts with a separate step. Chosen: a readable number; the budget lists all."""
+_LEAST = 0.05
+"""Minimum rms contribution of a part with a separate step, relative to the gap. Chosen: less is hardly visible."""
+_Model = tuple[tuple[int, ...], tuple[Effect, ...]]
+"""Indices of the parts that a model adds to the one before, and all its effects."""
+_Row = Sequence[float | None]
+"""Residuals of a model in µm, and their uncertainties, at each place; None for a place without runs."""
 
 
-@dataclass(frozen=True)
-class ModelResidual:
-    """Residual of a model at a place, root mean square in µm, with standard uncertainty."""
+def staircase_of(
+    diagnosis: Diagnosis, result: SearchResult, stages: Stages, *runs_at: Sequence[ObservedRun]
+) -> Staircase | None:
+    """Return the staircase of a diagnosis with known budget and gaps; None if the model has no additions.
 
-    um: float
-    u_um: float
-
-
-@dataclass(frozen=True)
-class StaircaseStep:
-    """A model of the staircase. `parts`: indices of the parts added in this step, in the budget of a diagnosis or
-    among the effects of a rig file; empty for the initial model. The residuals refer to the runs used, to
-    held-out runs, and to runs at an unseen place, None if not available.
+    `runs_at`: runs used, held out, and at an unseen place, of (m, k) mm.
     """
+    models = list(_models_of(diagnosis, result, stages))
+    if len(models) < 2:
+        return None
+    gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
+    thin = [list(map(thinned, runs)) for runs in runs_at]
+    um: list[_Row] = [
+        [gap.before_um if gap else None for gap in gaps],
+        *_residuals_um([effects for _, effects in models[1:-1]], thin),
+        [gap.calibrated_um if gap else None for gap in gaps],
+    ]
+    first = [gap.u_um if gap else None for gap in gaps]
+    later = [gap.residual_u_um if gap else None for gap in gaps]
+    return _staircase(result.linear, models, um, [first, *[later] * (len(models) - 1)])
 
-    parts: tuple[int, ...]
-    used: ModelResidual
-    held_out: ModelResidual | None = None
-    unseen: ModelResidual | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain types, in µm."""
-        at_places = {"used": self.used, "held_out": self.held_out, "unseen_place": self.unseen}
-        return {
-            "parts": self.parts,
-            "left": {place: left_there and asdict(left_there) for place, left_there in at_places.items()},
-        }
+def _models_of(diagnosis: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_Model]:
+    """Yield the models of a staircase.
 
-
-@dataclass(frozen=True)
-class Staircase:
-    """The steps from the initial to the calibrated model. `curves`: residuals (steps, n, 2) µm of the two gauges of
-    each circle at the circle angles of the curves of the diagnosis. `maps`: residuals (steps, n) µm at targets.
-    All are with fitted set-ups.
+    The initial model comes first, then models with each large part added in order of size, then the calibrated model
+    with all remaining parts. Scatter, which models cannot remove, has no step.
     """
+    effects, budget = stages.calibrated, diagnosis.budget
+    # Addition of each part, by label: fitted effects, or multiples of effects with the same kind and joint in the
+    # calibrated background.
+    names = {label_of(effect): effect for effect in effects if effect in result.effects}
+    terms: dict[str, list[tuple[Effect, float]]] = {}
+    for term in background_terms(result.calibrated_posterior) if stages.calibrated != stages.named else ():
+        kind, axis = group_of(term.effect)
+        terms.setdefault(BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label, []).append((term.effect, term.times))
+    added = [k for k, part in enumerate(budget) if part.label in names or part.label in terms]
+    added.sort(key=lambda k: -budget[k].um)
+    least_um = _LEAST * diagnosis.train.before_um
+    large = [k for k in added if budget[k].um >= least_um][:_MOST_STEPS]
+    yield (), ()
+    fitted, shown = list[Effect](), list[tuple[Effect, float]]()
+    for k in large:
+        # Parts that cancel share a line of the budget and a step.
+        for label in (budget[k].label, *budget[k].cancelled):
+            if label in names:
+                fitted.append(names[label])
+            else:
+                shown += terms.get(label, [])
+        yield (k,), (*fitted, *effects_of(shown))
+    small = tuple(k for k in added if k not in large)
+    if small:
+        yield small, effects
 
-    steps: tuple[StaircaseStep, ...]
-    curves: tuple[Array, ...] = ()
-    maps: tuple[Array, ...] = ()
 
-    @property
-    def places(self) -> tuple[str, ...]:
-        """Places with residuals: `used`, `held_out`, `unseen`."""
-        return tuple(place for place in ("used", "held_out", "unseen") if getattr(self.steps[0], place) is not None)
+def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Compared:
+    """Return a comparison with the residual of a rig's model by place, of (m, k) mm, or the reason if it is unknown."""
+    try:
+        return replace(compared, disagreement=located_residual(rig, used, unseen))
+    except FileError as error:
+        message = f"where model and readings disagree is unknown: {error}"
+        return replace(compared, doubts=(*compared.doubts, message))
 
-    def to_dict(self, names: Sequence[str]) -> list[dict[str, Any]]:
-        """Return the steps in plain types, with part names."""
-        return [{**step.to_dict(), "parts": [names[k] for k in step.parts]} for step in self.steps]
+
+def located_residual(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> LocatedResidual:
+    """Return the residual of the model of a rig by place, of (m, k) mm; unseen places have separate set-ups.
+
+    Raises FileError for incompatible runs.
+    """
+    parts, _ = prepare_runs(rig, used, unseen)
+    runs, elsewhere = ([replace(run, model=replace(run.model, effects=())) for run in part] for part in parts)
+    setups, _ = fit_run_setups(runs)
+    linear = linearise(blocks_of(runs, setups), setups)
+    # Effects of the rig file by their influence on the readings, then the rest of the calibration.
+    measure = GapMeasure(linear)
+    um = [measure.um(linear.columns([effect])[:, 0]) for effect in rig.effects]
+    models: list[_Model] = [((), ())]
+    for k in sorted(range(len(um)), key=lambda k: -um[k]):
+        models.append(((k,), (*models[-1][1], rig.effects[k])))
+    if rig.calibrated and rig.calibrated.effects:
+        models.append(((len(um),), (*models[-1][1], *rig.calibrated.effects)))
+    before, after = (measure.residual_mm(effects) for _, effects in (models[0], models[-1]))
+    floor_um = float(np.sqrt(np.mean(noise_um(linear) ** 2)))
+    staircase = None
+    if len(models) > 1:
+        rows = [[row[0], None, row[1]] for row in _residuals_um([effects for _, effects in models], (runs, elsewhere))]
+        u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in (runs, (), elsewhere)]
+        staircase = _staircase(linear, models, rows, [u_um] * len(models))
+    return LocatedResidual(
+        rig,
+        places(linear.blocks, after, measure.scatter_mm()),
+        curves_of(linear.blocks, before, after),
+        maps_of(linear.blocks, before, after),
+        staircase,
+        floor_um,
+    )
+
+
+def _staircase(linear: Linearisation, models: Sequence[_Model], um: Sequence[_Row], u_um: Sequence[_Row]) -> Staircase:
+    """Return the steps of models, with the residuals of circles (steps, n, 2) and targets (steps, n) in µm."""
+    steps, curves, maps, measure = [], [], [], GapMeasure(linear)
+    for (parts, effects), um_at, u_at in zip(models, um, u_um, strict=True):
+        used, held_out, unseen = (
+            None if um_there is None or u is None else ModelResidual(um_there, float(u))
+            for um_there, u in zip(um_at, u_at, strict=True)
+        )
+        assert used is not None  # noqa: S101 - there are always runs used
+        steps.append(StaircaseStep(parts, used, held_out, unseen))
+        residual = measure.residual_mm(effects)
+        curves.append([curve.after_um for curve in curves_of(linear.blocks, residual, residual)])
+        maps.append([place.after_um for place in maps_of(linear.blocks, residual, residual)])
+    by_circle, by_table = (tuple(map(np.array, zip(*each, strict=True))) for each in (curves, maps))
+    return Staircase(tuple(steps), by_circle, by_table)
+
+
+def _residuals_um(
+    models: Sequence[tuple[Effect, ...]], runs_at: Sequence[Sequence[ObservedRun]]
+) -> Iterator[list[float | None]]:
+    """Yield the residuals in µm of models with these effects for the runs of each place, of (m, k) mm.
+
+    Set-ups are fitted to the runs of the first place.
+    """
+    fitted = FittedRuns(runs_at[0])
+    for effects in models:
+        yield [fitted.residual_um(effects, runs) if runs else None for runs in runs_at]

@@ -11,6 +11,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.setups import FRAME, FittedRuns
+from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA
 from analysis.diagnosis.fit.candidates import order_of
 from analysis.diagnosis.fit.joint_curves import is_of_curve
 from analysis.diagnosis.fit.out_of_range import OutOfRange
@@ -27,19 +28,16 @@ from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
 from analysis.diagnosis.judge.alternatives import Alternative, Hypotheses
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
 from analysis.diagnosis.judge.probability import CONFIRMED, Probabilities, probabilities_of
-from analysis.diagnosis.judge.remains import independent_um
-from analysis.diagnosis.judge.residuals import bands_above_noise
+from analysis.diagnosis.judge.residuals import Residual, bands_above_noise, independent_um
 from analysis.diagnosis.judge.result import (
-    CERTAIN_SIGMA,
     PRESENT,
     Accuracy,
     BudgetPart,
     Condition,
+    Diagnosis,
     Gap,
     Named,
-    Remainder,
     Rival,
-    Verdict,
     fault_rivals,
 )
 from analysis.procedures.pooled import FigureColumn, figure_columns
@@ -56,6 +54,7 @@ from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_vibration, label_of, name_of, size_field, size_of
 from rigs.schema.limits import Limit, Limits, Standing
+from rigs.schema.reference import Reference
 from rigs.schema.vocabulary import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -301,15 +300,23 @@ def _doubt(
     It is confirmed if it or a rival that would be a fault exists with 95 %, it is likelier than each rival, and its
     size exceeds that of all healthy arms with 95 %.
     """
-    size, times = abs(getattr(effect, size_field(effect))), abs(size_of(effect))
-    least = least_fault(effect, result.reference)
-    if times <= least:
-        return "usual"
+    by_size = doubt_of_size(effect, u, result.reference)
+    if by_size == "usual":
+        return by_size
     if effect.NEEDS_REPEATS and not shows_time(result.linear.blocks):
         return "one_lap"
     is_fault = likely.name + sum(rival.probability for rival in rivals if rival.is_fault) > CONFIRMED
     if not is_fault or any(rival.probability > likely.name for rival in rivals):
         return _DOUBT_OF[likely.strongest]
+    return by_size
+
+
+def doubt_of_size(effect: Effect, u: float, reference: Reference) -> Doubt | None:
+    """Return the doubt about an effect by its size alone: usual, or not larger than in all healthy arms with 95 %."""
+    size, times = abs(getattr(effect, size_field(effect))), abs(size_of(effect))
+    least = least_fault(effect, reference)
+    if times <= least:
+        return "usual"
     return "unsure" if times * (size - _PROVEN * u) <= least * size else None
 
 
@@ -331,11 +338,11 @@ def shows_time(blocks: Sequence[Block]) -> bool:
     return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
 
 
-def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> Remainder:
-    """Return the remainder beyond the noise, at most the gap of the runs used. It is material if it exceeds the limits
+def residual_of(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> Residual:
+    """Return the residual beyond the noise, at most the gap of the runs used. It is material if it exceeds the limits
     (b,) µm.
 
-    The remainder includes the contributions of contradicted effects, and the residual of the
+    The residual includes the contributions of contradicted effects, and the residual of the
     calibrated model beyond the noise: a non-repeating error looks like scatter about the mean of the runs. The
     prediction error at places not used in the fit replaces it if that error is larger and not negligible.
     """
@@ -365,7 +372,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     words = (
         _in_words(result, imitating) if is_material else "no more than noise, scatter and the errors of a healthy arm"
     )
-    return Remainder(um, share, words, healthy.whole_um, um == missed_um > 0, bool(is_material))
+    return Residual(um, share, words, healthy.whole_um, um == missed_um > 0, bool(is_material))
 
 
 def _single_runs_um(result: SearchResult, named: Sequence[Named], train: Gap, vibration_um: float) -> float:
@@ -418,22 +425,20 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
 
 
 def condition_of(
-    result: SearchResult, named: Sequence[Named], remainder: Remainder, gaps: Gaps, *, early: bool,
-    unrepeated_um: float | None = None,
+    result: SearchResult, named: Sequence[Named], residual: Residual, gaps: Gaps, *, early: bool
 ) -> Condition:  # fmt: skip
     """Return the condition of the arm.
 
     `early`: poses were read before the joints came to rest.
-    `unrepeated_um`: unusual deviation of places visited only once, which may be an unknown error.
     """
     if not _is_testable(result, early=early):
         return "not_testable_here"
     outside = gaps.is_foreign
     # more than a negligible part of the arm's error, including the part explained by an earlier calibration
-    if remainder.is_material:
+    if residual.is_material:
         calibrated = result.linear.blocks[0].model.rig.calibrated
         whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0, 1e-12)
-        outside |= remainder.share * (gaps.train.before_um / whole_um) ** 2 > CRUMBS
+        outside |= residual.share * (gaps.train.before_um / whole_um) ** 2 > CRUMBS
     if outside:
         return "outside_library"
     if any(name.is_confirmed for name in named):
@@ -442,21 +447,21 @@ def condition_of(
         # The condition follows the larger confirmed share: a small name with a rival does not label the others.
         sure_um2, open_um2 = (sum(name.contribution_um**2 for name in names) for names in (sure, open_ones))
         return "named" if sure_um2 > open_um2 else "ambiguous"
-    if is_undecided(named) or unrepeated_um:
+    if is_undecided(named) or residual.unrepeated_um:
         return "undecided"
     differs = any(name.doubt == "usual" and (name.times_usual or 0.0) > FAULT for name in named)  # from a data sheet
     return "uncalibrated" if differs or gaps.gains_elsewhere else "nothing_unusual"
 
 
-def as_scatter(budget: Sequence[BudgetPart], remainder: Remainder) -> tuple[tuple[BudgetPart, ...], Remainder]:
-    """Return the budget and the remainder with the unexplained part counted as scatter, because places visited only
+def as_scatter(budget: Sequence[BudgetPart], residual: Residual) -> tuple[tuple[BudgetPart, ...], Residual]:
+    """Return the budget and the residual with the unexplained part counted as scatter, because places visited only
     once cannot show that it repeats.
     """
     merged = [part for part in budget if part.kind in ("unexplained", "scatter")]
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
     parts = [*(part for part in budget if part not in merged), scatter]
-    of_scatter = replace(remainder, um=0.0, share=0.0, words="no pattern, it looks like scatter", is_material=False)
+    of_scatter = replace(residual, um=0.0, share=0.0, words="no pattern, it looks like scatter", is_material=False)
     return tuple(sorted(parts, key=lambda part: -part.share)), of_scatter
 
 
@@ -501,7 +506,7 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     return int(min(max(2, most + 1, np.ceil(most * factor)), _MOST_RUNS))
 
 
-def judged_of(verdict: Verdict, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> ModelAssessment:
+def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> ModelAssessment:
     """Return the judgement of the model for the calibration file: of the `whole` model and of the part in the file.
 
     unexplained_mm: per coordinate; if no places show it, the residual at the validation runs is used.
@@ -510,7 +515,7 @@ def judged_of(verdict: Verdict, whole: Gaps, gaps: Gaps, unexplained_mm: float |
     if unexplained_mm is None or not judged.of_places:
         unexplained_mm = 1e-3 * independent_um(judged.calibrated_um, judged.noise_floor_um)
     return ModelAssessment(
-        condition=verdict.condition, place=verdict.accuracy.place,
+        condition=diagnosis.condition, place=diagnosis.accuracy.place,
         before_um=judged.before_um, names_um=judged.after_um,
         whole_um=whole.judged.calibrated_um, handed_um=judged.calibrated_um, noise_um=judged.noise_floor_um,
         unexplained_um=1e3 * unexplained_mm,

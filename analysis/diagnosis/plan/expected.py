@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,6 +12,7 @@ from analysis.diagnosis.evidence.blocks import Block, blocks_of
 from analysis.diagnosis.evidence.noise import DRIFTING_SHARE
 from analysis.diagnosis.evidence.observation import by_socket, observe_run
 from analysis.diagnosis.evidence.setups import fit_setups
+from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS
 from analysis.diagnosis.fit.background import Background, background_of
 from analysis.diagnosis.fit.candidates import (
     HEALTHY,
@@ -31,11 +32,10 @@ from analysis.diagnosis.fit.candidates import (
 )
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.fit.responses import Linearisation, linearise
-from analysis.diagnosis.judge.result import ODDS
-from analysis.procedures.shared.test_kind import facts_of, nominal_setup
+from analysis.procedures.shared.test_kind import nominal_setup
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import SetUp, model_of
+from analysis.robot.model.predict import SetUp, SetUps, model_of
 from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.tables import CircleTable
 from rigs.effects import Effect
@@ -47,10 +47,6 @@ from rigs.schema.vocabulary import CIRCLES, TestName
 # Knowledge of each form of each name before measurements: posterior covariance of the forms' sizes in a healthy arm,
 # which gives the uncertainty of a name and the separation of two names.
 
-DETECTABLE = 7.0
-"""Significance in sigmas of a detected effect. Chosen: 7 sigma are a log evidence of 24.5, well above the price of a
-choice among some hundred forms.
-"""
 SEPARABLE = float(np.sqrt(2 * np.log(ODDS)))
 """Separation in sigmas below which the odds between two effects are within ODDS, at which a diagnosis dismisses a
 rival: odds of o need a log evidence of ln o = sigma² / 2.
@@ -64,7 +60,7 @@ def is_separable(sigma: float) -> bool:
 
 def is_detectable(sd: float) -> bool:
     """Return whether the largest fault of an effect is detected if its size is known to `sd` healthy sizes."""
-    return DETECTABLE * sd <= LARGEST_FAULT
+    return CERTAIN_SIGMA * sd <= LARGEST_FAULT
 
 
 @dataclass(frozen=True)
@@ -161,7 +157,7 @@ class FormInformation:
     def _variance(self) -> Array:
         return healthy_shares(self.forms)
 
-    def of(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Array:
+    def of(self, blocks: Sequence[Block], setups: SetUps) -> Array:
         """Return the information (p, p) of runs about the coefficients in healthy sizes, with set-ups and scatter
         eliminated.
 
@@ -220,7 +216,7 @@ def planned_blocks(
     for run in seen:
         if run.sampling and rig.tests.circle:
             setups[run.setup] = replace(nominal := nominal_setup(rig, run.table), ball=nominal.ball + off_mm)
-    setups |= fit_setups([run for run in seen if facts_of(run.table.test).of_places])
+    setups |= fit_setups([run for run in seen if run.facts.of_places])
     blocks, few = [], 1 / np.sqrt(runs)
     for block in blocks_of(seen, setups):
         # The noise is assumed, because noise-free simulated visits do not determine it.
@@ -280,7 +276,7 @@ class ExpectedPosterior:
         shaped = bool(effect.FREE or effect.STRETCHED) and not is_wave(effect)
         if not shaped or not is_detectable(sd):
             return sd
-        size = size or float(np.clip(DETECTABLE * sd, self.least(effect), LARGEST_FAULT))
+        size = size or float(np.clip(CERTAIN_SIGMA * sd, self.least(effect), LARGEST_FAULT))
         shapes = {free.field: free.expected for free in effect.free(self.linear.payload_kg)}
         fault = scaled(healthy(effect), size, **shapes)
         refined = refine(self.linear.simulated_with((fault,)), self._background_with_effects((fault,)), [fault])
@@ -333,8 +329,6 @@ class ExpectedPosterior:
         return background_of(self._columns, np.ones(len(self.linear.y)), variance)
 
 
-def expected_posterior(
-    blocks: Sequence[Block], setups: Mapping[str, SetUp], level: Level = HEALTHY
-) -> ExpectedPosterior:
+def expected_posterior(blocks: Sequence[Block], setups: SetUps, level: Level = HEALTHY) -> ExpectedPosterior:
     """Return the posterior expected from blocks of runs with N entries each."""
     return ExpectedPosterior(linearise(without_bands(blocks), setups), level)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, permutations
 from operator import itemgetter
@@ -13,6 +13,7 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block, SharedBlock
 from analysis.diagnosis.fit.candidates import HEALTHY, Level
 from analysis.diagnosis.fit.responses import extend_linearisation
+from analysis.diagnosis.judge.acts import Cost
 from analysis.diagnosis.plan.expected import (
     ExpectedPosterior,
     planned_blocks,
@@ -20,7 +21,7 @@ from analysis.diagnosis.plan.expected import (
 )
 from analysis.procedures.shared.test_kind import labels_of
 from analysis.robot.kinematics.arm import transform
-from analysis.robot.model.predict import SetUp
+from analysis.robot.model.predict import SetUps
 from analysis.runs.tables import TESTS
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -150,24 +151,14 @@ _ELSEWHERE = " further"
 
 @dataclass(frozen=True)
 class PossibleTest:
-    """Further test, reason, expected posterior in combination with the existing runs, and cost: minutes of driving,
-    programs, and set-ups of ball and gauges.
-    """
+    """Further test, reason, expected posterior in combination with the existing runs, and cost."""
 
     test: str
     why: str
     expected: ExpectedPosterior
-    minutes: float
-    programs: int
-    set_ups: int
+    cost: Cost
     is_other_kind: bool = False
     """Whether it measures a different quantity than the runs used, and not only at a different place or speed."""
-
-
-FurtherTests = Callable[[], tuple[list[PossibleTest], list[tuple[str, str]]]]
-"""Function that returns the further tests possible for an arm, and the impossible tests with the reason; simulated
-on demand.
-"""
 
 
 def sigma_between(effect: Effect, rival: Effect) -> Callable[[PossibleTest], float]:
@@ -193,7 +184,7 @@ def shortest(
     """
 
     def effort(test: PossibleTest) -> tuple[bool, float]:
-        return not test.is_other_kind, test.minutes
+        return not test.is_other_kind, test.cost.minutes or 0.0
 
     for _, group in groupby(sorted(possible, key=effort), key=effort):
         best, sigmas = max(((test, sigma(test)) for test in group), key=itemgetter(1))
@@ -206,7 +197,7 @@ def possible_tests(
     rig: Rig,
     tests: Sequence[TestName],
     blocks: Sequence[Block],
-    setups: Mapping[str, SetUp],
+    setups: SetUps,
     level: Level = HEALTHY,
     runs: int = 3,
     noise_share: float = 1.0,
@@ -231,7 +222,7 @@ def possible_tests(
             set_ups = len({block.setup for block in added})
             minutes = sum(block.count * float(np.ptp(block.path.t_s)) for block in added) / 60
             is_other = not set(further.tests) <= set(tests)
-            possible.append(PossibleTest(words, further.why, expected, minutes, len(added), set_ups, is_other))
+            possible.append(PossibleTest(words, further.why, expected, Cost(minutes, len(added), set_ups), is_other))
             break
         else:
             impossible.append((further.choices[0][0], refused))

@@ -18,17 +18,14 @@ from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.acts import Cost, NamingTest
 from analysis.diagnosis.judge.probability import CONFIRMED
-from analysis.diagnosis.judge.result import BudgetPart, Named, fault_rivals, is_open, likely_rivals
+from analysis.diagnosis.judge.result import LEAST_SHARE, BudgetPart, Named, fault_rivals, is_open, likely_rivals
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, without_bands
-from analysis.diagnosis.plan.further_tests import FurtherTests, PossibleTest, shortest, sigma_between
+from analysis.diagnosis.plan.further_tests import PossibleTest, shortest, sigma_between
 from rigs.effects import Effect
-from rigs.errors import FileError
 from rigs.schema.effect import is_play, label_of, name_of, size_of
 
 JOINED = "--unseen"
 """Test without driving: runs previously used only for validation."""
-_MUCH = 0.1
-"""Minimum share of the error for a test."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +58,7 @@ class NamingTests:
             return None
         best, sigmas = named
         test = NamingTest(best.test, best.why, float(sigmas), _odds(sigmas, among), names)
-        return test, Cost(best.minutes, best.programs, best.set_ups)
+        return test, best.cost
 
 
 def _odds(sigma: float, among: int) -> float:
@@ -69,19 +66,13 @@ def _odds(sigma: float, among: int) -> float:
     return float(1 / (1 + among * np.exp(-0.5 * min(sigma, SEPARABLE * 10) ** 2)))
 
 
-def naming_tests(
-    further: FurtherTests,
-    result: SearchResult,
-    budget: Sequence[BudgetPart],
-    named: Sequence[Named],
-    judges: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
-) -> list[tuple[int, NamingTest, Cost]]:
-    """Return the test for each part of the budget that needs a test, by index: confirmed effects with a rival, and
-    groups.
+Question = tuple[int, Effect, Effect | None]
+"""A part of the budget by index, its possible cause, and a rival of it, if any."""
 
-    `judges`: runs used, and validation runs of a different place; readings are (m, k).
-    """
-    asked: list[tuple[int, Effect, Effect | None]] = []  # parts by index, possible cause, and rival
+
+def parts_to_identify(budget: Sequence[BudgetPart], named: Sequence[Named]) -> list[Question]:
+    """Return the parts of the budget that need a test: confirmed effects with a rival, and groups."""
+    asked: list[Question] = []
     for k, part in enumerate(budget):
         name = None if part.index is None else named[part.index]
         if name is None or is_open(part, name):
@@ -89,20 +80,27 @@ def naming_tests(
             asked += [(k, effect, None) for effect in likeliest if not is_play(effect)]
         elif rivals := fault_rivals(name):
             asked.append((k, name.effect, rivals[0].effect))
-        elif name.is_confirmed and part.share > _MUCH and likely_rivals(name):
+        elif name.is_confirmed and part.share > LEAST_SHARE and likely_rivals(name):
             asked.append((k, name.effect, name.rivals[0].effect))
-    if not asked:
-        return []
-    try:
-        possible, _ = further()
-    except FileError:
-        possible = []
+    return asked
+
+
+def naming_tests(
+    asked: Sequence[Question],
+    possible: Sequence[PossibleTest],
+    result: SearchResult,
+    judges: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
+) -> list[tuple[int, NamingTest, Cost]]:
+    """Return the test for each part of the budget that needs a test, by index, if a possible test suffices.
+
+    `judges`: runs used, and validation runs of a different place; readings are (m, k).
+    """
     used, elsewhere = judges
     if elsewhere:  # no driving is needed if these runs are also used
         setups = {**fit_run_setups(elsewhere)[0], **result.linear.setups}
         linear = linearise(without_bands(blocks_of([*used, *elsewhere], setups)), setups)
         expected = ExpectedPosterior(linear, result.state.level)
-        possible = [PossibleTest(JOINED, "they were driven already", expected, 0.0, 0, 0), *possible]
+        possible = [PossibleTest(JOINED, "they were driven already", expected, Cost(0.0)), *possible]
     planned_tests, among = NamingTests(possible), len(result.columns.forms)
     tests = []
     for k, effect, rival in asked:

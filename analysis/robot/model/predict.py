@@ -15,7 +15,7 @@ rigid arms can use them completely. Compliance, waves, backlash, growth and lag 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -435,6 +435,10 @@ class SetUp:
     zeros_mm: Array
     T_instrument_world: Array
     T_tool_target: Array
+
+
+SetUps = Mapping[str, SetUp]
+"""Set-ups by name."""
 
 
 @dataclass(frozen=True)

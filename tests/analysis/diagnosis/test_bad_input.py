@@ -116,7 +116,7 @@ def test_nothing_is_named_for_targets_that_nothing_explains() -> None:
         found.append(found_in([measured(replace(table, g_mm=table.g_mm + off), "radial", "radial")]))
     for one in found:
         assert not one.standing
-        assert one.remainder.is_material and one.acts[0].kind in ("mount", "measure")
+        assert one.residual.is_material and one.acts[0].kind in ("mount", "measure")
         assert one.where[0].test == "radial" and "targets" in one.where[0].why
     # A sum of usual waves may explain most of it: rig then asks for more runs.
     outside = [one for one in found if one.condition == "outside_library"]

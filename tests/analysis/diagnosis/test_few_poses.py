@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm
+from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm
 from analysis.procedures.shared.test_kind import path_of, predict
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
@@ -38,7 +38,7 @@ def _judged(seed: int) -> tuple[Array, Array]:
     model = model_of(RIG, [*(one.effect for one in found.standing), *known.effects])
     asked = PoseTable(q[FEW:], np.zeros((ASKED, 3)), None)
     places = predict(model, asked, path_of(model, asked), at).reshape(-1, 4, 4)[:, :3, 3]
-    u = frame_u_mm(RIG, CalibratedUncertainty(RIG, known), q[FEW:], q[:FEW])
+    u = frame_u_mm(RIG, PoseUncertainty(RIG, known), q[FEW:], q[:FEW])
     return np.linalg.norm(places - xyz_mm[FEW:], axis=1), np.hypot(u, 1e-3 * found.train.noise_floor_um)
 
 
@@ -77,6 +77,6 @@ def test_too_few_poses_prove_no_unknown_cause_and_no_gain_of_a_correction() -> N
     places = p + R @ [30.0, -20.0, 110.0] + [2500.0, -800.0, 400.0] + rng.normal(0, 0.02, (12, 3))
     rig = load("ur10e")[0].model_copy(update={"effects": ()})
     found = found_in([measured(PoseTable(q, places, None), "pose", "few", rig)], rig)
-    assert found.condition != "outside_library" and not found.remainder.is_material
+    assert found.condition != "outside_library" and not found.residual.is_material
     # The other poses predict each of them no better than the rig file, so no correction is proposed.
     assert not any(act.kind == "load" for act in found.acts)

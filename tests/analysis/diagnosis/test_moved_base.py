@@ -12,8 +12,7 @@ from analysis import diagnose
 from analysis.apps.report.movement_words import act_after, movement_sentence
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import keys_of, texts_of
-from analysis.diagnosis.evidence.movements import Movement
-from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.result import Diagnosis, Movement
 from analysis.movement.between import without_moved
 from analysis.movement.cause_odds import MOST_ODDS, odds_of
 from analysis.movement.causes import Cause, look_alike

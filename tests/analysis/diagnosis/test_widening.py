@@ -11,9 +11,8 @@ import pytest
 from analysis.diagnosis.evidence.blocks import _visit_numbers  # private: which poses repeat is said nowhere else
 from analysis.diagnosis.evidence.observation import observe
 from analysis.diagnosis.evidence.placements import reach_mm
-from analysis.diagnosis.judge import misses
-from analysis.diagnosis.judge.conclude import temperature_of
-from analysis.diagnosis.judge.misses import LeftOut, _Neighbourhoods  # private: the sums that the factor is made of
+from analysis.diagnosis.judge.held_out import _Neighbourhoods  # private: the sums that the factor is made of
+from analysis.diagnosis.judge.judge import temperature_of
 from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import transform
 from analysis.robot.model.predict import SetUp, model_of
@@ -54,7 +53,7 @@ def test_a_model_that_states_enough_is_not_narrowed() -> None:
 
 def test_one_place_far_off_does_not_decide() -> None:
     sound = missed(STATED)
-    squares = sound.missed_mm2.copy()
+    squares = sound.square_mm2.copy()
     squares[7] = 400 * STATED[7]
     assert _Neighbourhoods(squares, NOISE, STATED, sound.weight).ratio < 2 * max(sound.ratio, 1.0)
 
@@ -69,20 +68,6 @@ def test_the_reach_of_what_was_judged_is_that_of_the_farthest_placement() -> Non
     assert reach_mm({**used, "touch at d, socket 0": at(900.0)}, used) == 400.0
     assert reach_mm(one := dict(list(used.items())[:2]), one) == 50.0
     assert reach_mm(alone := dict(list(used.items())[:1]), alone) == 0.0
-
-
-def left_out(missed_by: np.ndarray, group: np.ndarray) -> LeftOut:
-    ones = np.ones(len(missed_by))
-    return LeftOut(group, missed_by**2, ones, ones, ones, np.arange(len(ones)), missed_by)
-
-
-def test_what_stays_is_held_against_places_that_had_no_part() -> None:
-    group = np.repeat(np.arange(20), 15)
-    columns = RNG.normal(size=(300, 12))
-    noise = RNG.normal(size=300)
-    assert misses.share_left_out(columns, noise, group) < 0.02
-    with_some = noise + columns[:, :2] @ [1.0, 1.0]
-    assert misses.share_left_out(columns, with_some, group) == pytest.approx(2 / 3, abs=0.1)
 
 
 def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from analysis import Diagnosis, Measured, RigError, calibrate, read_table
-from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm, where_known
+from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, where_known
 from analysis.procedures.shared.test_kind import path_of, predict
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
@@ -119,7 +119,7 @@ def predicted(found: Diagnosis, rig: Rig, placement: str, q: Array, taught: Arra
     setup = SetUp(np.zeros(3), np.zeros(1), instrument, target)
     table = PoseTable(q, np.zeros((len(q), 3)), None)
     places = predict(model, table, path_of(model, table), setup).reshape(-1, 4, 4)[:, :3, 3]
-    known = CalibratedUncertainty(rig, found.calibrated)
+    known = PoseUncertainty(rig, found.calibrated)
     noise = 1e-3 * found.train.noise_floor_um
     return places, where_known(known, q, np.hypot(frame_u_mm(rig, known, q, taught), noise))
 

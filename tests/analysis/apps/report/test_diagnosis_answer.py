@@ -145,7 +145,7 @@ def test_residuals_against_possible_influences_have_a_row_each() -> None:
     nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
     left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
-    found = diagnosis(train=nothing, effects=(odd,), left=left)
+    found = diagnosis(train=nothing, effects=(odd,), bands=left)
     assert "nan" not in printed(answer_of(found))
     assert micrometres(math.nan) == "–"
 

@@ -88,7 +88,7 @@ def test_what_is_not_known_is_null() -> None:
     nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
     left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
-    told = diagnosis(train=nothing, effects=(odd,), left=left, levels={"others": np.float64(0.2)}).to_dict()
+    told = diagnosis(train=nothing, effects=(odd,), bands=left, levels={"others": np.float64(0.2)}).to_dict()
     text = json.dumps(told, allow_nan=False)
     assert json.loads(text) == told
     assert told["gap"]["train"]["before"] is None and told["effects"][0]["parameters"]["width_deg"]["sd"] is None

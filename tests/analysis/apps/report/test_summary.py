@@ -18,10 +18,9 @@ from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
 from analysis.apps.session.session_state import Answer, Session, SessionAct, SessionCorrection, VerifiedError
 from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
-from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act
-from analysis.diagnosis.judge.remains import ResidualSummary, Unexplained
-from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
+from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual
+from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis, Movement
 from analysis.movement.between import with_movements
 from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, SMALL, ZERO, budget, diagnosis
 
@@ -278,7 +277,7 @@ def test_the_error_says_where_it_was_measured_or_that_it_is_unknown() -> None:
     found = diagnosis("named")
     used = replace(found, accuracy=replace(found.accuracy, place="used"))
     assert keys_of(summarise(used).error.basis)[0] == "basis_used"
-    crossed = summarise(replace(used, remains=ResidualSummary(123.0, 45.0, ()))).error.basis
+    crossed = summarise(replace(used, residual=Residual(0.0, held_out=HeldOutResidual(123.0, 45.0, {})))).error.basis
     assert "123 µm" in crossed and keys_of(crossed)[0] == "basis_crossed"
     assert summarise(diagnosis("not_testable_here")).error.after == ""
     assert with_driven_error(summarise(found), *DRIVEN, EN).error.words == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"
@@ -376,7 +375,7 @@ def test_a_small_undecided_part_does_not_hide_what_is_certain(language: Language
     assert plain["condition"] == "undecided"
     large = replace(found, budget=(replace(parts[0], share=0.8), replace(parts[1], share=0.15)))
     unsure = replace(found, effects=(replace(play, probability=0.6), wave))
-    scatters = replace(found, unexplained=Unexplained(0.0, scatter_um=230.0))
+    scatters = replace(found, residual=Residual(0.0, scatter_um=230.0))
     for matters in (large, unsure, scatters):
         assert keys_of(summarise(matters, texts).badge) == ("badge_undecided",)
     assert not summarise(large, texts).headline.lower().startswith(words.noun(play.effect).lower())

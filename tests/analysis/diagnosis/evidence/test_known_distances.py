@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from analysis.correction.pose_uncertainty import CalibratedUncertainty
+from analysis.correction.pose_uncertainty import PoseUncertainty
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
@@ -100,7 +100,7 @@ def calibrated(found: Diagnosis) -> list[Effect]:
 def share_u(rig: Rig, found: Diagnosis, places: Array, q: Array) -> float:
     """The standard uncertainty of the share by which the calibrated model is too small."""
     assert found.calibrated is not None
-    moves = CalibratedUncertainty(rig, found.calibrated).pose_displacements(q)[:, :, :3]
+    moves = PoseUncertainty(rig, found.calibrated).pose_displacements(q)[:, :, :3]
     own = places - places.mean(axis=0)
     return float(np.linalg.norm(np.einsum("kni,ni->k", moves, own)) / (own**2).sum())
 

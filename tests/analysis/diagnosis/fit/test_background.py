@@ -97,7 +97,7 @@ def test_means_and_covariances_are_those_of_the_joint_normal_law() -> None:
     np.testing.assert_allclose(found.term_covariance, covariance[9:, 9:], atol=1e-8)
     np.testing.assert_allclose(found.residual, Y - X @ found.mean - T @ found.term_means, atol=1e-9)
     np.testing.assert_allclose(found.healthy_share, X[:, :4] @ found.mean[:4], atol=1e-9)
-    np.testing.assert_allclose(found.unexplained, Y - X @ EXPECTED, atol=1e-9)
+    np.testing.assert_allclose(found.residual_at_prior, Y - X @ EXPECTED, atol=1e-9)
 
 
 @pytest.mark.parametrize("alike", [0.0, 0.999], ids=["own", "nearly a column"])

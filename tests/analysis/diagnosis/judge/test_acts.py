@@ -19,7 +19,6 @@ from analysis.apps.report.texts import LANGUAGES, keys_of, texts_of
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups
 from analysis.diagnosis.judge.act_list import (
-    LEAST_SHARE,
     JudgedPlace,
     _comes_first,  # private: the same as below
     _corrections,  # private: the rest of the actions needs a search
@@ -29,12 +28,21 @@ from analysis.diagnosis.judge.act_list import (
     in_order,
     one_after_the_other,
 )
-from analysis.diagnosis.judge.acts import Act, Against, JudgedOn
-from analysis.diagnosis.judge.remains import Unexplained
-from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis, Gap, GroupMember, Named, is_sure
+from analysis.diagnosis.judge.acts import Act, Against, Cost, JudgedOn
+from analysis.diagnosis.judge.residuals import Residual
+from analysis.diagnosis.judge.result import (
+    LEAST_SHARE,
+    BudgetPart,
+    Condition,
+    Diagnosis,
+    Gap,
+    GroupMember,
+    Named,
+    is_sure,
+)
 from analysis.diagnosis.judge.verdict import Gaps, condition_of, shows_time
 from analysis.diagnosis.plan.further_tests import PossibleTest
-from analysis.diagnosis.plan.naming_tests import NamingTests, naming_tests
+from analysis.diagnosis.plan.naming_tests import NamingTests, parts_to_identify
 from analysis.runs.tables import CircleTable
 from rigs.calibration import ModelAssessment, ground_of, verdict_of
 from rigs.effects import VOCABULARY, Backlash, BallForm, Compliance, Effect, JointOffset, LinkGeometry
@@ -136,7 +144,7 @@ def test_the_one_member_of_a_group_that_is_certain_is_mastered_and_no_test_is_as
     acts = acts_of(found, cast("JudgedPlace", _Judged()))
     assert [(act.kind, act.why) for act in acts] == [("remaster", "sure_and_large")]
     assert acts[0].effect == zero and acts[0].u == pytest.approx(0.08 * 20 / 650)
-    assert naming_tests(cast("Any", None), cast("Any", None), found.budget, (), ([], [])) == []
+    assert parts_to_identify(found.budget, ()) == []
     for unsure in (replace(member, odds=0.9), replace(member, u_um=300.0)):
         open_part = replace(part, members=(unsure,))
         asked = acts_of(replace(found, budget=(open_part,)), cast("JudgedPlace", _Judged()))
@@ -208,7 +216,7 @@ def test_a_small_name_with_a_rival_labels_no_others() -> None:
 
     def condition(*names: Named) -> str:
         gaps = Gaps(found.train, None, None)
-        return condition_of(None, names, found.remainder, gaps, early=False)  # type: ignore[arg-type]
+        return condition_of(None, names, found.residual, gaps, early=False)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patch:
         # private: the names are judged without runs
@@ -350,17 +358,15 @@ def test_measurement_comes_first_only_if_no_gain_is_proven(
 
 
 @pytest.mark.parametrize(
-    ("measurement", "unexplained"),
+    ("measurement", "residual"),
     [
-        (Act("measure", "visits_differ"), Unexplained(0.0, visits_um=50.0)),
-        (Act("measure", "gauges_differ"), Unexplained(0.0, gauges_um=50.0)),
-        (Act("measure", "one_lap", remains_um=50.0), None),
+        (Act("measure", "visits_differ"), Residual(0.0, visits_um=50.0)),
+        (Act("measure", "gauges_differ"), Residual(0.0, gauges_um=50.0)),
+        (Act("measure", "one_lap", remains_um=50.0), Residual(0.0)),
     ],
 )
-def test_a_proven_gain_larger_than_the_change_between_repeats_comes_first(
-    measurement: Act, unexplained: Unexplained | None
-) -> None:
-    found = diagnosis("named", unexplained=unexplained)
+def test_a_proven_gain_larger_than_the_change_between_repeats_comes_first(measurement: Act, residual: Residual) -> None:
+    found = diagnosis("named", residual=residual)
     fault = replace(_REPAIR, effect=found.effects[0].effect)
     for removes_um, is_first in ((60.0, False), (40.0, True)):
         acts = [replace(fault, removes_um=removes_um)]
@@ -385,11 +391,11 @@ def test_usual_zero_is_not_entered_where_the_controller_may_contain_it(controlle
     zero = replace(diagnosis("ambiguous").effects[0], doubt="usual", probability=0.9999, rivals=())
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"controller": controller})})
     found = diagnosis("nothing_unusual", effects=(zero,), rig=rig)
-    assert [act.kind for act in _repairs(found, _place("unseen"))[0]] == kinds
+    assert [act.kind for act in _repairs(found, _place("unseen"))] == kinds
 
 
 _SURE_ZERO = replace(diagnosis("ambiguous").effects[0], probability=0.9999, rivals=())
-_ONCE = {"repeated": False, "unexplained": Unexplained(0.0, unrepeated_um=15.0)}
+_ONCE = {"repeated": False, "residual": Residual(0.0, unrepeated_um=15.0)}
 
 
 @pytest.mark.parametrize(
@@ -420,16 +426,14 @@ def test_acts_begin_with_the_largest_proven_gain(
 
 def _place(place: JudgedOn, predicted_um: float | None = None) -> JudgedPlace:
     """Return a place at which the correction with its two effects removes 90 of 100 µm, and one effect 60 µm."""
-    stages: Any = SimpleNamespace(
-        calibrated=SimpleNamespace(effects=[_ZERO, LinkGeometry(axis=3, field="a", delta=0.2)])
-    )
+    effects = [_ZERO, LinkGeometry(axis=3, field="a", delta=0.2)]
 
     class Place(JudgedPlace):
         def removed(self, effects: Sequence[Effect], _relative_u: float = 0.0) -> Act:
             um = 90.0 if len(effects) > 1 else 60.0
             return Act("none", "sound", removes_um=um, removes_u_um=1.0, remains_um=100.0 - um, place=place)
 
-    return Place(place, cast("FittedRuns", None), (), stages, cast("Gap", None), predicted_um)
+    return Place(place, cast("FittedRuns", None), (), effects, cast("Gap", None), predicted_um)
 
 
 def test_a_figure_that_was_not_computed_is_null_and_never_zero() -> None:
@@ -472,7 +476,7 @@ def test_a_test_that_separates_rivals_is_looked_for_from_the_shortest_on() -> No
             return sigma
 
         expected: Any = SimpleNamespace(separation_sigma=separation_sigma)
-        return PossibleTest(name, "", expected, minutes, 1, 1)
+        return PossibleTest(name, "", expected, Cost(minutes, 1, 1))
 
     tests = [possible("long", 30, 90), possible("weak", 1, 0.5), possible("enough", 5, 20), possible("better", 5, 25)]
     effect, rival = Backlash(axis=1, width_deg=0.02), JointOffset(axis=1, offset_deg=0.01)

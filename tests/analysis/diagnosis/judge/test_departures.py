@@ -112,7 +112,7 @@ def test_growth_may_come_faster_and_slower_in_part() -> None:
 @pytest.mark.parametrize("effect", [Backlash(axis=1, width_deg=0.1), GEAR])
 def test_a_play_and_a_gear_have_columns_of_their_lateness(effect: Effect) -> None:
     found = departure_columns(healthy(), effect)
-    assert _leaves(found, healthy().late(effect)[:, 0]) < 1e-6
+    assert _leaves(found, healthy().retimed(effect)[:, 0]) < 1e-6
 
 
 @pytest.mark.parametrize("effect", [Backlash(axis=1, width_deg=0.1), GEAR])
@@ -120,7 +120,7 @@ def test_an_effect_of_a_joint_may_come_later_as_everything_does_by_late_stamps(e
     linear, late = healthy(), TimeLag(lag_s=0.001)
     together, alone, stamps, none = (linear.residual(each) for each in ([effect, late], [effect], [late], []))
     beyond = together - alone - stamps + none
-    found = linear.late(effect)
+    found = linear.retimed(effect)[:, :-1]
     assert found.shape == (len(linear.y), 2) and np.linalg.norm(beyond) > 10  # the test shows something
     # Late stamps turn the link too, and with it the direction in which the error shows.
     assert _leaves(found, beyond) < 0.2
@@ -143,7 +143,7 @@ def test_stamps_that_scatter_make_a_quick_wave_smaller() -> None:
         return (mean - wave(q))[:, None]
 
     gear = TransmissionError(axis=1, order=120, amplitude_deg=0.02)
-    found, wanted = linear.scattered(gear), linear.by_joint(1, lost)[:, 0]
+    found, wanted = linear.retimed(gear)[:, -1:], linear.by_joint(1, lost)[:, 0]
     (weight,), *_ = np.linalg.lstsq(found, wanted, rcond=None)
     assert np.linalg.norm(wanted) > 10  # the test shows something
     assert weight == pytest.approx(1.0, abs=0.1)
@@ -154,7 +154,7 @@ def test_at_targets_nothing_comes_later() -> None:
     runs = seen([*circles(seed=91), measured(table_of("repeatability", None, 5), "repeatability", "approaches")])
     setups, _ = fit_run_setups(runs)
     linear = linearise(blocks_of(runs, setups), setups)
-    found = linear.late(Backlash(axis=2, width_deg=0.1))
+    found = linear.retimed(Backlash(axis=2, width_deg=0.1))
     (at_targets,) = [rows for block, rows in zip(linear.blocks, linear.rows, strict=True) if not block.sampling]
     assert found.any() and not found[at_targets].any()
 

@@ -8,7 +8,7 @@ import pytest
 from analysis import calibrate
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.diagnosis.fit.search import search
-from analysis.diagnosis.judge.misses import factor_of_few_places
+from analysis.diagnosis.judge.held_out import factor_of_few_places
 from analysis.runs.tables import PoseTable
 from tests.support.pose_runs import cell_with, pose_run
 

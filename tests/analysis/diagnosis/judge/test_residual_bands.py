@@ -38,21 +38,6 @@ def test_a_bump_exceeds_it_and_is_reported_by_its_band(block: int, part: int, or
     assert first.ratio > 4 and f"{orders[0]} to {orders[1]} waves" in first.words
 
 
-@pytest.mark.parametrize(("sign", "words"), [(1, "the same in both directions"), (-1, "opposite sign")])
-def test_parity_with_the_direction_is_reported(sign: int, words: str) -> None:
-    linear = healthy()
-    left = white(linear, 2) + _bump(0, 1, 8, 15, 5.0) + sign * _bump(1, 1, 8, 15, 5.0)
-    first = bands_above_noise(linear.blocks, left)[0]
-    assert words in first.words
-
-
-def test_what_differs_by_direction_at_random_has_no_parity() -> None:
-    linear = healthy()
-    left = white(linear, 3) + _bump(0, 1, 8, 15, 5.0)
-    first = bands_above_noise(linear.blocks, left)[0]
-    assert "direction" not in first.words
-
-
 def test_the_band_with_most_energy_in_mm_is_first() -> None:
     """Not the one with most sigmas: fine orders are quiet, and a little there is worth little."""
     linear = healthy()

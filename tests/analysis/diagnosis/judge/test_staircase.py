@@ -13,8 +13,8 @@ from analysis.apps.report.stairs import residual_words, stairs_of, stairs_of_mod
 from analysis.diagnosis.evidence.observation import rms
 from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
 from analysis.diagnosis.judge.compare_runs import compare
-from analysis.diagnosis.judge.disagreement import disagreement, located
-from analysis.diagnosis.judge.staircase import ModelResidual
+from analysis.diagnosis.judge.residuals import ModelResidual
+from analysis.diagnosis.judge.staircase import located, located_residual
 from rigs.effects import Backlash, JointOffset
 from tests.support.diagnosis_cells import DEMO, RIG, circles, demo, seen
 
@@ -80,7 +80,7 @@ def test_what_is_far_below_its_uncertainty_is_said_to_be_so(left: ModelResidual,
 
 def test_a_comparison_shows_where_with_the_joint_that_turns_back() -> None:
     runs = circles((PLAY,), seed=73, count=1)
-    bare = disagreement(RIG, runs)
+    bare = located_residual(RIG, runs)
     assert bare.staircase is None and {place.joint for place in bare.where if "step" in place.why} == {1}
     compared = located(compare(runs, RIG), RIG, runs)
     assert any(place["joint"] == 1 for place in compared.to_dict()["where"])

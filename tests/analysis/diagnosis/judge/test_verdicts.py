@@ -109,10 +109,10 @@ def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatc
     monkeypatch.setattr(engine, "candidates_for", fewer)
     found = found_in(runs)
     assert found.condition == "outside_library"
-    assert found.remainder.um > 10 and found.remainder.um > sum(
+    assert found.residual.um > 10 and found.residual.um > sum(
         one.contribution_um for one in found.effects if one.is_confirmed
     )
-    assert "looks like" in found.remainder.words
+    assert "looks like" in found.residual.words
     assert found.left and all("waves per" in left.words for left in found.left)
     assert any("reversal" in place.why for place in found.where)
 
@@ -139,8 +139,8 @@ def test_a_name_of_which_set_ups_show_different_shares_counts_to_the_remainder()
     sizes = {share.setup: share.value * size_of(one.effect) for share in one.shares}
     assert sizes == pytest.approx({"yaw": 0.03 / 0.005, "roll": 0.0075 / 0.005}, rel=0.1)
     assert one.contradicted and not one.is_confirmed and found.contradicted == (one,)
-    assert found.condition == "outside_library" and found.remainder.um > 0.5 * one.contribution_um
-    assert "transmission_error 1 order 60" in found.remainder.words and "in roll" in found.remainder.words
+    assert found.condition == "outside_library" and found.residual.um > 0.5 * one.contribution_um
+    assert "transmission_error 1 order 60" in found.residual.words and "in roll" in found.residual.words
 
 
 @pytest.mark.nightly
@@ -232,7 +232,7 @@ def test_a_named_vibration_is_no_unexplained_error() -> None:
     runs = [response(run, 9.4, 0.08, phase) for run, phase in zip(circles(play, seed=18), PHASES, strict=True)]
     diagnosis = found_in(runs)
     assert {name_of(name.effect) for name in diagnosis.standing} >= {"vibration", "backlash 1"}
-    assert diagnosis.remainder.um < 5.0 and diagnosis.condition == "named"
+    assert diagnosis.residual.um < 5.0 and diagnosis.condition == "named"
 
 
 @made_once

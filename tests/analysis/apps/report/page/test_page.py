@@ -25,7 +25,7 @@ from analysis.apps.report.still_chart import still
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import texts_of
 from analysis.cli import app
-from analysis.diagnosis.judge.remains import ResidualCheck, ResidualSummary
+from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual, Subject
 from analysis.diagnosis.judge.result import Condition
 from rigs.errors import UseError
 from rigs.load import load, load_hidden
@@ -148,8 +148,9 @@ def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None
 
 
 def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Report) -> None:
-    looked = (ResidualCheck("posture", 0.004), ResidualCheck("approach", 0.31), ResidualCheck("temperature", None))
-    found = diagnosis("named", curves=(), maps=(), remains=ResidualSummary(108.0, 25.0, looked))
+    looked: dict[Subject, float | None] = {"posture": 0.004, "approach": 0.31, "temperature": None}
+    residual = Residual(1.4, held_out=HeldOutResidual(108.0, 25.0, looked))
+    found = diagnosis("named", curves=(), maps=(), residual=residual)
     last = report.results[-1]
     manifest = last.measured.run.manifest.model_copy(update={"placement": last.test})
     last = replace(last, measured=replace(last.measured, run=replace(last.measured.run, manifest=manifest)))
