@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import io
-import itertools
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -18,7 +17,7 @@ from analysis.runs.tables import PoseTable
 from daq.store import read_run
 from rigs.errors import FileError
 from tests.support.command_line import ran
-from tests.support.foreign_tables import Foreign, Poses, drawn, foreign_tables, in_format, poses, rows, text, tried
+from tests.support.foreign_tables import Foreign, Poses, foreign_tables, poses, rows, text, tried
 from tests.support.nightly import cases
 from tests.support.refusals import refused
 
@@ -41,17 +40,6 @@ def test_a_table_is_imported_or_asked_about_or_refused(foreign, tmp_path):
         pytest.skip("no data")
     done = tried(foreign, tmp_path)
     assert (done.outcome, done.asked, done.wrong) == (foreign.outcome, foreign.asks, ""), done.said
-
-
-@pytest.mark.cpu_limit(600)
-@pytest.mark.parametrize(("seed", "part"), cases(itertools.product(range(12), range(4)), [(3, 0)]))
-def test_few_poses_that_hardly_move_are_never_read_wrongly(seed, part, tmp_path):
-    rig, found = drawn(seed)
-    for foreign in list(in_format(found, rig))[part::4]:
-        folder = tmp_path / foreign.name
-        folder.mkdir()
-        done = tried(foreign, folder)
-        assert not done.wrong, f"{foreign.name}: {done.said}"
 
 
 def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path):
