@@ -46,10 +46,10 @@ def ended(*words: str | Path) -> int:
     return int(end.value.code or 0)
 
 
-def ran(*words: str | Path, cwd: Path | None = None, **env: str) -> CompletedProcess[str]:
-    """Run a command without standard input, and return exit code and output like `subprocess.run`.
+def ran(*words: str | Path, cwd: Path | None = None, typed: str = "", **env: str) -> CompletedProcess[str]:
+    """Run a command, and return exit code and output like `subprocess.run`.
 
-    env: environment variables in addition to those of the tests.
+    typed: standard input. env: environment variables in addition to those of the tests.
     """
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (
@@ -58,7 +58,7 @@ def ran(*words: str | Path, cwd: Path | None = None, **env: str) -> CompletedPro
         contextlib.redirect_stderr(err),
         pytest.MonkeyPatch.context() as patched,
     ):
-        patched.setattr("sys.stdin", io.StringIO())
+        patched.setattr("sys.stdin", io.StringIO(typed))
         # otherwise the usage line would begin with `python -m pytest.rig`
         patched.setattr("__main__.__package__", None)
         for name, value in env.items():

@@ -18,7 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tests.trials.ground.score import Scores, scored
-from tests.trials.ground.table import draw, markdown
+from tests.trials.ground.table import markdown
 from tests.trials.ground.tasks import TINY, WHOLE, make
 
 ROOT = Path(__file__).parents[3]
@@ -47,7 +47,6 @@ def arguments(words: Sequence[str] | None) -> argparse.Namespace:
     scoring.add_argument("answers", type=Path, metavar="ANSWERS", help="a file NAME.csv for each task")
     scoring.add_argument("--json", action="store_true", help="print the figures as JSON")
     running.add_argument("--entries", default=",".join(ENTRIES), help=f"some of {', '.join(ENTRIES)} (all)")
-    running.add_argument("--picture", type=Path, help="draw the table to this PNG file")
     given = parser.parse_args(words)
     if given.command == "run" and (unknown := set(given.entries.split(",")) - set(ENTRIES)):
         parser.error(f"no such entry: {', '.join(sorted(unknown))}; known are {', '.join(ENTRIES)}")
@@ -110,9 +109,6 @@ def run(given: argparse.Namespace) -> None:
     took = ", ".join(f"{entry} {own} s" for entry, own in seconds.items())
     print(f"\nSeed {seed}, {datetime.now(UTC):%Y-%m-%d}; processor time: {took}.\n")
     print(markdown(found))
-    if given.picture:
-        draw(found, given.picture)
-        print(f"wrote {given.picture}")
 
 
 def path_outside() -> str:

@@ -5,14 +5,12 @@ A command that is added needs a case here, or the walk fails.
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
 import shlex
 import shutil
 import stat
-import sys
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,7 +23,7 @@ import yaml
 
 from analysis import cli
 from rigs.load import SHIPPED
-from tests.support.command_line import all_imported, ended
+from tests.support.command_line import all_imported, ended, ran
 from tests.support.second_sources import SOURCES, Chain
 from tests.support.store_cases import edit_manifest, ledger_records, put_ledger
 
@@ -59,30 +57,6 @@ def hostile_urdf(folder: Path) -> Path:
     return file
 
 
-def ran(*arguments: str | Path, typed: str = "") -> tuple[int, str, str]:
-    """Exit code and output of a command in this process."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
-    before = sys.argv, sys.stdin, sys.stdout, sys.stderr
-    sys.argv, sys.stdin = ["rig", *map(str, arguments)], io.StringIO(typed)
-    sys.stdout, sys.stderr = out, err
-    try:
-        with warnings.catch_warnings(record=True) as warned:
-            warnings.simplefilter("always")
-            cli.main()
-            code = 0
-    except SystemExit as end:
-        code = int(end.code or 0)
-    finally:
-        sys.argv, sys.stdin, sys.stdout, sys.stderr = before
-    said = []
-    for stream in (out, err):
-        stream.flush()
-        assert isinstance(stream.buffer, io.BytesIO)
-        said.append(stream.buffer.getvalue().decode("utf-8"))
-    assert not [w for w in warned if issubclass(w.category, UserWarning)]  # nothing but lines reaches standard error
-    return code, said[0], said[1]
-
-
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("hostile") / (EVIL.replace("/", "|") + BYTES)
@@ -90,8 +64,8 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "rig.yaml").write_text(hostile_rig(), encoding="utf-8")
     for test in TESTS:
         options = ("--direction", "acw") if test == "yaw" else ()
-        code, _, told = ran("simulate", folder / "rig.yaml", "--test", test, "-o", folder / test, *options)
-        assert code == 0, told
+        done = ran("simulate", folder / "rig.yaml", "--test", test, "-o", folder / test, *options)
+        assert done.returncode == 0, done.stderr
     for run in runs(folder):
         edit_manifest(run, {"operator": EVIL, "host": EVIL, "software": {EVIL: EVIL}, "follows": EVIL})
         put_ledger(run, [_with_reason(record) for record in ledger_records(run)])
@@ -175,7 +149,11 @@ def test_commands_print_only_printable_text(command, cell, tmp_path, monkeypatch
     monkeypatch.chdir(own)
     for words in CASES[command]:
         arguments = called(words, cell, own)
-        code, out, err = ran(*command.split(), *arguments, typed=f"{EVIL}\nquit\n")
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            done = ran(*command.split(), *arguments, typed=f"{EVIL}\nquit\n")
+        assert not [w for w in warned if issubclass(w.category, UserWarning)]  # nothing but lines on standard error
+        code, out, err = done.returncode, done.stdout, done.stderr
         assert code in (0, 1, 2, 3, 4), (arguments, err)
         for line in (out + err).split("\n"):
             assert line.isprintable(), (arguments, line)
@@ -191,8 +169,8 @@ def test_commands_print_only_printable_text(command, cell, tmp_path, monkeypatch
 
 def test_a_terminal_gets_colours_of_ours_alone(cell, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
-    code, out, _ = ran("analyse", *runs(cell))
-    assert code == 0 and "\x1b]" not in out and "\x07" not in out
+    done = ran("analyse", *runs(cell))
+    assert done.returncode == 0 and "\x1b]" not in done.stdout and "\x07" not in done.stdout
 
 
 def test_pictures_show_dollar_signs_literally(tmp_path):
