@@ -15,8 +15,10 @@ In this notation joint i turns by sign · u - offset, and the arm is upright at 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 from py_opw_kinematics import KinematicModel
 from py_opw_kinematics import Robot as Peer
@@ -30,8 +32,6 @@ Array = NDArray[np.float64]
 
 J2_IN_J3 = np.eye(6)
 J2_IN_J3[2, 1] = 1.0
-
-
 HERE = Pose()
 
 
@@ -114,37 +114,27 @@ class PeerArm:
         return np.degrees(q @ self.opw.coupling.T)
 
 
+_PUBLISHED: dict[str, dict[str, Any]] = yaml.safe_load("""
+paper-fanuc: {lengths: [254.5, -142.4, 0, 0, 695, 666.3, 0], offsets: [0, 0, -90, 180, 0, 0],
+  signs: [1, 1, -1, 1, 1, -1], tool: {xyz_mm: [0, 0, 327.3]}}
+FANUC M-16iB/20: {lengths: [150, -100, 0, 525, 770, 740, 100], offsets: [0, 0, -90, 0, 0, 180],
+  signs: [1, 1, -1, -1, -1, -1], base: {xyz_mm: [100, -50, 30], rpy_deg: [1, -2, 30]},
+  tool: {xyz_mm: [20, -30, 200], rpy_deg: [10, 45, -20]}}
+ABB IRB 2400/10: {lengths: [100, -135, 0, 615, 705, 755, 85], offsets: [0, 0, -90, 0, 0, 0], signs: [1, 1, 1, 1, 1, 1],
+  tool: {xyz_mm: [0, 0, 150]}}
+KUKA KR 6 R700: {lengths: [25, -35, 0, 400, 315, 365, 80], offsets: [0, -90, 0, 0, 0, 0], signs: [-1, 1, 1, -1, 1, -1],
+  base: {rpy_deg: [180, 0, 0]}, tool: {xyz_mm: [50, 0, 100], rpy_deg: [0, 90, 0]}}
+""")
 OPW = {
-    "paper-fanuc": Opw(
-        *(254.5, -142.4, 0, 0, 695, 666.3, 0),
-        offsets=(0, 0, -90, 180, 0, 0),
-        signs=(1, 1, -1, 1, 1, -1),
-        coupling=np.eye(6),
-        tool=Pose(xyz_mm=(0, 0, 327.3)),
-    ),
-    "FANUC M-16iB/20": Opw(
-        *(150, -100, 0, 525, 770, 740, 100),
-        offsets=(0, 0, -90, 0, 0, 180),
-        signs=(1, 1, -1, -1, -1, -1),
-        coupling=J2_IN_J3,
-        base=Pose(xyz_mm=(100, -50, 30), rpy_deg=(1, -2, 30)),
-        tool=Pose(xyz_mm=(20, -30, 200), rpy_deg=(10, 45, -20)),
-    ),
-    "ABB IRB 2400/10": Opw(
-        *(100, -135, 0, 615, 705, 755, 85),
-        offsets=(0, 0, -90, 0, 0, 0),
-        signs=(1, 1, 1, 1, 1, 1),
-        coupling=np.eye(6),
-        tool=Pose(xyz_mm=(0, 0, 150)),
-    ),
-    "KUKA KR 6 R700": Opw(
-        *(25, -35, 0, 400, 315, 365, 80),
-        offsets=(0, -90, 0, 0, 0, 0),
-        signs=(-1, 1, 1, -1, 1, -1),
-        coupling=np.eye(6),
-        base=Pose(rpy_deg=(180, 0, 0)),
-        tool=Pose(xyz_mm=(50, 0, 100), rpy_deg=(0, 90, 0)),
-    ),
+    name: Opw(
+        *of.pop("lengths"),
+        tuple(of["offsets"]),
+        tuple(of["signs"]),
+        J2_IN_J3 if name == "FANUC M-16iB/20" else np.eye(6),
+        Pose.model_validate(of.get("base", {})),
+        Pose.model_validate(of["tool"]),
+    )
+    for name, of in _PUBLISHED.items()
 }
 
 ARMS: dict[str, Arm] = {
