@@ -39,23 +39,18 @@ class ArmsApart:
 
     names: tuple[str, str]
     q_deg: Array
-    """Postures (n, axes) within the limits of both arms, and within the joint angles of their runs if known."""
     apart_mm: Array
-    """Difference of position (n, 3)."""
     turned_deg: Array
-    """Difference of orientation (n,)."""
     taught_mm: Array
     """Remaining difference of position (n,) with frame and tool taught."""
     u_mm: Array
     """Standard uncertainty (n,) of the difference, NaN if unknown for an arm."""
     constants: tuple[dict[str, float], ...]
-    """Differing constants by axis."""
     play_deg: tuple[dict[int, float], dict[int, float]]
     doubts: tuple[str, ...]
 
     @property
     def distance_mm(self) -> Array:
-        """Distance between the tools (n,) mm."""
         distance: Array = np.linalg.norm(self.apart_mm, axis=1)
         return distance
 
@@ -115,7 +110,6 @@ def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
 
 
 def _postures(*arms: CalibratedArm) -> Array:
-    """Postures (n, axes) in degrees possible for all arms."""
     robots = [arm.rig.robot for arm in arms]
     if len({len(robot.axes) for robot in robots}) > 1:
         problem = f"the arm has {len(robots[1].axes)} axes, that of {arms[0].rig.name} has {len(robots[0].axes)}"

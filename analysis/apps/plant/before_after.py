@@ -1,8 +1,8 @@
-"""Comparison of runs after a repair with runs before: the difference of each figure, and its significance.
+"""Runs after a repair compared with runs before: the difference of each figure, and its significance.
 
-The spread between runs is pooled over both sides and with that of the robot's history: two runs per side hardly
-determine a spread. The difference then follows Student's distribution, and 2 u contain 95.45 %. The probability of a
-false finding is divided among the figures (Bonferroni).
+The spread between runs is pooled over both sides and with that of the robot's history, because two runs per side hardly
+determine one. The difference follows Student's distribution, and 2 u contain 95.45 %. The probability of a false
+finding is divided among the figures (Bonferroni).
 """
 
 from __future__ import annotations
@@ -33,8 +33,6 @@ _EFFICIENCY = 0.37
 
 @dataclass(frozen=True)
 class Difference:
-    """A figure before and after."""
-
     title: str
     figure: str
     before: float
@@ -85,7 +83,6 @@ def headlines(compared: Sequence[Difference]) -> list[str]:
 
 
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:
-    """Differences of all figures available on both sides, by test and program."""
     if both := {run.resolve() for run in after} & {run.resolve() for run in before}:
         remedy = "give the run either before or after --against"
         raise FileError(str(min(both)), "is on both sides", remedy, code="compare.both_sides")

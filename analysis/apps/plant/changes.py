@@ -25,7 +25,6 @@ FEWEST = 4
 _STARTS = 100
 """Positions of a change in the first search. The best is refined to single runs."""
 _ENDS = 25
-"""Positions of each end of a ramp in the refinement."""
 _SHARES = (0.25, 0.5, 0.75, 0.9, 0.97)
 _LENGTHS = (1.5, 5.0, 15.0, 50.0)
 """Shares of the slow part in the variance, and correlation lengths in runs."""
@@ -41,7 +40,6 @@ class Whitening:
 
     @classmethod
     def of(cls, covariance: Array) -> Whitening:
-        """Whitening of a covariance (n, n)."""
         lower = np.linalg.cholesky(covariance)
         rows = np.linalg.inv(lower)
         level = rows @ np.ones(len(rows))
@@ -94,7 +92,6 @@ def rises(count: int, first: Integers, last: Integers) -> Array:
 
 
 def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
-    """Ramps (n, c) between runs, whitened and of length 1."""
     white = noise.without_level(rises(len(noise.level), first, last))
     lengths = np.linalg.norm(white, axis=0)
     unit: Array = white / np.where(lengths > 1e-9, lengths, np.inf)
@@ -111,7 +108,6 @@ def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
 
 @lru_cache(maxsize=3)  # About 80 MB each for the longest series
 def whitenings(count: int) -> tuple[Whitening, ...]:
-    """White noise, and each kind with a slow part."""
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     kinds = [np.eye(count)]
     kinds += [share * np.exp(-apart / length) + (1 - share) * np.eye(count) for share in _SHARES for length in _LENGTHS]

@@ -102,7 +102,7 @@ def _is_arm(path: Path) -> bool:
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
     from analysis.apps.plant.before_after import differences
-    from analysis.apps.plant.history_screen import differences_answer
+    from analysis.apps.plant.history_report import differences_answer
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from analysis.cli.several import distinct
@@ -146,9 +146,8 @@ def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> No
 
 
 def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
-    """Rig file of an arm; for a URDF, or a file with only the section robot, that of the runs with this robot.
-
-    Runs of gauges need a rig file: the position of the ball link on the flange is unknown.
+    """Rig file of an arm; for a URDF, or a file with only the section robot, that of the runs. Runs of gauges need a
+    rig file, which states where the ball link is on the flange.
     """
     from analysis.apps.commission.rig_file_text import chosen_arm
     from analysis.apps.interchange.urdf import import_urdf

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from analysis.cli.commands import app, command
 from analysis.cli.console import CountedProgress, say, say_json, say_written
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
-
-if TYPE_CHECKING:
-    from analysis.apps.plant.collect import Workers
-    from analysis.apps.plant.gather import Fleet
 
 
 @command(app, "rig fleet /srv/plant -o plant.html")
@@ -48,9 +43,10 @@ def fleet(
 
     Runs in the same directory with the same rig name belong to one robot. The
     figures are stored in a catalogue, so unchanged runs are read only once."""
-    from analysis.apps.plant import fleet_screen as screen
+    from analysis.apps.plant import fleet_report as screen
     from analysis.apps.plant import store
     from analysis.apps.plant.collect import Workers
+    from analysis.apps.plant.gather import gather
 
     if output:
         from analysis.apps.report.html_page import check_page_file
@@ -60,32 +56,19 @@ def fleet(
         from analysis.runs.written_files import refuse_foreign
 
         refuse_foreign(parquet, "--parquet")
-    work = partial(_gathered, directory, Workers(jobs, scheduler), output, parquet)
-    plant = store.work_with(catalogue or store.default_path(directory), work, is_required=bool(catalogue))
+    workers, file = Workers(jobs, scheduler), catalogue or store.default_path(directory)
+    with (progress := CountedProgress()):
+        plant = gather(directory, file, workers, progress)
+    if parquet:
+        screen.write_figures(plant, parquet)
+        say_written([parquet])
+    if output:
+        for line in screen.write_pages(plant, output, workers, progress):
+            say(f"warning: {line}", err=True)
+        say_written([output])
     if as_json:
         say_json(screen.as_object(plant))
     else:
         from analysis.apps.report.blocks import say_answer
 
         say_answer(screen.answer_of(plant))
-
-
-def _gathered(
-    directory: Path, workers: Workers, output: Path | None, parquet: Path | None, file: Path, notes: tuple[str, ...]
-) -> Fleet:
-    from analysis.apps.plant.gather import gather
-
-    with (progress := CountedProgress()):
-        plant = gather(directory, file, notes, workers, progress)
-    if parquet:
-        from analysis.apps.plant.fleet_screen import write_figures
-
-        write_figures(plant, parquet)
-        say_written([parquet])
-    if output:
-        from analysis.apps.plant.fleet_page import write_pages
-
-        for line in write_pages(plant, output, workers, progress):
-            say(f"warning: {line}", err=True)
-        say_written([output])
-    return plant

@@ -67,13 +67,11 @@ def history(
     collected = collect(runs, robot, Workers(jobs, scheduler), CountedProgress())
     limits = load(rig_file)[0].limits if rig_file else None
     history_found = history_of(collected, figure, since.date() if since else None, limits)
+    from analysis.apps.plant import history_report as screen
+
     if output:
-        from analysis.apps.plant.history_page import write_page
-
-        write_page(history_found, output)
+        screen.write_page(history_found, output)
         say_written([output])
-    from analysis.apps.plant import history_screen as screen
-
     if as_json:
         say_json(screen.as_object(history_found))
     elif as_csv:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -48,16 +48,12 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Workers:
-    """Execution of evaluations (`analysis.runs.batch`)."""
-
     jobs: int = 0
     scheduler: str | None = None
 
 
 @dataclass(frozen=True)
 class MarkedCheck:
-    """A movement check stored with a run."""
-
     run: str
     when: datetime
     """Start of the run, in the time zone of this computer."""
@@ -87,20 +83,9 @@ class Collected:
 
 def collect(directory: Path, robot: str, workers: Workers, progress: Progress) -> Collected:
     """Runs of a robot in or below a directory, by the name of the rig file or of the robot."""
-    seen = runs_below(directory)
-    path = store.default_path(directory) if isinstance(directory, RemotePath) else directory / store.FILE
-    return store.work_with(path, partial(_collected, directory, robot, seen, workers, progress))
-
-
-def _collected(
-    directory: Path,
-    robot: str,
-    seen: Sequence[RunOnDisk],
-    workers: Workers,
-    progress: Progress,
-    file: Path,
-    notes: tuple[str, ...],
-) -> Collected:
+    seen, in_cache = runs_below(directory), store.default_path(directory)
+    files = [in_cache] if isinstance(directory, RemotePath) else [directory / store.FILE, in_cache]
+    file, notes = store.prepare_first(files)
     others: set[str] = set()
 
     def may_be_of_robot(path: Path) -> bool:
@@ -187,8 +172,6 @@ def _rig_of(rig_text: str) -> Rig | None:
 
 @dataclass(frozen=True)
 class RunOnDisk:
-    """A run below a directory."""
-
     path: Path
     run: str
     """Path relative to the directory."""
@@ -277,7 +260,6 @@ def update(
 
 
 def save_periodically(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Callable[[int], None]) -> None:
-    """Save results periodically and at the end, also after an error."""
     piece: list[T] = []
     saved_s = time.monotonic()
     try:

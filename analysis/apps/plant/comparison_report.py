@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 
 def answer_of(compared: Compared) -> list[Block]:
-    """A table for each run with each figure measured, simulated and their difference; remarks and set-ups."""
     texts, blocks = texts_of("en"), list[Block]()
     for comparison in compared.runs:
         figures, simulated = comparison.result.found.figures, comparison.simulated.figures
@@ -59,7 +58,6 @@ def answer_of(compared: Compared) -> list[Block]:
 
 
 def save_pictures(compared: Compared, directory: Path) -> list[Path]:
-    """A picture of each run, and the disagreement of all runs at each step of the staircase."""
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
     named = distinctly_named([comparison.result for comparison in compared.runs])

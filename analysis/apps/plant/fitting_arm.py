@@ -24,8 +24,6 @@ _CLEARLY = 0.97
 
 @dataclass(frozen=True)
 class ArmFit:
-    """Residual of runs for an arm, in µm of the readings."""
-
     file: str
     rms_um: float
     largest_um: float
@@ -33,8 +31,6 @@ class ArmFit:
 
 @dataclass(frozen=True)
 class FittingArm:
-    """Two arms compared with the same runs."""
-
     fits: tuple[ArmFit, ArmFit]
     runs: tuple[str, ...]
     doubts: tuple[str, ...] = ()
@@ -47,7 +43,6 @@ class FittingArm:
 
     @property
     def times(self) -> float:
-        """Ratio of the larger residual to the smaller."""
         best, worse = sorted(fit.rms_um for fit in self.fits)
         return worse / best if best > 0 else np.inf
 

@@ -20,7 +20,7 @@ from analysis.apps.plant.collect import (
     update,
 )
 from analysis.apps.plant.robot_state import FleetRobot, as_json, in_order, state_from_json, state_of
-from analysis.apps.plant.store import Damaged, Key
+from analysis.apps.plant.store import Key
 from analysis.runs.batch import FailedItem, Outcome, each
 
 
@@ -32,24 +32,20 @@ class Fleet:
     catalogue: Path
     robots: tuple[FleetRobot, ...]
     strays: tuple[tuple[str, str], ...]
-    """Runs of unknown robots, with the reason."""
     notes: tuple[str, ...]
-    """On the catalogue."""
     digests: Mapping[Key, str]
-    """Digest of all inputs of the state of each robot."""
     runs: int
     examined: int
-    """Number of runs that were read."""
     gone: int
 
 
-def gather(directory: Path, file: Path, notes: tuple[str, ...], workers: Workers, progress: Progress) -> Fleet:
+def gather(directory: Path, file: Path, workers: Workers, progress: Progress) -> Fleet:
     """Find the robots of the runs below a directory.
 
-    file: the catalogue, with notes about it (`store.work_with`). workers: for reading runs; the states of robots are
-    computed by local processes, because they need the catalogue.
+    file: the catalogue. workers: for reading runs; the states of robots are computed by local processes, because they
+    need the catalogue.
     """
-    seen = runs_below(directory)
+    seen, notes = runs_below(directory), store.prepare(file)
     known, examined, gone = update(file, seen, workers, progress)
     hashes: dict[Key, hashlib._Hash] = {}
     for entry in known.values():
@@ -62,10 +58,7 @@ def gather(directory: Path, file: Path, notes: tuple[str, ...], workers: Workers
     states: dict[Key, FleetRobot] = {}
     for key, (digest, text) in before.items():
         if digests.get(key) == digest:
-            try:
-                states[key] = state_from_json(text)
-            except (TypeError, ValueError) as error:
-                raise Damaged(file, str(error)) from None
+            states[key] = state_from_json(text)
     fresh = [key for key in digests if key not in states]
     if gone_robots := before.keys() - digests.keys():
         store.save_states(file, (), gone_robots)
@@ -76,8 +69,6 @@ def gather(directory: Path, file: Path, notes: tuple[str, ...], workers: Workers
         if not isinstance(outcome, FailedItem):
             states[key] = outcome.value
             return key, digests[key], as_json(states[key])
-        if isinstance(outcome.error, Damaged):
-            raise outcome.error
         states[key] = FleetRobot(*key, problem=outcome.error.what)
         return key, "", as_json(states[key])
 

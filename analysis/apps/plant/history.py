@@ -33,9 +33,7 @@ WATCHED = (
 )
 """A characteristic figure of each kind. The others repeat these, or depend on the mounting of ball and gauges."""
 CORRECTED = {"targets": "corrected programs", "entries": "with values entered"}
-"""Names of series measured with a correction; the arm itself is unchanged."""
 _OF_AN_AXIS = {"play_j": "play", "temperature_j": "mean temperature", "warming_j": "warming within a run"}
-"""Names of figures that an axis number follows."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,6 @@ class Series:
 
     @property
     def corrected(self) -> str:
-        """Correction of the arm during the runs; empty if there is none."""
         return self.runs[0].corrected
 
     @property
@@ -72,8 +69,6 @@ class Series:
 
 @dataclass(frozen=True)
 class History:
-    """The content of `rig history`."""
-
     collected: Collected
     series: tuple[Series, ...]
 
@@ -83,7 +78,6 @@ class History:
 
     @property
     def changed(self) -> list[tuple[Series, Change]]:
-        """All changes in order of time; simultaneous changes in order of certainty."""
         changes = [(series, change) for series in self.series for change in series.trend.changes]
         return sorted(changes, key=lambda pair: (pair[0].runs[pair[1].first].when.timestamp(), pair[1].chance))
 
@@ -165,16 +159,11 @@ class JudgedSeries:
 
     limit: Limit
     standing: Standing
-    """Standing of the newest run."""
     bound: float
-    """The deciding bound."""
     since: RunRecord
-    """First run after the crossing."""
     newest: RunRecord
     beyond: tuple[RunRecord, ...]
-    """All failing runs, in order of time."""
     count: int
-    """Number of judged runs."""
 
 
 def judge(series: Series) -> JudgedSeries | None:

@@ -58,13 +58,11 @@ def movement_line(marked: MarkedCheck) -> str:
 
 
 def origin(history: History) -> str:
-    """Statement on simulated runs; empty if there are none."""
     runs = _runs_of(history)
     return simulated_runs(sum(run.simulated for run in runs), len(runs))
 
 
 def too_few(history: History) -> str:
-    """Why there are no sentences, for example a single run and its day."""
     runs = _runs_of(history)
     if not runs:
         return "The runs contain none of the monitored quantities."
@@ -77,7 +75,6 @@ def _runs_of(history: History) -> list[RunRecord]:
 
 
 def remarks(history: History) -> list[str]:
-    """Amount of data, omissions, and short series."""
     runs = _runs_of(history)
     short = sum(map(is_short, history.series))
     alarms = f"; for an unchanged robot, {FALSE_ALARMS:.0%} of histories report a change"
@@ -108,7 +105,6 @@ def doubts(history: History) -> list[str]:
 
 
 def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
-    """Runs omitted for missing figures, with the reason."""
     if not runs:
         return []
     lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} ignored:"]

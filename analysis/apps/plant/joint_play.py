@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
 """Cycles per turn of a joint: eccentricity, wave generators and their stages. Faster waves are rarely as large."""
 _SIZE_DEG = 0.005
-"""Initial size of a wave: usual gears have some thousandths of a degree."""
 _LEAST_DEG = 1e-6
 _ROUNDS = 40
 
@@ -122,7 +121,6 @@ _ROWS = 3000
 _INDEPENDENT = 72
 """Independent sections of a lap: a jump is judged by a neighbourhood of about 5°."""
 _OUT_DEG = 0.01
-"""Angle error for derivatives."""
 _BELOW_ZERO = 3.0
 """Limit of negative values in multiples of u. Backlash is never negative; beyond it the cause is a different one."""
 _WORST_U_DEG = 0.05
@@ -149,13 +147,11 @@ class _Jumps:
         return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, curve) for curve in curves))
 
     def of(self, sizes_deg: Array) -> Array:
-        """Curve (2 NODES,) mm of backlash (axes,) in degrees."""
         curves = [spline(size) for spline, size in zip(self.by_width, sizes_deg, strict=True)]
         together: Array = np.sum(curves, axis=0)
         return together
 
     def slopes(self, sizes_deg: Array) -> Array:
-        """Derivatives (2 NODES, axes) in mm per degree."""
         return np.stack([spline(size, 1) for spline, size in zip(self.by_width, sizes_deg, strict=True)], axis=1)
 
 
@@ -246,18 +242,15 @@ class _Lap:
         return replace(bare, without=bare.nodes(()))
 
     def nodes(self, effects: tuple[Effect, ...]) -> Array:
-        """Angle and distance (2 NODES,) mm of a robot with effects."""
         model = model_of(self.rig, effects)
         g_mm = predict(model, self.way, path_of(model, self.way), nominal_setup(self.rig, self.way))[self.inside]
         yaw = link_angle(g_mm[:, 0], g_mm[:, 1], 2 * self.half_mm) * self.half_mm
         return np.concatenate([np.interp(PHI, self.phi, y, period=2 * np.pi) for y in (yaw, g_mm.mean(axis=1))])
 
     def play(self, axis: int, width_deg: float) -> Array:
-        """Response (2 NODES,) mm to backlash of an axis."""
         return self.nodes((play_of_joint(axis, width_deg),)) - self.without
 
     def offset(self, axis: int) -> Array:
-        """Response (2 NODES,) mm per degree to an angle error of an axis."""
         return (self.nodes((turned(axis, _OUT_DEG),)) - self.without) / _OUT_DEG
 
 

@@ -30,7 +30,6 @@ from rigs.files import read_bytes
 from rigs.schema.vocabulary import DrivenTest
 
 _MOST_BYTES = 1_000_000_000
-"""Maximum size of a ledger, as in the store."""
 _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
 """Keys that differ between cells and runs of the same program."""
 
@@ -43,7 +42,6 @@ class RunRecord:
     fingerprint: str
     rig: str
     started: str
-    """ISO 8601."""
     test: str
     direction: str
     placement: str
@@ -53,11 +51,8 @@ class RunRecord:
     """Reason for missing figures, in a line."""
     figures: dict[str, Quantity] = field(default_factory=dict)
     readings: str = ""
-    """Digest of the measurements, empty if unreadable."""
     simulated: bool = False
-    """True if no real robot was measured."""
     corrected: str = ""
-    """Correction during the run, according to the manifest."""
 
     @property
     def as_json(self) -> str:
@@ -86,7 +81,6 @@ class RunRecord:
 
     @property
     def when(self) -> datetime:
-        """Start of the run in the time zone of this computer, used for counting days."""
         when = datetime.fromisoformat(self.started)
         when = when if when.tzinfo else when.replace(tzinfo=UTC)
         try:
@@ -107,7 +101,6 @@ def fingerprint_of(run: Path) -> str:
 
 
 def record_of(path: Path, manifest: Manifest, fingerprint: str) -> RunRecord:
-    """Evaluate a run. Never raises for a bad run."""
     program, problem, readings, simulated = "", "", "", False
     figures: dict[str, Quantity] = {}
     try:
@@ -138,7 +131,6 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> RunRecord:
 
 
 def record_without_figures(name: str, manifest: Manifest | None, problem: str) -> RunRecord:
-    """Record of a run that is not evaluated."""
     if manifest is None:
         return RunRecord(name, "", "", "", "", "", "", problem=problem)
     return RunRecord(

@@ -15,7 +15,6 @@ from analysis.apps.plant.history_words import against_limit, change_words
 from rigs.schema.limits import Standing
 
 Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
-"""Reasons for attention, most urgent first."""
 ORDER: tuple[Attention, ...] = ("beyond", "watch", "unreadable", "changed", "within", "unlimited")
 
 
@@ -28,9 +27,7 @@ class FleetRobot:
     robot: str
     tests: tuple[str, ...] = ()
     runs: int = 0
-    """Number of runs with figures."""
     last: str = ""
-    """Start of the newest run, ISO 8601."""
     standing: Standing | Literal[""] = ""
     """Worst standing, empty if there are no limits."""
     worst: str = ""
@@ -38,20 +35,15 @@ class FleetRobot:
     worst_ratio: float = 0.0
     """Value of this figure divided by the bound."""
     trend: str = ""
-    """Change with its date, as text."""
     changed: str = ""
-    """Day of the change."""
     grew: bool = False
     without_figures: tuple[tuple[str, str], ...] = ()
-    """Runs by name with the reason."""
     wild: int = 0
-    """Number of excluded outliers."""
     copies: int = 0
     simulated: int = 0
     corrected: int = 0
     """Number of runs with corrected programs or entered values, which do not show the arm and are not judged."""
     problem: str = ""
-    """Reason for a missing judgement."""
 
     @property
     def attention(self) -> Attention:
@@ -105,19 +97,16 @@ def state_of(folder: str, collected: Collected) -> FleetRobot:
 
 
 def as_json(state: FleetRobot) -> str:
-    """State as text; unlike pydantic it accepts invalid Unicode."""
     return json.dumps(asdict(state))
 
 
 def state_from_json(text: str) -> FleetRobot:
-    """Parse a stored state. Raises TypeError or ValueError if it is damaged."""
     fields: dict[str, Any] = json.loads(text)
     names = tuple((run, why) for run, why in fields.pop("without_figures"))
     return FleetRobot(**fields | {"tests": tuple(fields["tests"]), "without_figures": names})
 
 
 def in_order(states: Sequence[FleetRobot]) -> list[FleetRobot]:
-    """Sort states by urgency: reason, ratio to the limit, newest change, name."""
     by_name = sorted(states, key=lambda state: (state.robot, state.folder))
     by_change = sorted(by_name, key=lambda state: state.changed if state.attention == "changed" else "", reverse=True)
     return sorted(by_change, key=lambda state: (ORDER.index(state.attention), -state.worst_ratio))

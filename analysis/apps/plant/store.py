@@ -1,22 +1,19 @@
 """Figures of runs in an SQLite file, so that a run is evaluated only once.
 
-`rig history` keeps the file next to the runs; `rig fleet`, and both for a remote directory, keep it in the user's
-cache, because the directory of a plant may be read-only. A file that is damaged or of a different version is rebuilt
-from the runs. SQLite handles concurrent commands and crashes.
+`rig history` keeps the file next to the runs, or in the user's cache if it cannot write there. `rig fleet`, and both
+for a remote directory, keep it in the cache. A file that is damaged or of a different version is rebuilt from the runs.
+SQLite handles concurrent commands and crashes.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TypeVar
 
 from analysis.apps.plant.records import RunRecord
 from daq.store.chunk import storable
@@ -24,7 +21,6 @@ from rigs.distribution import version
 from rigs.errors import CellError, FileError, RigError
 from rigs.files import read_from
 
-T = TypeVar("T")
 FILE = ".history.sqlite"
 """Hidden, because `runs/*` in a shell should match runs only."""
 VERSION = 7
@@ -77,16 +73,7 @@ class Entry:
     problem: str
 
 
-class Damaged(FileError):
-    """The file is unreadable and must be rebuilt."""
-
-    def __init__(self, path: Path, why: str) -> None:
-        remedy = "repeat the command: the file is rebuilt from the runs"
-        super().__init__(str(path), f"is damaged ({why})", remedy, code="figures.damaged")
-
-
 def made_by() -> str:
-    """Version of rig and of its figures."""
     return f"{version()}, figures {VERSION}"
 
 
@@ -97,83 +84,60 @@ def default_path(directory: Path) -> Path:
     return cache / "rig" / f"fleet-{name}.sqlite"
 
 
-def work_with(path: Path, work: Callable[[Path, tuple[str, ...]], T], *, is_required: bool = False) -> T:
-    """Result of `work` with a file of figures and notes about it, once more with a new file if it proves damaged.
-
-    If the file itself cannot be used, `work` gets a temporary copy. is_required: raise the error in this case.
-    """
-    with ExitStack() as until_done:
+def prepare_first(paths: Sequence[Path]) -> tuple[Path, tuple[str, ...]]:
+    """Prepare the first file that can be used, and return it with notes. Raises the error of the last."""
+    *preferred, last = paths
+    notes: tuple[str, ...] = ()
+    for path in preferred:
         try:
-            why = prepare(path)
-            notes = (f"{path} {why}: the file was rebuilt from the runs",) if why else ()
-            file = path
+            return path, notes + prepare(path)
         except RigError as error:
-            if is_required:
-                raise
-            file = Path(until_done.enter_context(TemporaryDirectory())) / path.name
-            if error.code != "figures.foreign":
-                with suppress(OSError):
-                    shutil.copyfile(path, file)  # figures on a read-only disk save time
-            prepare(file)
-            notes = (f"{path} cannot be used ({error.what}): new runs are evaluated each time",)
-        try:
-            return work(file, notes)
-        except Damaged:
-            _remove(file)
-            prepare(file)
-            return work(file, (*notes, f"{file} was damaged: the file was rebuilt from the runs"))
+            notes += (f"{path} cannot be used ({error.what}): the figures are stored in {last}",)
+    return last, notes + prepare(last)
 
 
-def prepare(path: Path) -> str:
-    """Create the file if necessary. Returns the reason for rebuilding a previous one, if any.
+def prepare(path: Path) -> tuple[str, ...]:
+    """Create the file if necessary. Returns a note if a previous file is replaced.
 
     Raises CellError if it cannot be written, and FileError for a file that is not of rig.
     """
-    problem, remedy = "is not a file of rig with figures", "choose a different --catalogue, or remove the file"
-    foreign = FileError(str(path), problem, remedy, code="figures.foreign")
-    header = b""
+    remedy = "choose a different file, or remove it"
+    foreign = FileError(str(path), "is not a file of rig with figures", remedy, code="figures.foreign")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        header = read_from(path, 0, _HEADER)[0]
-    except FileNotFoundError:
-        pass
+        header = read_from(path, 0, _HEADER)[0] if path.exists() else b""
     except FileError:  # not a regular file
         raise foreign from None
     except OSError as error:
-        raise _refused(path, error) from None
+        raise _unwritable(path, error) from None
     if header and not (header.startswith(_MAGIC) and header[_ID_AT : _ID_AT + 4] in _IDS):
         raise foreign
     try:
-        why = _set_up(path)
-    except Damaged:
+        with _opened(path) as file:
+            if not file.execute("select count(*) from sqlite_master").fetchone()[0]:
+                for statement in (*_TABLES.split(";\n"), f"pragma application_id = {_OURS}"):
+                    file.execute(statement)
+                file.execute("insert into made_by values (?)", (made_by(),))
+                return ()
+            if file.execute("pragma quick_check(1)").fetchone() != ("ok",):
+                why = "was damaged"
+            elif _is_current(file):
+                return ()
+            else:
+                why = "was made by a different version of rig"
+    except FileError:
         why = "was damaged"
-    if why:
-        _remove(path)
-        _set_up(path)
-    return why
-
-
-def _set_up(path: Path) -> str:
-    """Create the tables of an empty file. Returns the reason if an existing file is of no use."""
-    with _opened(path) as file:
-        if file.execute("select count(*) from sqlite_master").fetchone()[0]:
-            tables = file.execute("pragma user_version").fetchone()[0]
-            is_same = tables == VERSION and file.execute("select * from made_by").fetchall() == [(made_by(),)]
-            return "" if is_same else "was made by a different version of rig"
-        for statement in _TABLES.split(";\n"):
-            file.execute(statement)
-        file.execute("insert into made_by values (?)", (made_by(),))
-        file.execute(f"pragma application_id = {_OURS}")
-        file.execute(f"pragma user_version = {VERSION}")
-    return ""
-
-
-def _remove(path: Path) -> None:
     try:
         for name in (path, path.with_name(path.name + "-journal")):
             name.unlink(missing_ok=True)
     except OSError as error:
-        raise _refused(path, error) from None
+        raise _unwritable(path, error) from None
+    prepare(path)
+    return (f"{path} {why}: the file was rebuilt from the runs",)
+
+
+def _is_current(file: sqlite3.Connection) -> bool:
+    return file.execute("select * from made_by").fetchall() == [(made_by(),)]
 
 
 @contextmanager
@@ -186,17 +150,23 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             file.execute("commit")
     except sqlite3.Error as error:
         if getattr(error, "sqlite_errorcode", 0) & 0xFF in _OF_THE_SYSTEM:
-            raise _refused(path, error) from None
-        raise Damaged(path, str(error)) from None
+            raise _unwritable(path, error) from None
+        raise _damaged(path, error) from None
 
 
-def _refused(path: Path, error: Exception) -> CellError:
+def _damaged(path: Path, error: Exception) -> FileError:
+    return FileError(
+        str(path), f"is damaged ({error})", "remove it: it is rebuilt from the runs", code="figures.damaged"
+    )
+
+
+def _unwritable(path: Path, error: Exception) -> CellError:
     problem = f"figures cannot be stored: {getattr(error, 'strerror', None) or error}"
-    return CellError(str(path), problem, "choose a different file: --catalogue FILE", code="figures.unwritable")
+    remedy = "choose a different file (--catalogue FILE), or give XDG_CACHE_HOME a writable directory"
+    return CellError(str(path), problem, remedy, code="figures.unwritable")
 
 
 def entries(path: Path) -> dict[str, Entry]:
-    """All runs without their figures, by path."""
     with _opened(path) as file:
         rows = file.execute("select run, folder, robot, signature, fingerprint, problem from runs order by run")
         found = [Entry(os.fsdecode(run), (os.fsdecode(folder), robot), *rest) for run, folder, robot, *rest in rows]
@@ -204,7 +174,6 @@ def entries(path: Path) -> dict[str, Entry]:
 
 
 def save(path: Path, runs: Iterable[tuple[str, str, RunRecord, str]]) -> None:
-    """Store runs: path, signature, record and rig file."""
     with _opened(path) as file:
         for run, signature, record, rig_text in runs:
             sha256 = hashlib.sha256(rig_text.encode("utf-8", "surrogatepass")).hexdigest()
@@ -230,20 +199,17 @@ def records_of(path: Path, key: Key) -> tuple[list[RunRecord], dict[str, str]]:
     try:
         records = [RunRecord.of_json(text) for text, _ in rows]
     except (TypeError, ValueError) as error:
-        raise Damaged(path, str(error)) from None
+        raise _damaged(path, error) from None
     return records, {record.name: rig_text for record, (_, rig_text) in zip(records, rows, strict=True)}
 
 
 def read_records(path: Path) -> dict[str, RunRecord]:
-    """Records of all runs by path, from an existing file that is not changed; empty if it is of no use."""
     if not path.is_file():
         return {}
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_WAIT_S)) as file:
-            if file.execute("select * from made_by").fetchall() != [(made_by(),)]:
-                return {}
-            rows = [(os.fsdecode(run), text) for run, text in file.execute("select run, record from runs")]
-        return {run: replace(RunRecord.of_json(text), name=run) for run, text in rows}
+            rows = file.execute("select run, record from runs").fetchall() if _is_current(file) else []
+        return {run: replace(RunRecord.of_json(text), name=run) for run, text in ((os.fsdecode(r), t) for r, t in rows)}
     except (sqlite3.Error, TypeError, ValueError):
         return {}
 
@@ -255,7 +221,6 @@ def states(path: Path) -> dict[Key, tuple[str, str]]:
 
 
 def save_states(path: Path, judged: Sequence[tuple[Key, str, str]], gone: Iterable[Key] = ()) -> None:
-    """Store states of robots with digests, and remove deleted robots."""
     with _opened(path) as file:
         rows = [(os.fsencode(folder), robot) for folder, robot in gone]
         file.executemany("delete from states where folder = ? and robot = ?", rows)

@@ -73,7 +73,6 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
 
 
 def answer_of(versions: Sequence[Version]) -> list[Block]:
-    """A row for each calibration, newest first."""
     if not versions:
         return [
             Sentence("This directory has no calibration of this robot. To write one: rig diagnose RUN… -o DIRECTORY")
@@ -91,7 +90,6 @@ def answer_of(versions: Sequence[Version]) -> list[Block]:
 
 
 def _identity(rig: Rig) -> tuple[str, str]:
-    """Name and serial number, which identify a robot."""
     return rig.robot.name, rig.robot.serial
 
 

@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -47,13 +45,8 @@ def evaluated(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def collect(runs: Path, robot: str, jobs: int = 1) -> Collected:
-    return module.collect(runs, robot, Workers(jobs), lambda doing, done, total: None)
-
-
-def content(file: Path) -> list[str]:
-    with closing(sqlite3.connect(file)) as database:
-        return list(database.iterdump())
+def collect(runs: Path, robot: str) -> Collected:
+    return module.collect(runs, robot, Workers(1), lambda doing, done, total: None)
 
 
 def test_a_run_is_evaluated_once_until_it_changes(runs, evaluated):
@@ -69,26 +62,13 @@ def test_a_run_is_evaluated_once_until_it_changes(runs, evaluated):
     assert [run.name for run in third.runs] == ["000-acw", "002-acw", "005-acw"]
 
 
-def test_the_file_is_made_again_with_the_same_content(runs):
-    collect(runs, "ur10e")
-    before = content(runs / FILE)
-    (runs / FILE).unlink()
-    collect(runs, "ur10e")
-    assert content(runs / FILE) == before
-
-
-def test_without_a_usable_file_the_history_is_the_same(runs):
+def test_without_a_usable_file_the_cache_of_the_user_has_the_figures(runs, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(runs.parent / "cache"))
     whole = collect(runs, "ur10e")
     (runs / FILE).unlink()
     (runs / FILE).mkdir()
     found = collect(runs, "ur10e")
     assert found.runs == whole.runs and len(found.notes) == 1
-
-
-def test_several_processes_find_the_same(runs):
-    alone = collect(runs, "ur10e")
-    (runs / FILE).unlink()
-    assert collect(runs, "ur10e", jobs=2) == alone
 
 
 def test_runs_of_other_robots_are_not_evaluated(runs):

@@ -3,12 +3,10 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from analysis.apps.plant import store
 from analysis.apps.plant.collect import REASONS, Collected, Progress, Workers
 from analysis.apps.plant.gather import Fleet, gather
 from analysis.apps.plant.history import history_of
@@ -17,7 +15,6 @@ from analysis.apps.plant.robot_state import state_of
 from analysis.procedures.shared.quantity import Quantity
 from daq.store import mark_kept
 from rigs.schema.limits import Limits
-from tests.support.dask_cluster import cluster
 from tests.support.plant_runs import known_robot, write_visits
 from tests.support.refusals import refused
 
@@ -52,13 +49,8 @@ def silent(doing: str, done: int, total: int) -> None:
     pass
 
 
-def gathered(
-    plant: Path, file: Path, jobs: int = 1, progress: Progress = silent, scheduler: str | None = None
-) -> Fleet:
-    def work(path: Path, notes: tuple[str, ...]) -> Fleet:
-        return gather(plant, path, notes, Workers(jobs, scheduler), progress)
-
-    return store.work_with(file, work, is_required=True)
+def gathered(plant: Path, file: Path, jobs: int = 1, progress: Progress = silent) -> Fleet:
+    return gather(plant, file, Workers(jobs), progress)
 
 
 def runs_of(plant: Path, number: int) -> list[Path]:
@@ -171,13 +163,6 @@ def test_several_processes_find_the_same(plant: Path, file: Path, tmp_path: Path
     assert gathered(plant, file, jobs=2).robots == gathered(plant, tmp_path / "other.sqlite").robots
 
 
-def test_two_at_once_share_a_catalogue(plant: Path, file: Path) -> None:
-    with ThreadPoolExecutor(2) as pool:
-        first, second = pool.map(lambda _: gathered(plant, file), range(2))
-    assert first.robots == second.robots == gathered(plant, file).robots
-    assert gathered(plant, file).examined == 0
-
-
 def test_robots_that_another_command_finds_meanwhile_are_its_own(plant: Path, file: Path) -> None:
     def another(doing: str, done: int, total: int) -> None:
         if (doing, done) == ("judging robots", total):
@@ -198,15 +183,6 @@ def test_runs_read_before_an_interruption_are_kept(plant: Path, file: Path) -> N
     with pytest.raises(KeyboardInterrupt):
         gathered(plant, file, progress=ended)
     assert gathered(plant, file).examined == 3 * VISITS - 5
-
-
-@pytest.mark.nightly  # tests/analysis/runs/test_dask_cluster.py shows the same in each commit
-def test_the_workers_of_a_cluster_find_the_same(plant: Path, file: Path, tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
-    (tmp_path / "dask").mkdir()
-    with cluster(tmp_path / "dask") as dask:
-        found = gathered(plant, file, scheduler=dask.address)
-    assert found.robots == gathered(plant, tmp_path / "other.sqlite").robots
 
 
 def test_a_corrected_program_mends_no_arm() -> None:

@@ -14,7 +14,7 @@ import pytest
 from analysis.apps.plant import store
 from analysis.apps.plant.records import RunRecord
 from analysis.procedures.shared.quantity import Quantity
-from rigs.errors import RigError
+from tests.support.refusals import refused
 
 RECORD = RunRecord(
     "lap-1", "abc", "ur10e", "2026-05-03T09:00:00+00:00", "yaw", "acw", "north", "p1",
@@ -32,15 +32,10 @@ def change(path: Path, statement: str) -> None:
         database.commit()
 
 
-def used(path: Path, notes: tuple[str, ...]) -> tuple[Path, tuple[str, ...], set[str]]:
-    """The file that work gets, the notes about it, and the stored runs."""
-    return path, notes, set(store.entries(path))
-
-
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "deeper" / store.FILE
-    assert store.prepare(path) == ""
+    assert store.prepare(path) == ()
     save(path, RECORD)
     return path
 
@@ -70,31 +65,25 @@ def damage_a_page(path: Path) -> None:
     [
         lambda path: path.write_bytes(path.read_bytes()[:3000]),
         damage_a_page,
-        lambda path: change(path, "update runs set record = '{'"),
-        lambda path: change(path, "drop table runs"),
+        lambda path: change(path, "drop table made_by"),
+        lambda path: change(path, "update made_by set rig = '0.9.0'"),
     ],
 )
-def test_a_damaged_file_is_rebuilt(file: Path, harm: Callable[[Path], object]) -> None:
+@pytest.mark.parametrize("application_id", ["0x52494748", "0x52494746"])
+def test_damaged_or_earlier_file_is_rebuilt(file: Path, harm: Callable[[Path], object], application_id: str) -> None:
+    change(file, f"pragma application_id = {application_id}")
     harm(file)
     assert store.read_records(file) == {}
-
-    def work(used: Path, about: tuple[str, ...]) -> tuple[str, ...]:
-        for key in {entry.key for entry in store.entries(used).values()}:
-            store.records_of(used, key)
-        return about
-
-    assert len(store.work_with(file, work, is_required=True)) == 1
+    assert len(store.prepare(file)) == 1 and store.prepare(file) == ()
     save(file, RECORD)
     assert set(store.read_records(file)) == {"lap-1"}
 
 
-@pytest.mark.parametrize("statement", ["pragma user_version = 6", "pragma application_id = 0x52494746", "select 1"])
-def test_a_file_of_an_earlier_version_is_rebuilt(file: Path, statement: str) -> None:
-    change(file, "update made_by set rig = '0.9.0'")
-    change(file, statement)
+def test_damaged_record_is_refused(file: Path) -> None:
+    change(file, "update runs set record = '{'")
     assert store.read_records(file) == {}
-    path, notes, entries = store.work_with(file, used)
-    assert path == file and len(notes) == 1 and entries == set()
+    with refused("figures.damaged"):
+        store.records_of(file, (".", "ur10e"))
 
 
 @pytest.mark.parametrize(
@@ -106,33 +95,19 @@ def test_a_file_of_an_earlier_version_is_rebuilt(file: Path, statement: str) -> 
         (os.mkdir, "figures.unwritable"),
     ],
 )
-def test_a_foreign_file_is_left_alone_and_a_temporary_one_used(
+def test_foreign_file_is_left_alone_and_the_next_one_used(
     tmp_path: Path, make: Callable[[Path], object], code: str
 ) -> None:
     path = tmp_path / store.FILE
     make(path)
     before = path.read_bytes() if path.is_file() else b""
-    with pytest.raises(RigError) as refused:
-        store.work_with(path, used, is_required=True)
-    assert refused.value.code == code
-    file, notes, entries = store.work_with(path, used)
-    assert file != path and len(notes) == 1 and entries == set()
-    assert not file.exists() and (path.read_bytes() if path.is_file() else b"") == before
-
-
-def test_figures_on_a_disk_that_cannot_be_written_are_read(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    set_up = store._set_up
-
-    def refuse(path: Path) -> str:
-        if path == file:
-            raise store._refused(path, OSError("read-only"))
-        return set_up(path)
-
-    monkeypatch.setattr(store, "_set_up", refuse)
-    path, notes, entries = store.work_with(file, used)
-    assert path != file and len(notes) == 1 and entries == {"lap-1"}
-    _, notes, entries = store.work_with(Path("/proc/rig") / store.FILE, used)
-    assert len(notes) == 1 and entries == set()
+    with refused(code):
+        store.prepare(path)
+    file, notes = store.prepare_first([path, tmp_path / "cache" / "other.sqlite"])
+    assert file.parent.name == "cache" and len(notes) == 1
+    assert (path.read_bytes() if path.is_file() else b"") == before
+    with refused("figures.unwritable"):
+        store.prepare(Path("/proc/rig") / store.FILE)
 
 
 def test_records_of_parallel_writers_are_all_stored(file: Path) -> None:

@@ -1,22 +1,29 @@
-"""Robots of a plant on a terminal and as JSON, and all figures as a Parquet file for DuckDB, pandas and Power BI."""
+"""Robots of a plant on a terminal, as JSON, as a page with a row per robot, and all figures as a Parquet file."""
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
-from analysis.apps.plant.collect import Collected
+from analysis.apps.plant.collect import Collected, Progress, Workers
 from analysis.apps.plant.gather import Fleet, collected_in
+from analysis.apps.plant.history import history_of
+from analysis.apps.plant.history_report import write_page
 from analysis.apps.plant.history_words import simulated_runs, without_figures
 from analysis.apps.plant.records import RunRecord
-from analysis.apps.plant.robot_state import ORDER, Attention
-from analysis.apps.plant.store import Key
+from analysis.apps.plant.robot_state import ORDER, Attention, FleetRobot
+from analysis.apps.plant.store import Key, made_by
 from analysis.apps.report.blocks import Block, Cell, Sentence, Table, Tone
+from analysis.apps.report.html_page import answer_page, write_html
+from analysis.runs.batch import FailedItem, each
 from analysis.runs.tabular import for_json
 from daq.store import durable
 from daq.store.chunk import storable
@@ -77,7 +84,7 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
     plain: dict[str, Any] = for_json(
         {
             "directory": str(fleet.directory),
-            "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # A temporary catalogue is gone.
+            "catalogue": str(fleet.catalogue),
             "robots": [
                 asdict(state) | {"attention": state.attention, "without_figures": dict(state.without_figures)}
                 for state in fleet.robots
@@ -150,3 +157,57 @@ def _of_run(record: RunRecord) -> dict[str, Any]:
         started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB needs pytz for times with a zone.
     names = ("test", "direction", "placement", "program", "corrected")
     return {"started_utc": started} | {name: getattr(record, name) for name in names}
+
+
+_HEAD_BYTES = 2000
+
+
+@dataclass(frozen=True)
+class _Page:
+    """A page of a robot to be written: catalogue and key, digest of its inputs, and the page of the plant."""
+
+    path: Path
+    catalogue: Path
+    key: Key
+    made_of: str
+    overview: str
+
+
+def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) -> list[str]:
+    """Write the page of the plant, and the outdated history pages of the robots.
+
+    Returns a line for each page of a robot that could not be written.
+    """
+    folder = path.with_name(f"{path.stem}-robots")
+    pages = [_page(fleet, state, folder, path) for state in fleet.robots if state.runs]
+    fresh = [page for page in pages if not _is_current(page)]
+    failed: list[str] = []
+    for done, outcome in enumerate(each(_write, fresh, jobs=workers.jobs), 1):
+        if isinstance(outcome, FailedItem):
+            failed.append(f"{outcome.item.path}: {outcome.error.what}")
+        progress("drawing the pages of robots", done, len(fresh))
+    links = {page.key: quote(f"{folder.name}/{page.path.name}") for page in pages if page.path.exists()}
+    title = f"{fleet.directory.resolve().name or fleet.directory}: robots"
+    html = answer_page(title, answer_of(fleet, links, failed))
+    write_html(html, path)
+    return failed
+
+
+def _page(fleet: Fleet, state: FleetRobot, folder: Path, overview: Path) -> _Page:
+    key = (state.folder, state.robot)
+    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", state.robot).lstrip(".")[:60]
+    # Names may differ only in unusual characters.
+    digest = hashlib.sha256(repr(key).encode("utf-8", "surrogatepass")).hexdigest()[:8]
+    made_of = f"{made_by()} {fleet.digests[key]}"
+    return _Page(folder / f"{plain}-{digest}.html", fleet.catalogue, key, made_of, quote(f"../{overview.name}"))
+
+
+def _is_current(page: _Page) -> bool:
+    with suppress(OSError), page.path.open("rb") as file:
+        return f'name="made-of" content="{page.made_of}"'.encode() in file.read(_HEAD_BYTES)
+    return False
+
+
+def _write(page: _Page) -> None:
+    history = history_of(collected_in(page.catalogue, page.key))
+    write_page(history, page.path, made_of=page.made_of, overview=page.overview)
