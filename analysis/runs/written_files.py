@@ -10,10 +10,12 @@ file is read, so a table is unchanged after writing and reading. Numbers are nev
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -160,6 +162,12 @@ def write_parquet(table: pa.Table, file: BinaryIO) -> None:
     import pyarrow.parquet as pq  # noqa: PLC0415 - slow to import, needed for Parquet only
 
     pq.write_table(table.replace_schema_metadata(None), file, compression="zstd")
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def write_csv(table: pa.Table, file: BinaryIO) -> None:

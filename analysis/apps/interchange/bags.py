@@ -30,9 +30,8 @@ from typing import NamedTuple
 import lz4.frame
 import zstandard
 from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
-from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
+from mcap.records import Channel, Chunk, DataEnd, Message, Schema, Statistics
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from rigs.errors import FileError
 from rigs.files import out_of_memory
@@ -48,8 +47,6 @@ _PIECE = 1_000_000
 
 
 class BagMessage(NamedTuple):
-    """A message with its topic."""
-
     topic: str
     kind: str
     """Message type, with the encoding appended if it is not CDR."""
@@ -62,8 +59,6 @@ class BagMessage(NamedTuple):
 
 @dataclass
 class McapBag:
-    """An MCAP file in memory."""
-
     data: bytes
     where: str
     has_checksums: bool = True
@@ -104,7 +99,7 @@ class McapBag:
                     )
             else:
                 checked &= not isinstance(record, Message)
-            for part in _records_in(record) if isinstance(record, Chunk) else (record,):
+            for part in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else (record,):
                 if isinstance(part, Message):
                     count += 1
                     yield BagMessage(*self._channels[part.channel_id], part.log_time, part.publish_time, part.data)
@@ -119,21 +114,6 @@ class McapBag:
         for record in records:
             if isinstance(record, Statistics) and record.message_count != count:
                 raise McapError(f"the bag contains {count} messages, but its statistics state {record.message_count}")
-
-
-def _records_in(chunk: Chunk) -> Iterator[McapRecord]:
-    """Yield the records of a chunk. Raises CRCValidationError if it has changed."""
-    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    while stream.count < size:
-        opcode, length = stream.read1(), stream.read8()
-        if opcode == Opcode.CHANNEL:
-            yield Channel.read(stream)
-        elif opcode == Opcode.SCHEMA:
-            yield Schema.read(stream)
-        elif opcode == Opcode.MESSAGE:
-            yield Message.read(stream, length)
-        else:
-            stream.read(length)
 
 
 def _frame_bytes(chunk: Chunk) -> int:
@@ -168,8 +148,6 @@ FROM messages JOIN topics ON messages.topic_id = topics.id ORDER BY messages.tim
 
 @dataclass(frozen=True)
 class SqliteBag:
-    """An SQLite database in memory."""
-
     data: bytes
     where: str
     has_checksums = False
@@ -274,7 +252,6 @@ class Cdr:
         self._at = 0
 
     def take(self, code: str, count: int = 1) -> tuple[float, ...]:
-        """Read numbers in a format of `struct`."""
         size = struct.calcsize(code)
         self._at += -self._at % size if count else 0
         values = struct.unpack_from(f"{self._order}{count}{code}", self._body, self._at)
@@ -282,7 +259,6 @@ class Cdr:
         return values
 
     def count(self) -> int:
-        """Read the length of a sequence, limited to the size of the message."""
         return min(int(self.take("I")[0]), len(self._body))
 
     def text(self) -> str:
@@ -299,12 +275,14 @@ class Cdr:
 
 
 def joint_state(data: bytes) -> tuple[int, dict[str, float]]:
-    """Stamp in ns and angle in rad of each joint in a JointState."""
-    message = Cdr(data)
-    stamp_ns = message.header()
-    names = [message.text() for _ in range(message.count())]
-    positions = message.take("d", message.count())
-    return stamp_ns, dict(zip(names, positions, strict=False))
+    """Stamp in ns and angle in rad of each joint in a JointState; none if it is truncated."""
+    try:
+        message = Cdr(data)
+        stamp_ns = message.header()
+        names = [message.text() for _ in range(message.count())]
+        return stamp_ns, dict(zip(names, message.take("d", message.count()), strict=False))
+    except (struct.error, IndexError):
+        return NO_STAMP, {}
 
 
 def number(data: bytes) -> float:

@@ -1,14 +1,10 @@
-"""`rig arms`, `rig import-urdf` and `rig export-urdf`: the arm library, and arms as files.
-
-`rig arms` prints the section of a rig file for an arm, `rig import-urdf` converts a URDF to this section, and `rig
-export-urdf` writes the calibrated arm of a rig for other programs as URDF, xacro, MJCF or YAML.
-"""
+"""`rig arms`, `rig import-urdf` and `rig export-urdf`: the arm library, and arms as files."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -20,8 +16,7 @@ from rigs.schema.vocabulary import Build
 from rigs.text import plain_lines
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
+    from analysis.apps.report.blocks import Block
     from analysis.robot.kinematics.arm import Arm
     from rigs.arms import LibraryArm
     from rigs.rig import Rig
@@ -55,7 +50,7 @@ def arms(
     as_json: AsJson = False,
 ) -> None:
     """List the arm library, or show one arm as the robot section of a rig file."""
-    from analysis.cli.plain_console import PlainConsole
+    from analysis.apps.report.blocks import say_answer
     from rigs.arms import arm_names, load_arm
 
     if name is None:
@@ -63,9 +58,9 @@ def arms(
             raise typer.BadParameter("name the arm", param_hint="NAME")
         library = [load_arm(arm_name) for arm_name in arm_names()]
         if as_json:
-            say_json({"arms": [arm_object(entry) for entry in library]})
+            say_json({"arms": [entry.model_dump(mode="json", exclude={"text"}) for entry in library]})
         else:
-            PlainConsole().print(arms_table(library))
+            say_answer(arms_answer(library))
         return
     if calibration and poses:
         raise typer.BadParameter("give either the calibration of the controller or its poses", param_hint="--poses")
@@ -84,7 +79,7 @@ def arms(
     if output or not as_json:
         write_section(text, output)
     if as_json:
-        say_json(arm_object(arm) | {"robot": robot.model_dump(mode="json")})
+        say_json(arm.model_dump(mode="json", exclude={"text"}) | {"robot": robot.model_dump(mode="json")})
 
 
 def write_section(text: str, output: Path | None) -> None:
@@ -97,33 +92,20 @@ def write_section(text: str, output: Path | None) -> None:
     say(f"wrote {output}", err=True)
 
 
-def arms_table(arms: Sequence[LibraryArm]) -> RenderableType:
-    from rich.console import Group
-    from rich.table import Column, Table
-    from rich.text import Text
+def arms_answer(arms: Sequence[LibraryArm]) -> list[Block]:
+    from analysis.apps.report.blocks import Sentence, Table
 
-    from analysis.cli.plain_console import right
-
-    name, model = Column("name", no_wrap=True), Column("arm", overflow="fold")
-    table = Table(name, model, right("repeatability"), "masses", header_style="bold")
-    for arm in arms:
-        repeatability = f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else "unknown"
-        masses = "known" if arm.sources.masses else "unknown"
-        table.add_row(Text(arm.name, style="bold"), f"{arm.maker} {arm.model}", repeatability, masses)
-    return Group(table, Text(f"{len(arms)} arms; rig arms NAME shows the robot section and the sources of an arm"))
-
-
-def arm_object(arm: LibraryArm) -> dict[str, Any]:
-    return {
-        "name": arm.name,
-        "maker": arm.maker,
-        "model": arm.model,
-        "note": arm.note,
-        "repeatability_mm": arm.repeatability_mm,
-        "sources": arm.sources.model_dump(),
-        "frames": arm.frames,
-        "robot": arm.robot.model_dump(mode="json"),
-    }
+    rows = tuple(
+        (
+            arm.name,
+            f"{arm.maker} {arm.model}",
+            f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else "unknown",
+            "known" if arm.sources.masses else "unknown",
+        )
+        for arm in arms
+    )
+    counted = f"{len(arms)} arms; rig arms NAME shows the robot section and the sources of an arm"
+    return [Table(("name", "arm", "repeatability", "masses"), rows, frozenset({2})), Sentence(counted)]
 
 
 def arm_section(arm: LibraryArm) -> str:

@@ -44,11 +44,8 @@ class KinematicsFormat:
     """The format of a maker's description."""
 
     origins: tuple[Origin, ...]
-    """Nominal joint origins."""
     flange: Origin | None = None
-    """Origin of the flange, if present."""
     above: str | None = None
-    """Key above the joint names; also `below`."""
     below: str | None = None
 
 
@@ -89,7 +86,6 @@ _XARM_7 = KinematicsFormat(
     above="kinematics",
 )
 LAYOUTS: dict[str, tuple[KinematicsFormat, ...]] = {"franka": (_FRANKA,), "xarm": (_XARM_6, _XARM_7)}
-"""Formats by maker."""
 
 
 def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: Sequence[str] = ()) -> str:
@@ -147,7 +143,6 @@ def _frame(origin: Origin) -> Array:
 
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-"""Entries of the file, from the base."""
 _HASH = re.compile(r"calib_\d{1,20}")
 """Format of the driver's hash: a number of 64 bits."""
 _TWISTS_DEG = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)

@@ -23,7 +23,6 @@ from rigs.schema.scene import Stage
 from rigs.text import first_of, numbers_in
 
 _MOST_LISTED = 4
-"""Largest number of effects listed in a line; a longer list is replaced by its number."""
 _OPTION = "--nm-per-a"
 _SPRING = "deg_per_Nm"
 """Size parameter of effects that turn a joint in proportion to its torque, like a spring."""
@@ -86,9 +85,7 @@ class GeometricShare:
     """Rms tool displacement over the work area, in µm."""
 
     all_um: float
-    """By all effects."""
     left_um: float
-    """Remaining with the arm's constants."""
     left_out: tuple[Effect, ...]
     """Effects that constants cannot represent."""
     rig: Rig

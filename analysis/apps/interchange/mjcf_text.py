@@ -47,10 +47,8 @@ class JointTraits:
     """Measured joint properties by axis, from 1."""
 
     play_deg: Mapping[int, float] = field(default_factory=dict)
-    """Full backlash."""
     compliance_deg_per_nm: Mapping[int, float] = field(default_factory=dict)
     friction_nm: Mapping[int, float] = field(default_factory=dict)
-    """Coulomb friction."""
 
 
 def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: Sequence[str] = ()) -> str:
@@ -102,7 +100,6 @@ def _place(T: Array) -> dict[str, str]:
 
 
 def _inertia(body: ElementTree.Element, kg: float, centre_m: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    """Add the mass of a link as a ball."""
     radius_m = (3.0 * kg / (4.0 * np.pi * _DENSITY)) ** (1.0 / 3.0)
     moment = repr(float(0.4 * kg * radius_m**2))
     ElementTree.SubElement(

@@ -9,8 +9,6 @@ checked against the arm, and a camera on the tool is recognised.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 import struct
@@ -33,6 +31,7 @@ from analysis.apps.interchange.ros_bag import Track, newest, uneven_header
 from analysis.intake.readers import StandTable
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.stands import stands_of
+from analysis.runs.written_files import csv_text
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import ROS2JointStates
@@ -92,12 +91,9 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
             "stop the robot at each pose",
             code="bag.no_stops",
         )
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
-    writer.writerow(["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter])
-    writer.writerows(rows)
-    return StandTable(text.getvalue().encode(), topic, (*doubts, *notes))
+    head = ["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter]
+    return StandTable(csv_text([head, *rows]).encode(), topic, (*doubts, *notes))
 
 
 def _of_use(messages: Iterable[BagMessage]) -> list[BagMessage]:
@@ -117,7 +113,6 @@ def _of_use(messages: Iterable[BagMessage]) -> list[BagMessage]:
 
 
 def _read(messages: Sequence[BagMessage], where: str, rig: Rig) -> tuple[list[str], Track, dict[str, Track]]:
-    """Names and track of the joints, and the tracks of all positions by topic."""
     ros = rig.feedback if isinstance(rig.feedback, ROS2JointStates) else None
     topic = "/" + (ros.topic if ros else "joint_states").lstrip("/")
     joint_topics = {message.topic for message in messages if message.kind == JOINT_STATE}
@@ -134,7 +129,7 @@ def _read(messages: Sequence[BagMessage], where: str, rig: Rig) -> tuple[list[st
         raise FileError(where, problem, "name the six joints in the rig file", code="bag.joint_name")
     joints, placed = Track(), dict[str, Track]()
     for message in states:
-        stamp_ns, angles = _joints(message.data)
+        stamp_ns, angles = joint_state(message.data)
         joints.add(message.log_ns, stamp_ns, [angles[name] for name in names if set(names) <= angles.keys()])
     for message in messages:
         if message.kind not in PLACED:
@@ -160,16 +155,8 @@ def _read(messages: Sequence[BagMessage], where: str, rig: Rig) -> tuple[list[st
     return names, joints, placed
 
 
-def _joints(data: bytes) -> tuple[int, dict[str, float]]:
-    try:
-        return joint_state(data)
-    except (struct.error, IndexError):
-        return NO_STAMP, {}
-
-
 def _names(messages: Sequence[BagMessage], axes: int, where: str) -> list[str]:
-    """Joints of the first message with at least as many as the arm. Raises FileError if there is none, or two arms."""
-    named = [names for message in messages if axes <= len(names := list(_joints(message.data)[1])) <= _MOST_JOINTS]
+    named = [names for message in messages if axes <= len(names := list(joint_state(message.data)[1])) <= _MOST_JOINTS]
     if not named:
         problem = f"a message with {axes} to {_MOST_JOINTS} named joints is missing"
         remedy = "give the rig file of the measured arm, and publish JointState with names"

@@ -9,8 +9,6 @@ each row and of the time common to all rows.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import struct
 from collections.abc import Callable, Sequence
@@ -24,6 +22,7 @@ from analysis.apps.interchange.bags import JOINT_STATE, NO_STAMP, NUMBER, Bag, b
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.align import align
 from analysis.runs.clocks import Columns
+from analysis.runs.written_files import csv_text
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import ROS2JointStates
@@ -48,7 +47,6 @@ class Track:
     sent_ns: list[int] = field(default_factory=list)
     values: list[Sequence[float]] = field(default_factory=list)
     lacking: int = 0
-    """Number of messages with missing values or a different layout."""
 
     def add(self, log_ns: int, sent_ns: int, values: Sequence[float]) -> None:
         alike = not self.values or len(values) == len(self.values[0])
@@ -93,11 +91,8 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
     gauge_columns = [f"g{number}_mm" for number in range(1, aligned.g_mm.shape[1] + 1)]
     shared = np.full(len(aligned.t_s), u_lag_s)
     rows = np.column_stack([aligned.t_s, np.degrees(aligned.q), aligned.g_mm, aligned.u_t_s, shared])
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["t_s", *_JOINT_COLUMNS, *gauge_columns, "u_t_s", "u_lag_s"])
-    writer.writerows(rows.tolist())
-    return text.getvalue().encode(), tuple(doubts)
+    head = ["t_s", *_JOINT_COLUMNS, *gauge_columns, "u_t_s", "u_lag_s"]
+    return csv_text([head, *rows.tolist()]).encode(), tuple(doubts)
 
 
 def _stream(topic: str, track: Track, begin_ns: int) -> tuple[Columns, list[str]]:
@@ -156,7 +151,6 @@ _FEWEST_STEPS = 20
 
 
 def _spread(steps: Array) -> float:
-    """Spread of steps (n,) as a share of their median."""
     low, middle, high = np.percentile(steps, [5, 50, 95])
     return float((high - low) / middle) if middle > 0 else np.inf
 

@@ -1,8 +1,7 @@
 """Import of a URDF as the `robot:` section of a rig file, verified against an independent library.
 
-The file is read as joints and masses in mm, with a size limit and no entities or macros. Frames are computed by
-pytransform3d. That library accepts partial numbers and ignores speeds, so numbers are checked first. Shapes are
-dropped, because the kinematics need no meshes.
+The file is read as joints and masses in mm, with a size limit and no entities or macros. Shapes are ignored, because
+the kinematics need no meshes. pytransform3d reads the joints a second time and computes the poses for the comparison.
 """
 
 from __future__ import annotations
@@ -11,13 +10,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from analysis.robot.description.axis_lines import AxisLines
 from analysis.robot.description.rig_section import Joint, RobotSection, checked_section
-from analysis.robot.kinematics.arm import RAIL_MM, Array
+from analysis.robot.kinematics.arm import Array, transform
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
 from rigs.files import read_text
@@ -25,38 +25,16 @@ from rigs.schema.robot import Pose, Rail
 from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 from rigs.text import first_of
 
-if TYPE_CHECKING:
-    from pytransform3d.urdf import Joint as LibraryJoint
-
-
 _MOST_BYTES = 10_000_000
 """Size limit; the URDF of a humanoid has half a megabyte, and meshes are separate files."""
-_MOST_PARTS = 2000
-"""Limit of links and joints; a humanoid with both hands has about a hundred."""
-_MOST_ATTRIBUTES = 10_000
-"""Limit of equals signs in an element or comment. An element has about three, and the XML library needs quadratic
-time for attributes: 90 s for 200,000."""
 _LARGEST = 1e6
 """Limit in metres, radians or kilograms."""
 _TYPES = ("revolute", "continuous", "prismatic", "fixed")
-_NUMBERS = {
-    ("origin", "xyz"): 3,
-    ("origin", "rpy"): 3,
-    ("axis", "xyz"): 3,
-    ("limit", "lower"): 1,
-    ("limit", "upper"): 1,
-    ("limit", "velocity"): 1,
-    ("mass", "value"): 1,
-}
-"""Number of values in the attributes used."""
 _GIVE_URDF = "give a URDF file, such as the output of xacro"
-_XACRO = "expand the macros first: xacro FILE > arm.urdf"
 
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint; infinite limits are absent."""
-
     name: str
     type: str
     parent: str
@@ -78,156 +56,120 @@ class UrdfJoint:
 
 
 @dataclass(frozen=True)
-class Mass:
-    """The mass of a link in kg, and the centre (3,) mm in the frame of the link."""
-
-    kg: float
-    centre_mm: Array
-
-
-@dataclass(frozen=True)
 class Urdf:
-    """Content of a file: joints, and a forest of links with masses by name."""
-
     name: str
-    masses: dict[str, Mass]
+    masses: dict[str, tuple[float, Array]]
+    """Mass of each link in kg by name, and its centre (3,) mm in the frame of the link."""
     joints: tuple[UrdfJoint, ...]
+    kinematics: str
+    """The URDF with nothing but links and joints."""
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Read the links and joints of a file. Raises FileError, and CellError if the library is missing."""
-    try:
-        from pytransform3d.urdf import UrdfException, parse_urdf  # noqa: PLC0415 - an extra of the package
-    except ModuleNotFoundError as error:
-        problem = f"needs the Python package {error.name}, which is missing"
-        raise CellError("import-urdf", problem, to_install("pytransform3d"), code="package.missing") from None
-    from lxml import etree  # noqa: PLC0415 - comes with it
-
+    """Read the links and joints of a file. Raises FileError."""
     where = str(path)
     root = _xml_root(path)
-    for part in root:
-        _require_numbers(part, where)
-    for joint in root.findall("joint"):
-        if (kind := joint.get("type")) not in _TYPES:
-            problem = f"joint {joint.get('name')} " + (f"is {kind}" if kind else "has no type")
-            raise FileError(where, problem, "write type revolute, or remove the joint", code="urdf.not_urdf")
-    try:
-        name, links, joints = parse_urdf(etree.tostring(root, encoding="unicode"))
-    except UrdfException as error:
-        raise FileError(
-            where, f"not readable as URDF: {str(error).rstrip('.')}", "correct it", code="urdf.not_urdf"
-        ) from None
-    for kind, names in (("link", [link.name for link in links]), ("joint", [joint.joint_name for joint in joints])):
-        if twice := _twice(names):
-            raise FileError(where, f"has two {kind}s named {twice}", "rename one of them", code="urdf.twice")
-    if twice := _twice([joint.child for joint in joints]):
-        raise FileError(
-            where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree", code="urdf.tree"
-        )
-    masses = {str(link.name): Mass(link.mass, _in_mm(link.inertial_frame)[:3, 3]) for link in links}
-    return Urdf(name, masses, tuple(map(_joint, joints, root.findall("joint"))))
+    name, masses, bare = _attribute(root, "name", where), dict[str, tuple[float, Array]](), ElementTree.Element("robot")
+    bare.set("name", name)
+    for link in root.findall("link"):
+        link_name = _attribute(link, "name", where)
+        if link_name in masses:
+            raise FileError(where, f"has two links named {link_name}", "rename one of them", code="urdf.twice")
+        (kg,) = _numbers(link, "inertial/mass", "value", (0.0,), where)
+        if kg < 0:
+            raise FileError(where, f"link {link_name} has the mass {kg:g} kg", "correct it", code="urdf.value")
+        masses[link_name] = kg, _frame(link, "inertial/origin", where)[:3, 3]
+        ElementTree.SubElement(bare, "link", name=link_name)
+    joints = tuple(_joint(joint, where) for joint in root.findall("joint"))
+    bare.extend(root.findall("joint"))
+    names, children = [joint.name for joint in joints], [joint.child for joint in joints]
+    if unknown := [end for joint in joints for end in (joint.parent, joint.child) if end not in masses]:
+        raise FileError(where, f"link {unknown[0]} of a joint is missing", "correct the joint", code="urdf.not_urdf")
+    if twice := _twice(names):
+        raise FileError(where, f"has two joints named {twice}", "rename one of them", code="urdf.twice")
+    if twice := _twice(children):
+        remedy = "remove one of them: a URDF is a tree"
+        raise FileError(where, f"link {twice} is the child of two joints", remedy, code="urdf.tree")
+    return Urdf(name, masses, joints, ElementTree.tostring(bare, encoding="unicode"))
 
 
-def _xml_root(path: Path) -> Any:
-    """The <robot> element after checks of size and macros, with shapes removed."""
-    from lxml import etree  # noqa: PLC0415
-
+def _xml_root(path: Path) -> ElementTree.Element:
     where = str(path)
     try:
         text = read_text(path, _MOST_BYTES)
     except OSError as error:
         raise FileError(where, error.strerror or str(error), _GIVE_URDF, code="file.unreadable") from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # A few lines of nested entities expand to gigabytes.
-        raise FileError(
-            where,
-            "declares a document type or entities, which are not allowed in a URDF",
-            "remove <!DOCTYPE …>",
-            code="urdf.entities",
-        )
-    if max(part.count("=") for part in text.split("<")) > _MOST_ATTRIBUTES:
-        raise FileError(
-            where, f"has an element of more than {_MOST_ATTRIBUTES} attributes", _GIVE_URDF, code="urdf.too_large"
-        )
-    parser = etree.XMLParser(
-        encoding="utf-8", resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
-    )
+        problem = "declares a document type or entities, which are not allowed in a URDF"
+        raise FileError(where, problem, "remove <!DOCTYPE …>", code="urdf.entities")
     try:
-        root = etree.fromstring(text.encode(), parser)
-    except etree.XMLSyntaxError as error:
-        raise FileError(where, f"not XML: {error.msg}", _GIVE_URDF, code="urdf.not_urdf") from None
+        root = ElementTree.fromstring(text.encode())  # noqa: S314 - no entities
+    except ElementTree.ParseError as error:
+        raise FileError(where, f"not XML: {error}", _GIVE_URDF, code="urdf.not_urdf") from None
     if root.tag != "robot":
+        problem = f"is not a URDF: the root element is <{root.tag}>, not <robot>"
+        raise FileError(where, problem, _GIVE_URDF, code="urdf.not_urdf")
+    if "${" in text or any("xacro" in str(part.tag) for part in root.iter()):
         raise FileError(
-            where, f"is not a URDF: the root element is <{root.tag}>, not <robot>", _GIVE_URDF, code="urdf.not_urdf"
+            where, "is xacro, not URDF", "expand the macros first: xacro FILE > arm.urdf", code="urdf.xacro"
         )
-    if any("xacro" in str(part.tag) for part in root.iter()):
-        raise FileError(where, "is xacro, not URDF", _XACRO, code="urdf.xacro")
-    if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
-        raise FileError(
-            where,
-            f"has {count} links and joints, more than {_MOST_PARTS}",
-            "give the URDF of a single arm",
-            code="urdf.too_large",
-        )
-    # Drop everything except joints, and links with masses.
-    for parent, kept in ((root, ("link", "joint")), *((link, ("inertial",)) for link in root.findall("link"))):
-        for part in list(parent):
-            if part.tag not in kept:
-                parent.remove(part)
-    for inertial in root.findall("link/inertial"):
-        for inertia in inertial.findall("inertia"):
-            inertial.remove(inertia)
     return root
 
 
-def _require_numbers(part: Any, where: str) -> None:
-    """Refuse a link or joint with an impossible number; normalise numbers for the library."""
-    for element in part.iter():
-        for key, words in element.attrib.items():
-            if "${" in words or "$(" in words:
-                raise FileError(where, "is xacro, not URDF: numbers are given as ${…}", _XACRO, code="urdf.xacro")
-            if not (count := _NUMBERS.get((element.tag, key))):
-                continue
-            try:
-                numbers = [float(word) for word in words.split()]
-            except ValueError:
-                numbers = []
-            possible = len(numbers) == count and all(abs(number) < _LARGEST for number in numbers)
-            if not possible or (element.tag == "mass" and numbers[0] < 0):
-                fact = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
-                raise FileError(
-                    where,
-                    fact,
-                    f"write {'three numbers' if count == 3 else 'a number'} in the range of a robot arm",
-                    code="urdf.value",
-                )
-            element.set(key, " ".join(map(repr, numbers)))
+def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
+    name, kind = _attribute(element, "name", where), element.get("type")
+    if kind not in _TYPES:
+        problem = f"joint {name} is {kind}" if kind else f"joint {name} has no type"
+        raise FileError(where, problem, "write type revolute, or remove the joint", code="urdf.not_urdf")
+    ends = [element.find(end) for end in ("parent", "child")]
+    if any(end is None for end in ends):
+        raise FileError(where, f"joint {name} lacks the parent or the child", "add it", code="urdf.not_urdf")
+    parent, child = (_attribute(end, "link", where) for end in ends if end is not None)
+    bounds = (("lower", -math.inf), ("upper", math.inf), ("velocity", math.inf))
+    ((lower,), (upper,), (velocity,)) = (_numbers(element, "limit", key, (value,), where) for key, value in bounds)
+    if kind == "continuous":
+        lower, upper = -_ENDLESS_RAD, _ENDLESS_RAD
+    axis = np.array(_numbers(element, "axis", "xyz", (1.0, 0.0, 0.0), where))
+    mimic = element.find("mimic")
+    follows = None if mimic is None else mimic.get("joint", "")
+    T = _frame(element, "origin", where)
+    return UrdfJoint(name, kind, parent, child, T, axis, lower, upper, velocity, follows)
 
 
-def _twice(names: Sequence[str | None]) -> str | None:
+def _attribute(element: ElementTree.Element, key: str, where: str) -> str:
+    if (value := element.get(key)) is None:
+        raise FileError(where, f"an element <{element.tag}> has no {key}", "add it", code="urdf.not_urdf")
+    return value
+
+
+def _frame(element: ElementTree.Element, origin: str, where: str) -> Array:
+    x, y, z = _numbers(element, origin, "xyz", (0.0, 0.0, 0.0), where)
+    rpy = _numbers(element, origin, "rpy", (0.0, 0.0, 0.0), where)
+    roll, pitch, yaw = np.degrees(rpy).tolist()
+    return transform(Pose.model_construct(xyz_mm=(_MM * x, _MM * y, _MM * z), rpy_deg=(roll, pitch, yaw)))
+
+
+def _numbers(
+    element: ElementTree.Element, below: str, key: str, default: tuple[float, ...], where: str
+) -> tuple[float, ...]:
+    """Numbers of an attribute, as many as the default. Raises FileError for impossible ones."""
+    part = element.find(below)
+    words = None if part is None else part.get(key)
+    if words is None:
+        return default
+    try:
+        numbers = tuple(map(float, words.split()))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != len(default) or not all(abs(number) < _LARGEST for number in numbers):
+        problem = f"{element.tag} {element.get('name')} has {below} {key}={words!r}"
+        remedy = f"write {'three numbers' if len(default) == 3 else 'a number'} in the range of a robot arm"
+        raise FileError(where, problem, remedy, code="urdf.value")
+    return numbers
+
+
+def _twice(names: Sequence[str]) -> str | None:
     return next((name for name in names if names.count(name) > 1), None)
-
-
-def _joint(joint: LibraryJoint, element: Any) -> UrdfJoint:
-    """Convert a joint of the library, and add attributes ignored by it."""
-    limit, mimic = element.find("limit"), element.find("mimic")
-    return UrdfJoint(
-        name=str(joint.joint_name),
-        type=joint.joint_type,
-        parent=str(joint.parent),
-        child=str(joint.child),
-        T_parent_child=_in_mm(joint.child2parent),
-        axis=np.asarray(joint.joint_axis, dtype=float),
-        lower=joint.limits[0],
-        upper=joint.limits[1],
-        velocity=math.inf if limit is None else float(limit.get("velocity", math.inf)),
-        follows=None if mimic is None else mimic.get("joint", ""),
-    )
-
-
-def _in_mm(T: Array) -> Array:
-    T = T.copy()
-    T[:3, 3] *= 1000.0
-    return T
 
 
 _SLIDES = "a sliding joint is supported only as a rail below all turning joints: exclude it with --base or --tip"
@@ -238,9 +180,8 @@ _GRIPPER = ("gripper", "jaw", "finger", "claw")
 """Words in the names of gripper joints and links, as in SO-100, SO-101, WidowX and Robotiq."""
 _LISTED = 5
 _DECIMALS, _MM = 9, 1000.0
-"""Decimals of metres."""
+"""Decimals of metres and degrees."""
 _NONE = 1e-13
-"""Smaller components of a direction are rounded to zero."""
 
 
 @dataclass(frozen=True)
@@ -297,10 +238,12 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     return chain
 
 
-def axes_of(chain: Chain) -> AxisLines:
-    """Axes of a chain in its base frame, in mm, all joints at zero, and its rail."""
-    T, rail = _T_base_parting(chain), None
-    points, directions = [], []
+def axes_and_joints(urdf: Urdf, chain: Chain) -> tuple[AxisLines, tuple[Joint, ...]]:
+    """Axes of a chain in its base frame, in mm, all joints at zero, with its rail, and the joints of these axes."""
+    T, rail = np.eye(4), None
+    for joint in chain.up:
+        T = T @ np.linalg.inv(joint.T_parent_child)
+    points, directions, joints = [], [], []
     for joint in chain.down:
         T = T @ joint.T_parent_child
         if not joint.moves:
@@ -310,34 +253,25 @@ def axes_of(chain: Chain) -> AxisLines:
             x, y, z = (0.0 if abs(part) < _NONE else float(part) for part in direction)
             low, high = (_MM * round(end, _DECIMALS) for end in (joint.lower, joint.upper))
             rail = Rail(direction=(x, y, z), limits_mm=(low, high))
-        else:
-            points.append(T[:3, 3])
-            directions.append(direction)
-    return AxisLines(np.array(points), np.array(directions), T, rail)
-
-
-def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
-    """Limits, speed, and the mass of all links fixed to the joint's link."""
-    T = _T_base_parting(chain)
-    joints = []
-    for joint in chain.down:
-        T = T @ joint.T_parent_child
-        if not chain.turns(joint):
             continue
-        # Mass and moment of the link and all links fixed to it, in the base frame
-        kg, moment, todo = 0.0, np.zeros(3), [(joint.child, T)]
-        while todo:
-            link, T_link = todo.pop()
-            part = urdf.masses[link]
-            kg += part.kg
-            moment += part.kg * (T_link[:3, :3] @ part.centre_mm + T_link[:3, 3])
-            fixed = (rigid for rigid in urdf.joints if rigid.parent == link and not rigid.moves)
-            todo += [(rigid.child, T_link @ rigid.T_parent_child) for rigid in fixed]
-        limits = [-_ENDLESS_RAD, _ENDLESS_RAD] if joint.type == "continuous" else [joint.lower, joint.upper]
-        low, high = np.degrees(limits).round(9).tolist()
-        speed = round(float(np.degrees(joint.velocity)), 9)
-        joints.append(Joint(joint.name, (low, high), speed, kg, moment / (kg or 1.0)))
-    return tuple(joints)
+        points.append(T[:3, 3])
+        directions.append(direction)
+        low, high, speed = np.degrees([joint.lower, joint.upper, joint.velocity]).round(_DECIMALS).tolist()
+        joints.append(Joint(joint.name, (low, high), speed, *_mass_beyond(urdf, joint, T)))
+    return AxisLines(np.array(points), np.array(directions), T, rail), tuple(joints)
+
+
+def _mass_beyond(urdf: Urdf, joint: UrdfJoint, T: Array) -> tuple[float, Array]:
+    """Mass in kg of the link of a joint at T and of all links fixed to it, and their centre (3,) mm in the base."""
+    kg, moment, todo = 0.0, np.zeros(3), [(joint.child, T)]
+    while todo:
+        link, T_link = todo.pop()
+        mass_kg, centre_mm = urdf.masses[link]
+        kg += mass_kg
+        moment += mass_kg * (T_link[:3, :3] @ centre_mm + T_link[:3, 3])
+        fixed = (rigid for rigid in urdf.joints if rigid.parent == link and not rigid.moves)
+        todo += [(rigid.child, T_link @ rigid.T_parent_child) for rigid in fixed]
+    return kg, moment / (kg or 1.0)
 
 
 def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJoint], where: str) -> tuple[str, str]:
@@ -381,38 +315,21 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
 def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
     place = f"joint {joint.name}"
     if joint.follows is not None:
-        problem = (
-            f"{place} follows joint {joint.follows}, as in a parallelogram; rig describes arms whose joints all move"
-        )
-        raise FileError(
-            where,
-            f"{problem} by themselves",
-            "choose an end before that joint with --tip, if there is one",
-            code="urdf.parallel",
-        )
+        problem = f"{place} follows joint {joint.follows}, as in a parallelogram, which rig does not describe"
+        remedy = "choose an end before that joint with --tip, if there is one"
+        raise FileError(where, problem, remedy, code="urdf.parallel")
     if joint.type == "prismatic" and not rail:
         raise FileError(where, f"{place} is prismatic", _SLIDES, code="urdf.prismatic")
     if np.linalg.norm(joint.axis) < 1e-6:
-        raise FileError(
-            where,
-            f"{place} has an axis of zero length",
-            "write the direction of the axis, such as 0 0 1",
-            code="urdf.value",
-        )
-    endless = joint.type == "continuous"
-    if not np.isfinite([joint.velocity, *(() if endless else (joint.lower, joint.upper))]).all():
-        raise FileError(
-            where, f"{place} has no limits", "write <limit> with lower, upper and velocity", code="urdf.no_limits"
-        )
-    if (not endless and joint.lower >= joint.upper) or joint.velocity <= 0:
+        remedy = "write the direction of the axis, such as 0 0 1"
+        raise FileError(where, f"{place} has an axis of zero length", remedy, code="urdf.value")
+    if not (-math.inf < joint.lower < joint.upper < math.inf and 0 < joint.velocity < math.inf):
         problem = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
-        raise FileError(
-            where, problem, "write the limits in ascending order, and a velocity above 0", code="urdf.value"
-        )
+        remedy = "write <limit> with lower below upper, and a velocity above 0"
+        raise FileError(where, problem, remedy, code="urdf.no_limits")
 
 
 def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]:
-    """Joints from the root to a link."""
     path: list[UrdfJoint] = []
     while joint := above.get(link):
         if len(path) > len(above):
@@ -422,14 +339,6 @@ def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]
         path.append(joint)
         link = joint.parent
     return path[::-1]
-
-
-def _T_base_parting(chain: Chain) -> Array:  # noqa: N802 - a frame's name
-    """Frame (4, 4) mm of the common ancestor of base and tip, in the base frame."""
-    T = np.eye(4)
-    for joint in chain.up:
-        T = T @ np.linalg.inv(joint.T_parent_child)
-    return T
 
 
 _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
@@ -450,20 +359,20 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     """Read the arm between two links of a URDF. Raises FileError unless it has four to seven axes."""
     urdf = read_urdf(path)
     chain = chain_of(urdf, base, tip, str(path))
-    axes = axes_of(chain)
+    axes, joints = axes_and_joints(urdf, chain)
     head = (
         f"From {path.name}: {chain.base} to {chain.tip}. Joints count as in the URDF, which may differ from the",
         "controller: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
     )
-    section = checked_section(urdf.name, axes, joints_of(urdf, chain), head, lambda q: library_poses(chain, q), path)
+    section = checked_section(urdf.name, axes, joints, head, lambda q: library_poses(urdf, chain, q), path)
     doubts, robot, pairs = list[str](), section.robot, []
-    for z, z_next, *joints in zip(
+    for z, z_next, *pair in zip(
         axes.directions[:-1], axes.directions[1:], chain.turning[:-1], chain.turning[1:], strict=True
     ):
         sine, cosine = float(np.linalg.norm(np.cross(z, z_next))), abs(float(z @ z_next))
         if _EXACT_RAD < (off := min(sine, cosine)) < _SLIGHT_RAD:
             kind = "parallel" if sine < cosine else "a right angle"
-            pairs.append(f"{' and '.join(joint.name for joint in joints)} {np.degrees(off):.4f} degrees off {kind}")
+            pairs.append(f"{' and '.join(joint.name for joint in pair)} {np.degrees(off):.4f} degrees off {kind}")
     if pairs:
         remedy = "the angles are not changed; if the URDF is rounded (1.571 for 1.5707963267948966), correct the URDF"
         doubts.append(f"axes deviate slightly from their nominal directions: {', '.join(pairs)}; {remedy}")
@@ -487,22 +396,28 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     return UrdfArm(section, chain.base, chain.tip, tuple(doubts))
 
 
-def library_poses(chain: Chain, q: Array) -> Array:
-    """Poses (n, 4, 4) mm of the tip in the base frame, computed by pytransform3d.
+def library_poses(urdf: Urdf, chain: Chain, q: Array) -> Array:
+    """Poses (n, 4, 4) mm of the tip in the base frame, read and computed by pytransform3d.
 
-    q (n, axes): joint angles in rad, followed by the rail position in m, if any.
+    q (n, axes): joint angles in rad, followed by the rail position in m, if any. Raises CellError if the library is
+    missing.
     """
-    from pytransform3d.urdf import UrdfTransformManager  # noqa: PLC0415 - an extra of the package
-
-    frames = UrdfTransformManager()
-    for joint in (*chain.up, *chain.down):
-        kind = "revolute" if chain.turns(joint) else "prismatic" if joint is chain.rail else "fixed"
-        frames.add_joint(joint.name, joint.child, joint.parent, joint.T_parent_child, joint.axis, joint_type=kind)
+    try:
+        from pytransform3d.urdf import UrdfTransformManager, parse_urdf  # noqa: PLC0415 - an extra of the package
+    except ModuleNotFoundError as error:
+        problem = f"needs the Python package {error.name}, which is missing"
+        raise CellError("import-urdf", problem, to_install("pytransform3d"), code="package.missing") from None
+    frames: Any = UrdfTransformManager()
+    sliding = chain.rail.name if chain.rail else None
+    for joint in parse_urdf(urdf.kinematics)[2]:
+        kind = "prismatic" if joint.joint_name == sliding else "fixed" if joint.joint_type == "fixed" else "revolute"
+        ends = joint.joint_name, joint.child, joint.parent
+        frames.add_joint(*ends, joint.child2parent, joint.joint_axis, joint_type=kind)
     poses = []
-    for angles in q.tolist():
-        for joint, angle in zip(chain.turning, angles, strict=False):
-            frames.set_joint(joint.name, angle)
-        if chain.rail:
-            frames.set_joint(chain.rail.name, RAIL_MM * angles[-1])
+    for values in q.tolist():
+        for name, value in zip([*(joint.name for joint in chain.turning), sliding], values, strict=False):
+            frames.set_joint(name, value)
         poses.append(frames.get_transform(chain.tip, chain.base))
-    return np.array(poses, dtype=float)
+    in_mm = np.array(poses, dtype=float)
+    in_mm[:, :3, 3] *= _MM
+    return in_mm

@@ -23,7 +23,6 @@ from rigs.errors import FileError
 from rigs.schema.robot import Robot
 
 RAIL_JOINT = "rail"
-"""Name of the rail joint."""
 _ZERO = 1e-15
 """Magnitude in m and rad below which a number is a rounded zero. It is a thousandth of the permitted difference
 between file and arm.
@@ -160,7 +159,6 @@ def _joint(
 
 
 def _limited(joint: ElementTree.Element, way: Sequence[float], lower: float, upper: float, speed: float) -> None:
-    """Add the axis (3,) and the limits of a movable joint."""
     ElementTree.SubElement(joint, "axis", xyz=" ".join(map(repr, way)))
     limit = {"lower": repr(lower), "upper": repr(upper), "velocity": repr(speed), "effort": "0.0"}
     ElementTree.SubElement(joint, "limit", limit)
@@ -177,7 +175,6 @@ def xml_text(root: ElementTree.Element) -> str:
 
 
 def add_remarks(root: ElementTree.Element, remarks: Iterable[str]) -> None:
-    """Add comments to an element, without double hyphens."""
     for remark in remarks:
         root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
 

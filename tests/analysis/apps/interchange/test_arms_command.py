@@ -21,7 +21,7 @@ def rig(*words: str | Path, columns: int = 80) -> Result:
 def test_the_table_names_every_arm():
     done = rig("arms")
     assert done.exit_code == 0
-    assert [name for name in arm_names() if f" {name} " not in done.stdout] == []
+    assert [name for name in arm_names() if f"{name} " not in done.stdout] == []
     assert f"{len(arm_names())} arms" in done.stdout
     assert max(map(len, done.stdout.splitlines())) <= 80
 

@@ -148,79 +148,50 @@ MOVED_BASE = (
     '<link name="stand"/><joint name="lift" type="prismatic"><parent link="base_link"/><child link="stand"/></joint>'
 )
 BAD = {
-    "three": (
-        GOOD.replace("revolute", "fixed", 3),
-        "3 turning joints from base_link to tool0; an arm needs 4 to 7; choose the ends of the arm",
-    ),
-    "prismatic": (
-        FIFTH.re.sub(lambda fifth: fifth.group().replace("revolute", "prismatic"), GOOD),
-        "joint joint_5 is prismatic; a sliding joint is supported only as a rail",
-    ),
+    "three": (GOOD.replace("revolute", "fixed", 3), "axes"),
+    "prismatic": (FIFTH.re.sub(lambda fifth: fifth.group().replace("revolute", "prismatic"), GOOD), "prismatic"),
     "a rail without limits": (
         GOOD.replace("revolute", "prismatic", 1).replace(f'<limit {LIMIT} effort="0"/>', "", 1),
-        "joint joint_1 has no limits; write <limit>",
+        "no_limits",
     ),
     "endless without a speed": (
         GOOD.replace("revolute", "continuous", 1).replace('velocity="3.5"', "", 1),
-        "joint joint_1 has no limits; write <limit>",
+        "no_limits",
     ),
-    "floating": (GOOD.replace("revolute", "floating", 1), "joint joint_1 is floating; write type revolute, or remove"),
-    "no such type": (GOOD.replace("revolute", "screw", 1), "joint joint_1 is screw; write type revolute"),
-    "mimic": (
-        GOOD.replace("<limit", '<mimic joint="joint_2"/><limit', 1),
-        "joint joint_1 follows joint joint_2",
-    ),
-    "no limits": (GOOD.replace(f'<limit {LIMIT} effort="0"/>', "", 1), "joint joint_1 has no limits; write <limit>"),
-    "no velocity": (GOOD.replace('velocity="3.5"', "", 1), "joint joint_1 has no limits; write <limit>"),
-    "limits in disorder": (GOOD.replace('lower="-3"', 'lower="3"', 1), "lower 3, upper 2.5 and velocity 3.5; write"),
-    "velocity 0": (
-        GOOD.replace('velocity="3.5"', 'velocity="0"', 1),
-        "velocity 0; write the limits in ascending order",
-    ),
-    "no axis": (re.sub(AXIS, '<axis xyz="0 0 0"/>', GOOD, count=1), "joint joint_1 has an axis of zero length"),
-    "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "joint joint_1 has axis xyz='0 1'; write three"),
-    "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has origin xyz='0 0 nan'; write three"),
-    "infinite angle": (GOOD.replace('rpy="0.0 0.0 0.0"', 'rpy="0 0 inf"', 1), "has origin rpy='0 0 inf'; write three"),
-    "a large number": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 1e308"', 1), "joint joint_1 has origin xyz='0 0 1e308'"),
-    "a speed in words": (
-        GOOD.replace('velocity="3.5"', 'velocity="fast"', 1),
-        "velocity='fast'; write a number in the range",
-    ),
-    "no type": (GOOD.replace('type="revolute"', "", 1), "joint joint_1 has no type; write type revolute"),
-    "a word": (GOOD.replace('"0.0 0.0 0.4"', '"0.4 high"', 1), "joint joint_1 has origin xyz='0.4 high'; write three"),
+    "no such type": (GOOD.replace("revolute", "screw", 1), "not_urdf"),
+    "no type": (GOOD.replace('type="revolute"', "", 1), "not_urdf"),
+    "mimic": (GOOD.replace("<limit", '<mimic joint="joint_2"/><limit', 1), "parallel"),
+    "no limits": (GOOD.replace(f'<limit {LIMIT} effort="0"/>', "", 1), "no_limits"),
+    "limits in disorder": (GOOD.replace('lower="-3"', 'lower="3"', 1), "no_limits"),
+    "velocity 0": (GOOD.replace('velocity="3.5"', 'velocity="0"', 1), "no_limits"),
+    "no axis": (re.sub(AXIS, '<axis xyz="0 0 0"/>', GOOD, count=1), "value"),
+    "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "value"),
+    "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "value"),
+    "a large number": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 1e308"', 1), "value"),
+    "a speed in words": (GOOD.replace('velocity="3.5"', 'velocity="fast"', 1), "value"),
     "a negative mass": (
         GOOD.replace('<link name="link_1"/>', '<link name="link_1"><inertial><mass value="-1"/></inertial></link>'),
-        "link link_1 has mass value='-1'; write a number in the range of a robot arm",
+        "value",
     ),
     "xacro elements": (
         '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm prefix=""/></robot>',
-        "is xacro, not URDF; expand the macros first: xacro FILE > arm.urdf",
+        "xacro",
     ),
-    "xacro numbers": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 ${height}"', 1), "expand the macros first: xacro FILE"),
-    "entities": (BOMB, "declares a document type or entities"),
-    "no XML": ("robot: {axes: []}\n", "not XML"),
-    "an empty file": ("", "not XML"),
-    "half a file": (GOOD[: len(GOOD) // 2], "not XML"),
-    "a robot of SDF": ("<sdf><model/></sdf>", "is not a URDF: the root element is <sdf>"),
-    "no name": (
-        GOOD.replace('<robot name="chain">', "<robot>"),
-        "not readable as URDF: Attribute 'name' is missing in robot tag; correct it",
-    ),
-    "no parent": (GOOD.replace('<parent link="link_1"/>', ""), "No parent specified in joint 'joint_2'; correct it"),
-    "no link": (GOOD.replace('<link name="link_3"/>', ""), "'link_3' of joint 'joint_3' is not defined; correct it"),
-    "two links": (GOOD.replace('<link name="link_3"/>', '<link name="link_3"/>' * 2), "has two links named link_3"),
+    "xacro numbers": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 ${height}"', 1), "xacro"),
+    "entities": (BOMB, "entities"),
+    "no XML": ("robot: {axes: []}\n", "not_urdf"),
+    "half a file": (GOOD[: len(GOOD) // 2], "not_urdf"),
+    "a robot of SDF": ("<sdf><model/></sdf>", "not_urdf"),
+    "no name": (GOOD.replace('<robot name="chain">', "<robot>"), "not_urdf"),
+    "no parent": (GOOD.replace('<parent link="link_1"/>', ""), "not_urdf"),
+    "no link": (GOOD.replace('<link name="link_3"/>', ""), "not_urdf"),
+    "two links": (GOOD.replace('<link name="link_3"/>', '<link name="link_3"/>' * 2), "twice"),
     "two parents": (
         GOOD.replace("</robot>", SEVENTH.replace("link_7", "link_1").replace('<link name="link_1"/>', "") + "</robot>"),
-        "link link_1 is the child of two joints",
+        "tree",
     ),
-    "no joints": (
-        '<robot name="x"><link name="a"/></robot>',
-        "has no moving joint; give the URDF of an arm of 4 to 7 axes",
-    ),
-    "too many": (
-        '<robot name="x">' + "".join(f'<link name="{one}"/>' for one in range(3000)) + "</robot>",
-        "has 3000 links and joints, more than 2000",
-    ),
+    "a circle": (GOOD.replace('<parent link="base_link"/>', '<parent link="link_6"/>'), "tree"),
+    "no joints": ('<robot name="x"><link name="a"/></robot>', "no_joints"),
 }
 
 
@@ -242,18 +213,9 @@ def test_out_of_range_value_is_refused_with_joint_and_key(given, wrong, of, tmp_
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind, tmp_path):
-    text, what = BAD[kind]
-    with pytest.raises(FileError) as refused:
-        import_urdf(urdf(tmp_path, text))
-    assert what in str(refused.value)
-    assert len(refused.value.lines()) == 1
-    assert str(refused.value).startswith(str(tmp_path))
-
-
-def test_links_in_a_circle_are_refused(tmp_path):
-    text = GOOD.replace('<parent link="base_link"/>', '<parent link="link_6"/>')
-    with pytest.raises(FileError, match="form a circle"):
+def test_bad_file_is_refused(kind, tmp_path):
+    text, code = BAD[kind]
+    with refused(f"urdf.{code}"):
         import_urdf(urdf(tmp_path, text))
 
 
@@ -325,17 +287,6 @@ def test_a_huge_file_is_not_read(tmp_path):
     with file.open("wb") as sparse:
         sparse.truncate(10**12)
     with refused("file.too_large"):
-        import_urdf(file)
-
-
-@pytest.mark.parametrize("what", ["missing", "directory", "latin"])
-def test_binary_file_is_refused(what, tmp_path):
-    file = tmp_path / "arm.urdf"
-    if what == "directory":
-        file.mkdir()
-    elif what == "latin":
-        file.write_bytes(GOOD.replace("chain", "Käfig").encode("latin-1"))
-    with pytest.raises(FileError):
         import_urdf(file)
 
 
