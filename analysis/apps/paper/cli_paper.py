@@ -1,5 +1,3 @@
-"""Command `rig paper`: compare the figures of Oh 2019 with the simulated ones."""
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -29,9 +27,9 @@ def paper(
 ) -> None:
     """Simulate and evaluate the tests of the paper, and compare the figures with the published ones."""
 
-    from analysis.apps.paper.rows import as_object, as_table, rows_of
+    from analysis.apps.paper.rows import answer_of, as_object, rows_of
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
-    from analysis.cli.plain_console import PlainConsole
     from rigs.load import load
 
     rig, text = load(rig_file)
@@ -47,4 +45,4 @@ def paper(
     if as_json:
         say_json(as_object(rig, rows))
     else:
-        PlainConsole().print(as_table(rig, rows))
+        say_answer(answer_of(rig, rows))

@@ -24,8 +24,6 @@ JUMP_AT_DEG = 237.0
 """Fig. 8: circle angle of the sudden change caused by the backlash of Theta."""
 ROLL_MEASURED_DEG, ROLL_SIMULATED_DEG, ROLL_EXTREMES_DEG = 1.75, 1.76, (180.0, 45.0)
 """Fig. 10 (the same for cw and acw) and Fig. 11."""
-NOMINAL_RADIUS_MM = 400.0
-"""§2.3: radius of the hemisphere."""
 RADIUS_MM, MEASURED_BAND_MM, SIMULATED_BAND_MM = 400.192, 1.0, 0.922
 """Fig. 13 ("just greater than 1 mm"), and Fig. 14 with gear transmission errors only."""
 UNI_MM, BI_MM = 0.261, 1.567

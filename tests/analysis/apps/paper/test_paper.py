@@ -9,11 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.apps.paper import pictures, published
-from analysis.apps.paper.pictures import SimulatedFigures, figures_of
-from analysis.apps.paper.rows import PaperRow, as_table, rows_of
-from analysis.apps.paper.simulated_tests import circle, curve_of, repeats, sphere, step, typical_seed
+from analysis.apps.paper.rows import PaperRow, answer_of, circle, curve_of, repeats, rows_of, sphere, step, typical_seed
+from analysis.apps.report.blocks import say_answer
 from analysis.cli import app
-from analysis.cli.plain_console import PlainConsole
 from analysis.procedures.simulate import simulate
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
@@ -118,41 +116,22 @@ def test_json_is_the_same_table(rows):
 def test_another_rig_can_be_asked_for(capsys):
     plain: Rig = load("paper-fanuc")[0]
     assert len(rows_of(plain)) > 20
-    PlainConsole(width=200).print(as_table(plain, rows_of(plain)))
+    say_answer(answer_of(plain, rows_of(plain)))
     assert plain.name in capsys.readouterr().out
 
 
-DATA_FIGURES = (3, 4, 5, 6, 7, 8, 10, 11, 13, 14, 15)
-
-
-@pytest.fixture(scope="module")
-def simulated() -> SimulatedFigures:
-    return figures_of(RIG, TEXT)
-
-
-def test_data_figures_are_drawn_under_their_numbers(
-    rows,
-    simulated,
-    tmp_path,
-    monkeypatch,
-):
-    monkeypatch.setattr(pictures, "figures_of", lambda rig, text: simulated)
+def test_data_figures_are_drawn_with_the_figures_of_the_table(rows, tmp_path, monkeypatch):
+    charts = pictures.charts_of(RIG, TEXT)
+    (bands,) = charts[6]
+    for line in bands.lines:
+        assert np.ptp(line.y) == pytest.approx(rows["Fig. 6", f"yaw error band, {line.name}"].ours, abs=0.02)
+    for number, row in ((13, "sphere, measured: band"), (14, "sphere, simulated: band")):
+        sphere_chart, _ = charts[number]
+        assert np.ptp(sphere_chart.deviation_mm) == pytest.approx(rows[f"Fig. {number}", row].ours, abs=0.02)
+    monkeypatch.setattr(pictures, "charts_of", lambda rig, text: charts)
     written = pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "pictures")
-    assert [int(path.name.split("-")[1]) for path in written] == [*DATA_FIGURES]
+    assert [int(path.name.split("-")[1]) for path in written] == [*pictures.FIGURES] == [*charts]
     assert all(path.stat().st_size > 10_000 for path in written)
-
-
-def test_the_runs_that_are_drawn_give_the_figures_of_the_table(rows, simulated):
-    for direction, result in simulated.yaw.items():
-        ours = rows["Fig. 6", f"yaw error band, {direction}"].ours
-        assert result.figures["band_deg"].value == pytest.approx(ours, abs=0.02)
-    for where, result in (("Fig. 13", simulated.sphere), ("Fig. 14", simulated.sphere_gears)):
-        name = "measured" if where == "Fig. 13" else "simulated"
-        ours = rows[where, f"sphere, {name}: band"].ours
-        assert result.figures["band_mm"].value == pytest.approx(ours, abs=0.02)
-    assert simulated.eccentric.figures["amplitude_deg"].value == pytest.approx(11.58, abs=0.02)
-    _, q_deg, names = simulated.joints
-    assert np.ptp(q_deg[:, names.index("gamma")]) == pytest.approx(360.0, abs=2.0)  # the full turn
 
 
 def test_a_picture_that_cannot_be_written_is_one_line(rows, tmp_path):
