@@ -36,14 +36,9 @@ def right(heading: str | Text = "", **options: Any) -> Column:
 
 
 def bare_table(*headings: str | Column) -> Table:
+    """A table without lines. Long entries are folded; rich would truncate them with an ellipsis."""
     table = Table(*headings, box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
     for column in table.columns:
         column.no_wrap |= column.justify == "right"
-    return fold_long_words(table)
-
-
-def fold_long_words(table: Table) -> Table:
-    """Fold long entries in the cells of a table, which rich would otherwise truncate with an ellipsis."""
-    for column in table.columns:
         column.overflow = "fold"
     return table

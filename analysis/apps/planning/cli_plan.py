@@ -22,8 +22,6 @@ from rigs.schema.vocabulary import MakerName, TestName
 from rigs.text import as_argument, numbers_in
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from analysis.apps.planning.pose_plan import PlannedPoses
     from analysis.apps.planning.pose_pool import Sight
     from analysis.robot.kinematics.arm import Array
@@ -31,7 +29,7 @@ if TYPE_CHECKING:
 
 
 ToolAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
-_LEAST_COLUMNS, _MINUTES = 80, 60.0
+_MINUTES = 60.0
 
 
 @command(app, "rig plan cell.yaml --propose --minutes 60 -o circles")
@@ -146,6 +144,7 @@ def plan(
 def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
     from analysis.apps.planning import plan_report
     from analysis.apps.planning.detectability import plan as planned
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
 
     with progress_of("simulating the tests"):
@@ -153,7 +152,7 @@ def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_js
     if as_json:
         say_json(plan_report.as_object(plan_made))
     else:
-        _print(plan_report.as_table(plan_made))
+        say_answer(plan_report.answer_of(plan_made))
 
 
 def _propose(
@@ -161,6 +160,7 @@ def _propose(
 ) -> None:
     from analysis.apps.planning import proposal_report
     from analysis.apps.planning.proposal import propose as proposed
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
 
     if output:
@@ -171,7 +171,7 @@ def _propose(
     if as_json:
         say_json(proposal_report.as_object(proposal, written))
     else:
-        _print(proposal_report.as_table(proposal))
+        say_answer(proposal_report.answer_of(proposal))
     say_written(written)
     if written:
         maker, *further = rig.makers
@@ -180,13 +180,6 @@ def _propose(
         say(f"next: rig program {file} --for {maker} --test yaw -o programs{others}", err=True)
     elif proposal.circles:
         say(f"next: {shlex.join(['rig', *sys.argv[1:]])} -o circles  # a rig file for each circle", err=True)
-
-
-def _print(table: RenderableType) -> None:
-    from analysis.cli.plain_console import PlainConsole
-
-    # In fewer columns a size would be split across two lines, and half of it could be mistaken for a complete size.
-    PlainConsole(width=max(_LEAST_COLUMNS, PlainConsole().width)).print(table)
 
 
 def _plan_poses(
@@ -259,7 +252,6 @@ def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, 
 
 
 def _arms(rig: Rig) -> str:
-    """Arms from which the typical sizes are known."""
     from rigs.families import families
 
     family = next((one for one in families().families if one.maker == rig.maker), None)
@@ -267,7 +259,7 @@ def _arms(rig: Rig) -> str:
 
 
 def _targets_of(rig: Rig, path: Path) -> tuple[Array, Array]:
-    """Return postures and poses of the reachable targets of a table. Raises FileError if there are none."""
+    """Postures and poses of the reachable targets of a table. Raises FileError if there are none."""
     import numpy as np
 
     from analysis.apps.programs.target_path import read_path

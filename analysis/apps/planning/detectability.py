@@ -44,9 +44,6 @@ ASSUMED_JOINT_DEG = JOINT_DEG.rms
 
 
 def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
-    """Return the assumed noise of planned tests, rms in µm of a run; a ball seated by hand scatters as much as a
-    robot stop.
-    """
     if set(tests) <= set(WITHOUT_GAUGES):
         return {"a touch, each coordinate": 1e3 * TARGET_MM.rms}
     return _ASSUMED_UM
@@ -100,7 +97,7 @@ class Detectability:
 
 
 def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
-    """Return the candidates representing each effect (for a gear by order, in the median form), and their
+    """Candidates representing each effect (for a gear by order, in the median form), and their
     detectabilities.
     """
     forms: dict[str, list[Candidate]] = {}
@@ -132,11 +129,51 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
     return chosen, detectabilities
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# Judgement of planned runs: detection limit of each name, and names that look alike.
+#
+# Two names look alike if one of them, at a detectable fault size, is so close to the other at some size that the odds
+# dismiss neither.
+
+
 @dataclass(frozen=True)
-class Detected:
-    """Detectability of each effect, gears by order."""
+class ClosePair:
+    """Closest forms of two effects at a detectable fault size, in healthy sizes, their separation in sigmas, the number
+    of other close forms of these effects, and further tests that separate the two.
+    """
+
+    candidates: tuple[Candidate, Candidate]
+    sizes: tuple[float, float]
+    sigma: float
+    others: int = 0
+    further: tuple[SeparatingTest, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """The two effects."""
+        first, second = self.candidates
+        return first.name, second.name
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """The two effects, for a gear error with its order."""
+        return label_of(self.first[0]), label_of(self.second[0])
+
+    @property
+    def first(self) -> tuple[Effect, ...]:
+        return _at_size(self.candidates[0], self.sizes[0])
+
+    @property
+    def second(self) -> tuple[Effect, ...]:
+        return _at_size(self.candidates[1], self.sizes[1])
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Capability of runs: detectability of each effect, and pairs that look alike, closest first."""
 
     detectabilities: tuple[Detectability, ...]
+    pairs: tuple[ClosePair, ...]
 
     @property
     def names(self) -> dict[str, tuple[Detectability, ...]]:
@@ -152,51 +189,19 @@ class Detected:
         """Effects never detected, at any gear order."""
         return tuple(name for name, forms in self.names.items() if all(form.hidden for form in forms))
 
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Judgement of planned runs: detection limit of each name, and names that look alike.
-#
-# Two names look alike if one of them, at a detectable fault size, is so close to the other at some size that the odds
-# dismiss neither.
-
-
-@dataclass(frozen=True)
-class ClosePair:
-    """Closest forms of two effects at a detectable fault size, in healthy sizes, their separation in sigmas, and the
-    number of other close forms of these effects.
-    """
-
-    candidates: tuple[Candidate, Candidate]
-    sizes: tuple[float, float]
-    sigma: float
-    others: int = 0
-
     @property
-    def names(self) -> tuple[str, str]:
-        """The two effects."""
-        first, second = self.candidates
-        return first.name, second.name
-
-    @property
-    def first(self) -> tuple[Effect, ...]:
-        """First effect of the pair at the given size."""
-        return _at_size(self.candidates[0], self.sizes[0])
-
-    @property
-    def second(self) -> tuple[Effect, ...]:
-        """Second effect of the pair at the given size."""
-        return _at_size(self.candidates[1], self.sizes[1])
-
-
-@dataclass(frozen=True)
-class Judgement(Detected):
-    """Capability of runs: detectability of each effect, and pairs that look alike, closest first."""
-
-    pairs: tuple[ClosePair, ...]
+    def groups(self) -> list[list[str]]:
+        """Effects connected by pairs."""
+        groups: list[list[str]] = []
+        for names in [pair.names for pair in self.pairs]:
+            joined = [group for group in groups if set(group) & set(names)]
+            groups = [group for group in groups if group not in joined]
+            groups.append(list(dict.fromkeys([name for group in joined for name in group] + list(names))))
+        return groups
 
 
 def judged(expected: ExpectedPosterior) -> Judgement:
-    """Return the judgement of an expected posterior."""
+    """Judgement of an expected posterior."""
     chosen, detectabilities = detectabilities_of(expected)
     seen = [k for k, detectability in enumerate(detectabilities) if not detectability.hidden]
     sizes = [
@@ -218,7 +223,7 @@ def judged(expected: ExpectedPosterior) -> Judgement:
 
 
 def separation_sigma(expected: ExpectedPosterior, pair: ClosePair) -> float:
-    """Return the separation in sigmas of the two names of a pair, whichever is present."""
+    """Separation in sigmas of the two names of a pair, whichever is present."""
     first, second = pair.first, pair.second
     return min(expected.separation_sigma(first, second), expected.separation_sigma(second, first))
 
@@ -232,20 +237,6 @@ def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
 
 
 @dataclass(frozen=True)
-class Pair:
-    """Two effects that look alike. For a gear error, the order closest to the other effect counts.
-
-    sigma: separation of a detectable fault from the other effect at any size. others: number of further orders that
-    look alike. further: further tests that separate the two.
-    """
-
-    names: tuple[str, str]
-    sigma: float
-    others: int
-    further: tuple[SeparatingTest, ...]
-
-
-@dataclass(frozen=True)
 class Gain:
     """Benefit of a further test: number of pairs it separates, and of undetectable effects it makes detectable."""
 
@@ -256,17 +247,13 @@ class Gain:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CapabilityOfTests(Detected):
-    """Capability of a set of tests.
-
-    `gains`: further tests, most useful first. `impossible`: tests this arm cannot drive, each with the reason. `level`:
-    of all other errors of the arm, 1 if usual.
+class CapabilityOfTests(Judgement):
+    """Capability of a set of tests. `gains`: most useful first. `impossible`: the reason by test. `level`: of all other
+    errors of the arm, 1 if usual.
     """
 
     tests: tuple[TestName, ...]
     runs: int
-    groups: tuple[tuple[str, ...], ...]
-    pairs: tuple[Pair, ...]
     gains: tuple[Gain, ...]
     impossible: tuple[tuple[str, str], ...]
     level: float = 1.0
@@ -278,7 +265,7 @@ class CapabilityOfTests(Detected):
 
 
 def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> CapabilityOfTests:
-    """Return the capability of tests of a rig, each driven `runs` times in each direction.
+    """Capability of tests of a rig, each driven `runs` times in each direction.
 
     The prediction uses the model of a diagnosis: noise of real cells and a healthy background, at the `level` found by
     a diagnosis of the arm (`Diagnosis.levels`), or 1 before measurements. The ball is off centre, by the rig file's
@@ -288,24 +275,14 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
     judgement = judged(expected_posterior(blocks, setups, Level(level)))
     possible, impossible = possible_tests(rig, tests, blocks, setups, Level(level), runs=runs)
     further, gains = _further_tests(possible, judgement)
-    # groups of names connected by pairs
-    groups: list[list[str]] = []
-    for pair in [pair.names for pair in judgement.pairs]:
-        joined = [group for group in groups if set(group) & set(pair)]
-        groups = [group for group in groups if group not in joined]
-        groups.append(list(dict.fromkeys([name for group in joined for name in group] + list(pair))))
     return CapabilityOfTests(
         detectabilities=tuple(
             replace(detectability, further=further.get(name_of(detectability.effect), ()))
             for detectability in judgement.detectabilities
         ),
+        pairs=tuple(replace(pair, further=further[pair.names]) for pair in judgement.pairs),
         tests=tuple(tests),
         runs=runs,
-        groups=tuple(tuple(group) for group in groups),
-        pairs=tuple(
-            Pair((label_of(pair.first[0]), label_of(pair.second[0])), pair.sigma, pair.others, further[pair.names])
-            for pair in judgement.pairs
-        ),
         gains=gains,
         impossible=tuple(impossible),
         level=level,
@@ -313,7 +290,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
 
 
 def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
-    """Return the tests of a comma-separated list, or, for None, the tests that the rig is set up for.
+    """Tests of a comma-separated list, or, for None, the tests that the rig is set up for.
 
     Raises UseError for an unknown name, and FileError for a rig that is not set up for a named test, or for any test.
     """
@@ -342,7 +319,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
 def _further_tests(
     possible: Sequence[PossibleTest], judgement: Judgement
 ) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
-    """Return the further tests for each pair of effects and each undetectable effect, best first, and the benefit of
+    """Further tests for each pair of effects and each undetectable effect, best first, and the benefit of
     each test, largest first.
     """
     hidden, near = judgement.undetectable, judgement.pairs

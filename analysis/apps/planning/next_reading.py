@@ -74,7 +74,7 @@ class ProgramReadings:
 
     @classmethod
     def of(cls, rig: Rig, q: Array, taught: Array) -> ProgramReadings:
-        """Return the readings for targets at q (n, axes) rad in a frame taught at other postures (m, axes) rad.
+        """Readings for targets at q (n, axes) rad in a frame taught at other postures (m, axes) rad.
 
         A tracker can also measure at the targets themselves.
         """
@@ -86,7 +86,7 @@ class ProgramReadings:
     def best_for(
         self, rows: Integers, places: Array, figure: Callable[[Array], Array], errors: Array
     ) -> NextReading | None:
-        """Return the reading that reduces the variance of a figure most, None if none is worthwhile.
+        """Reading that reduces the variance of a figure most, None if none is worthwhile.
 
         rows (m,): targets of the figure, at places (m, 3) mm. figure: value (k,) mm for displaced positions (k, m, 3)
         mm. errors (k, m, 3): draws of the target errors.
@@ -102,7 +102,6 @@ class ProgramReadings:
 
 
 def _slopes(figure: Callable[[Array], Array], places: Array, errors: Array) -> Array:
-    """Derivatives (d, 3 m) of a figure by the displaced positions, at draws (d, m, 3) mm of the errors."""
     steps = _STEP_MM * np.eye(errors[0].size).reshape(-1, *errors.shape[1:])
     return np.array(
         [(figure(places + error + steps) - figure(places + error - steps)) / (2 * _STEP_MM) for error in errors]

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from rich import box
-from rich.console import Group, RenderableType
-from rich.table import Column, Table
-from rich.text import Text
 
 from analysis.apps.planning.detectability import (
     ASSUMED_JOINT_DEG,
@@ -18,7 +14,7 @@ from analysis.apps.planning.detectability import (
     SeparatingTest,
     assumed_um,
 )
-from analysis.cli.plain_console import fold_long_words, right
+from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
 from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
@@ -34,9 +30,7 @@ from rigs.schema.effect import name_of
 from rigs.schema.vocabulary import CIRCLES, TestName
 from rigs.text import counted
 
-_TITLE: dict[str, Any] = {"title_style": "bold", "title_justify": "left"}
 _MOST = 3
-"""Number of further tests listed for a pair."""
 _NOISE = {
     "gauges, white": "gauges",
     "along a lap, slow": "slow drift along a lap",
@@ -49,47 +43,46 @@ _MOST_PAIRS = 6
 """Number of pairs listed for a group of effects that are hard to distinguish, hardest first."""
 
 
-def as_table(plan: CapabilityOfTests) -> RenderableType:
-    """Return detectable, indistinguishable and undetectable effects, and the most useful further test."""
-    tests = ", ".join(plan.tests)
+def answer_of(plan: CapabilityOfTests) -> list[Block]:
+    """Detectable, indistinguishable and undetectable errors, and the most useful further test."""
     ways = ", circles in both directions" if set(CIRCLES) & set(plan.tests) else ""
-    head = Text(f"{tests}: {counted(plan.runs, 'run')} of each test{ways}", style="bold")
     unseen = len(plan.undetectable)
-    small = sum(all(map(_small, forms)) for forms in plan.names.values())
-    larger = len(plan.names) - small - unseen
-    words = f"These tests detect {small} of {len(plan.names)} possible errors as soon as they are faults, {larger} "
+    small = sum(all(map(_is_small, forms)) for forms in plan.names.values())
     alike = counted(len(plan.pairs), "pair looks", "pairs look")
-    words += f"only if they are larger, and {unseen} not at all. {alike} alike.\n"
-    columns = ("error", "unit", right("usual"), right("detected from"))
-    table = Table(*columns, title=_title("Other errors"), header_style="bold", **_TITLE)
-    for kind, seats in _by_seat(plan, joints=False).items():
-        for seat, sights in seats.items():
-            effect = sights[0].effect
-            table.add_row(
-                name_in_words(f"{kind} {seat}".rstrip()), _unit(effect), f"{healthy_size(effect):g}", _limit(sights)
-            )
-    advice = [Text(f"Not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
+    detected = (
+        f"These tests detect {small} of {len(plan.names)} possible errors as soon as they are faults, "
+        f"{len(plan.names) - small - unseen} only if they are larger, and {unseen} not at all. {alike} alike."
+    )
     best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
-    if best is None:
-        none = "No further test would add information." if plan.gains else "The rig file declares no further test."
-        advice.append(Text(none))
-    else:
-        text = f"Most useful further test: {best.test} ({best.why}). It separates {best.parts} of the "
-        text += f"{len(plan.pairs)} pairs and detects {best.shows} of the {len(plan.undetectable)} hidden errors."
-        advice.append(Text(text, style="bold"))
-    assumed = (Text(noise_in_words(plan.tests)), Text(arm_in_words(plan.level)))
-    tables = (_axes(plan), Text(), fold_long_words(table), _alike(plan), _hidden(plan))
-    return Group(head, *assumed, Text(words), *tables, *advice)
+    advice = "No further test would add information." if plan.gains else "The rig file declares no further test."
+    if best is not None:
+        advice = (
+            f"Most useful further test: {best.test} ({best.why}). It separates {best.parts} of the {len(plan.pairs)} "
+            f"pairs and detects {best.shows} of the {unseen} hidden errors."
+        )
+    return [
+        Sentence(f"{', '.join(plan.tests)}: {counted(plan.runs, 'run')} of each test{ways}", "strong"),
+        Sentence(noise_in_words(plan.tests)),
+        Sentence(arm_in_words(plan.level)),
+        Sentence(detected),
+        Heading(_title("Joints and links"), 3),
+        _joints(plan),
+        Heading(_title("Other errors"), 3),
+        Table(("error", "unit", "usual", "detected from"), tuple(_others(plan)), frozenset({2, 3})),
+        *_alike(plan),
+        *_hidden(plan),
+        *(Sentence(f"Not possible here: {test}: {reason}", "note") for test, reason in plan.impossible),
+        Sentence(advice, "plain" if best is None else "strong"),
+    ]
 
 
 def noise_in_words(tests: Sequence[TestName]) -> str:
-    """Return the assumed noise for a plan of these tests."""
     um = [f"{_NOISE.get(name, name)} {um:.1f} µm" for name, um in assumed_um(tests).items()]
     return f"Assumed noise of one run (rms): {'; '.join(um)}; each joint, between runs {ASSUMED_JOINT_DEG:.4f}°"
 
 
 def arm_in_words(level: float) -> str:
-    """Return a phrase on the level of all other errors of the arm, assumed when an effect is to be detected."""
+    """Phrase on the level of all other errors of the arm, assumed when an effect is to be detected."""
     if level == 1:
         return (
             "Assumed arm: all other errors have their usual size. Use --level for the level that a diagnosis "
@@ -98,27 +91,29 @@ def arm_in_words(level: float) -> str:
     return f"Assumed arm: all other errors have {level:g} times their usual size."
 
 
-def _small(sight: Detectability) -> bool:
-    """Return whether an effect is detectable as soon as it is a fault."""
+def _is_small(sight: Detectability) -> bool:
+    """Whether an effect is detectable as soon as it is a fault."""
     return not sight.hidden and sight.limit <= FAULT * healthy_size(sight.effect)
 
 
-def _axes(plan: CapabilityOfTests) -> Table:
-    """Return a table of the smallest detectable sizes of joint effects, a column for each axis, within 80 columns."""
-    kinds = _by_seat(plan, joints=True)
-    most = max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)])
-    axes = range(1, most + 1)
-    table = Table(
-        "error", right("usual"), *(right(f"axis {axis}") for axis in axes),
-        title=_title("Joints and links"), header_style="bold", box=box.SIMPLE_HEAD, padding=0, show_edge=False,
-        **_TITLE,
-    )  # fmt: skip
+def _joints(plan: CapabilityOfTests) -> Table:
+    kinds, rows = _by_seat(plan, joints=True), list[tuple[str | Cell, ...]]()
+    axes = range(1, max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)]) + 1)
     for kind, by_axis in kinds.items():
-        first = next(iter(by_axis.values()))[0]
-        cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in axes]
-        below = "\n  worst waves per turn" if any("\n" in cell.plain for cell in cells) else ""
-        table.add_row(f"{kind_in_words(kind)} {_unit(first.effect)}{below}", f"{healthy_size(first.effect):g}", *cells)
-    return fold_long_words(table)
+        effect = next(iter(by_axis.values()))[0].effect
+        sizes = [_limit(by_axis.get(str(axis), ())) for axis in axes]
+        name = f"{kind_in_words(kind)} {_unit(effect)}"
+        rows.append((name, f"{healthy_size(effect):g}", *sizes))
+    heads = ("error", "usual", *(f"axis {axis}" for axis in axes))
+    return Table(heads, tuple(rows), frozenset(range(1, len(heads))))
+
+
+def _others(plan: CapabilityOfTests) -> Iterator[tuple[str | Cell, ...]]:
+    for kind, seats in _by_seat(plan, joints=False).items():
+        for seat, sights in seats.items():
+            effect = sights[0].effect
+            name = name_in_words(f"{kind} {seat}".rstrip())
+            yield name, _unit(effect), f"{healthy_size(effect):g}", _limit(sights)
 
 
 def _unit(effect: Effect) -> str:
@@ -142,74 +137,72 @@ def _by_seat(plan: CapabilityOfTests, *, joints: bool) -> dict[str, dict[str, li
     return sights_by_kind
 
 
-def _limit(sights: Sequence[Detectability], between: str = " … ") -> Text:
-    seen = [sight.limit for sight in sights if not sight.hidden]
+def _limit(sights: Sequence[Detectability]) -> Cell:
+    """Smallest detectable size; for gears with several orders also that of the worst below it."""
+    seen = [f"{size:.2g}" for size in sorted(sight.limit for sight in sights if not sight.hidden)]
     if not seen:
-        return Text("–" if sights else "", style="red")
-    low, high = f"{min(seen):.2g}", f"{max(seen):.2g}"
-    style = "green" if all(map(_small, sights)) else "yellow"
-    return Text(low if low == high else f"{low}{between}{high}", style=style)
+        return Cell("–" if sights else "", tone="fail")
+    return Cell(
+        seen[0],
+        tuple(seen[-1:] if seen[-1] != seen[0] else ()),
+        tone="pass" if all(map(_is_small, sights)) else "watch",
+    )
 
 
-def _alike(plan: CapabilityOfTests) -> RenderableType:
+def _alike(plan: CapabilityOfTests) -> list[Block]:
     if not plan.pairs:
-        return Text("All detectable errors can be separated.", style="green")
-    title = f"Look alike (odds below {ODDS:g} to 1 at the size of a fault)"
-    table = Table("errors", right("distance"), Column("separated by", ratio=1), title=title, **_TITLE)
+        return [Sentence("All detectable errors can be separated.", "pass")]
     symbols = {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
+    rows: list[tuple[str | Cell, ...]] = []
     for group in plan.groups:
-        pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
+        pairs = [pair for pair in plan.pairs if pair.names[0] in group]
         for pair in pairs[:_MOST_PAIRS]:
-            words = [(name_in_words(name), symbols.get(name)) for name in pair.names]
-            names = "\n".join(name if symbol in (None, name) else f"{name} ({symbol})" for name, symbol in words)
-            names += f"\n(and {pair.others} more)" if pair.others else ""
-            helps = [parting for parting in pair.further if is_separable(parting.sigma)]
-            if helps:
-                parted = Text("\n".join(f"{parting.test}: {parting.sigma:.0f} σ" for parting in helps[:_MOST]))
-            elif pair.further and pair.further[0].sigma > 0.05:
-                best = pair.further[0]
-                parted = Text(f"no test; best: {best.test}: {best.sigma:.1f} σ", style="yellow")
-            else:
-                none = "none of the further tests" if pair.further else "the rig file declares no further test"
-                parted = Text(none, style="yellow")
-            table.add_row(names, f"{pair.sigma:.1f} σ", parted)
+            words = [(name_in_words(name), symbols.get(name)) for name in pair.labels]
+            first, *more = (name if symbol in (None, name) else f"{name} ({symbol})" for name, symbol in words)
+            more += [f"(and {pair.others} more)"] * bool(pair.others)
+            rows.append((Cell(first, tuple(more)), f"{pair.sigma:.1f} σ", _separating(pair.further)))
         if len(pairs) > _MOST_PAIRS:
             kinds = names_in_words(group)
-            table.add_row(
-                "", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs (--json lists all): {kinds}", style="dim")
-            )
-        table.add_section()
-    return fold_long_words(table)
+            rows.append((f"{len(pairs) - _MOST_PAIRS} more pairs (--json lists all): {kinds}", "", Cell("")))
+    title = f"Look alike (odds below {ODDS:g} to 1 at the size of a fault)"
+    return [Heading(title, 3), Table(("errors", "distance", "separated by"), tuple(rows), frozenset({1}))]
+
+
+def _separating(further: Sequence[SeparatingTest]) -> Cell:
+    """The tests that separate two errors, or the best one if none does."""
+    helps = [f"{parting.test}: {parting.sigma:.0f} σ" for parting in further if is_separable(parting.sigma)][:_MOST]
+    if helps:
+        return Cell(helps[0], tuple(helps[1:]))
+    if further and further[0].sigma > 0.05:
+        return Cell(f"no test; best: {further[0].test}: {further[0].sigma:.1f} σ", tone="watch")
+    return Cell("none of the further tests" if further else "the rig file declares no further test", tone="watch")
 
 
 def _kind(name: str) -> str:
-    """Return a name without the order of a gear."""
     return name.partition(" order ")[0]
 
 
-def _hidden(plan: CapabilityOfTests) -> RenderableType:
+def _hidden(plan: CapabilityOfTests) -> list[Block]:
     if not plan.hidden:
-        return Text("Every error can be detected.", style="green")
-    columns = (Column("errors", ratio=1), Column("reason", ratio=1), Column("detected by", ratio=1))
-    title = f"Not detected, even at {LARGEST_FAULT:g} times the usual size"
-    table = Table(*columns, title=title, **_TITLE)
+        return [Sentence("Every error can be detected.", "pass")]
     together: dict[tuple[str, str], list[Detectability]] = {}
     for sight in plan.hidden:
         helps = [parting.test for parting in sight.further if parting.sigma and is_detectable(1 / parting.sigma)]
         together.setdefault((sight.hidden, helps[0] if helps else ""), []).append(sight)
+    rows = []
     for (why, test), sights in together.items():
-        names = names_in_words(dict.fromkeys(_kind(sight.name) for sight in sights))
+        names = names_in_words(dict.fromkeys(_kind(sight.name) for sight in sights)).split("; ")
         text = "no further test"
         if test:
             sigmas = [sight.further[0].sigma for sight in sights]
             ends = dict.fromkeys((f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"))  # a single value if both are equal
             text = f"{test} ({' … '.join(ends)} σ at the usual size)"
-        table.add_row(names.replace("; ", "\n"), why, text)
-    return fold_long_words(table)
+        rows.append((Cell(names[0], tuple(names[1:])), why, text))
+    title = f"Not detected, even at {LARGEST_FAULT:g} times the usual size"
+    return [Heading(title, 3), Table(("errors", "reason", "detected by"), tuple(rows))]
 
 
 def as_object(plan: CapabilityOfTests) -> dict[str, Any]:
-    """Return the plan as a JSON object with sizes in their usual units."""
     return {
         "tests": list(plan.tests),
         "runs": plan.runs,
@@ -226,9 +219,9 @@ def as_object(plan: CapabilityOfTests) -> dict[str, Any]:
             }
             for sight in plan.detectabilities
         ],
-        "groups": [list(group) for group in plan.groups],
+        "groups": plan.groups,
         "pairs": [
-            {"names": list(pair.names), "sigma": pair.sigma, "others": pair.others, "further": _partings(pair.further)}
+            {"names": list(pair.labels), "sigma": pair.sigma, "others": pair.others, "further": _partings(pair.further)}
             for pair in plan.pairs
         ],
         "further": [

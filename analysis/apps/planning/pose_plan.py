@@ -19,11 +19,11 @@ from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.plan.expected import without_bands
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.runs.tables import came_from_columns, joint_columns
+from analysis.runs.written_files import csv_text
 from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
 
 _POOL = 400
-"""Number of candidate poses; more would not improve the choice."""
 _SEED, _SHUFFLES = 0, 5
 """Seed of the draw, for reproducible plans, and number of random choices compared. Chosen."""
 
@@ -49,7 +49,6 @@ class PlannedPoses:
     one_axis: bool = False
 
     def lines(self) -> list[str]:
-        """Return the plan as sentences."""
         lines = [
             f"{len(self.q)} poses determine the tool position over the workspace to {1e3 * self.u_mm:.0f} µm "
             "(expected rms, for an arm with typical errors, frame and tool fitted)"
@@ -72,19 +71,14 @@ class PlannedPoses:
         return [*lines, "covers, cables and obstacles are unknown: watch the first run with a hand on the stop button"]
 
     def csv(self) -> str:
-        """Return the poses as a table, a row each: joint angles, previous joint angles, and nominal position.
-
-        The previous joint angles of the first pose are unknown and assumed equal.
-        """
         axes = self.q.shape[1]
         header = ["pose", *joint_columns(axes), *came_from_columns(axes), "nominal_x_mm", "nominal_y_mm"]
         came_from = np.vstack([self.q[:1], self.q[:-1]])
         rows = np.column_stack([np.degrees(self.q), np.degrees(came_from), self.xyz_mm])
-        lines = [f"{k}," + ",".join(f"{angle:.6f}" for angle in row) for k, row in enumerate(rows.tolist(), start=1)]
-        return "\n".join([",".join([*header, "nominal_z_mm"]), *lines]) + "\n"
+        cells = ([k, *(f"{number:.6f}" for number in row)] for k, row in enumerate(rows.tolist(), start=1))
+        return csv_text([[*header, "nominal_z_mm"], *cells])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types, angles in degrees, lengths in mm."""
         return {
             "poses": [
                 {"q_deg": q, "xyz_mm": p}
@@ -146,14 +140,14 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
 
 
 def pool_of(rig: Rig, q: Array) -> ReadingPool:
-    """Return poses q (n, axes) rad of a tracker as possible readings and as targets. Raises FileError."""
+    """Poses q (n, axes) rad of a tracker as possible readings and as targets. Raises FileError."""
     columns, sd_mm = pose_columns(rig, q)
     rows = typical_rows(columns)
     return ReadingPool(rows.reshape(len(q), 3, -1), rows * sd_mm[:, None], np.ones(len(q)))
 
 
 def pose_columns(rig: Rig, q: Array) -> tuple[Columns, Array]:
-    """Return the columns of a diagnosis for tracker poses at q (n, axes) rad, without play, in standard deviations
+    """Columns of a diagnosis for tracker poses at q (n, axes) rad, without play, in standard deviations
     (3 n,) mm of the noise. Raises FileError."""
     block, setup = block_of(rig, pose_table(rig, q))
     return typical_columns(linearise(without_bands([block]), {block.setup: setup})), block.sd_mm

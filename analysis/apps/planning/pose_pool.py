@@ -35,7 +35,7 @@ class Sight:
 
 
 def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
-    """Return joint angles (n, 6) rad of random collision-free and visible poses, up to `count`, uniform in joint
+    """Joint angles (n, 6) rad of random collision-free and visible poses, up to `count`, uniform in joint
     space."""
     low, high = joint_ranges(arm)
     drawn = np.empty((0, len(low)))
@@ -50,15 +50,12 @@ def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Genera
 
 
 def joint_ranges(arm: Arm) -> tuple[Array, Array]:
-    """Return the lowest and highest angles (axes,) rad used for poses. The lowest exceeds the highest if the limits
-    of an axis leave no range.
-    """
     low, high = arm.limits.T
     return np.maximum(low + _MARGIN_RAD, -_HALF_TURN), np.minimum(high - _MARGIN_RAD, _HALF_TURN)
 
 
 def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
-    """Return joint angles (n, axes) rad of a plan that moves one axis at a time down, up and back through its range.
+    """Joint angles (n, axes) rad of a plan that moves one axis at a time down, up and back through its range.
 
     The other axes remain in one posture, chosen for the largest collision-free and visible ranges. The plan has at most
     `count` poses.
@@ -92,13 +89,13 @@ _POSTURES, _FEWEST_STOPS = 30, 5
 
 
 def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
-    """Return whether a joint move between two postures (6,) rad is collision-free; singularities are permitted."""
+    """Whether a joint move between two postures (6,) rad is collision-free; singularities are permitted."""
     count = 2 + int(np.abs(end - begin).max() / _STEP_RAD)
     return bool(is_collision_free(arm, begin + np.linspace(0, 1, count)[:, None] * (end - begin)).all())
 
 
 def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
-    """Return a mask (n,) of joint angles q (n, 6) rad with a target visible to the tracker: facing it, and not
+    """Mask (n,) of joint angles q (n, 6) rad with a target visible to the tracker: facing it, and not
     hidden by the arm."""
     points = chain_points(arm, q)
     tool = points[:, -1]
@@ -118,7 +115,7 @@ def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
 
 
 def in_order_of_ways(arm: Arm, q: Array) -> Array:
-    """Return the poses (m, 6) rad ordered by nearest neighbours with collision-free moves; unreachable ones are
+    """Poses (m, 6) rad ordered by nearest neighbours with collision-free moves; unreachable ones are
     dropped."""
     unordered, order = list(range(1, len(q))), [0]
     while unordered:

@@ -74,7 +74,6 @@ class Reading:
 
     @property
     def words(self) -> str:
-        """What to do, as a command."""
         if self.circle is not None:
             return f"drive the circle: {self.circle.words}"
         angles = ", ".join(f"{angle:z.1f}" for angle in self.q_deg or ())
@@ -94,7 +93,7 @@ class Reading:
 
 
 def possible_readings(rig: Rig, sight: Sight | None = None) -> list[Reading]:
-    """Return the readings of the instruments that calibrated an arm, otherwise of those in its rig file.
+    """Readings of the instruments that calibrated an arm, otherwise of those in its rig file.
 
     sight: of a tracker, which then takes all readings. Raises FileError if the arm has no posture for the sockets.
     """
@@ -112,7 +111,6 @@ def possible_readings(rig: Rig, sight: Sight | None = None) -> list[Reading]:
 
 
 def poses_at(q: Array) -> list[Reading]:
-    """Return poses of a tracker at joint angles q (n, axes) rad."""
     return [Reading("pose", _POSE_MIN, posture) for posture in q]
 
 
@@ -135,7 +133,6 @@ def _circles(rig: Rig) -> list[CircleCandidate]:
 
 
 def touches_at(rig: Rig, places: dict[str, Array]) -> list[Reading]:
-    """Return possible touches of sockets at places (3,) mm in the robot's world."""
     touch, rng = rig.tests.touch, np.random.default_rng(_SEED)
     assert touch is not None  # noqa: S101 - asked before
     arm = with_ball(arm_of(rig.robot), touch)
@@ -162,7 +159,7 @@ def _socket_places(rig: Rig) -> dict[str, Array]:
 
 
 def pool_of_readings(rig: Rig, readings: Sequence[Reading], q: Array, taught: Array) -> ReadingPool:
-    """Return the pool of possible readings for targets at q (n, axes) rad.
+    """Pool of possible readings for targets at q (n, axes) rad.
 
     taught (m, axes) rad: postures at which frame and tool are taught, relative to which the targets are positions.
     """
@@ -217,7 +214,7 @@ def _angles(readings: Sequence[Reading], rows: Sequence[int]) -> Array:
 
 
 def block_of(rig: Rig, table: PoseTable | TouchTable, setup: str = "") -> tuple[Block, SetUp]:
-    """Return the block of poses, or of touches of one socket, with its set-up. setup: suffix of its name."""
+    """Block of poses, or of touches of one socket, with its set-up. setup: suffix of its name."""
     placed = nominal_setup(rig, table)
     if isinstance(table, TouchTable):  # the known distances need the places of the sockets
         balls = forward(arm_of(rig.robot), table.q) @ placed.T_tool_target
@@ -229,12 +226,12 @@ def block_of(rig: Rig, table: PoseTable | TouchTable, setup: str = "") -> tuple[
 
 
 def typical_columns(linear: Linearisation) -> Columns:
-    """Return the columns of a diagnosis for readings, without backlash, which depends on the order of poses."""
+    """Columns of a diagnosis for readings, without backlash, which depends on the order of poses."""
     return columns_for(linear, [candidate for candidate in candidates_for(linear) if not is_play(candidate.effect)])
 
 
 def typical_rows(columns: Columns) -> Array:
-    """Return rows (N, k) of an arm with typical errors and of unknown set-ups."""
+    """Rows (N, k) of an arm with typical errors and of unknown set-ups."""
     variance = columns.variance(Level(_LEVEL))
     of_set_ups = columns.X[:, columns.set_ups]
     seen = np.maximum((of_set_ups != 0).sum(axis=0), 1)

@@ -67,7 +67,7 @@ class CircleCandidates:
 
 
 def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleCandidates:
-    """Return the further circles of a rig with their minutes for `runs` runs of each of `tests` in each direction.
+    """Further circles of a rig with their minutes for `runs` runs of each of `tests` in each direction.
 
     Raises FileError for a rig without a circle.
     """
@@ -98,9 +98,6 @@ def circle_minutes(lap_s: float, tests: Sequence[TestName], runs: int) -> float:
 
 
 def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
-    """Yield every further circle with a description and rig: each radius at each place; and the rig's circle tilted,
-    faster, and with the ball away from axis 6.
-    """
     aside = [(words, tuple(np.round(centre, 3).tolist())) for words, centre in places(rig, circle)]
     for where, centre in [("", circle.centre_mm), *aside]:
         for radius in (circle.radius_mm, *other_radii(circle)):
@@ -137,16 +134,14 @@ class Reached:
     share: Array
 
     def gain_over(self, before: Reached) -> float:
-        """Return the information in nats gained about all goals, limited by their testability."""
+        """Information in nats gained about all goals, limited by their testability."""
         then, now = (np.clip(reached.share, _FAINT, 1.0) for reached in (self, before))
         return float(np.log(then / now).sum())
 
     def newly(self, before: Reached) -> tuple[int, ...]:
-        """Return the indices of the goals that became testable."""
         return tuple(np.flatnonzero((self.share >= 1) & (before.share < 1)).tolist())
 
     def split(self, aims: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
-        """Return the effects and the pairs among given goals."""
         count = len(self.names)
         return (
             tuple(self.names[k] for k in aims if k < count),
@@ -168,7 +163,7 @@ class Aims:
         self._sizes = np.array([size for pair in self._pairs for size in pair.sizes])
 
     def reached(self, information: Array) -> Reached:
-        """Return the progress of runs with an information (p, p) towards the goals, as a share of the required sigmas.
+        """Progress of runs with an information (p, p) towards the goals, as a share of the required sigmas.
 
         The shapes of effects count as known; the final judgement fits them.
         """
@@ -223,7 +218,6 @@ class CircleProposal:
 
     @property
     def used_min(self) -> float:
-        """Duration of the proposed circles in minutes."""
         return sum(circle.candidate.minutes for circle in self.circles)
 
 
@@ -280,7 +274,7 @@ def propose(
 def _chosen(
     aims: Aims, information: Array, simulated: Sequence[_Simulated], minutes: float
 ) -> list[tuple[_Simulated, tuple[str, ...], tuple[tuple[str, str], ...]]]:
-    """Return the circles to drive in addition to tests with an information (p, p), best first, each with newly
+    """Circles to drive in addition to tests with an information (p, p), best first, each with newly
     testable effects and newly separated pairs.
     """
     chosen = []

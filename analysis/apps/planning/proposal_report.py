@@ -5,14 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.table import Column, Table
-from rich.text import Text
-
 from analysis.apps.planning.detectability import Judgement
 from analysis.apps.planning.plan_report import noise_in_words
 from analysis.apps.planning.proposal import SET_UP_MIN, CircleProposal, ProposedCircle
-from analysis.cli.plain_console import fold_long_words, right
+from analysis.apps.report.blocks import Block, Heading, Sentence, Table
 from analysis.runs.written_files import refuse_existing
 from rigs.edit import Keys, Value, with_values
 from rigs.effect_names import name_in_words, names_in_words
@@ -21,45 +17,42 @@ from rigs.schema.vocabulary import CIRCLES
 
 _MOST_REASONS = 3
 _MOST_NAME = 63
-"""Maximum length of a rig name, from the schema."""
 _MOST_DIGITS = 2
-"""Maximum number of digits in a circle number."""
 
 
-def as_table(proposal: CircleProposal) -> RenderableType:
-    """Return the proposed circles, their benefit, and the effects that stay untestable."""
+def answer_of(proposal: CircleProposal) -> list[Block]:
+    """The proposed circles, their benefit, and the errors that stay undetectable."""
     head = (
         f"Circles within {proposal.minutes:g} min, in addition to {proposal.runs} runs of {', '.join(proposal.tests)}"
     )
-    parts: list[RenderableType] = [Text(head, style="bold"), Text(noise_in_words(CIRCLES))]
     reasons = ", ".join(f"{count} {reason}" for reason, count in list(proposal.refused.items())[:_MOST_REASONS])
     tried = proposal.feasible + sum(proposal.refused.values())
-    parts.append(Text(f"{proposal.feasible} of {tried} circles can be driven" + (f" ({reasons})" if reasons else "")))
+    driven = f"{proposal.feasible} of {tried} circles can be driven" + (f" ({reasons})" if reasons else "")
+    blocks: list[Block] = [Sentence(head, "strong"), Sentence(noise_in_words(CIRCLES)), Sentence(driven)]
     if proposal.circles:
-        title = f"{proposal.used_min:.0f} min in total, including {SET_UP_MIN:g} min to set up each circle"
-        columns = ("circle", right("min"), Column("also detects", ratio=1), Column("separates", ratio=1))
-        table = Table(*columns, title=title, title_style="dim")
+        rows = []
         for number, circle in enumerate(proposal.circles, start=1):
             pairs = "; ".join(" and ".join(map(name_in_words, pair)) for pair in _separated(proposal, circle))
             names = names_in_words(_testable(proposal, circle))
-            table.add_row(
-                f"{number}. {circle.candidate.words}", f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"
-            )
-        parts.append(fold_long_words(table))
+            words = f"{number}. {circle.candidate.words}"
+            rows.append((words, f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"))
+        title = f"{proposal.used_min:.0f} min in total, including {SET_UP_MIN:g} min to set up each circle"
+        heads = ("circle", "min", "also detects", "separates")
+        blocks += [Heading(title, 3), Table(heads, tuple(rows), frozenset({1}))]
     else:
-        parts.append(Text("Within this time, no further circle makes more errors detectable.", style="yellow"))
+        blocks.append(Sentence("Within this time, no further circle makes more errors detectable.", "doubt"))
     judgements = {"before": proposal.before} | ({"with these circles": proposal.after} if proposal.circles else {})
     for when, judgement in judgements.items():
         count, hidden = len(judgement.names), len(judgement.undetectable)
         alike = "1 pair looks" if len(judgement.pairs) == 1 else f"{len(judgement.pairs) or 'no'} pairs look"
-        parts.append(Text(f"{when}: {count - hidden} of {count} errors are detectable, {alike} alike"))
+        blocks.append(Sentence(f"{when}: {count - hidden} of {count} errors are detectable, {alike} alike"))
     if proposal.after.undetectable:
-        parts.append(Text(f"still not detectable: {names_in_words(proposal.after.undetectable)}", style="yellow"))
-    return Group(*parts)
+        blocks.append(Sentence(f"still not detectable: {names_in_words(proposal.after.undetectable)}", "doubt"))
+    return blocks
 
 
 def _testable(proposal: CircleProposal, circle: ProposedCircle) -> list[str]:
-    """Return the effects that a circle makes testable, confirmed by the full judgement of all circles, which fits
+    """Effects that a circle makes testable, confirmed by the full judgement of all circles, which fits
     shapes.
     """
     return [name for name in circle.testable if name not in proposal.after.undetectable]
@@ -71,7 +64,6 @@ def _separated(proposal: CircleProposal, circle: ProposedCircle) -> list[tuple[s
 
 
 def as_object(proposal: CircleProposal, written: list[Path]) -> dict[str, Any]:
-    """Return the proposal as a JSON object."""
     return {
         "tests": list(proposal.tests),
         "runs": proposal.runs,
@@ -141,6 +133,6 @@ def write(proposal: CircleProposal, text: str, directory: Path) -> list[Path]:
 
 
 def _stem(rig: Rig, number: str) -> str:
-    """Return the name of a rig with a proposed circle, or with an empty number the common prefix."""
+    """Name of a rig with a proposed circle, or with an empty number the common prefix."""
     room = _MOST_NAME - len("-circle-") - _MOST_DIGITS
     return f"{rig.name[:room]}-circle-{number}"

@@ -30,18 +30,18 @@ class ReadingPool:
     minutes: Array
 
     def after(self, entries: Array) -> ReadingPool:
-        """Return the pool after other readings with these entries (g, k) were taken."""
+        """Pool after other readings with these entries (g, k) were taken."""
         root = np.linalg.cholesky(np.eye(entries.shape[1]) + entries.T @ entries)
         rows = np.concatenate([self.readings.reshape(-1, self.readings.shape[2]), self.targets])
         rows, cut = np.linalg.solve(root, rows.T).T, len(rows) - len(self.targets)
         return replace(self, readings=rows[:cut].reshape(self.readings.shape), targets=rows[cut:])
 
     def gains(self) -> Array:
-        """Return the reduction (r,) mm² of the summed variance of the targets by each reading alone."""
+        """Reduction (r,) mm² of the summed variance of the targets by each reading alone."""
         return _gains(self.readings @ self.readings.transpose(0, 2, 1), self.readings @ self.targets.T)
 
     def choose(self, count: int, first: Sequence[int] = ()) -> Integers:
-        """Return the indices (count,) of the readings to take, in order.
+        """Indices (count,) of the readings to take, in order.
 
         first: readings that are taken already; they are the first of the result.
         """
@@ -62,7 +62,7 @@ class ReadingPool:
         return np.array(chosen, dtype=np.int64)
 
     def u_mm(self, chosen: Integers) -> float:
-        """Return the rms uncertainty of a position after the chosen readings, for targets of three coordinates each."""
+        """Rms uncertainty of a position after the chosen readings, for targets of three coordinates each."""
         targets = self.after(self.readings[chosen].reshape(-1, self.readings.shape[2])).targets
         return float(np.sqrt(3 * (targets**2).sum() / len(targets)))
 
@@ -75,6 +75,6 @@ def _gains(own: Array, across: Array) -> Array:
 
 
 def as_readings(rows: Sequence[Array]) -> Array:
-    """Return readings of different numbers of entries (e, k) as an array (r, e, k), with rows of zeros at the end."""
+    """Readings of different numbers of entries (e, k) as an array (r, e, k), with rows of zeros at the end."""
     width = max(map(len, rows))
     return np.stack([np.pad(entries, ((0, width - len(entries)), (0, 0))) for entries in rows])

@@ -50,13 +50,11 @@ class Candidates:
     """Joint angles (m, axes) rad, followed by the rail position in m."""
     target: Integers
     solution: Integers
-    """Postures with the same number (m,) differ by full turns."""
     branch: Integers
     """4 · shoulder + 2 · elbow + wrist (m,), or NO_BRANCH."""
     conditioning: Array
     """0 is singular."""
     reasons: dict[int, Reason]
-    """Reason for each target without a posture."""
 
     def of(self, rows: Mask | Integers) -> Candidates:
         return Candidates(
@@ -65,7 +63,6 @@ class Candidates:
         )  # fmt: skip
 
     def groups(self) -> Iterator[tuple[int, slice]]:
-        """Yield each target with postures, and their rows."""
         targets, begins = np.unique(self.target, return_index=True)
         ends = [*begins.tolist()[1:], len(self.target)] if len(begins) else []
         for target, begin, end in zip(targets.tolist(), begins.tolist(), ends, strict=True):

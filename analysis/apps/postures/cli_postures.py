@@ -69,11 +69,11 @@ def postures(
     """Rank all postures that reach each target by their expected error, and choose the best sequence.
 
     A posture is within the joint limits and clear of singularities. Obstacles are not known."""
-    from analysis.apps.postures.report import as_screen
+    from analysis.apps.postures.report import answer_of
     from analysis.apps.postures.result import choose_postures
     from analysis.apps.postures.targets import labels_of, read_targets, target_errors
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
-    from analysis.cli.plain_console import PlainConsole
     from analysis.cli.several import end_with_errors
     from rigs.load import load, named_by
 
@@ -96,7 +96,7 @@ def postures(
         of_lines = [target | {"line": line} for target, line in zip(content["targets"], read.lines, strict=True)]
         say_json(content | {"targets": of_lines, "files": [str(path) for path in written]})
     else:
-        PlainConsole().print(as_screen(chosen, labels_of(read), lang))
+        say_answer(answer_of(chosen, labels_of(read), lang))
     say_written(written)
     if written and chosen.knowledge == "calibrated":
         table = as_argument(written[0])

@@ -71,7 +71,6 @@ class PostureErrors:
     """Errors of m postures in mm."""
 
     error_mm: Array
-    """Expected displacement (m, 3) excluding backlash."""
     u_mm: Array
     """Standard uncertainty (m,) of the displacement."""
     rising_mm: Array
@@ -82,7 +81,6 @@ class PostureErrors:
 
     @cached_property
     def size_mm(self) -> Array:
-        """Expected error (m,) mm, excluding backlash and uncertainty."""
         return np.asarray(np.linalg.norm(self.error_mm + self._middle_mm, axis=1))
 
     @cached_property
@@ -230,7 +228,6 @@ def typical_displacements(rig: Rig, q: Array) -> Array:
 
 
 def _typical_plays(rig: Rig) -> list[Effect]:
-    """Backlash of every joint at the size typical for the build of the arm."""
     plays = [cls for cls in VOCABULARY.values() if cls.STAGE == "joint" and cls.STRAIGHT == 0]
     of_axes = [
         healthy(cls.model_validate({"axis": axis, size_fields(cls)[0]: 1.0}))

@@ -1,7 +1,3 @@
-"""The picture of `rig postures`: error of every posture by target, joint angles of the chosen postures, and the map
-of a part's places.
-"""
-
 from __future__ import annotations
 
 import textwrap
@@ -14,55 +10,49 @@ from matplotlib.patches import Rectangle
 
 from analysis.apps.postures.report import gain_words, limits, map_words
 from analysis.apps.postures.result import Postures
+from analysis.apps.postures.sequence import Sequence
 from analysis.apps.postures.work_map import WorkMap
+from analysis.apps.report.chart import Chart, ChartLine, Role
 from analysis.apps.report.still_chart import Part, sheet_of
 from analysis.apps.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
 
-_WIDTH = 9.0
-_CHOSEN, _USUAL, _GREY = "#1f5fa8", "#d95f02", "#b0b0b0"
+_BEST, _TARGETS = "#1f5fa8", "#d95f02"
+_JOINTS: tuple[Role, ...] = ("acw", "cw", "measured", "after", "quiet", "fifth", "sixth")
 
 
 def picture(postures: Postures) -> Figure:
     """Sheet with title, errors by target, joint angles along the program and, for a part, the map."""
     texts = texts_of("en")
-    title = [gain_words(postures, texts), *limits(postures, texts)]
-    parts: list[Part] = [(2.8, partial(_draw_errors, postures)), (2.6, partial(_draw_joints, postures))]
+    title, parts = [gain_words(postures, texts), *limits(postures, texts)], list[Part]()
     if postures.work_map is not None:
         title.append(map_words(postures, texts))
         parts.append((5.4, partial(_draw_map, postures.work_map, postures.reached[:, :2, 3])))
-    return sheet_of([short for line in title for short in textwrap.wrap(line, 92)], [], parts, _WIDTH)
+    lines = [short for line in title for short in textwrap.wrap(line, 92)]
+    return sheet_of(lines, [_errors(postures), _joints(postures)], parts)
 
 
-def _draw_errors(postures: Postures, sheet: SubFigure) -> None:
-    axes: Axes = sheet.subplots()
-    targets = postures.candidates.target
-    axes.plot(targets + 1, postures.errors.expected_mm, ".", color=_GREY, ms=4, label="every posture")
-    for sequence, colour, label, marker in (
-        (postures.usual, _USUAL, "postures of the table" if postures.is_given else "shortest way", "s"),
-        (postures.best, _CHOSEN, "chosen", "o"),
-    ):
-        at = targets[sequence.rows] + 1
-        axes.plot(at, sequence.expected_mm, "-", marker=marker, ms=3, lw=1, color=colour, label=label)
+def _errors(postures: Postures) -> Chart:
+    expected, target = postures.errors.expected_mm, postures.candidates.target.astype(float) + 1.0
+    usual = "postures of the table" if postures.is_given else "shortest way"
+    sequences: list[tuple[str, Role, Sequence]] = [(usual, "acw", postures.usual), ("chosen", "cw", postures.best)]
+    lines = [ChartLine("every posture", "quiet", target, expected, points=True)]
+    lines += [ChartLine(name, role, target[one.rows], one.expected_mm) for name, role, one in sequences]
     # Single postures may be far outside the measured region.
-    shown = np.concatenate([postures.best.expected_mm, postures.usual.expected_mm, np.zeros(1)])
-    high = np.percentile(postures.errors.expected_mm, 95) if len(postures.errors.expected_mm) else 1.0
-    axes.set_ylim(0, 1.25 * max(float(shown.max()), float(high), 1e-3))
-    axes.set_xlabel("target")
-    axes.set_ylabel("expected error / mm")
-    axes.legend(fontsize=8, ncols=3, loc="upper right", frameon=False)
+    high = np.percentile(expected, 95) if len(expected) else 1.0
+    span = (0.0, 1.25 * max(*(line.y.max(initial=1e-3) for line in lines[1:]), float(high)))
+    labels = "target", "expected error / mm"
+    return Chart("Expected error", "", "targets", *labels, "mm", tuple(lines), span=span)
 
 
-def _draw_joints(postures: Postures, sheet: SubFigure) -> None:
-    axes: Axes = sheet.subplots()
+def _joints(postures: Postures) -> Chart:
     rows = postures.best.rows
     angles = np.degrees(postures.candidates.q[rows, : len(postures.rig.robot.axes)])
-    for axis, column in enumerate(angles.T, start=1):
-        axes.plot(postures.candidates.target[rows] + 1, column, ".-", ms=3, lw=1, label=f"J{axis}")
-    axes.set_xlabel("target")
-    axes.set_ylabel("chosen joint angle / °")
-    axes.legend(fontsize=8, ncols=7, loc="upper right", frameon=False)
-    axes.margins(y=0.25)
+    lines = [
+        ChartLine(f"J{axis}", role, postures.candidates.target[rows].astype(float) + 1.0, column)
+        for axis, (role, column) in enumerate(zip(_JOINTS, angles.T, strict=False), start=1)
+    ]
+    return Chart("Chosen postures", "", "targets", "target", "joint angle / °", "°", tuple(lines))
 
 
 def _draw_map(work_map: WorkMap, places: Array, sheet: SubFigure) -> None:
@@ -71,9 +61,9 @@ def _draw_map(work_map: WorkMap, places: Array, sheet: SubFigure) -> None:
     sheet.colorbar(drawn, ax=axes, label="expected error of the part / mm rms", shrink=0.8)
     if work_map.best_mm is not None:
         (x, y), (width, height) = work_map.best_mm, work_map.part_mm[:2]
-        axes.add_patch(Rectangle((x - width / 2, y - height / 2), width, height, fill=False, ec=_CHOSEN, lw=2))
-        axes.plot([], [], "-", color=_CHOSEN, lw=2, label="best place of the part")
-    axes.plot(places[:, 0], places[:, 1], ".", color=_USUAL, ms=4, label="targets")
+        axes.add_patch(Rectangle((x - width / 2, y - height / 2), width, height, fill=False, ec=_BEST, lw=2))
+        axes.plot([], [], "-", color=_BEST, lw=2, label="best place of the part")
+    axes.plot(places[:, 0], places[:, 1], ".", color=_TARGETS, ms=4, label="targets")
     axes.set_aspect("equal")
     axes.set_xlabel("x / mm")
     axes.set_ylabel("y / mm")

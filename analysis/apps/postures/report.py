@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 
 import numpy as np
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from analysis.apps.postures.result import Postures
+from analysis.apps.report.blocks import Block, Sentence, Table
 from analysis.apps.report.texts import Language, Texts, texts_of
-from analysis.cli.plain_console import bare_table, right
 from analysis.robot.kinematics.arm import RAIL_MM
 from analysis.runs.tables import RAIL, joint_columns
+from analysis.runs.written_files import csv_text
 from rigs.schema.robot import Robot
 
 POSTURE_COLUMNS = ("expected_mm", "error_mm", "posture_u_mm", "measured_region")
@@ -29,22 +26,22 @@ _SHOWN_PLAY = 0.2
 """Share of the expected error from which play is mentioned. At this share, play increases the rms by 2 %."""
 
 
-def as_screen(postures: Postures, labels: Sequence[str], language: Language = "en") -> RenderableType:
-    """Unknowns, gain, and a row for each target, named by `labels` (n,)."""
+def answer_of(postures: Postures, labels: Sequence[str], language: Language = "en") -> list[Block]:
     texts = texts_of(language)
-    parts: list[RenderableType] = [Text(line, style="yellow") for line in limits(postures, texts)]
     best, usual = postures.best, postures.usual
     travel, before = (f"{np.degrees(sequence.travel_rad):.0f}" for sequence in (best, usual))
     motion = texts("postures_way", changes=best.changes, before=usual.changes, travel=travel, travel_before=before)
-    parts += [Text(gain_words(postures, texts), style="bold"), Text(motion)]
-    if placed := map_words(postures, texts):
-        parts.append(Text(placed, style="bold"))
-    parts += [Text(), _table(postures, labels, texts)]
     unlisted = len(postures.poses) - _MOST_ROWS
-    parts += [Text(texts("postures_more", count=unlisted))] if unlisted > 0 else []
-    if play := play_words(postures, texts):
-        parts.append(Text(play))
-    return Group(*parts, Text(texts("postures_collisions"), style="dim"))
+    below = [texts("postures_more", count=unlisted) if unlisted > 0 else "", play_words(postures, texts)]
+    return [
+        *(Sentence(line, "doubt") for line in limits(postures, texts)),
+        Sentence(gain_words(postures, texts), "strong"),
+        Sentence(motion),
+        *(Sentence(placed, "strong") for placed in [map_words(postures, texts)] if placed),
+        _table(postures, labels, texts),
+        *(Sentence(line) for line in below if line),
+        Sentence(texts("postures_collisions"), "note"),
+    ]
 
 
 def limits(postures: Postures, texts: Texts) -> list[str]:
@@ -91,28 +88,26 @@ def play_words(postures: Postures, texts: Texts) -> str:
     return texts("postures_play", unknown=f"{unknown:.3f}", chosen=f"{chosen:.3f}")
 
 
-def _table(postures: Postures, labels: Sequence[str], texts: Texts) -> RenderableType:
-    names = ("target", "count", "range", "chosen", "joints")
-    heads = [texts(f"postures_column_{name}") for name in names]
-    table = bare_table(heads[0], *map(right, heads[1:4]), heads[4])
-    chosen = dict(
-        zip(postures.candidates.target[postures.best.rows].tolist(), postures.best.rows.tolist(), strict=True)
-    )
-    of_target = dict(postures.candidates.groups())
-    for target in range(min(len(postures.poses), _MOST_ROWS)):
+def _table(postures: Postures, labels: Sequence[str], texts: Texts) -> Table:
+    candidates, rows = postures.candidates, []
+    chosen = dict(zip(candidates.target[postures.best.rows].tolist(), postures.best.rows.tolist(), strict=True))
+    of_target = dict(candidates.groups())
+    for target, label in enumerate(labels[:_MOST_ROWS]):
         if target not in chosen:
-            table.add_row(labels[target], "0", "–", "–", "–")
+            rows.append((label, "0", "–", "–", "–"))
             continue
-        rows, row = of_target[target], chosen[target]
-        expected, solutions = postures.errors.expected_mm[rows], np.unique(postures.candidates.solution[rows])
+        at, row = of_target[target], chosen[target]
+        expected, solutions = postures.errors.expected_mm[at], np.unique(candidates.solution[at])
         spread = f"{expected.min():.3f} … {expected.max():.3f}"
         error = "" if postures.knowledge == "typical" else f"{postures.errors.size_mm[row]:.3f} "
-        q, axes = postures.candidates.q[row], len(postures.rig.robot.axes)
+        q, axes = candidates.q[row], len(postures.rig.robot.axes)
         angles = [f"{angle:z.0f}" for angle in np.degrees(q[:axes])]
         angles += [f"E1 {RAIL_MM * stand:z.0f} mm" for stand in q[axes:]]
-        with_u = f"{error}± {postures.errors.u_mm[row]:.3f}"
-        table.add_row(labels[target], str(len(solutions)), spread, with_u, ", ".join(angles))
-    return table
+        rows.append(
+            (label, f"{len(solutions)}", spread, f"{error}± {postures.errors.u_mm[row]:.3f}", ", ".join(angles))
+        )
+    heads = tuple(texts(f"postures_column_{name}") for name in ("target", "count", "range", "chosen", "joints"))
+    return Table(heads, tuple(rows), frozenset({1, 2, 3}))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -129,7 +124,7 @@ def chosen_csv(postures: Postures, kept: dict[str, list[str]]) -> str:
          *_error_cells(postures, row)]
         for target, row, expected in zip(targets, rows.tolist(), postures.best.expected_mm.tolist(), strict=True)
     ]  # fmt: skip
-    return _csv([head, *lines])
+    return csv_text([head, *lines])
 
 
 def all_csv(postures: Postures, labels: Sequence[str]) -> str:
@@ -149,7 +144,7 @@ def all_csv(postures: Postures, labels: Sequence[str]) -> str:
                 f"{postures.errors.play_mm[row]:.4f}", f"{approached[row]:.4f}", sides,
                 f"{postures.candidates.conditioning[row]:.4f}",
             ])  # fmt: skip
-    return _csv([("target", "rank", *names), *lines])
+    return csv_text([("target", "rank", *names), *lines])
 
 
 def _joint_names(robot: Robot) -> list[str]:
@@ -166,9 +161,3 @@ def _error_cells(postures: Postures, row: int) -> list[str]:
     size = "" if postures.knowledge == "typical" else f"{errors.size_mm[row]:.4f}"
     region = "unknown" if errors.covered is None else "yes" if errors.covered[row] else "no"
     return [size, f"{errors.u_mm[row]:.4f}", region]
-
-
-def _csv(lines: Sequence[Sequence[str]]) -> str:
-    written = io.StringIO()
-    csv.writer(written, lineterminator="\n").writerows(lines)
-    return written.getvalue()

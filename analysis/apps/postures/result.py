@@ -31,7 +31,6 @@ class Postures:
     poses: Array
     knowledge: Knowledge
     verdict: str
-    """Reason for not using the calibration of the rig; empty if it is used or absent."""
     candidates: Candidates
     errors: PostureErrors
     best: Sequence
@@ -66,7 +65,6 @@ class Postures:
         return [rows.start + k for k in order.tolist()]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types, angles in degrees, lengths in mm."""
         rising, approached = self.errors.best_approach()
         targets: list[dict[str, Any]] = [
             {"target": k, "postures": [], "reason": self.candidates.reasons.get(k)} for k in range(len(self.poses))

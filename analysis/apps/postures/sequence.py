@@ -32,11 +32,9 @@ class Sequence:
     """A posture for each target in program order."""
 
     rows: Integers
-    """Rows (t,) of the candidates."""
     expected_mm: Array
     """Expected error (t,), with the side of approach given by the program."""
     changes: int
-    """Number of changes of branch."""
     travel_rad: float
     """Sum over all moves of the largest joint motion."""
 

@@ -42,7 +42,6 @@ class Cause:
     name: str
     nature: Nature
     mean: Array
-    """(n, 3)"""
     common: Array
     """Independent displacements common to all targets (k, n, 3)."""
     own: Array
@@ -72,9 +71,7 @@ class Work:
     """Targets of a program."""
 
     q: Array
-    """Joint angles (n, axes) rad."""
     wanted: Array
-    """Programmed poses (n, 4, 4)."""
     came_from: Array
     """Postures from which the program reaches them, NaN if unknown."""
     load_kg: Array

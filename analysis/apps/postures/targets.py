@@ -72,7 +72,6 @@ def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
 
 
 def target_errors(path: Path, read: TargetPath, postures: Postures) -> list[FileError]:
-    """An error for each target without a posture."""
     return [
         FileError(
             f"{path}, line {read.lines[k]}",

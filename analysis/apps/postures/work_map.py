@@ -27,9 +27,7 @@ class WorkMap:
     x_mm: Array
     y_mm: Array
     z_mm: float
-    """Height of its centre."""
     part_mm: Array
-    """Its size (3,)."""
     expected_mm: Array
 
     @property

@@ -12,7 +12,8 @@ from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 
 from analysis.apps.planning.detectability import CapabilityOfTests, detectabilities_of, plan
-from analysis.apps.planning.plan_report import as_table
+from analysis.apps.planning.plan_report import answer_of
+from analysis.apps.report.blocks import on_screen
 from analysis.cli import app
 from analysis.diagnosis.evidence.observation import observe_run, rms
 from analysis.diagnosis.evidence.setups import fit_run_setups
@@ -61,7 +62,7 @@ def test_80_columns_hold_every_size_of_the_table_of_joints_whole():
     circle_alone = plan_without_further_tests()
     console = Console(width=80, file=io.StringIO())
     with console.capture() as shown:
-        console.print(as_table(circle_alone))
+        console.print(on_screen(answer_of(circle_alone)))
     joints = shown.get().partition("links")[2].partition("Other errors")[0]
     assert "…" not in joints
     for one in circle_alone.detectabilities:
