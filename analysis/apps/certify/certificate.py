@@ -127,7 +127,7 @@ def certify(
 def _drawn(
     feature: Feature, nominal: Array, causes: Sequence[Cause], rows: Integers, *, is_corrected: bool
 ) -> tuple[Array, Array, str | None]:
-    """Return draws (d, m, 3) mm of the positions of a feature now and after a correction, and the cause whose absence
+    """Draws (d, m, 3) mm of the positions of a feature now and after a correction, and the cause whose absence
     would reduce the risk most."""
     rng = np.random.default_rng(0)
     drawn = [cause.draw(rows, _DRAWS, rng) for cause in causes]

@@ -120,7 +120,7 @@ def certify(
     for note in notes[:_MOST_NOTES]:
         say(f"{program}: {note}", err=True, mark="note: ")
     if output:
-        from analysis.apps.certify.certificate_page import write_page  # matplotlib takes half a second
+        from analysis.apps.certify.certificate_report import write_page  # matplotlib takes half a second
 
         write_page(judged, listed, output, program.name, rig.name)
         say_written([output])

@@ -55,7 +55,7 @@ class Until:
 
 
 def drifts_of(history: History) -> list[Drift]:
-    """Return the figures of a history that rise up to the newest run."""
+    """Figures of a history that rise up to the newest run."""
     drifts = []
     for series in history.series:
         axis = int(series.figure[6]) - 1 if series.figure.startswith("play_j") else None
@@ -74,7 +74,7 @@ def drifts_of(history: History) -> list[Drift]:
 
 
 def until(rig: Rig, drift: Drift, work: Work, moved: Array, inside: Inside) -> Until | None:
-    """Return the day on which a feature leaves its tolerance; None if it is outside already, or inside for ten years.
+    """Day on which a feature leaves its tolerance; None if it is outside already, or inside for ten years.
 
     work: targets of the feature (m,). moved: draws (d, m, 3) mm of their displacements now.
     """

@@ -43,7 +43,7 @@ class Feature:
     """Argument or line of the table that states it, for errors."""
 
     def values(self, nominal: Array, moved: Array) -> Array:
-        """Return the error (k,) mm for nominal (m, 3) and k displaced sets of points (k, m, 3), in mm."""
+        """Error (k,) mm for nominal (m, 3) and k displaced sets of points (k, m, 3), in mm."""
         if self.kind == "position":
             return np.asarray(np.linalg.norm(moved[:, 0] - nominal[0], axis=1))
         if self.kind == "distance":
@@ -106,7 +106,7 @@ def features_of(
 
 
 def _stated(where: str, label: str, text: str) -> tuple[str, Kind, str, float]:
-    """Return name, kind, targets and tolerance in mm of a feature as written, such as `distance:A,B=0.1mm`."""
+    """Name, kind, targets and tolerance in mm of a feature as written, such as `distance:A,B=0.1mm`."""
     feature, equals, tolerance = (part.strip() for part in text.rpartition("="))
     if not equals or not feature:
         raise UseError(where, "is not FEATURE=MM", f"write {_SIGN}", code="certify.feature")
@@ -126,7 +126,7 @@ def _stated(where: str, label: str, text: str) -> tuple[str, Kind, str, float]:
 
 
 def _rows_in(table: Path) -> list[tuple[str, str, str]]:
-    """Return place, name and text of the features in a table. Raises FileError for a table without the columns."""
+    """Place, name and text of the features in a table. Raises FileError for a table without the columns."""
     rows = csv.DictReader(io.StringIO(read_bytes(table, _MOST_BYTES).decode("utf-8-sig", "replace"), newline=""))
     if missing := [name for name in _COLUMNS if name not in (rows.fieldnames or ())]:
         has_no_unit = "tolerance" in (rows.fieldnames or ())
@@ -156,7 +156,7 @@ def _check(feature: Feature, nominal: Array) -> None:
 
 
 def _rows_of(where: str, targets: str, names: Sequence[str], lines: Sequence[int]) -> list[int]:
-    """Return the rows of the targets of a feature; `A..B` are all from A to B. Raises UseError."""
+    """Rows of the targets of a feature; `A..B` are all from A to B. Raises UseError."""
     if targets == "all":
         return list(range(len(names)))
     rows: list[int] = []

@@ -45,7 +45,7 @@ class Listed:
 
 
 def targets_of(path: Path, rig: Rig, frames: Frames, start: tuple[float, ...] | None, load_kg: float | None) -> Listed:
-    """Return the targets of a program of any maker, or of a CSV table. load_kg: payload, None for that of the rig.
+    """Targets of a program of any maker, or of a CSV table. load_kg: payload, None for that of the rig.
 
     A table may have the columns name and load_kg. Raises FileError.
     """
@@ -151,7 +151,6 @@ def _with_line(rig: Rig, listed: Listed, feature: Feature) -> tuple[Listed, Feat
 
 
 def programmed_places(listed: Listed) -> Array:
-    """Return the programmed positions (n, 3) mm, NaN if unknown."""
     places = listed.work.wanted[:, :3, 3].copy()
     places[list(listed.unknown)] = np.nan
     return places
