@@ -1,8 +1,7 @@
-"""Edit a rig file in place: change values or add effects. All other text and comments are preserved.
+"""Edit values and effects of a rig file in place, with all other text and comments preserved.
 
-YAML nodes give the position of each value. Numbers are replaced in place. Missing keys are inserted at the start of
-their mapping, in any style, or at the end of the file for top-level keys. The result is parsed and compared with the
-request. Text shared by several places (YAML anchors) is therefore refused instead of changed partially.
+Nodes of YAML give the position of each value. The result is parsed and compared with the request, so text that several
+places share (anchors) is refused instead of changed in part.
 """
 
 from __future__ import annotations
@@ -23,27 +22,17 @@ from rigs.rig import Rig
 from rigs.yaml_text import data_of, flow, nodes_of
 
 Keys = tuple[str, ...]
-"""Path to a value, such as ("tests", "circle", "radius_mm")."""
 Value = float | str | Sequence[float]
 Values = Mapping[str, float | Sequence[float]]
 """Keys of a test with the numbers, in file units."""
 _Edit = tuple[int, int, str]
-"""Start and end of a replaced piece of text, and the new text."""
 
 
 def with_values(
     text: str, values: Mapping[Keys, Value], expected: Rig, where: str, remedy: str = "write the values out in the file"
 ) -> str:
-    """Text of a rig file with changed values, verified to give the expected rig.
-
-    Raises FileError with this remedy if the text cannot be changed: it shares text between places (YAML anchors), or
-    has an unusual layout.
-    """
-    edited = text
-    for parent in dict.fromkeys(keys[:-1] for keys in values):
-        changes = {keys[-1]: value for keys, value in values.items() if keys[:-1] == parent}
-        for begin, end, piece in sorted(_edits(edited, parent, changes), reverse=True):
-            edited = edited[:begin] + piece + edited[end:]
+    """Text of a rig file with changed values. Raises FileError with this remedy if it cannot be changed in place."""
+    edited = _edited(text, values)
     try:
         reached = parse(edited, where)
     except RigFileError:
@@ -58,11 +47,15 @@ def with_values(
     return edited
 
 
-def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, where: str) -> str:
-    """Text of a rig file with changed values of a test, with ten digits. A missing test is added.
+def _edited(text: str, values: Mapping[Keys, Value]) -> str:
+    for parent in dict.fromkeys(keys[:-1] for keys in values):
+        changes = {keys[-1]: value for keys, value in values.items() if keys[:-1] == parent}
+        for begin, end, piece in sorted(_edits(text, parent, changes), reverse=True):
+            text = text[:begin] + piece + text[end:]
+    return text
 
-    Raises RigFileError if a value is out of bounds, and FileError if the text cannot be changed in place.
-    """
+
+def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, where: str) -> str:
     rounded = {key: _rounded(value) for key, value in values.items()}
     remedy = "run the command without --write, and paste the printed block"
     changes: dict[Keys, Value] = {("tests", test, key): value for key, value in rounded.items()}
@@ -77,13 +70,11 @@ def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, 
 
 
 def block_of(test: str, values: Values, indent: int = 0) -> str:
-    """Format the values of a test as indented lines of a rig file, with ten digits."""
     rounded = {key: _rounded(value) for key, value in values.items()}
     return "".join(f"{' ' * indent}{line}\n" for line in _block((test,), rounded))
 
 
 def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
-    """Edits for changed values of a mapping."""
     root = nodes_of(text)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
     node = root
@@ -110,13 +101,11 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
 
 
 def _block(keys: Keys, values: Mapping[str, Value]) -> list[str]:
-    """Format values below these keys, each in a line."""
     above = [f"{'  ' * depth}{key}:" for depth, key in enumerate(keys)]
     return [*above, *(f"{'  ' * len(keys)}{key}: {flow(value)}" for key, value in values.items())]
 
 
 def _put_first(mapping: yaml.MappingNode, entries: Sequence[str]) -> _Edit:
-    """Insert entries at the start of a mapping."""
     start = mapping.start_mark
     if mapping.flow_style:
         return start.index + 1, start.index + 1, "".join(f"{entry}, " for entry in entries)
@@ -141,7 +130,6 @@ def _child(node: yaml.Node | None, key: str) -> yaml.Node | None:
 
 
 def _nested(keys: Keys, values: Mapping[str, Value]) -> Mapping[str, Any]:
-    """Nest values below these keys."""
     return reduce(lambda inner, key: {key: inner}, reversed(keys), values)
 
 
@@ -156,15 +144,7 @@ def extended(text: str, effects: Sequence[Effect], where: str, calibration: Cali
     """
     grown = _with_effects(text, effects) if effects else text
     if calibration:
-        root = nodes_of(grown)
-        assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
-        lines = grown.rstrip("\n").split("\n")
-        block = ["calibration:", f"  file: {calibration.file}", f"  sha256: {calibration.sha256}"]
-        begin, end, gap = len(lines), len(lines), [""]  # at the end of the text, or in the old place
-        for key, value in root.value:
-            if key.value == "calibration":
-                begin, end, gap = key.start_mark.line, value.end_mark.line + (value.end_mark.column > 0), []
-        grown = "\n".join([*lines[:begin], *gap, *block, *lines[end:]]) + "\n"
+        grown = _edited(grown, {("calibration", key): value for key, value in calibration.model_dump().items()})
     parse(grown, where)
     return grown
 
@@ -197,7 +177,6 @@ def _with_effects(text: str, effects: Sequence[Effect]) -> str:
 
 
 def _dumped(fields: dict[str, object]) -> str:
-    """Format fields in a line, the kind first and the provenance last."""
     ordered = {"effect": fields["effect"], **fields}
     if "found" in ordered:
         ordered["found"] = ordered.pop("found")

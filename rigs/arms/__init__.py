@@ -7,7 +7,6 @@ pasting.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -25,8 +24,6 @@ _SECTION = "\nrobot:\n"
 
 
 class Sources(Part):
-    """Sources of the numbers of an arm. second, third: independent sources used to check the geometry."""
-
     geometry: str
     second: str
     third: str = ""
@@ -36,12 +33,9 @@ class Sources(Part):
 
 
 class ArmFile(Part):
-    """Content of a library file."""
-
     maker: str
     model: str
     note: str = ""
-    """Remarks for users: similar arms, derived numbers."""
     repeatability_mm: float | None = Field(default=None, gt=0, le=10)
     """Pose repeatability RP (ISO 9283) from the data sheet."""
     sources: Sources
@@ -58,19 +52,10 @@ class ArmFile(Part):
         return self
 
 
-@dataclass(frozen=True)
-class LibraryArm:
-    """An arm of the library. text: commented `robot:` section of a rig file."""
-
+class LibraryArm(ArmFile):
     name: str
-    maker: str
-    model: str
-    note: str
-    repeatability_mm: float | None
-    sources: Sources
-    frames: str
-    robot: Robot
     text: str
+    """Commented `robot:` section of a rig file."""
 
 
 def arm_names() -> tuple[str, ...]:
@@ -102,9 +87,8 @@ def load_arm(name: str) -> LibraryArm:
 @cache
 def _parsed(name: str, text: str, where: str) -> LibraryArm:
     root, data = read_yaml(text, where)
+    data |= {"name": name, "text": text[text.index(_SECTION) + 1 :]}
     try:
-        file = ArmFile.model_validate(data)
+        return LibraryArm.model_validate(data)
     except ValidationError as error:
-        raise RigFileError(where, problems_of(error, data, root, ArmFile)) from None
-    section = text[text.index(_SECTION) + 1 :]
-    return LibraryArm(name=name, text=section, **{key: getattr(file, key) for key in ArmFile.model_fields})
+        raise RigFileError(where, problems_of(error, data, root, LibraryArm)) from None
