@@ -1,11 +1,8 @@
-"""Calibrated model of an arm: the complete result of a diagnosis, in a file next to the rig file.
+"""Calibrated model of an arm, the result of a diagnosis, in a JSON file that the rig file names with its SHA-256.
 
-A rig file contains only the effects confirmed by the user. A calibration contains the complete list of *terms*, each an
-effect at a reference size with a multiple `times`. The terms are the posterior of a diagnosis: `times` is the mean, and
-`factor` a root of the covariance. The sum of many small terms can be accurate although none of them is certain.
-
-The file is JSON. The rig file refers to it with its SHA-256. docs/calibration.md shows a reader in twenty lines of
-numpy.
+It lists *terms*, each an effect at a reference size with a multiple `times`, and the covariance of the multiples
+(`factor` is a root of it). The sum of many small terms can be accurate although none of them is certain.
+docs/calibration.md has a reader in twenty lines of numpy.
 """
 
 from __future__ import annotations
@@ -41,21 +38,15 @@ from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
 Array = NDArray[np.float64]
 CALIBRATION = ".calibration.json"
-"""Suffix of a calibration file."""
 TIMES = "times"
 """Parameter of every term: the multiple of the reference size."""
 MOST_CALIBRATION_BYTES = 100_000_000
 """Size limit. A file with 1500 terms has 7 MB, and the size grows with the square of the number of terms."""
 _MOST_TERMS = 20_000
-"""Maximum number of terms.
-
-A diagnosis of poses has 1500. The covariance root of more terms would exceed the size limit.
-"""
+"""Above it `factor` would exceed the size limit. A diagnosis of poses has 1500."""
 _NOTHING = 1e-4
-"""Size in healthy sizes below which a term is dropped.
-
-Five hundred such terms together change the readings by less than a hundredth of a healthy size, but each would need as
-much computing time as a large term.
+"""Healthy sizes below which a term is dropped: five hundred such terms together change the readings by less than a
+hundredth of a healthy size.
 """
 _ROWS = 4096
 """Number of rows of a curve computed together: 135 waves take 4 MB."""
@@ -69,8 +60,6 @@ class CalibrationFile(Part):
 
 
 class CalibratedRun(Part):
-    """A run used for a calibration, with the digest of the readings."""
-
     name: Annotated[str, Field(max_length=300)]
     sha256: Annotated[str, Field(max_length=64)]
 
@@ -85,12 +74,6 @@ class PlacedSetUp(Part):
 
 
 class Term(Part):
-    """An effect at the reference size, and its multiple for this arm.
-
-    `named` terms are also effects of the rig file. They are listed here because the other terms were estimated together
-    with them.
-    """
-
     effect: AnyEffect
     times: float
     named: bool = False
@@ -178,7 +161,6 @@ class CalibratedModel(Part):
 
     @cached_property
     def content(self) -> bytes:
-        """Bytes of the file: the original bytes, whose digest is in a rig file, or new bytes."""
         return self.model_dump_json(indent=1).encode()
 
     @model_validator(mode="after")
@@ -218,7 +200,6 @@ class CalibratedModel(Part):
 
     @cached_property
     def root(self) -> Array:
-        """Root (P, P) of the covariance of the parameters, lower triangular."""
         count = len(self.parameters)
         root = np.zeros((count, count))
         root[np.tril_indices(count)] = np.frombuffer(base64.b64decode(self.factor), dtype="<f4")
@@ -227,11 +208,8 @@ class CalibratedModel(Part):
 
 Verdict = Literal["correct", "nothing"]
 Ground = Literal["not_judged", "explained", "gains_elsewhere", "unknown_cause", "no_gain_elsewhere", "not_shown"]
-"""Reason for using a model for correction, or for not using it.
-
-In order: no run validated it; the runs used are explained; it reduces the error at places excluded from the fit; an
-unknown cause remains; it does not reduce the error at such places; or the runs cannot show the fault, such as four
-poses with more unknowns.
+"""In order: no run validated the model; the runs used are explained; it reduces the error at excluded places; an
+unknown cause remains; it does not reduce the error there; the runs cannot show the fault.
 """
 _LEAST_GAIN = 0.3
 """Share of the mean square at excluded places or poses that a model must remove to be used despite an unknown cause.
@@ -247,7 +225,7 @@ by 1.7 to 4.4 mm.
 
 
 def ground_of(calibrated: CalibratedModel) -> Ground:
-    """Reason for using a model for correction, or for not using it, according to `judged`."""
+    """Why a model is used for correction or not, according to `judged`."""
     judged = calibrated.judged
     if judged is None:
         return "not_judged"
@@ -267,10 +245,7 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
 
 
 def verdict_of(calibrated: CalibratedModel) -> Verdict:
-    """Whether a model may be used to correct targets, programs and controller entries.
-
-    Only this function makes that decision.
-    """
+    """Whether a model may correct targets, programs and controller entries; decided here only."""
     return "correct" if ground_of(calibrated) in ("not_judged", "explained", "gains_elsewhere") else "nothing"
 
 
@@ -281,10 +256,7 @@ correlation of 1 within rounding.
 
 
 def covariance_root(covariance: Array) -> Array:
-    """A lower triangular root (P, P) of a covariance, each row in the unit of its parameter.
-
-    Parameters may be redundant, or known exactly.
-    """
+    """A lower triangular root (P, P) of a covariance with any rank, each row in the unit of its parameter."""
     sd = np.sqrt(np.diag(covariance))
     unit = np.where(sd > 0, sd, 1.0)
     correlation = covariance / unit[:, None] / unit
@@ -293,10 +265,7 @@ def covariance_root(covariance: Array) -> Array:
 
 
 def largest_sd(effect: Effect, field: str) -> float:
-    """Largest plausible uncertainty of a parameter of a calibration: the bound of the effect in a rig file.
-
-    Infinite for an unbounded parameter.
-    """
+    """Largest plausible uncertainty of a parameter: its bound in a rig file, infinite without one."""
     if field != TIMES:
         return bounds(effect, field)[1]
     size = abs(float(getattr(effect, size_field(effect))))
@@ -304,10 +273,7 @@ def largest_sd(effect: Effect, field: str) -> float:
 
 
 def limited_root(root: Array, terms: Sequence[Term], parameters: Sequence[CovarianceParameter]) -> Array:
-    """Limit a root (P, P) of a covariance to plausible uncertainties.
-
-    A parameter is within its bounds, however much the error elsewhere multiplies its uncertainty.
-    """
+    """Limit a root (P, P) of a covariance to plausible uncertainties."""
     most = np.array([largest_sd(terms[parameter.term].effect, parameter.field) for parameter in parameters])
     sd = np.linalg.norm(root, axis=1)
     return np.asarray(root * np.minimum(1.0, most / np.where(sd > 0, sd, 1.0))[:, None], dtype=float)
@@ -319,12 +285,10 @@ def packed_factor(root: Array) -> str:
 
 
 def is_nothing(effect: Effect, times: float) -> bool:
-    """True if a multiple of an effect is small enough to be dropped."""
     return abs(times * size_of(effect)) < _NOTHING
 
 
 def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
-    """Combine terms, each an effect and a multiple, into effects."""
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
     for term, times in terms:
@@ -355,7 +319,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
 
 
 def _without_provenance(effect: Effect) -> Effect:
-    """Drop the provenance, which is not hashable and no property of the arm."""
+    """Drop the provenance, which is not hashable."""
     return effect if effect.found is None else effect.model_copy(update={"found": None})
 
 
@@ -379,7 +343,6 @@ class _Calibrated(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """No forms, because a search never proposes this effect."""
         return []
 
     def remedy(self) -> str:
@@ -402,7 +365,6 @@ class JointCurve(_Calibrated):
         return scene.turned(self.axis, np.radians(self.share * self.at(scene.q[:, self.axis - 1])))
 
     def at(self, q: Array) -> Array:
-        """Curve (n,) in degrees at reported angles q (n,) in rad."""
         order, sine, cosine = np.array(self.waves).T
         begins = np.flatnonzero(np.diff(q, prepend=np.nan) != 0)  # a robot at rest repeats the angle
         angles, curve_deg = q[begins], np.empty(len(begins))
@@ -415,7 +377,6 @@ class JointCurve(_Calibrated):
         return f"angle error of {joint} over its angle"
 
     def compensation(self) -> Compensation:
-        """A compensation by targets: the curve depends only on the posture."""
         return BY_TARGETS
 
 
@@ -431,25 +392,19 @@ class Portion(Part):
 
 
 class _Portions(_Calibrated):
-    """Sum of the scaled changes of effects of the same stage."""
-
     portions: tuple[Portion, ...] = Field(min_length=1)
 
     def apply(self, scene: S) -> S:
-        """Apply the changes of all portions."""
         changed = scene
         for portion in self.portions:
             changed = changed.blended(scene, portion.of.apply(scene), self.share * portion.times)
         return changed
 
     def compensation(self) -> Compensation:
-        """Compensation common to all effects of the stage."""
         return self.portions[0].of.compensation()
 
 
 class JointPortions(_Portions):
-    """Scaled changes of joint angles."""
-
     effect: Literal["joint_portions"] = "joint_portions"
 
     STAGE = "joint"
@@ -461,8 +416,6 @@ class JointPortions(_Portions):
 
 
 class GaugePortions(_Portions):
-    """Scaled changes of gauge readings."""
-
     effect: Literal["gauge_portions"] = "gauge_portions"
 
     STAGE = "gauge"

@@ -11,11 +11,9 @@ import sys
 from contextlib import suppress
 
 NAME = "rig-metrology"
-"""Name of the distribution; the commands are `rig` and `rigd`."""
 
 
 def version() -> str:
-    """The installed version, or `not installed` for a copy of the sources."""
     from importlib import metadata  # noqa: PLC0415 - a tenth of the start of a command that needs none
 
     with suppress(metadata.PackageNotFoundError):

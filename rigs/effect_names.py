@@ -18,7 +18,6 @@ _SEATS = {
     "yx": "between y and −x",
     "evenly": "in all directions",
 }
-"""Seats that are directions of the base, in words."""
 
 
 _PARAMETERS = {
@@ -46,13 +45,11 @@ def parameter_in_words(field: str) -> str:
 
 
 def kind_in_words(kind: str) -> str:
-    """Everyday name of a kind of effect (`link_geometry a`, `backlash`), without the seat."""
     effect, _, field = kind.partition(" ")
     return (VOCABULARY[effect].kind_name(field) or kind) if effect in VOCABULARY else kind
 
 
 def name_in_words(label: str) -> str:
-    """One name or label in words: `zero of axis 5` for `joint_offset 5`, with the order of a gear error."""
     label, _, order = label.partition(" order ")
     return names_in_words([label]) + (f", {waves_in_words(float(order))}" if order else "")
 
@@ -67,7 +64,6 @@ def names_in_words(names: Iterable[str]) -> str:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Split a name into the kind, for a link constant with its field, and the seat."""
     kind, _, seat = name.partition(" ")
     axis, _, field = seat.partition(".")
     return (f"{kind} {field}", axis) if field else (kind, seat)

@@ -22,13 +22,11 @@ _WRONG_ENVIRONMENT = 4
 
 
 def rig() -> None:
-    """Run the command `rig`."""
     _require_packages("rig", "rigs", "daq", "analysis")
     import_module("analysis.cli").main()
 
 
 def rigd() -> None:
-    """Run the daemon `rigd`."""
     _require_packages("rigd", "rigs", "daq")
     import_module("daq.service.rigd").main()
 
@@ -59,6 +57,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the names of the public API, which a console offers for completion."""
     _require_packages("import rig_metrology", "rigs", "daq", PACKAGE_OF_API)
     return [*globals(), *import_module(PACKAGE_OF_API).__all__]

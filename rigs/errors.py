@@ -115,7 +115,6 @@ class CellError(RigError):
 
 
 _IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as an? \w+$")
-"""Phrases of pydantic, used by typer for parsing values, that describe the implementation."""
 
 
 def wrong_use(error: Any, program: str) -> UseError | None:

@@ -1,7 +1,4 @@
-"""List of all interfaces for a rig file, derived from the schemas.
-
-New classes of a union are included automatically.
-"""
+"""All interfaces for a rig file, from the unions of the schemas."""
 
 from __future__ import annotations
 
@@ -38,7 +35,6 @@ class Interface:
 
 
 def list_interfaces() -> list[Interface]:
-    """All interfaces in the order of the schemas, starting with the gauges."""
     return [_interface(model, "gauge") for model in models(Gauge)] + [
         _interface(model, "robot") for model in models(Feedback)
     ]

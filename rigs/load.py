@@ -1,7 +1,7 @@
-"""Loading of a rig file and the calibration, by path or by name. All mistakes are reported together.
+"""Loading of a rig file and its calibration, by path or by name. All mistakes are reported together.
 
-The hash of a calibration proves that the file is unchanged, not that it is correct. A rewritten calibration with a new
-hash in the rig file is therefore compared with the arm: name, axes, and the bounds of the effects in a rig file.
+The hash of a calibration does not prove it correct: anyone can rewrite both. It is therefore compared with the arm:
+name, axes, and the bounds of its effects.
 """
 
 from __future__ import annotations
@@ -29,15 +29,11 @@ from rigs.yaml_text import read_yaml
 
 _REMEDY = "restore both files of the same diagnosis, or repeat the diagnosis"
 _MOST_UM = 1e6
-"""Upper limit of an error in µm: one metre, more than any working arm has."""
 _MOST_WIDENED = 1000.0
-"""Upper limit of the ratio of real to expected error. It corresponds to an error of 10 mm for an arm calibrated to
-10 µm, which would not be a calibration.
-"""
+"""Largest ratio of real to expected error: 10 mm for an arm calibrated to 10 µm would be no calibration."""
 _ARCHIVE = b"PK\x03\x04"
 """First bytes of zip files, and so of workbooks (PKWARE APPNOTE, 4.3.7)."""
 _ROUNDED = 1 + 1e-6
-"""Rounding of an uncertainty in a calibration file, whose numbers have seven digits."""
 _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Limits of joint angles: controllers count at most three turns."""
 
@@ -74,7 +70,6 @@ def contradictions(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
 
 SHIPPED = Path(__file__).parent
 _EFFECTS = ".effects.yaml"
-"""Suffix of the hidden effects of a shipped simulated cell, separate from the rig file, which users copy."""
 _MAX_BYTES = 1_000_000
 
 
@@ -295,7 +290,6 @@ def _refuse_other_texts(text: str, where: str) -> None:
 
 
 _LOOKED_AT = 3
-"""Number of lines with an equal number of columns that identify a table."""
 
 
 def load_hidden(name: str | Path) -> Hidden:

@@ -24,7 +24,6 @@ _CLOSE = 0.5
 """Minimum similarity of a name and a known name (ratio of difflib) for a suggestion."""
 _BRIEF = 60
 _LONG = re.compile(rf"'[^']{{{_BRIEF},}}'")
-"""A value in quotes that is too long for a message."""
 Place = tuple[int | str, ...]
 _PLAIN = {
     "missing": "missing; add it",
@@ -63,8 +62,6 @@ _PLAIN = {
 
 @dataclass(frozen=True)
 class Problem:
-    """A mistake in a rig file."""
-
     line: int
     place: str
     message: str
@@ -74,8 +71,6 @@ class Problem:
 
 
 class RigFileError(FileError):
-    """A rig file with mistakes. `problems` lists all of them."""
-
     def __init__(self, path: str, problems: list[Problem]) -> None:
         count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
         listed = " | ".join(map(str, problems))

@@ -1,8 +1,4 @@
-"""Tests that a rig file can drive, and the parts missing for the other tests.
-
-Every command that drives, simulates, plans, records or imports a test checks this before it starts. A missing gauge is
-then reported immediately, not after ten programs.
-"""
+"""Tests that a rig file can drive, and what the others lack. Every command checks it before it starts."""
 
 from __future__ import annotations
 

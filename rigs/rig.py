@@ -63,7 +63,6 @@ class Rig(Part):
 
     @property
     def calibrated(self) -> CalibratedModel | None:
-        """Calibration, or None. Raises FileError if the file was not loaded with the rig."""
         if self.calibration and self._calibrated is None:
             raise FileError(
                 self.name,
@@ -88,7 +87,6 @@ class Rig(Part):
 
     @property
     def controller(self) -> ControllerArm:
-        """Arm with which the controller computes poses: as stated, else unknown if its maker may measure each robot."""
         stated = self.robot.controller
         return stated or ("unknown" if practice_of(self.maker or self.robot.name) else "data_sheet")
 
@@ -111,11 +109,9 @@ class Rig(Part):
 
     @property
     def takes_programs(self) -> bool:
-        """True if programs and entries for the controller are supported: six axes and no rail."""
         return self.robot.rail is None and len(self.robot.axes) == DRIVEN_AXES
 
     def with_calibration(self, file: CalibrationFile | None, content: CalibratedModel | None) -> Rig:
-        """Rig with a calibration, or uncalibrated for None."""
         rig = self.model_copy(update={"calibration": file})
         rig._calibrated = content
         return rig
@@ -126,15 +122,12 @@ class Rig(Part):
 
     @property
     def companion_files(self) -> dict[str, bytes]:
-        """Companion files of the rig by name: the calibration, if loaded."""
         return {self.calibration.file: self._calibrated.content} if self.calibration and self._calibrated else {}
 
     def modelled_as(self, rig: Rig) -> Rig:
-        """Rig with the errors of another rig: effects and calibration."""
         return self.model_copy(update={"effects": rig.effects}).with_calibration(rig.calibration, rig._calibrated)
 
     def with_distances(self, distances: Iterable[KnownSocketDistance]) -> Rig:
-        """Rig with these known distances, restricted to its sockets."""
         return self.model_copy(update={"tests": self.tests.with_distances(distances)})
 
     @field_validator("tests")

@@ -31,7 +31,6 @@ def counted(count: int, singular: str, plural: str = "") -> str:
 
 
 def as_argument(path: Path | str) -> str:
-    """Quote a path for a shell command in a message."""
     return shlex.quote(str(path))
 
 
@@ -47,7 +46,6 @@ def plain_lines(text: str) -> str:
 
 
 def plain_values(value: Any) -> Any:
-    """A JSON value with all texts and keys sanitised."""
     match value:
         case str():
             return plain(value)

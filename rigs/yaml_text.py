@@ -10,7 +10,6 @@ import yaml
 from rigs.problems import Problem, RigFileError
 
 _MOST_PARTS = 500_000
-"""Maximum number of keys and values with all aliases expanded. A megabyte of YAML with no aliases has fewer."""
 _LONGEST_NUMBER = 64
 """Maximum length in characters.
 
@@ -68,12 +67,10 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
 
 
 def nodes_of(text: str) -> yaml.Node | None:
-    """Nodes of a text that was parsed before."""
     return _Loader(text).get_single_node()
 
 
 def data_of(text: str) -> Any:
-    """Data of a text that was parsed before."""
     return _Loader(text).get_single_data()
 
 
@@ -126,7 +123,7 @@ def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
 
 
 def _parts(node: yaml.Node, sizes: dict[int, int]) -> int:
-    """Count the parts of a node with aliases expanded. A few lines of nested aliases make billions."""
+    """Number of parts of a node with aliases expanded: a few lines of nested aliases make billions."""
     if id(node) not in sizes:
         sizes[id(node)] = _MOST_PARTS + 1  # limit for a node that contains itself
         inner = node.value if isinstance(node, yaml.CollectionNode) else ()

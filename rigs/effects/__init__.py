@@ -1,8 +1,7 @@
 """Registry of effects (link side = reported + effect), one per file of this folder, named after the effect.
 
-A new file here, or a class offered by another package under `rig.effects` (`rigs/schema/plugins.py`), immediately
-becomes an effect of rig files and a candidate of every simulation, fit, plan, diagnosis and correction. The class of
-the effect is `rigs.effects.X`. `rigs/schema/effect.py` defines the interface of an effect.
+A file added here, or a class that another package offers under `rig.effects`, becomes an effect of rig files and a
+candidate of every simulation, fit, plan, diagnosis and correction. `rigs/schema/effect.py` defines the interface.
 """
 
 from __future__ import annotations
@@ -36,7 +35,6 @@ def _class_in(name: str) -> type[Effect]:
 
 
 def _require_complete(name: str, cls: type[Effect]) -> type[Effect]:
-    """Class if it implements the complete interface. Raises ImportError."""
     missing = sorted(cls.__abstractmethods__) + ["STAGE"] * (not hasattr(cls, "STAGE"))
     missing += ["CORRECTION"] * (cls.compensation is Effect.compensation and not hasattr(cls, "CORRECTION"))
     if missing := missing + ["its one size"] * (len(size_fields(cls)) != 1):
@@ -45,7 +43,6 @@ def _require_complete(name: str, cls: type[Effect]) -> type[Effect]:
 
 
 def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
-    """Complete effects offered by other packages."""
     found = {}
     for name, cls in plugins.offered("rig.effects", Effect, own).items():  # type: ignore[type-abstract]
         try:
@@ -57,7 +54,6 @@ def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
 
 _OWN: dict[str, type[Effect]] = {file.name: _class_in(file.name) for file in pkgutil.iter_modules(__path__)}
 VOCABULARY: dict[str, type[Effect]] = dict(sorted((_OWN | _of_others(frozenset(_OWN))).items()))
-"""All effects by name, in alphabetical order."""
 
 if TYPE_CHECKING:
     AnyEffect = Effect
@@ -86,13 +82,11 @@ def play_of_joint(axis: int, width_deg: float) -> Effect:
 
 
 def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
-    """Effect that represents a vibration of the link."""
     return next(effect for cls in VOCABULARY.values() if (effect := cls.swinging(frequency_hz, amplitude_mm)))
 
 
 @cache
 def late_stamps() -> tuple[Effect, ...]:
-    """Each timestamp effect at the healthy size. The size is their only parameter."""
     names = [name for name, cls in VOCABULARY.items() if cls.STAGE == "time"]
     return tuple(healthy(VOCABULARY[name].model_validate({"effect": name})) for name in names)
 

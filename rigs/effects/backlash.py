@@ -65,9 +65,7 @@ class Backlash(Effect):
     FREE = (FreeShape("transit", 0.2, 0.4, tried=(1.0,)), FreeShape("preload", 0.0, 0.15, tried=(1.0,)))
 
     def apply(self, scene: S) -> S:
-        """Let the joint lag. A continuous trace, and each visit of an untimed table, starts in the middle of the
-        backlash.
-        """
+        """A continuous trace, and each visit of an untimed table, starts in the middle of the backlash."""
         half = np.radians(self.width_deg) / 2
         q = scene.q[:, self.axis - 1]
         widths = half * (1 + self.transit * _SPREAD) if self.transit else np.array([half])
@@ -97,9 +95,6 @@ class Backlash(Effect):
         )
 
     def flank_deg(self) -> float | None:
-        """Half the width. If gravity determines the flank, the error differs by posture, and the result is
-        None.
-        """
         return None if self.preload else self.width_deg / 2
 
     @property
@@ -107,7 +102,6 @@ class Backlash(Effect):
         return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
-        """Deviations of real backlash: the initial position within it, and the form of the crossing."""
         half_deg = self.width_deg / 2
         free = scaled(self, 1.0, preload=0.0)
         spectrum = tuple(((_SHARE / ratio, scaled(free, ratio, transit=0.0)), (-_SHARE, free)) for ratio in _SPECTRUM)

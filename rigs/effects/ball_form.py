@@ -1,5 +1,3 @@
-"""Form error of the ball: lobes around it, at the contact angle of the link."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -30,12 +28,10 @@ class BallForm(Effect):
     PLACE = SeatNotation(r"(?P<lobes>\d+)", "3 (lobes)")
 
     def apply(self, scene: S) -> S:
-        """Increase the distance at the high parts of the ball."""
         return scene.with_form(self.amplitude_mm * np.sin(self.lobes * scene.contact + np.radians(self.phase_deg)))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[BallForm]]:
-        """Forms with few lobes, if there is a ball."""
         return [[cls(lobes=lobes) for lobes in _LIKELY]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:

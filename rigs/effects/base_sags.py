@@ -31,7 +31,6 @@ class BaseSags(Effect):
     MOST = 400.0
 
     def apply(self, scene: S) -> S:
-        """Move the complete arm along the z axis of the base."""
         return scene.raised(self.mm_per_Nm * scene.moment()[:, _WAYS.index(self.way)])
 
     @classmethod

@@ -60,7 +60,6 @@ class BaseYields(Effect):
     """
 
     def apply(self, scene: S) -> S:
-        """Tilt the arm together with the base, in the direction of the weight."""
         moment = scene.moment() * [1.0, 1.0, 0.0]
         if self.way != "evenly":
             about = math.radians(_ABOUT_DEG[self.way])

@@ -1,5 +1,3 @@
-"""Clock rate: the gauge clock is faster than the feedback clock, so its timestamps run ahead."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -21,12 +19,10 @@ class ClockRate(Effect):
     DEED = "check"
 
     def apply(self, scene: S) -> S:
-        """Shift each timestamp t to t - ppm t, counted from the start of the run."""
         return scene.taken_at(scene.t_s - 1e-6 * self.ppm * (scene.t_s - scene.t_s[0]))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ClockRate]]:
-        """A single form, if joints turn during the readings."""
         return [[cls()]] if scope.timed else []
 
     def plain(self, joint: str) -> str:

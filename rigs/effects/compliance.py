@@ -77,7 +77,6 @@ class Compliance(Effect):
         return (FreeShape("payload_kg", 0.0, spread, tried=(_HEAVY_KG, -payload_kg), stated=True, low=-payload_kg),)
 
     def apply(self, scene: S) -> S:
-        """Turn the joint in the direction of gravity."""
         return scene.turned(self.axis, np.radians(self.deg_per_Nm) * scene.torques(self.payload_kg)[:, self.axis - 1])
 
     @classmethod

@@ -1,5 +1,3 @@
-"""Gauge baseline: the distance between the gauges is larger than in the rig file, symmetrically about the middle."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -30,7 +28,6 @@ class GaugeBaseline(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeBaseline]]:
-        """A single form, if two gauges are read."""
         return [[cls()]] if len(scope.gauges) > 1 else []
 
     def remedy(self) -> str:

@@ -43,13 +43,11 @@ class GaugeCyclic(Effect):
     STRETCHED = (StretchedShape("period_mm", 0.05),)
 
     def apply(self, scene: S) -> S:
-        """Add A sin(2 pi g / period + phase)."""
         phase = np.radians(self.phase_deg)
         return scene.read(self.gauge, lambda g: g + self.amplitude_mm * np.sin(2 * np.pi * g / self.period_mm + phase))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeCyclic]]:
-        """Periods of common scales at each gauge."""
         return [[cls(gauge=gauge, period_mm=period) for period in _PERIODS_MM] for gauge in scope.gauges]
 
     def plain(self, joint: str) -> str:

@@ -1,5 +1,3 @@
-"""Gauge dead band: a sticking plunger follows only after some motion, like backlash."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -39,7 +37,6 @@ class GaugeDeadBand(Effect):
     """
 
     def apply(self, scene: S) -> S:
-        """Apply the play operator to the reading."""
         return scene.read(self.gauge, lambda g: play(g, self.width_mm / 2))
 
     @classmethod

@@ -1,5 +1,3 @@
-"""Gauge drift: a reading that changes with time."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -24,7 +22,6 @@ class GaugeDrift(Effect):
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:
-        """Add a drift that is linear from the start of the run."""
         return scene.read(self.gauge, lambda g: g + self.mm_per_min * (scene.t_s - scene.t_s[0]) / 60)
 
     @classmethod

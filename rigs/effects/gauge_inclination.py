@@ -1,5 +1,3 @@
-"""Gauge inclination: cosine error of a tilted gauge, which measures along the tilted axis."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -25,7 +23,6 @@ class GaugeInclination(Effect):
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:
-        """Divide the reading by cos(angle)."""
         return scene.read(self.gauge, lambda g: g / np.cos(np.radians(self.angle_deg)))
 
     @classmethod

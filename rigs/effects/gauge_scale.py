@@ -1,5 +1,3 @@
-"""Gauge scale: a relative error of the reading."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -24,7 +22,6 @@ class GaugeScale(Effect):
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:
-        """Multiply the reading by (1 + relative)."""
         return scene.read(self.gauge, lambda g: g * (1 + self.relative))
 
     @classmethod

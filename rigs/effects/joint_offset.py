@@ -1,5 +1,3 @@
-"""Joint zero offset, called datum location error in the paper. Link side = reported + offset."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -30,7 +28,6 @@ class JointOffset(Effect):
     """Largest offset in a rig file, 5°: the zero of a hobby servo is set by eye."""
 
     def apply(self, scene: S) -> S:
-        """Turn the joint by a constant."""
         return scene.turned(self.axis, np.radians(self.offset_deg))
 
     @classmethod
@@ -41,7 +38,6 @@ class JointOffset(Effect):
         return f"re-master axis {self.axis} (actual angle minus reading: {self.offset_deg:+z.4f}°), or enter the offset"
 
     def compensation(self) -> Compensation:
-        """Zero of the joint in the controller as the constant to correct."""
         return Compensation("joint zero", constant=(self.axis, "q_deg"))
 
     def usual_times(self, reference: Reference) -> float:
@@ -54,10 +50,8 @@ class JointOffset(Effect):
 
     @property
     def symbol(self) -> str:
-        """Symbol of a zero."""
         return f"zero of axis {self.axis}"
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> JointOffset:
-        """Offset of a joint turned by a constant."""
         return cls(axis=axis, offset_deg=angle_deg)

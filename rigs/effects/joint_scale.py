@@ -37,7 +37,6 @@ class JointScale(Effect):
     """Upper limit, 10 %: ratios in a gear family differ by more (80, 100, 120), a single tooth changes 1 %."""
 
     def apply(self, scene: S) -> S:
-        """Turn the joint in proportion to the reported angle."""
         return scene.turned(self.axis, self.relative * scene.q[:, self.axis - 1])
 
     @classmethod

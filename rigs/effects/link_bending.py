@@ -1,8 +1,3 @@
-"""Link bending: the link after an axis bends under the torque at that axis.
-
-The end of the link moves but does not turn.
-"""
-
 from __future__ import annotations
 
 from typing import Literal

@@ -1,5 +1,3 @@
-"""Link geometry: a constant of the arm that differs from the rig file."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -15,7 +13,6 @@ Constant = Literal["a", "alpha", "d", "beta"]
 _CONSTANTS: tuple[Constant, ...] = ("a", "alpha", "d", "beta")
 _IN_WORDS: dict[Constant, str] = {"a": "length a", "d": "offset d", "alpha": "twist alpha", "beta": "twist beta"}
 _KEYS: dict[Constant, str] = {"a": "a_mm", "alpha": "alpha_deg", "beta": "beta_deg", "d": "d_mm"}
-"""Keys of the fields in a rig file."""
 _PARALLEL = 1e-3
 """Sine of the angle between two axes below which they count as parallel."""
 
@@ -42,12 +39,10 @@ class LinkGeometry(Effect):
     )
 
     def apply(self, scene: S) -> S:
-        """Change the constant of the arm."""
         return scene.with_constant(self.field, self.axis, self.delta if self._length else np.radians(self.delta))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkGeometry]]:
-        """A form for each constant of each axis."""
         return [
             [cls(axis=axis, field=field)]
             for axis in scope.axes
@@ -58,7 +53,6 @@ class LinkGeometry(Effect):
 
     @classmethod
     def kind_name(cls, field: str) -> str:
-        """Name of a constant, empty if there is no such constant."""
         return next((name for constant, name in _IN_WORDS.items() if constant == field), "")
 
     def plain(self, joint: str) -> str:
@@ -71,7 +65,6 @@ class LinkGeometry(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """Constant to correct."""
         return Compensation("link constant", constant=(self.axis, _KEYS[self.field]))
 
     def usual_times(self, reference: Reference) -> float:
@@ -80,7 +73,6 @@ class LinkGeometry(Effect):
 
     @property
     def healthy(self) -> float:
-        """Healthy size: 0.2 mm for lengths, 0.02° for angles."""
         return 0.2 if self._length else 0.02
 
     @property
@@ -89,17 +81,14 @@ class LinkGeometry(Effect):
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> LinkGeometry:
-        """Effect of a wrong constant."""
         unchanged = cls.model_validate({"axis": axis, "field": key.rsplit("_", 1)[0]})
         return unchanged.model_copy(update={"delta": delta})
 
     @property
     def symbol(self) -> str:
-        """Symbol by Craig: a, alpha and beta belong to the previous link."""
         return f"{self.field}{self.axis if self.field == 'd' else self.axis - 1}"
 
     def unit(self, parameter: str) -> str:
-        """Mm for lengths and degrees for angles."""
         return "mm" if self._length else "deg"
 
     @property

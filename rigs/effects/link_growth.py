@@ -39,13 +39,11 @@ class LinkGrowth(Effect):
     STRETCHED = (StretchedShape("time_constant_s", 0.7),)
 
     def apply(self, scene: S) -> S:
-        """Reduce the distance between tool and ball, and all readings, by growth_mm (1 - exp(-t / time constant))."""
         growth = self.growth_mm * warmed(scene.t_s, self.time_constant_s)
         return scene.all_read(lambda g: g - growth[:, None])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkGrowth]]:
-        """A fast and a slow form, if joints turn during the readings."""
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.timed else []
 
     def plain(self, joint: str) -> str:
@@ -55,5 +53,4 @@ class LinkGrowth(Effect):
         return "both gauges drift alike, as the link between tool and ball warms up: let it warm up before measuring"
 
     def departures(self) -> Departures:
-        """Deviation of real warming, which is uneven."""
         return Departures(alike=warming_parts(self))

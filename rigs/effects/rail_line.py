@@ -1,5 +1,3 @@
-"""Rail line: the direction of a rail differs from that in the rig file and the controller."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -45,12 +43,10 @@ class RailLine(Effect):
     PLACE = SeatNotation("(?P<way>along|across|up)?", "along", {"way": _WAYS})
 
     def apply(self, scene: S) -> S:
-        """Move the arm in proportion to the rail position."""
         return scene.along_rail(self.mm_per_m * np.eye(3)[_WAYS.index(self.way)])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[RailLine]]:
-        """A form per direction, if the rail moved."""
         return [[cls(way=way)] for way in _WAYS] if scope.rail else []
 
     def plain(self, joint: str) -> str:

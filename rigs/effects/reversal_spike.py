@@ -1,5 +1,3 @@
-"""Wind-up at reversal: after each reversal the link deflects against the new direction, and relaxes."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -52,7 +50,6 @@ class ReversalSpike(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ReversalSpike]]:
-        """Fast and slow spikes at each joint that reverses during the readings."""
         return [[cls(axis=axis, decay_s=decay) for decay in _DECAYS_S] for axis in scope.axes if scope.timed]
 
     def plain(self, joint: str) -> str:

@@ -1,5 +1,3 @@
-"""Servo lag: the link follows later than the feedback, if the feedback is the command."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -24,13 +22,11 @@ class ServoLag(Effect):
     PLACE = AT_AXIS
 
     def apply(self, scene: S) -> S:
-        """Use the joint angle reported `lag_s` earlier."""
         axis = self.axis - 1
         return scene.turned(self.axis, (scene.reported_at(scene.t_s - self.lag_s) - scene.q)[:, axis])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ServoLag]]:
-        """A form for each joint that turns during the readings."""
         return at_each_axis(cls, scope) if scope.timed else []
 
     def plain(self, joint: str) -> str:

@@ -1,5 +1,3 @@
-"""Thermal growth: uniform expansion of all lengths of the arm, which moves the tool away from the base."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -44,7 +42,6 @@ class ThermalGrowth(Effect):
     STRETCHED = (StretchedShape("time_constant_s", 0.7),)
 
     def apply(self, scene: S) -> S:
-        """Scale the vector from base to tool by ppm (1 - exp(-t / time constant))."""
         growth = self.ppm * 1e-6 * warmed(scene.t_s, self.time_constant_s)
         return scene.shifted(growth[:, None] * (scene.T[:, :3, 3] - scene.base_mm))
 
@@ -73,6 +70,5 @@ class _GrowthBeyond(ThermalGrowth):
     axis: Axis
 
     def apply(self, scene: S) -> S:
-        """Scale the vector from the joint to the tool by ppm (1 - exp(-t / time constant))."""
         growth = self.ppm * 1e-6 * warmed(scene.t_s, self.time_constant_s)
         return scene.shifted(growth[:, None] * (scene.T[:, :3, 3] - scene.link_after(self.axis)[0]))

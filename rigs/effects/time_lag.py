@@ -1,5 +1,3 @@
-"""Time lag: the timestamps of the gauges are late; the readings were taken earlier."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -20,12 +18,10 @@ class TimeLag(Effect):
     DEED = "check"
 
     def apply(self, scene: S) -> S:
-        """Use the state `lag_s` before the timestamp."""
         return scene.taken_at(scene.t_s - self.lag_s)
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[TimeLag]]:
-        """A single form, if joints turn during the readings."""
         return [[cls()]] if scope.timed else []
 
     def plain(self, joint: str) -> str:

@@ -1,5 +1,3 @@
-"""Transmission error: periodic angle error of a gear, A sin(N q + phase)."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -75,7 +73,6 @@ class TransmissionError(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[TransmissionError]]:
-        """Waves of each joint by order, as dense as the readings can distinguish."""
         most = _MOST_ORDER if scope.timed else _MOST_OF_STANDS
         return [
             [cls(axis=axis, order=order) for order in _orders_for(scope.turned[axis - 1], most)] for axis in scope.axes

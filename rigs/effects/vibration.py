@@ -1,5 +1,3 @@
-"""Vibration of the link, which affects all gauges equally."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -26,13 +24,12 @@ class Vibration(Effect):
     PLACE = SeatNotation(rf"(?P<frequency_hz>{NUMBER})", "8.5 (Hz)")
 
     def apply(self, scene: S) -> S:
-        """Add A sin(2 pi f t + phase) to every reading."""
         wave = np.sin(2 * np.pi * self.frequency_hz * scene.t_s + np.radians(self.phase_deg))
         return scene.all_read(lambda g: g + self.amplitude_mm * wave[:, None])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Vibration]]:
-        """No forms, because the phase changes in each run; see `swinging`."""
+        """None, because the phase changes in each run; see `swinging`."""
         return []
 
     def plain(self, joint: str) -> str:
@@ -45,5 +42,4 @@ class Vibration(Effect):
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Vibration:
-        """Effect of a vibration of the link."""
         return cls(frequency_hz=frequency_hz, amplitude_mm=amplitude_mm)

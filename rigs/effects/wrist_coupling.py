@@ -1,5 +1,3 @@
-"""Wrist coupling: the motion of a wrist axis turns a second axis through common gears."""
-
 from __future__ import annotations
 
 from typing import Literal
@@ -28,12 +26,10 @@ class WristCoupling(Effect):
     PLACE = SeatNotation(r"(?P<from_axis>[1-7])\.(?P<to_axis>[1-7])", "4.5 (from.to)")
 
     def apply(self, scene: S) -> S:
-        """Add a share of the driving axis to the driven axis."""
         return scene.turned(self.to_axis, self.ratio * scene.q[:, self.from_axis - 1])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[WristCoupling]]:
-        """Forms from each axis of the wrist to the following axes."""
         return [[cls(from_axis=scope.axes[start], to_axis=scope.axes[end])] for start, end in _WRIST]
 
     def plain(self, joint: str) -> str:

@@ -24,8 +24,6 @@ class TypicalConstant(Part):
 
 
 class Family(Part):
-    """Arms of a maker whose constants were collected."""
-
     name: str
     maker: MakerName
     source: str
@@ -33,8 +31,6 @@ class Family(Part):
 
 
 class DesignSizes(Part):
-    """Typical differences of arms of a design whose family has no data."""
-
     length_mm: float
     angle_deg: float
     arms: int
@@ -42,8 +38,6 @@ class DesignSizes(Part):
 
 
 class Families(Part):
-    """Content of sizes.yaml."""
-
     families: tuple[Family, ...]
     designs: dict[Build, DesignSizes]
 

@@ -15,9 +15,7 @@ FULL_PERCENT = 99.5
 TEMPERATURES = (
     "temperature1_c", "temperature2_c", "temperature3_c", "temperature4_c", "temperature5_c", "temperature6_c"
 )  # fmt: skip
-"""Joint temperatures in °C."""
 CURRENTS = ("current1_a", "current2_a", "current3_a", "current4_a", "current5_a", "current6_a")
-"""Joint motor currents in A."""
 POSE = (
     "controller_x_mm", "controller_y_mm", "controller_z_mm",
     "controller_rx_deg", "controller_ry_deg", "controller_rz_deg",
@@ -27,20 +25,15 @@ POSE = (
 Of the flange in the base, or of the tool in the frame that the controller uses.
 """
 CONDITION = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES, *CURRENTS, *POSE)
-"""All columns of the condition."""
 
 
 class ProgramState(IntEnum):
-    """State of the program on the controller (`program_state`)."""
-
     STOPPED = 0
     RUNNING = 1
     PAUSED = 2
 
 
 class SafetyState(IntEnum):
-    """State of the safety functions of the controller (`safety_state`)."""
-
     NORMAL = 0
     REDUCED = 1
     """The robot moves within reduced limits."""
@@ -86,5 +79,4 @@ def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:
 
 
 def words_of(state: IntEnum) -> str:
-    """A state as text, for example `protective stop`."""
     return state.name.lower().replace("_", " ")

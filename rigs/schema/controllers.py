@@ -37,7 +37,6 @@ PRACTICE: dict[str, Practice] = {
     "linuxcnc": Practice("always", "LinuxCNC, kins(9): the pins of genserkins in a HAL file", "the INI file"),
     "yaskawa": Practice("option", "Yaskawa, option absolute calibration (ABSO), file ABSO.DAT", _PAIRS),
 }
-"""By the maker's name in lower-case letters."""
 
 
 def practice_of(maker: str) -> Practice | None:

@@ -217,11 +217,9 @@ class Tests(Part):
 
     @property
     def distances(self) -> tuple[KnownSocketDistance, ...]:
-        """Known distances of sockets; empty without touches."""
         return self.touch.distances if self.touch else ()
 
     def with_distances(self, distances: Iterable[KnownSocketDistance]) -> Tests:
-        """Tests with these known distances, restricted to their sockets."""
         if self.touch is None:
             return self
         kept = tuple(distance for distance in distances if {*distance.between} <= {*self.touch.sockets})
@@ -284,12 +282,10 @@ class Rule(Part):
 
     @property
     def title(self) -> str:
-        """Title of the recording, for example `yaw cw`."""
         return f"{self.test} {self.direction}" if self.direction else self.test
 
     @property
     def event(self) -> str:
-        """Description of the event, for example `signal 1: yaw cw`."""
         return f"{'a motion' if self.when.signal is None else f'signal {self.when.signal}'}: {self.title}"
 
 
@@ -307,7 +303,6 @@ class Automatic(Part):
         return self
 
     def lacking(self, *, signal: bool, gauges: int) -> list[str]:
-        """Missing parts of the rig required by the rules: a signal, a second gauge."""
         unheard = [str(number) for number, rule in enumerate(self.rules, 1) if rule.when.signal is not None]
         paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in CIRCLES]
         lacks = []
@@ -333,5 +328,4 @@ class Retention(Part):
 
 
 def largest_difference_deg(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
-    """Largest joint difference in degrees."""
     return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))

@@ -1,8 +1,7 @@
-"""Interface of effects: keys and physics, possible seats, wording, remedy, and correction by a controller.
+"""Interface of effects, each a class in a file of `rigs/effects/` that no other file names.
 
-An effect is a class in a file of `rigs/effects/`, and no other file refers to it. The name of a parameter contains the
-unit. The field contains the bounds and the size for a healthy arm. The size scales an effect and is zero for none.
-Shapes describe the form and are only visible with a size. A wave has a `phase_deg`; gear errors have an `order`.
+A field has its unit in its name, its bounds, and the size for a healthy arm. The size scales an effect and is zero for
+none. Shapes describe the form and are visible only with a size. A wave has a `phase_deg`; gear errors have an `order`.
 """
 
 from __future__ import annotations
@@ -47,11 +46,9 @@ Repair a part of the arm, re-master a joint, enter a number, remount ball or gau
 check a number that the rig file states.
 """
 PHASE = "phase_deg"
-"""Parameter of waves."""
 _OF_A_WAVE = 0.1
 """Tolerance in waves for an integer order: no gear has 8.001 teeth."""
 SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
-"""Parameters that give the seat of an effect."""
 
 
 def size(bound: float, healthy: float, *, least: float | None = None) -> Any:
@@ -107,7 +104,6 @@ class Scope:
 
     @property
     def axes(self) -> range:
-        """Axes of the arm, from 1."""
         return range(1, len(self.twist_deg) + 1)
 
 
@@ -198,7 +194,6 @@ class SeatNotation:
 NUMBER = r"\d+(?:\.\d+)?"
 NOWHERE = SeatNotation("", "")
 EVERY_AXIS = "1234567"
-"""All axes that the arm has, which an omitted axis stands for."""
 AT_AXIS = SeatNotation("(?P<axis>[1-7])?", "1", {"axis": EVERY_AXIS})
 AT_GAUGE = SeatNotation("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
 
@@ -242,7 +237,7 @@ class Effect(Part, ABC):
 
     @abstractmethod
     def apply(self, scene: S) -> S:
-        """Apply the effect to the scene over the complete trace. A size of zero is the identity."""
+        """Apply the effect to the complete trace. A size of zero is the identity."""
 
     @classmethod
     @abstractmethod
@@ -282,31 +277,25 @@ class Effect(Part, ABC):
 
     @property
     def part(self) -> PartKind:
-        """Part of the arm's error."""
         return self.PART or _PART_OF[self.STAGE]
 
     @property
     def healthy(self) -> float:
-        """Size for a healthy arm, in the unit of the size."""
         return float(_schema_extra(type(self), size_field(self))["healthy"])
 
     def usual_times(self, reference: Reference) -> float:
-        """Normal multiple of the healthy size in comparable arms."""
         return 1.0
 
     @property
     def repeats_each_turn(self) -> bool:
-        """True if the effect has the same value after each full turn of the joint."""
         return True
 
     @property
     def seat(self) -> str:
-        """Seat in the notation of answers."""
         return str(next((getattr(self, name) for name in ("axis", "gauge", "way") if hasattr(self, name)), ""))
 
     @property
     def symbol(self) -> str:
-        """Standard symbol of the changed number; empty if there is none."""
         return ""
 
     @property
@@ -315,33 +304,29 @@ class Effect(Part, ABC):
         return "no motion in these tests shows this effect"
 
     def unit(self, parameter: str) -> str:
-        """Unit of a parameter, deg, mm or similar; empty for a ratio."""
         if "_per_" in parameter:
             return parameter.replace("_per_", "/")
         return parameter.rsplit("_", 1)[-1] if "_" in parameter else {"ppm": "ppm"}.get(parameter, "")
 
     def departures(self) -> Departures:
-        """Deviations of real effects from the ideal form."""
         return Departures()
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> Effect | None:
-        """Effect of a joint turned by a constant, or None. A single effect class returns an effect."""
+        """Effect of a joint turned by a constant; one class returns an effect, the others None."""
         return None
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
-        """Effect of a constant of an axis changed by delta mm or degrees, or None.
-
-        A single effect class returns an effect. key: name of the constant in the rig file.
+        """Effect of a constant (its key in the rig file) of an axis changed by delta mm or degrees; one class returns
+        an effect, the others None.
         """
         return None
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Effect | None:
-        """Effect of a vibration of the link. A single class implements this.
-
-        The phase changes in each run. The effect is therefore searched in the time of each run, and has no forms.
+        """Vibration of the link, by a single class. Its phase changes in each run, so it is searched in the time of
+        each run and has no forms.
         """
         return None
 
@@ -411,7 +396,6 @@ def phases(effect: _E) -> tuple[_E, ...]:
 
 
 def is_wave(effect: Effect) -> bool:
-    """True if an effect has a free phase."""
     return hasattr(effect, PHASE)
 
 
@@ -421,12 +405,10 @@ def is_vibration(effect: Effect) -> bool:
 
 
 def is_play(effect: Effect) -> bool:
-    """True if the response of an effect is never linear."""
     return effect.STRAIGHT == 0
 
 
 def size_field(effect: Effect) -> str:
-    """Name of the size parameter."""
     return size_fields(type(effect))[0]
 
 
@@ -442,7 +424,6 @@ def _schema_extra(cls: type[Effect], name: str) -> dict[str, Any]:
 
 
 def bounds(effect: Effect, name: str) -> tuple[float, float]:
-    """Range of a parameter; infinite if unbounded."""
     return _bounds(type(effect), name)
 
 
@@ -461,12 +442,10 @@ def one_sided(effect: Effect) -> bool:
 
 
 def healthy_size(effect: Effect) -> float:
-    """Size for a healthy arm, in the unit of the size."""
     return effect.healthy
 
 
 def size_of(effect: Effect) -> float:
-    """Size of an effect in healthy sizes."""
     return float(getattr(effect, size_field(effect))) / healthy_size(effect)
 
 

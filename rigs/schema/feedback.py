@@ -66,7 +66,6 @@ class OPCUARobotics(Part):
 
 
 def are_nodes(axes: Sequence[str]) -> bool:
-    """True if all names are node ids (`ns=2;s=A1.Pos`) instead of browse names."""
     return all(_NODE.fullmatch(axis) for axis in axes)
 
 
@@ -382,7 +381,6 @@ def carries_signal(feedback: Feedback) -> bool:
 
 
 def signal_of_outputs(feedback: Feedback) -> RTDESignal | None:
-    """Outputs or register of the signal; None if the interface has none."""
     if isinstance(feedback, LinuxCNC):
         return RTDESignal(int_register=0)
     return feedback.signal if isinstance(feedback, URRTDE) else None

@@ -50,7 +50,6 @@ class SylvacOptoRS(Probe):
 
     @property
     def modem(self) -> ModemLines:
-        """Modem lines that power the cable."""
         return self.cables[self.cable]
 
     @model_validator(mode="after")
@@ -275,7 +274,7 @@ class MicroEpsilonILD1420(Probe):
 
     @property
     def limits_mm(self) -> None:
-        """Always None: a transmitted number is either within the range or an error."""
+        """A transmitted number is within the range, or an error."""
 
     @model_validator(mode="after")
     def _timed_as_it_sends(self) -> MicroEpsilonILD1420:
@@ -351,14 +350,12 @@ class Gauges(Part):
         return self
 
     def __iter__(self) -> Iterator[tuple[str, Gauge]]:  # type: ignore[override]
-        """Iterate over name and gauge of the one or two gauges used by tests, in order."""
         for name in ("g1", "g2"):
             if (gauge := getattr(self, name)) is not None:
                 yield name, gauge
 
     @property
     def recorded(self) -> dict[str, Gauge]:
-        """All gauges by name, in order."""
         further = {name: gauge for name in FURTHER if (gauge := getattr(self, name)) is not None}
         return dict(self) | further
 

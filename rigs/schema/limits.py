@@ -64,7 +64,6 @@ class Limit(Part):
 
 
 def _single(value: Any) -> Any:
-    """Convert a single number, the failure limit, to a mapping."""
     return {"fail": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
@@ -172,23 +171,19 @@ class Limits(Part):
     """Pose repeatability RP (ISO 9283) from the data sheet of the arm, the default limit of each `rp_mm`."""
 
     def _part(self, test: str) -> Part:
-        """Limits of a test; empty for a test of other packages."""
         declared: Part = getattr(self, test, Part())
         return declared
 
     def of(self, test: str, figure: str) -> Limit | None:
-        """Limit of a figure, or None."""
         declared = getattr(self._part(test), figure, None)
         if isinstance(declared, Limit):
             return declared
         return Limit(fail=self.data_sheet_rp_mm) if self.from_data_sheet(test, figure) else None
 
     def judge(self, test: str) -> bool:
-        """True if limits exist for a kind of test."""
         return self.data_sheet_rp_mm is not None or bool(self._part(test).model_dump(exclude_none=True))
 
     def from_data_sheet(self, test: str, figure: str) -> bool:
-        """True if the limit of a figure comes from the data sheet."""
         declared = getattr(self._part(test), figure, None)
         return figure == "rp_mm" and declared is None and self.data_sheet_rp_mm is not None
 
@@ -216,5 +211,4 @@ def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | No
 
 
 def shared_limit(fail: float) -> Limit:
-    """A limit with the share that needs attention, rounded to three digits."""
     return Limit(watch=float(f"{WATCH_SHARE * fail:.3g}"), fail=float(f"{fail:.3g}"))

@@ -1,5 +1,3 @@
-"""Connections of instruments: serial devices, TCP and UDP addresses, and line settings."""
-
 from __future__ import annotations
 
 import re
@@ -41,7 +39,6 @@ class Line(Part):
 
     @property
     def character_ns(self) -> int:
-        """Duration of a character on the wire: start, data, parity and stop bits."""
         bits = 1 + self.bits + (self.parity != "N") + self.stop
         return round(bits * 1e9 / self.baud)
 

@@ -27,7 +27,6 @@ class Register(Part):
 
     @property
     def count(self) -> int:
-        """Number of registers."""
         return int(self.type[-2:]) // 16
 
 
@@ -69,7 +68,6 @@ class RegisterBlock(Part):
     """Maximum requests per second. A serial line limits the rate by itself, TCP does not."""
 
     def check_inside(self, **registers: Register | None) -> None:
-        """Raise ValueError for the first register outside the block."""
         for name, register in registers.items():
             if register is None:
                 continue
@@ -112,7 +110,6 @@ class ModbusMap(Probe, RegisterBlock):
 
     @property
     def place(self) -> str:
-        """Identifier of the gauge on a shared line."""
         return f"unit {self.unit}, {'holding' if self.function == 3 else 'input'} register {self.value.address}"
 
 
@@ -152,5 +149,4 @@ class SolartronOrbit(Probe):
 
     @property
     def place(self) -> str:
-        """Identifier of the probe on a shared line."""
         return f"unit {self.unit}, parameter {self.parameter}"

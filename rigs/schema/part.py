@@ -16,7 +16,6 @@ MM_PER_M = 1000
 LONGEST_MM = 1e5
 """Largest length: no cell is longer than 100 m. It catches errors by orders of magnitude immediately."""
 Length = Annotated[float, Field(ge=-LONGEST_MM, le=LONGEST_MM)]
-"""A length in mm."""
 Angle = Annotated[float, Field(ge=-1440, le=1440)]
 """An angle in degrees. Four turns are more than any wrist can make."""
 Vector = tuple[Length, Length, Length]
@@ -41,8 +40,6 @@ def place_not_in_metres(place: Vector) -> Vector:
 
 
 class Part(BaseModel):
-    """A mapping in a rig file."""
-
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 

@@ -20,9 +20,7 @@ from rigs.schema.vocabulary import ENTRY_POINTS
 
 Group = Literal["rig.gauges", "rig.robots", "rig.effects"]
 _KEY: dict[Group, str] = {"rig.gauges": "interface", "rig.robots": "interface", "rig.effects": "effect"}
-"""Key of a rig file with the class name, by group."""
 BROKEN: dict[str, str] = {}
-"""Reasons for unusable classes, by name."""
 C = TypeVar("C", bound=BaseModel)
 
 

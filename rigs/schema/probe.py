@@ -62,7 +62,6 @@ class Certificate(Part):
 
     @property
     def due(self) -> dt.date | None:
-        """Last day of validity; None if not given."""
         if self.interval_months is None:
             return self.valid_until
         years, month = divmod(self.date.month - 1 + self.interval_months, 12)
@@ -192,7 +191,6 @@ class Timing(Part):
 
     @property
     def filter_uncertainty_ms(self) -> float:
-        """Standard uncertainty of the filter delay."""
         return _FILTER_U * self.filter_ms if self.filter_u_ms is None else self.filter_u_ms
 
     def __str__(self) -> str:
@@ -270,10 +268,8 @@ class Probe(Part):
 
     @property
     def place(self) -> str:
-        """Identifier of the gauge on a shared port."""
         return f"channel {self.channel}"
 
     @property
     def limits_mm(self) -> tuple[float, float] | None:
-        """Lowest and highest reading, if checked."""
         return self.range_mm

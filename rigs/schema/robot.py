@@ -82,7 +82,6 @@ Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 
 
 def identity(count: int) -> tuple[Row, ...]:
-    """Identity matrix: the coupling of axes that are not coupled."""
     return tuple(tuple(float(row == column) for column in range(count)) for row in range(count))
 
 

@@ -23,11 +23,9 @@ ProgramTest = Literal[DrivenTest, "iso9283"]
 SimulatedTest = Literal[DrivenTest, "touch", "iso9283"]
 """Simulated tests: ball link tests, touches guided by hand, and ISO 9283 with a tracker."""
 CIRCLES: tuple[CircleTest, ...] = get_args(CircleTest)
-"""Tests on a circle."""
 OF_ISO9283: tuple[TestName, ...] = ("pose", "path")
 """Tests of ISO 9283, recorded by a tracker."""
 WITHOUT_GAUGES: tuple[TestName, ...] = (*OF_ISO9283, "touch")
-"""Tests that need no gauges."""
 PartName = Literal["circle", "hemisphere", "touch", "iso9283"]
 TEST_PARTS: dict[TestName, PartName] = {
     **dict.fromkeys(CIRCLES, "circle"),
@@ -35,9 +33,7 @@ TEST_PARTS: dict[TestName, PartName] = {
     **dict.fromkeys(OF_ISO9283, "iso9283"),
     "touch": "touch",
 }
-"""Part of `tests` in a rig file that defines the place of each test."""
 FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
-"""Gauges not used by tests."""
 
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
@@ -81,7 +77,6 @@ def offered_makers() -> dict[MakerName, str]:
 
 
 def makers() -> tuple[MakerName, ...]:
-    """All makers, with those of other packages last."""
     return (*MAKERS, *offered_makers())
 
 

@@ -48,11 +48,8 @@ _SAME_SIZE = 1e-3
 
 @dataclass(frozen=True)
 class ControllerState:
-    """State of a controller."""
-
     maker: MakerName
     arm: Arm
-    """Kinematic model of the controller."""
     reads_more: Array
     """Change (6,) of the joint readings in rad at an unchanged position."""
 
@@ -135,9 +132,7 @@ On a circle of 70 mm linear joint interpolation deviates by 0.03 µm, on a line 
 _MM_S2 = 500.0
 """Default acceleration of the tool. Chosen: moderate, as near a gauge."""
 _RAD_S = 1.0
-"""Default rotational speed of the tool. Chosen."""
 _TO_SPEED_S = 0.3
-"""Default acceleration time of a joint move. Chosen."""
 _MM_PER_RAD = 500.0
 """Length equivalent of a rotation of the tool: the size of an arm."""
 _MOST_SAMPLES = 3_000_000
@@ -148,18 +143,11 @@ _SMALLEST_STEP = 1e-6
 
 @dataclass(frozen=True)
 class DrivenMotion:
-    """Joint motion of a program."""
-
     t_s: Array
-    """Times (n,) in s."""
     q: Array
-    """Commanded angles (n, 6) in rad."""
     holds_s: tuple[float, ...]
-    """Times of waiting for the operator."""
     outputs: tuple[tuple[float, int | str, bool], ...]
-    """Switching times of digital outputs."""
     registers: tuple[tuple[float, int, int], ...]
-    """Times and values of output registers."""
 
 
 def drive(controller: ControllerState, events: Sequence[Event], near: Array, where: str) -> DrivenMotion:

@@ -1,9 +1,8 @@
 """Pendant of an emulated controller: selects programs and enters parameters.
 
-The controller commands joint angles from a model of the arm. The arm with the hidden effects moves to the true
-position, at which the gauges read the true distance to the ball.
-
-Programs are found by name. The file suffix determines the maker, and the driver of this maker executes the program.
+The controller commands joint angles from a model of the arm; the arm with the hidden effects moves to the true
+position, where the gauges read the distance to the ball. The suffix of a program determines the maker, whose driver
+executes it.
 """
 
 from __future__ import annotations
@@ -92,7 +91,6 @@ class Pendant:
         self._rig, self._programs = rig, programs
         self._maker = maker or maker_of(rig.feedback.interface)
         self.controller: ControllerState | None = None
-        """Controller with entered parameters; None before any entry."""
 
     def trace(self, name: str) -> Trace:
         """Motion of the robot and the gauge readings for a program, given by file or program name.

@@ -66,8 +66,6 @@ _CREEP_RAD_S = 1e-4
 
 @dataclass
 class Motors:
-    """Motors of six joints."""
-
     warm_c: Array = field(default_factory=lambda: np.full(6, ROOM_C + _HOLDS_C))
     """Joint temperatures (6,) at last_ns of the host clock."""
     last_ns: int | None = None
@@ -99,7 +97,6 @@ _STANDSTILL_S = 1.0
 _RAMP_S = 0.3
 """Time for stopping on the path and for accelerating again. Chosen."""
 _POLL_S = 0.02
-"""Polling interval for the end of a program."""
 State = Literal["drives", "waits", "paused", "stopped", "done"]
 """State of a program. waits: for the operator, as programmed. done, stopped: final states."""
 
@@ -109,17 +106,13 @@ class Trace:
     """A noise-free program run."""
 
     t_s: Array
-    """Times (n,) in s."""
     phi: Array
     """Circle angles (n,) in rad; empty off the circle."""
     q: Array
-    """Reported angles (n, 6) in rad."""
     g_mm: Array
-    """Gauge readings (n, k)."""
     signals: tuple[tuple[float, float], ...] = ()
     """Start times in s and displayed numbers."""
     holds_s: tuple[float, ...] = ()
-    """Times of waiting for the operator."""
 
     @property
     def end_s(self) -> float:
@@ -147,7 +140,6 @@ class _Pace:
 
 
 def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
-    """Simulate the circle of a rig. Raises FileError if the robot cannot drive it."""
     program = circle_program(rig, direction)
     return Trace(program.t_s, program.phi, program.q, trace_along(rig, test, program.t_s, program.q))
 
@@ -261,7 +253,6 @@ class EmulatedRobot:
         return dict(zip(POSE, [*T[:3, 3].tolist(), *np.degrees(roll_pitch_yaw(T)).tolist()], strict=True))
 
     def state(self, now_ns: int) -> State:
-        """State of the program; done before the first."""
         with self._lock:
             at_s, rate = self._program_s(now_ns)
             if self._pace is None or (at_s >= self._trace.end_s and not self._holds_s):
@@ -322,11 +313,9 @@ class EmulatedRobot:
         return self._at_rate(0.0, ("drives", "waits", "paused"), stops=True)
 
     def pause(self) -> bool:
-        """Stop on the path. False if no program was moving."""
         return self._at_rate(0.0, ("drives",))
 
     def go_on(self) -> bool:
-        """Continue a paused or waiting program. False if there is none."""
         now_ns = clock.now_ns()
         if self.state(now_ns) != "waits":
             return self._at_rate(1.0, ("paused",))
@@ -374,11 +363,10 @@ class EmulatedRobot:
 
 
 def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
-    """Results of an ideal measurement of the emulated robot, and the hidden errors.
+    """Results of an ideal measurement, from the noise-free trace by definition, and the hidden errors.
 
-    The figures follow from the noise-free trace by definition, independent of daemon, wire and alignment. The
-    eccentricity is the offset of the ball from the circle actually driven. Because of backlash it differs slightly from
-    the hidden value.
+    The eccentricity is the offset of the ball from the circle actually driven: because of backlash it differs slightly
+    from the hidden value.
     """
     start = np.radians(circle_of(rig).start_deg)
     figures = {}

@@ -34,7 +34,6 @@ from rigs.schema.vocabulary import MakerName
 from rigs.signals import end_from
 
 _POLL_S = 0.02
-"""Polling interval for the state of a program."""
 _STATE_TEXTS: dict[State, str] = {
     "waits": "waits for the operator; type go on",
     "paused": "paused",
@@ -46,11 +45,8 @@ _STATE_TEXTS: dict[State, str] = {
 
 @dataclass(frozen=True)
 class CellEvent:
-    """Event of an emulated cell."""
-
     event: Literal["port", "ready", "driving", "entered", "shows", "refused", "sent", State]
     name: str
-    """Port, program, file or column, or the refused line."""
     text: str
 
     @property
@@ -67,8 +63,6 @@ class CellEvent:
 
 
 class Keyboard:
-    """Keyboard of an emulated cell."""
-
     def __init__(
         self,
         robot: EmulatedRobot,

@@ -1,5 +1,3 @@
-"""Command `rig parts RIG -o DIR`: printable sockets, ball holder, bar and link with the dimensions of a rig file."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -104,7 +104,6 @@ _STYLE = (
 
 
 def drawing(parts: Sequence[PrintedPart], title: str) -> str:
-    """Draw the parts as SVG in mm."""
     body, x, tallest = list[str](), 0.0, 0.0
     for part in parts:
         low, high = part.solid.corners.min(axis=0), part.solid.corners.max(axis=0)
@@ -171,7 +170,6 @@ def _ball_overhang(part: PrintedPart) -> float:
 
 
 def _across(left: float, right: float, y: float, words: str) -> Iterator[str]:
-    """Draw a horizontal dimension from left to right."""
     yield f'<line class="dim" x1="{left:.2f}" x2="{right:.2f}" y1="{y:.2f}" y2="{y:.2f}"/>'
     for x in (left, right):
         yield f'<line class="dim" x1="{x:.2f}" x2="{x:.2f}" y1="{y - 1.2:.2f}" y2="{y + 1.2:.2f}"/>'

@@ -33,7 +33,6 @@ _SHELF_MM = 1.0
 """Width of the shelf that stops a magnet in a bore with a conical ceiling. A printer can bridge this width."""
 _SHORTEST_HOLDER_MM, _LONGEST_HOLDER_MM = 35.0, 150.0
 DISTANCE_MM = 100.0
-"""Default distance between the two sockets of the bar."""
 BED_MM = 220.0
 """Bed size of most printers. Longer parts are not written."""
 
@@ -55,32 +54,24 @@ class Seat:
 
     centre: float
     contact: float
-    """Contact circle."""
     rim: float
     magnet_top: float
-    """Upper face of the magnet."""
     bore: float
-    """Radius of the magnet's bore."""
 
     @property
     def outside(self) -> float:
-        """Outer radius of the part."""
         return self.rim + _WALL_MM
 
 
 @dataclass(frozen=True)
 class PrintedPart:
-    """A printed part."""
-
     name: str
     count: int
     solid: Solid
     section: Profile
     """Corners (radius, height) in mm for the drawing."""
     about: str
-    """Purpose and mounting."""
     numbers: dict[str, float]
-    """Dimensions in mm by name."""
 
 
 def seat_of(bought: Bought) -> Seat:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 Profile = Sequence[tuple[float, float]]
-"""Corners (radius, height) of a section, in mm."""
 
 SEGMENTS = 128
 """Number of sides of a circle. The cone seat of a ball of 20 mm is then round to within 2 µm."""
@@ -33,17 +32,14 @@ class Solid:
 
     @property
     def triangles(self) -> Array:
-        """Corners (m, 3, 3) of all faces."""
         return np.asarray(self.corners[self.faces])
 
     @property
     def volume_mm3(self) -> float:
-        """Enclosed volume, positive if the faces point outwards."""
         a, b, c = self.triangles.transpose(1, 0, 2)
         return float((a * np.cross(b, c)).sum() / 6)
 
     def stl(self) -> bytes:
-        """The surface as a binary STL file, in mm."""
         triangles = self.triangles
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         records = np.zeros(len(triangles), dtype=[("sides", "<f4", (4, 3)), ("attribute", "<u2")])
