@@ -9,6 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, parts
 from analysis.diagnosis.evidence.setups import fit_setups, folds_of
+from analysis.diagnosis.evidence.significance import ODDS
 from analysis.diagnosis.judge.result import Movement
 from analysis.movement.causes import NOTHING, Cause, prior_of
 from analysis.movement.evidence import (
@@ -35,8 +36,8 @@ from analysis.movement.linearise import (
 )
 from analysis.robot.kinematics.arm import Array, Mask
 
-NAMED = 20 / 21
-"""Probability from which a cause is named: odds of 20 to 1."""
+NAMED = ODDS / (ODDS + 1)
+"""Probability from which a cause is named."""
 FEWEST_OF_REFERENCE = 12
 """Minimum number of readings of a reference. Chosen: arm and set-up have about as many uncertain constants."""
 FEWEST_TO_CLEAR = 4

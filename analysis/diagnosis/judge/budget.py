@@ -10,7 +10,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
 from analysis.diagnosis.evidence.setups import BALL_PRIOR_MM
-from analysis.diagnosis.evidence.significance import POSSIBLE_SIGMA
+from analysis.diagnosis.evidence.significance import ODDS, POSSIBLE_SIGMA
 from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form
 from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, rms_by_block
@@ -341,8 +341,6 @@ class Budget:
 # An unexplained error can resemble an effect on one circle, or even two, but hardly with equal size at every place. If
 # set-ups disagree on the size, the effect therefore imitates a different cause.
 
-_CHANCE = 0.05
-"""False alarm probability of a disagreement between set-ups. Chosen: the usual significance level."""
 _NOTHING = 1e-300
 """Below any visible value, to avoid division by zero."""
 
@@ -381,7 +379,7 @@ def _by_chance(energy: float, freedom: int) -> bool:
     """Return whether noise gives a sum of squares of this size, in units of the variance, in at least 5 % of cases."""
     from scipy.special import chdtri  # noqa: PLC0415 - slow to import
 
-    return energy <= float(chdtri(freedom, _CHANCE))
+    return energy <= float(chdtri(freedom, 1 / ODDS))
 
 
 def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:

@@ -113,7 +113,7 @@ def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatc
         one.contribution_um for one in found.effects if one.is_confirmed
     )
     assert "looks like" in found.residual.words
-    assert found.left and all("waves per" in left.words for left in found.left)
+    assert found.bands and all("waves per" in band.words for band in found.bands)
     assert any("reversal" in place.why for place in found.where)
 
 
