@@ -1,8 +1,6 @@
 """What every process of the tests begins with, which tests a night has alone, and when one that watches real time is
 repeated."""
 
-from __future__ import annotations
-
 import gc
 import math
 import os

@@ -1,7 +1,5 @@
 """Run the command `rig` without POSIX-only modules: `python portable_child.py COMMAND…`."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -1,5 +1,5 @@
-"""`scripts/dev`: the one entry to what only developers run, and the links that stand for its programs."""
-
+import ast
+import gzip
 import runpy
 import subprocess
 import sys
@@ -7,14 +7,18 @@ from pathlib import Path
 
 import pytest
 
+from scripts.tools import mutants as program
+from scripts.tools.plotting_script import TEMPLATES, made
+from tests.support.durations import Durations
+from tests.support.mutants import Mutant, mutants_of
+
 ROOT = Path(__file__).parents[1]
 ENTRY = ROOT / "scripts" / "dev"
 FILES = {file.stem: file for file in (ROOT / "scripts" / "tools").glob("[!_]*.py")}
 FILES |= {file.parent.name: file for file in (ROOT / "tests" / "trials").glob("*/__main__.py")}
 FILES |= {file.stem: file for file in (ROOT / "tests" / "trials").glob("[!_]*.py") if not file.stem.startswith("test_")}
-LOCKED = {file.stem for file in (ROOT / "tests" / "trials").glob("*.lock")}
+LOCKED = {"booted", *(file.stem for file in (ROOT / "tests" / "trials").glob("*.lock"))}
 PROGRAMS = sorted(FILES)
-LINKS = sorted(path for path in (ROOT / "scripts").iterdir() if path.is_symlink())
 
 
 def _dev(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -37,9 +41,9 @@ def test_unknown_program_is_refused_with_the_available_names(name):
     assert sorted(line.split()[0] for line in done.stdout.splitlines()) == PROGRAMS
 
 
-@pytest.mark.parametrize("name", sorted({*PROGRAMS} - {"booted"} - LOCKED))
+@pytest.mark.parametrize("name", [name for name in PROGRAMS if not name.endswith("_page") and name not in LOCKED])
 def test_each_program_starts(name, monkeypatch, capsys):
-    """Excludes programs that require additional packages or root."""
+    """Programs that require other packages or root are not here, and test_docs runs those that make pages."""
     monkeypatch.setattr(sys, "argv", [name, "--help"])
     try:
         runpy.run_path(str(FILES[name]), run_name="__main__")
@@ -48,15 +52,63 @@ def test_each_program_starts(name, monkeypatch, capsys):
     assert capsys.readouterr().out
 
 
-def test_there_are_links():
-    assert LINKS
+CODE = '''"""A page of 3 lines."""
+LIMIT = 2.5  # µm
 
 
-@pytest.mark.parametrize("link", LINKS, ids=lambda link: link.name)
-def test_each_link_is_the_entry_under_the_name_of_a_program(link):
-    assert link.resolve() == ENTRY
-    assert link.name in PROGRAMS
+def one(at: int = 0, *, is_on: bool = True) -> float | None:
+    """Return 7."""
+    if at < LIMIT:
+        return LIMIT * (at + 1)
+    if "é" not in "x" and is_on:
+        raise ValueError(f"{at + 3}")
+    return None
+'''
 
 
-def test_each_lock_belongs_to_a_program():
-    assert set(PROGRAMS) >= LOCKED
+def test_mutants_change_computing_code_and_stay_valid():
+    found = {(one.line, one.kind, one.before, one.after) for one in mutants_of(CODE, "rigs/it.py")}
+    assert found == {
+        (2, "constant changed", "2.5", "5.0"),
+        (5, "constant changed", "0", "1"),
+        (5, "constant changed", "True", "False"),
+        (7, "condition negated", "at < LIMIT", "(not (at < LIMIT))"),
+        (7, "comparison flipped", "<", ">="),
+        (8, "return removed", "return LIMIT * (at + 1)", "return None"),
+        (8, "operator swapped", "*", "/"),
+        (8, "operator swapped", "+", "-"),
+        (8, "constant changed", "1", "2"),
+        (9, "condition negated", '"é" not in "x" and is_on', '(not ("é" not in "x" and is_on))'),
+        (9, "comparison flipped", "not in", "in"),
+    }
+    for one in mutants_of(CODE, "rigs/it.py"):
+        changed = one.applied(CODE)
+        assert changed != CODE and ast.parse(changed)
+    with pytest.raises(ValueError, match="line 2"):
+        Mutant("rigs/it.py", 2, 0, "2.5", "5.0", "constant changed").applied(CODE)
+
+
+def test_mutant_is_found_by_its_test_and_the_file_restored(tmp_path):
+    (tmp_path / "rigs").mkdir()
+    (tmp_path / "rigs" / "__init__.py").touch()
+    (tmp_path / "tests" / "rigs").mkdir(parents=True)
+    module, text = tmp_path / "rigs" / "sums.py", "def added(a, b):\n    return a + b\n"
+    module.write_text(text)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = real_time\naddopts = --import-mode=importlib\n")
+    (mutant,) = (one for one in mutants_of(text, "rigs/sums.py") if one.kind == "operator swapped")
+    own = "tests/rigs/test_sums.py"
+    for number, found in ((0, {"by": "", "test": ""}), (1, {"by": "commit", "test": f"{own}::test_it"})):
+        asserted = f"from rigs.sums import added\ndef test_it():\n    assert added(1, {number}) == {1 + number}\n"
+        (tmp_path / own).write_text(asserted)
+        assert program.looked_for(mutant, tmp_path, Durations(), 60.0, night=False) == found
+        assert module.read_text() == text
+    assert "1 mutants, 1" in program.counted([{**mutant.to_dict(), "by": "commit"}])
+
+
+def test_the_script_and_its_licence_are_those_that_the_command_makes():
+    files = made()
+    script = gzip.decompress((TEMPLATES / "plotly.min.js.gz").read_bytes())
+    assert script == gzip.decompress(files["plotly.min.js.gz"])
+    assert (TEMPLATES / "plotly.txt").read_bytes() == files["plotly.txt"]
+    assert b"plotly.js v" in script[:300]
+    assert "MIT" in files["plotly.txt"].decode()

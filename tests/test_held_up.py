@@ -1,7 +1,5 @@
 """Tests of real time count only without interruption; otherwise they are repeated, or skipped with the reason."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -14,8 +14,6 @@ from tests.support.how_to import HOW_TO, blocks, checked, commands, followed, ou
 
 @dataclass(frozen=True)
 class Page:
-    """A page, and the driver that it adds: its interface, its stream and the samples that a second brings at least."""
-
     name: str
     interface: str
     stream: str
@@ -31,7 +29,6 @@ PAGES = [
 
 @pytest.fixture(scope="module", params=PAGES, ids=lambda page: page.interface)
 def grown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, Path, list[str]]:
-    """A copy of the tree with the example's files in their places, named where the page names them; these files."""
     page: Page = request.param
     tree = tmp_path_factory.mktemp(page.interface)
     return page, tree, followed(page.name, tree)
@@ -91,14 +88,3 @@ def test_the_stream_of_the_page_passes_the_checks_and_its_tests(grown):
     checked(tree, files)
     said = output(tree, sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files[-1:])
     assert "4 passed" in said
-
-
-MOST_CHANGED = 3
-"""Files that a page asks a person to edit besides the new ones: registration, contract tests, and the user's page."""
-
-
-@pytest.mark.parametrize("page", sorted(path.name for path in HOW_TO.glob("add-*.md")))
-def test_a_page_changes_few_files(page):
-    text = (HOW_TO / page).read_text(encoding="utf-8").partition("\n## A figure of a test with stops")[0]
-    changed = set(re.findall(r"^\+\+\+ (\S+)$", text, re.M))
-    assert 1 <= len(changed) <= MOST_CHANGED, changed

@@ -1,7 +1,5 @@
 """The pages that add an effect, a measurement and a maker, followed to the letter in a copy of the tree."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -79,9 +77,7 @@ def test_a_new_figure_comes_with_its_uncertainty_out_of_every_command(with_measu
         assert figure["unit"] == "deg" and 0 < figure["u"] < figure["value"]
 
 
-def test_new_figure_with_stops_has_label_and_u(
-    with_measurement,
-):
+def test_new_figure_with_stops_has_label_and_u(with_measurement):
     tree, _ = with_measurement
     said = output(tree, "bash", "-ec", commands(MEASUREMENT, "--test repeatability"))
     assert "drift" in said
@@ -110,5 +106,5 @@ def test_a_new_test_kind_passes_the_checks_and_its_commands(tmp_path):
     said = output(tmp_path, "bash", "-ec", commands(TEST_KIND, "rig import"))
     assert "height_rms_mm" in said and '"height_band_mm": {' in said
     output(tmp_path, "rig", "report", "heights/monday", "-o", "page.html")
-    assert "height" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "height" in (tmp_path / "page.html").read_text()
     assert "height" in output(tmp_path, "rig", "fleet", "heights")

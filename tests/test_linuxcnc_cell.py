@@ -1,7 +1,5 @@
 """docs/linuxcnc.md on the real controller: connect, read its arm, write a program, drive it and record every sample."""
 
-from __future__ import annotations
-
 import os
 import pwd
 import re
@@ -23,7 +21,7 @@ from tests.worlds.linuxcnc.person import FAULTS, Person
 from tests.worlds.linuxcnc.soak import counted, record, robot_columns
 
 BIN = Path(sys.executable).parent
-PAGE = (Path(__file__).parents[1] / "docs" / "linuxcnc.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[1] / "docs" / "linuxcnc.md").read_text()
 USER = "rigcell"
 """User of the controller if the tests run as root, made by scripts/linuxcnc-cell."""
 
@@ -57,7 +55,6 @@ def person() -> Iterator[Person]:
 
 
 def page_command(word: str, directory: Path) -> list[str]:
-    """Command of the page that starts with `rig WORD`, for files in a directory."""
     line = re.search(rf"^(rig {word} .*)$", PAGE, re.M)
     assert line
     return [str(BIN / "rig"), *shlex.split(line[1].replace("cell.yaml", str(directory / "cell.yaml")))[1:]]

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from scripts.tools import nightly as program
-from tests.support.durations import Durations
 from tests.support.nightly import moved
 
 ROOT = Path(__file__).parents[1]
@@ -29,10 +28,7 @@ def test_elsewhere():
 
 @pytest.mark.parametrize(
     ("ends_s", "ended", "failed"),
-    [
-        ("9e9", {"passed": 1, "failed": 1, "skipped": 1}, ["test_it::test_bad"]),
-        ("1", {"not begun": 3}, []),
-    ],
+    [("9e9", {"passed": 1, "failed": 1, "skipped": 1}, ["test_it::test_bad"]), ("1", {"not begun": 3}, [])],
     ids=["in time", "too late"],
 )
 def test_tests_not_begun_in_time_are_counted(tmp_path, ends_s, ended, failed):
@@ -45,20 +41,6 @@ def test_tests_not_begun_in_time_are_counted(tmp_path, ends_s, ended, failed):
     assert dict(night.ended) == ended, done.stdout + done.stderr
     assert night.failed == failed and not night.is_whole
     assert program.summary(night).endswith("in 3 minutes")
-
-
-def test_result_page_has_date_commit_and_longest_files():
-    night = program.Night({"passed": 3}, [], 61.0)
-    assert night.is_whole
-    took = Durations({"a::x": 30.0, "a::y": 4.0, "b::x": 50.0, "c::x": 900.0}, {}, {"a::x", "a::y", "b::x"})
-    told = program.result(night, "93de2f11", [], took)
-    assert "commit 93de2f11, whole: 3 passed, 0 failed, 0 skipped, 0 not begun, in 61 minutes." in told
-    rows = [line for line in told.splitlines() if line.startswith("| `")]
-    assert rows == ["| `b` | 50 |", "| `a` | 34 |"] and "| all 2 files | 84 |" in told
-    page = program.page_with(program.PAGE.read_text(encoding="utf-8"), told)
-    assert page.startswith("# Nightly tests") and page.count(told) == 1
-    assert program.page_with(page, "other").count(told) == 0
-    assert "1 minutes" in program.expected(took)
 
 
 @pytest.mark.parametrize("entry", moved(), ids=lambda entry: entry["of"].removeprefix("tests/"))

@@ -1,7 +1,5 @@
 """The pages of docs/how-to, *in a package of your own*: installed beside rig and used, without a change of rig."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -26,25 +24,23 @@ EXAMPLES = {
 
 
 def installed(site: Path, package: str) -> None:
-    """Make the package of a page in a directory of packages, with what an installer writes of its entry points."""
     (toml,) = blocks(PAGES[package], "toml")
     project = tomllib.loads(toml)["project"]
     (files,) = (block for block in blocks(PAGES[package], "text") if package in block)
     (site / package).mkdir()
     for line in files.splitlines():
         name, source = line.replace(",", " ").split()[:2]
-        text = (HOW_TO / "examples" / EXAMPLES[package] / source).read_text(encoding="utf-8")
+        text = (HOW_TO / "examples" / EXAMPLES[package] / source).read_text()
         text = re.sub(r"rigs\.schema\.example_\w+", f"{package}.schema", text)
         if name.endswith("schema.py"):
             driver = f'    driver: ClassVar[str] = "{package}.protocol"\n    origin: '
             text = text.replace("    origin: ", driver, 1)
-        (site / name).write_text(text, encoding="utf-8")
+        (site / name).write_text(text)
     offers(site, project["name"], project["entry-points"])
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A tree of rig in which the packages are installed beside it."""
     tree = tmp_path_factory.mktemp("site")
     for name in ("rigs", "daq", "analysis"):
         (tree / name).symlink_to(ROOT / name)
@@ -131,15 +127,15 @@ def check(site: Path, file: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_rig_file_names_them(site):
-    text = (ROOT / "rigs" / "paper-fanuc.yaml").read_text(encoding="utf-8")
+    text = (ROOT / "rigs" / "paper-fanuc.yaml").read_text()
     text = text.replace("sylvac_opto_rs", "example_dial").replace("4800 7E2", "9600 8N1")
     text = re.sub(r".*mode: continuous\n", "", text)
     bow = "\neffects:\n  - {effect: gauge_bow, gauge: g1, relative_per_mm: 0.001}\n"
     file = site / "cell.yaml"
-    file.write_text(text + bow, encoding="utf-8")
+    file.write_text(text + bow)
     done = check(site, file)
     assert done.returncode == 0, done.stdout + done.stderr
-    file.write_text((text + bow).replace("example_dial", "half_done"), encoding="utf-8")
+    file.write_text((text + bow).replace("example_dial", "half_done"))
     done = check(site, file)
     assert done.returncode == 3
     assert "half-done" in done.stdout + done.stderr

@@ -1,7 +1,5 @@
 """docs/tutorial.md, followed in an empty directory: every command runs and prints the lines quoted below it."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -10,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-PAGE = (Path(__file__).parents[1] / "docs" / "tutorial.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[1] / "docs" / "tutorial.md").read_text()
 BLOCKS = re.findall(r"^```(sh|text)\n(.*?)^```", PAGE, re.S | re.M)
 LIKE = 0.03
 """Relative difference allowed between the figures of the page, which are rounded, and the printed ones."""
@@ -18,7 +16,6 @@ _NUMBER = r"\d+(?:\.\d+)?"
 
 
 def _words(text: str) -> str:
-    """Text with single blanks and without the borders of tables."""
     return " ".join(text.replace("│", " ").split())
 
 

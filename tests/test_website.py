@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 from typing import Any
@@ -24,7 +22,7 @@ def test_every_document_is_a_page_and_every_link_leads_somewhere(site):
         page = site / (path.with_name("index.html") if path.name == "README.md" else path.with_suffix(".html"))
         assert page.exists(), path
     assert (site / "docs" / "images" / "parts.svg").read_bytes() == (ROOT / "docs/images/parts.svg").read_bytes()
-    front = (site / "index.html").read_text(encoding="utf-8")
+    front = (site / "index.html").read_text()
     assert 'href="docs/any-arm.html"' in front
     assert "<table>" in front
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import shlex
 import signal
 import sys
 import threading
@@ -49,8 +50,11 @@ def ended(*words: str | Path) -> int:
 def ran(*words: str | Path, cwd: Path | None = None, typed: str = "", **env: str) -> CompletedProcess[str]:
     """Run a command, and return exit code and output like `subprocess.run`.
 
-    typed: standard input. env: environment variables in addition to those of the tests.
+    words: the words of the command, or one line as it is typed; typed: standard input; env: environment variables in
+    addition to those of the tests.
     """
+    if len(words) == 1:
+        words = tuple(shlex.split(str(words[0])))
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (
         contextlib.chdir(cwd or Path.cwd()),

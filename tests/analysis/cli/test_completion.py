@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -25,7 +23,6 @@ def offered(place: Path, line: str) -> list[str]:
 
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
-    """A directory with two runs, one of a name that is no text, a rig file and a daemon's socket."""
     run = finished(tmp_path / "runs")
     run.rename(run.with_name("lap-1"))
     for name in ("lap-2", "bad\x1bname"):
@@ -64,12 +61,6 @@ def test_robots_and_daemons_complete(place):
     assert offered(place, "rig history ") == ["cell"]  # the rig of the runs
     assert offered(place, "rig history --runs elsewhere ") == []
     assert "mine" in offered(place, "rig status --rig ")
-
-
-def test_commands_and_options_complete(place):
-    assert offered(place, "rig ana") == ["analyse"]
-    assert offered(place, "rig record st") == ["start", "stop"]
-    assert "--json" in offered(place, "rig analyse --js")
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")

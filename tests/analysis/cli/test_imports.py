@@ -1,9 +1,5 @@
-"""What a command imports before it works: the packages that it needs and no other, since imports are most of the time
-that a person waits for a small run."""
-
-from __future__ import annotations
-
 import json
+import os
 import subprocess
 import sys
 from functools import cache
@@ -13,7 +9,6 @@ import pytest
 
 from tests.support.dated_runs import dated_run
 
-RUN_WRITER = Path(__file__).parents[2] / "support" / "synthetic_run.py"
 _PRINT = """
 import json, sys
 before = set(sys.modules)
@@ -51,12 +46,11 @@ modules_of = cache(imported_by)
 
 
 def packages(modules: list[str]) -> set[str]:
-    """The packages that are neither of Python nor modules built by a compiler for one of them."""
     found = {module.partition(".")[0] for module in modules}
     return {name for name in found if name not in sys.stdlib_module_names and not name.startswith(("_", "cython"))}
 
 
-def test_help_imports_nothing_that_works() -> None:
+def test_help_imports_nothing_that_works():
     modules = modules_of("--help")
     assert packages(modules) <= HELP | OURS
     ours = {module for module in modules if module.partition(".")[0] in OURS}
@@ -69,7 +63,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return dated_run(tmp_path_factory.mktemp("runs"), 0, 0.01)
 
 
-def test_runs_command_imports_only_readers_of_manifests(run: Path) -> None:
+def test_runs_command_imports_only_readers_of_manifests(run):
     modules = modules_of("runs", run.parent)
     assert packages(modules) <= READING | OURS | {"daq"}
     works = {
@@ -81,7 +75,7 @@ def test_runs_command_imports_only_readers_of_manifests(run: Path) -> None:
 
 
 @pytest.mark.parametrize("words", [["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
-def test_analyse_imports_only_the_evaluation(words: list[str], run: Path) -> None:
+def test_analyse_imports_only_the_evaluation(words, run):
     modules = modules_of(*words, run)
     assert packages(modules) <= READING | OURS | {"daq"}  # no scipy, no pandas, no matplotlib
     rings = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
@@ -89,31 +83,38 @@ def test_analyse_imports_only_the_evaluation(words: list[str], run: Path) -> Non
     assert {module.split(".")[2] for module in modules if module.startswith("analysis.apps.")} == {"report"}
 
 
-def test_figures_of_a_run_without_text_need_no_event_loop_and_no_functions_of_pyarrow(tmp_path: Path) -> None:
-    writer = [sys.executable, str(RUN_WRITER), str(tmp_path), "10000"]
-    recorded = subprocess.run(writer, capture_output=True, text=True, check=True).stdout.strip()
-    assert not {"asyncio", "pyarrow.compute"} & set(imported_by("analyse", "--json", recorded))
-
-
-def test_figures_for_a_script_import_nothing_that_draws(run: Path) -> None:
-    assert "rich" in packages(modules_of("analyse", run))  # it lays out the table
-    assert "rich" not in packages(modules_of("analyse", "--json", run))
-
-
-def test_plant_commands_import_no_evaluation(run: Path, tmp_path: Path) -> None:
+def test_plant_commands_import_no_evaluation(run, tmp_path):
     words = ["fleet", run.parent, "--jobs", "1", "--catalogue", tmp_path / "catalogue.sqlite"]
     assert "scipy" in packages(imported_by(*words))  # its play is fitted
     assert packages(imported_by(*words)) <= READING | OURS | {"daq"}
 
 
-def test_help_of_a_command_imports_no_more(run: Path) -> None:
-    assert packages(modules_of("analyse", "--help")) <= HELP | OURS
-    assert "pydantic" in packages(modules_of("analyse", run))  # it reads the rig file
-
-
-def test_who_asks_the_daemon_imports_nothing_that_computes() -> None:
+def test_who_asks_the_daemon_imports_nothing_that_computes():
     code = "import sys, daq.service.client, analysis.cli.daemon_screen; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     modules = done.stdout.split()
     assert "numpy" not in packages(modules)
     assert not [name for name in modules if name.startswith(("rigs.rig", "rigs.effects", "daq.protocol", "daq.store"))]
+
+
+_SHOW_THREADS = """
+import sys
+from analysis.cli import main
+assert "numpy" not in sys.modules, "numpy reads its threads as it loads"
+try:
+    main()
+except SystemExit:
+    import os
+    print("threads", os.environ["OPENBLAS_NUM_THREADS"])
+"""
+
+
+@pytest.mark.parametrize(("asked", "used"), [(None, "1"), ("2", "2")])
+def test_one_thread_unless_asked(asked, used):
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    if asked:
+        environment["OPENBLAS_NUM_THREADS"] = asked
+    done = subprocess.run(
+        [sys.executable, "-c", _SHOW_THREADS, "--help"], capture_output=True, text=True, check=True, env=environment
+    )
+    assert f"threads {used}" in done.stdout

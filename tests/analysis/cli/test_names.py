@@ -1,14 +1,14 @@
-from __future__ import annotations
-
+import getpass
 import socket
 from typing import Any
 
 import pytest
 
 from analysis.apps.emulate.served_cell import locked_cell
+from analysis.cli.options import operator_or_user
 from daq.store import durable
 from rigs.errors import CellError, FileError
-from rigs.load import find
+from rigs.load import SHIPPED, find
 from rigs.schema.vocabulary import maker_named
 from tests.support.command_line import ran
 
@@ -49,7 +49,7 @@ def test_earlier_spellings_of_options_work_and_are_hidden(tmp_path):
     assert ran(*radial, "--runs", "2", "-o", tmp_path / "runs").returncode == 0
     assert ran(*radial, "--times=2", "-o", tmp_path / "same").returncode == 0
     assert len(list((tmp_path / "runs").iterdir())) == len(list((tmp_path / "same").iterdir())) == 2
-    new, old = (ran("history", "ur10e", option, tmp_path / "runs", "--json") for option in ("--runs", "--data"))
+    new, old = (ran(f"history ur10e {option} {tmp_path}/runs --json") for option in ("--runs", "--data"))
     assert new.returncode == old.returncode == 0 and new.stdout == old.stdout
     for command, word in (("correct", "--controller"), ("history", "--data"), ("simulate", "--runs ")):
         assert word not in ran(command, "--help", COLUMNS="200").stdout
@@ -62,7 +62,7 @@ def test_the_doctor_touches_no_address_of_a_shipped_example(rig, monkeypatch):
     done = ran("doctor", rig)
     assert "init cell.yaml" in done.stdout
     assert not [address for address in reached if isinstance(address, tuple)]
-    scanned = ran("doctor", rig, "--scan")
+    scanned = ran(f"doctor {rig} --scan")
     assert scanned.returncode == 2 and scanned.stderr.startswith("error: --scan: ")
 
 
@@ -73,3 +73,26 @@ def test_second_cell_in_a_directory_is_refused(tmp_path):
     assert error.value.code == "cell.second"
     durable.close(lock)
     durable.close(locked_cell(tmp_path / "cell"))
+
+
+@pytest.mark.parametrize("read", ["own", "ur10e"])
+def test_emulated_cell_replaces_no_foreign_rig_file(read, tmp_path):
+    own = tmp_path / "rig.yaml"
+    own.write_bytes((SHIPPED / "ur10e.yaml").read_bytes())
+    for command in (("emulate",), ("replay", own)):
+        done = ran(*command, own if read == "own" else read, "-o", tmp_path)
+        (line,) = done.stderr.splitlines()
+        assert done.returncode == 3 and "rig.yaml: already exists" in line
+    assert own.read_bytes() == (SHIPPED / "ur10e.yaml").read_bytes()
+    assert list(tmp_path.iterdir()) == [own]
+
+
+@pytest.mark.parametrize("error", [KeyError("getpwuid(): 54321"), OSError("No username set")])
+def test_a_user_without_a_name_is_no_operator(error, monkeypatch):
+    """As in a container that runs under any user; Python 3.13 raises the latter."""
+
+    def unknown() -> str:
+        raise error
+
+    monkeypatch.setattr(getpass, "getuser", unknown)
+    assert operator_or_user("") == "" and operator_or_user("anna") == "anna"

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import pty
 import subprocess
@@ -7,16 +5,18 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from analysis.cli import app
 from analysis.cli.console import progress_of
 from tests.support.command_line import ran
+from tests.support.hostile_peers import hostile_journal
 from tests.support.store_cases import finished
 
 RIG = Path(sys.executable).parent / "rig"
 
 
 def on_a_terminal(*words: str | Path, **environment: str) -> tuple[str, str]:
-    """What a command prints to a pipe, and to a terminal that is its standard error."""
     ours, theirs = pty.openpty()
     done = subprocess.Popen(
         [RIG, *words],
@@ -57,13 +57,15 @@ def test_progress_is_shown_on_a_terminal_only(command, options, doing, tmp_path,
     assert silent.stdout == results and doing not in silent.stderr
 
 
-def test_no_color_takes_the_colours_of_progress(tmp_path):
-    run = finished(tmp_path / "runs")
-    assert "\x1b[3" in on_a_terminal("verify", run)[1]  # a colour of the foreground
-    assert "\x1b[3" not in on_a_terminal("verify", run, NO_COLOR="1")[1]
-
-
 def test_nothing_is_shown_without_a_terminal(capsys):
     with progress_of() as progress:
         progress("anything")
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("setting", "has_colours"), [(None, True), ("", True), ("1", False)])
+def test_messages_have_colours_unless_refused(setting, has_colours, tmp_path):
+    programs = f"{hostile_journal(tmp_path, 'text')}:{os.environ['PATH']}"
+    done = CliRunner().invoke(app, ["logs"], color=True, env={"NO_COLOR": setting, "PATH": programs})
+    assert done.exit_code == 0 and "error" in done.stdout
+    assert ("\x1b[31m" in done.stdout) == has_colours

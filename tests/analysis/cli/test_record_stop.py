@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from typing import Any, Self
 
 import pytest
@@ -16,27 +14,13 @@ CUT = "the robot was still moving when the recording ended"
     ("label", "part", "stands_s", "said", "unsaid"),
     [
         ("acw", 1.0, 3.0, [], [CUT, "analysed"]),
-        (
-            "acw",
-            0.3,
-            0.0,
-            [CUT, "analysed", "3 s"],
-            ["relabel"],
-        ),
+        ("acw", 0.3, 0.0, [CUT, "analysed", "3 s"], ["relabel"]),
         ("acw", 0.6, 0.0, [CUT], ["analysed", "relabel"]),  # it unwinds: its lap is whole
         ("cw", 0.35, 3.0, ["rig relabel {run} --direction acw"], [CUT]),
         ("cw", 0.35, 0.0, [CUT, "rig relabel {run} --direction acw"], []),
     ],
 )
-def test_the_remedy_is_the_one_that_mends_the_run(
-    tmp_path,
-    monkeypatch,
-    label,
-    part,
-    stands_s,
-    said,
-    unsaid,
-):
+def test_the_remedy_is_the_one_that_mends_the_run(tmp_path, monkeypatch, label, part, stands_s, said, unsaid):
     run = recorded(tmp_path, label=label, part=part, stands_s=stands_s)
 
     class Daemon:
@@ -61,5 +45,5 @@ def test_the_remedy_is_the_one_that_mends_the_run(
     for words in unsaid:
         assert words not in done.stderr
     if label == "cw":
-        assert ran("relabel", run, "--direction", "acw").returncode == 0
+        assert ran(f"relabel {run} --direction acw").returncode == 0
         assert fitness(run).drove is None

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -8,15 +6,13 @@ from typer.testing import CliRunner, Result
 
 from analysis.cli import app
 from daq.store import read_run
-from rigs.errors import RigError
 from rigs.load import SHIPPED
-from tests.support.store_cases import crash, finished, record
+from tests.support.store_cases import finished
 from tests.support.table_cases import csv_text, plain
 
 
 @pytest.fixture
 def runs(tmp_path: Path) -> list[Path]:
-    """A complete run, a directory that is not a run, and another complete run."""
     whole = finished(tmp_path / "runs")
     return [whole, tmp_path / "nothing", Path(shutil.copytree(whole, tmp_path / "copy"))]
 
@@ -42,12 +38,6 @@ def test_verify_goes_on_behind_a_damaged_run(runs):
     assert ran("verify", runs[2], runs[2]).stdout.splitlines() == [f"{runs[2]}: whole"]  # the same run twice
 
 
-def test_every_run_of_several_is_recovered(tmp_path):
-    cut = [crash(record(tmp_path / name)) for name in "ab"]
-    done = ran("recover", *cut)
-    assert done.exit_code == 0 and all(f"{path}: recovered" in done.stdout for path in cut)
-
-
 def test_several_tables_become_runs_named_as_they_are(tmp_path):
     text = csv_text(plain("roll", "cw"))
     for name, content in (("a", text), ("b", text.replace('"cw"', '"ccw"')), ("c", text)):
@@ -71,9 +61,3 @@ def test_several_runs_are_exported_to_a_directory(runs, tmp_path):
     )
     taken = ran("export", runs[0], runs[2], "--to", "mcap", "-o", next((tmp_path / "out").iterdir()))
     assert taken.exit_code == 3 and taken.stderr.count("choose a different --output") == 2
-
-
-def test_run_without_a_map_is_refused(runs, tmp_path):
-    done = ran("export", runs[0], "--to", "map", "-o", tmp_path / "map.yaml")
-    assert isinstance(done.exception, RigError) and done.exception.code == "export.no_map"
-    assert not (tmp_path / "map.yaml").exists()

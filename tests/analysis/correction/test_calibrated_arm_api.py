@@ -2,17 +2,20 @@ import numpy as np
 import pytest
 
 from analysis import calibrated_arm
+from analysis.apps.programs.compensated import ahead_of_plays, targets_of
+from analysis.apps.programs.planned import plans_of
 from analysis.correction.corrected_targets import corrected
-from analysis.correction.support import supports
+from analysis.correction.support import known_plays, supports
 from analysis.correction.work import tool_poses
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.robot.model.predict import model_of
-from rigs.calibration import ModelAssessment, PlacedSetUp
-from rigs.effects import Backlash, Compliance
+from rigs.calibration import TIMES, CovarianceParameter, ModelAssessment, PlacedSetUp, Term, packed_factor
+from rigs.effects import Backlash, Compliance, Effect, size_field
 from rigs.errors import FileError
 from rigs.load import load
+from rigs.rig import Rig
 from tests.support.changed_arms import changed, within_limits
-from tests.support.handmade_calibration import calibrated_model, written
+from tests.support.handmade_calibration import NAMED, calibrated_model, written
 
 SOFT = Compliance(axis=2, deg_per_Nm=5e-4)
 
@@ -41,10 +44,6 @@ def test_a_pose_beyond_the_reach_has_no_angles():
     assert not found.reached.any()
     assert np.isnan(found.q_deg).all()
     assert np.isnan(found.u_mm).all()
-
-
-def test_of_an_arm_of_which_nothing_was_found_nothing_is_certain():
-    assert np.isnan(calibrated_arm("ur10e").forward(np.zeros((1, 6))).u_mm).all()
 
 
 def test_the_uncertainty_is_that_of_the_calibration_and_of_the_play(tmp_path):
@@ -112,3 +111,39 @@ def test_five_axis_arm_reaches_the_place_and_reports_the_turn():
     angle = np.arccos((np.trace(there[0, :3, :3].T @ leaning[0, :3, :3]) - 1) / 2)
     assert found.turned_deg[0] == pytest.approx(np.degrees(angle), abs=1e-4)
     assert found.turned_deg[0] > 1
+
+
+U_DEG = 0.001
+USUAL = Backlash(axis=5, width_deg=0.004)
+"""Certain, 4 u, and no wider than the gears of a sound arm are."""
+UNSURE = Backlash(axis=2, width_deg=0.0015)
+SMALL = Backlash(axis=4, width_deg=0.01)
+"""One of the many small terms, of which a calibration knows how many times of it the arm shows, and no width."""
+
+
+def calibrated(*plays: Effect) -> Rig:
+    """A rig file that names `NAMED`, and beside it a calibration of other plays with widths and of a small one."""
+    terms = (
+        Term(effect=NAMED, times=1.0, named=True),
+        *(Term(effect=play, times=1.0) for play in plays),
+        Term(effect=SMALL, times=1.0),
+    )
+    fields = [*(size_field(term.effect) for term in terms[:-1]), TIMES]
+    parameters = tuple(CovarianceParameter(term=k, field=name) for k, name in enumerate(fields))
+    model = calibrated_model(terms=terms, parameters=parameters, factor=packed_factor(U_DEG * np.eye(len(parameters))))
+    rig, _ = load("paper-fanuc")
+    return rig.model_copy(update={"effects": (NAMED,)}).with_calibration(None, model)
+
+
+def test_certain_usual_play_is_taken_from_the_calibration():
+    assert known_plays(calibrated(USUAL, UNSURE)) == (NAMED, USUAL)  # the named play once, though both files have it
+
+
+def test_its_joint_is_commanded_further_by_half_its_width():
+    rig = calibrated(USUAL)
+    plan = plans_of(rig, "yaw", 1.0)[0]
+    assert len(ahead_of_plays(rig, plan)) == len(targets_of(plan))
+    ahead_deg = np.degrees(ahead_of_plays(rig, plan))
+    assert np.abs(ahead_deg[:, 4]).max() == pytest.approx(USUAL.width_deg / 2, rel=1e-6)
+    assert not ahead_deg[:, [1, 3]].any()  # the joints of which no play is known stay
+    assert not ahead_of_plays(calibrated(), plan)[:, 4].any()

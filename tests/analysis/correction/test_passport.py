@@ -1,14 +1,9 @@
-"""Distances of the real arm from the data sheet, the controller and the last visit."""
-
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from analysis import Diagnosis, diagnose
-from rigs.effects import JointOffset, LinkGeometry
 from rigs.rig import Rig
 from tests.support.pose_runs import pose_run
 from tests.worlds.arms.independent_arm import cell, none, postures
@@ -44,11 +39,3 @@ def test_passport_shows_changes_since_the_factory(zero_deg):
     assert passport["last_visit_um"] is None and not found.standing
     if zero_deg == 0:
         assert found.condition == "nothing_unusual"
-
-
-def test_last_visit_is_known_without_the_controller():
-    found = _found({"effects": (LinkGeometry(axis=4, field="a", delta=A4_MM), JointOffset(axis=3, offset_deg=0.05))})
-    passport = found.passport
-    assert passport and passport.controller is None and passport.last_visit
-    assert passport.last_visit.value > 5 * passport.last_visit.u  # the zero of the rig file is not there
-    assert found.to_dict()["passport"]["controller_um"] is None

@@ -1,14 +1,9 @@
-from __future__ import annotations
-
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from analysis.apps.correct.correct_rig import correct_rig
-from analysis.correction.support import ANYWAY
 from rigs.calibration import ModelAssessment, ground_of
 from rigs.load import load
 from tests.support.command_line import ran
@@ -40,15 +35,10 @@ def _cell(directory: Path, **changed: object) -> Path:
     return written(directory, calibrated_model(judged=judged))[0]
 
 
-def _corrected(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.parametrize(("changed", "why"), NOTHING)
 def test_unproven_model_is_refused_with_the_reason(tmp_path, changed, why):
     cell, out = _cell(tmp_path, **changed), tmp_path / "out"
-    done = ran("correct", cell, "-o", out)
+    done = ran(f"correct {cell} -o {out}")
     assert done.returncode == 3 and not out.exists()
     assert f"{cell}: " in done.stderr and why in done.stderr
 
@@ -57,37 +47,6 @@ def test_left_out_poses_prove_a_model_beside_an_unknown_cause():
     judged = {"condition": "outside_library", "place": "used", "left_out_um": 60.0}
     model = calibrated_model(judged=ModelAssessment.model_validate(SOUND.model_dump() | judged))
     assert ground_of(model) == "gains_elsewhere"
-
-
-def test_anyway_writes_every_file_with_a_remark(tmp_path):
-    cell, out = _cell(tmp_path, handed_um=95.0), tmp_path / "out"
-    assert (
-        ran("program", cell, "--for", "ur", "--test", "radial", "--targets", "-o", tmp_path / "nominal").returncode == 0
-    )
-    path = tmp_path / "nominal" / "radial-path.csv"
-    own = tmp_path / "own.script"
-    own.write_text("movej([0.3, -1.2, 1.4, -0.3, 1.2, 0.2])\n")
-    done = ran("correct", cell, "--path", path, "--program", own, "--for", "ur", "-o", out, "--anyway")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("Against the ")
-    text = (out / "corrections.yaml").read_text()
-    assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: " in text
-    assert yaml.safe_load(text)["verdict"] == "nothing"
-    assert (out / "own.script").read_text().endswith(f"\n# {ANYWAY}\n")
-    again = ran("correct", cell, "--program", out / "own.script", "--for", "ur", "-o", tmp_path / "again", "--anyway")
-    assert again.returncode == 0, again.stderr
-    assert (tmp_path / "again" / "own.script").read_text().count("# corrected by") == 2
-    table = out / "corrected-radial-path.csv"
-    assert {row["against_verdict"] for row in _corrected(table)} == {ANYWAY}
-
-    words = ("--for", "ur", "--test", "radial", "--path", table, "-o", tmp_path / "programs")
-    for rig in (cell, "paper-fanuc"):  # the table says it too
-        refused = ran("program", rig, *words)
-        assert refused.returncode == 3 and "--anyway" in refused.stderr
-    done = ran("program", "paper-fanuc", *words, "--anyway")
-    assert done.returncode == 0, done.stderr
-    (program,) = (tmp_path / "programs").glob("*.script")
-    assert ANYWAY in program.read_text()
 
 
 def test_u_of_each_target_includes_the_unexplained_error(tmp_path):

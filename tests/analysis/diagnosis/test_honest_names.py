@@ -1,19 +1,10 @@
-"""Names where readings hardly separate two causes, and names next to an error that no name explains."""
-
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
-import numpy as np
 import pytest
 
-from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
-from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.search import SearchResult, search
-from analysis.diagnosis.fit.selection import Selection
-from analysis.diagnosis.judge.budget import GapMeasure
 from analysis.diagnosis.judge.result import Gap
 from analysis.diagnosis.judge.verdict import (
     Gaps,
@@ -23,7 +14,7 @@ from analysis.procedures.simulate import simulate
 from rigs.effects import Backlash, Effect, TransmissionError
 from rigs.load import load
 from rigs.schema.effect import label_of, size_of
-from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, measured, white
+from tests.support.diagnosis_cells import healthy, measured
 
 WAYS = ("acw", "cw")
 
@@ -43,7 +34,7 @@ def _searched(effects: tuple[Effect, ...], times: int, seed: int) -> SearchResul
 _GEAR = TransmissionError(axis=6, order=2, amplitude_deg=0.01)
 
 
-def test_a_usual_gear_error_is_not_called_a_fault_of_the_ball() -> None:
+def test_a_usual_gear_error_is_not_called_a_fault_of_the_ball():
     result = _searched((Backlash(axis=1, width_deg=0.008), _GEAR), 1, 1)
     odds = {label_of(effect): of for effect, of in zip(result.effects, result.rival_odds, strict=True)}
     gear = odds["transmission_error 6 order 2"]
@@ -52,7 +43,7 @@ def test_a_usual_gear_error_is_not_called_a_fault_of_the_ball() -> None:
     assert 0.02 < rivals["ball_form"] < 0.5  # one yaw lap each way does not exclude it
 
 
-def test_a_gear_error_once_a_turn_is_not_called_a_fault_of_the_gauges() -> None:
+def test_a_gear_error_once_a_turn_is_not_called_a_fault_of_the_gauges():
     """Named as a wave of axis 2 of 42 healthy sizes before, at a level that was 2.5 times too high."""
     gear = TransmissionError(axis=6, order=1, amplitude_deg=0.022, phase_deg=-92.2)
     result = _searched((gear,), 2, 500)
@@ -60,26 +51,7 @@ def test_a_gear_error_once_a_turn_is_not_called_a_fault_of_the_gauges() -> None:
     assert size_of(result.effects[0]) == pytest.approx(size_of(gear), rel=0.05)
 
 
-def test_a_height_of_the_ball_is_no_error_if_set_ups_are_free() -> None:
-    linear, measure = healthy(), GapMeasure(healthy())
-    assert measure.with_free_set_ups_um(linear.U[:, 2]) < 1e-6 < measure.um(linear.U[:, 2])  # the height of the ball
-    noise = white(linear, 5)
-    assert measure.with_free_set_ups_um(noise) == pytest.approx(measure.um(noise), rel=0.1)
-
-
-def test_departures_are_the_part_of_the_residual_that_the_ideal_forms_lack() -> None:
-    result = _searched((Backlash(axis=1, width_deg=0.008), _GEAR), 1, 1)
-    before = sum(response.columns.shape[1] for response in result.fit.tangents)
-    free = result.fit.free.columns.shape[1]
-    terms = result.fit.fitted_terms.T
-    others = np.delete(np.arange(terms.shape[1]), np.arange(before, terms.shape[1] - free))
-    ideal = result.fit.residual - result.columns.X @ result.posterior.mean
-    ideal -= terms[:, others] @ result.posterior.term_means[others]
-    assert len(result.departures) == len(result.effects)
-    np.testing.assert_allclose(ideal - sum(result.departures), result.posterior.residual, atol=1e-6)
-
-
-def test_errors_at_other_places_are_unexplained_if_repeats_state_the_noise() -> None:
+def test_errors_at_other_places_are_unexplained_if_repeats_state_the_noise():
     gap = Gap(("a",), before_um=200.0, after_um=90.0, noise_floor_um=50.0, calibrated_um=50.0)
     (block, *_) = healthy().blocks
     repeated, once = [replace(block, measured=True)], [replace(block, measured=False)]
@@ -88,19 +60,3 @@ def test_errors_at_other_places_are_unexplained_if_repeats_state_the_noise() -> 
     assert _missed_elsewhere_um(missed, once) == 0.0  # it may be scatter
     assert _missed_elsewhere_um(replace(missed, beyond_um=40.0), repeated) == 0.0  # sound cells have as much
     assert _missed_elsewhere_um(replace(missed, unexplained_um=60.0), once) == 60.0
-
-
-def _wandering(axis: int) -> Array:
-    """An error of a joint over its angle that is no sum of few waves, of 5000 sigma."""
-
-    def off(block: Block) -> Array:
-        x = block.path.q[:, axis - 1]
-        return np.radians(0.01 * np.sin(40 * x**2 + axis))[:, None]
-
-    added = healthy().without_set_up(healthy().by_joint(axis, off))[:, 0]
-    return np.asarray(5000 * added / np.linalg.norm(added), dtype=float)
-
-
-def test_a_search_ends_when_its_effort_is_spent() -> None:
-    selection = Selection(holding(healthy(), white(healthy(), 5) + _wandering(2)), healthy_columns(), Effort(10**6))
-    assert selection.select(selection.initial_state(())).effects == ()

@@ -1,7 +1,5 @@
 """Means and uncertainties of a fit are those of the posterior of the forward model."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.support.outsider import case, stated
@@ -11,7 +9,7 @@ DRAWS, TAIL = 1200, 12
 """
 
 
-def test_means_and_uncertainties_are_those_of_the_forward_model_called_for_every_value() -> None:
+def test_means_and_uncertainties_are_those_of_the_forward_model_called_for_every_value():
     one = stated(case(0))
     rng = np.random.default_rng(0)
     away = rng.standard_normal((DRAWS, len(one.u))) * np.sqrt(TAIL / rng.chisquare(TAIL, DRAWS))[:, None]

@@ -1,7 +1,3 @@
-"""A diagnosis called from Python, or from a job, uses one BLAS thread and leaves the number as it was."""
-
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -15,9 +11,7 @@ def blas_threads() -> set[int]:
     return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
 
-def test_a_diagnosis_uses_one_blas_thread_and_restores_the_number_after_an_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_diagnosis_uses_one_blas_thread_and_restores_the_number_after_an_error(monkeypatch):
     class StopError(Exception):
         pass
 

@@ -1,7 +1,3 @@
-"""Widening of u at unseen places: a factor if the errors grow with the stated u, otherwise a constant."""
-
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,33 +28,33 @@ def missed(variance: np.ndarray) -> _Neighbourhoods:
     return _Neighbourhoods(squares, NOISE, STATED, np.full(60, 30.0))
 
 
-def test_misses_that_grow_with_what_is_stated_are_a_factor() -> None:
+def test_misses_that_grow_with_what_is_stated_are_a_factor():
     wider = missed(4 * STATED).parted()
     assert 1.6 < wider.factor < 2.7
     assert wider.unexplained_mm is not None and wider.unexplained_mm < 0.12
     assert wider.beyond_mm == pytest.approx(np.sqrt(3 * STATED.mean()), rel=0.3)
 
 
-def test_misses_that_are_the_same_everywhere_are_unexplained() -> None:
+def test_misses_that_are_the_same_everywhere_are_unexplained():
     wider = missed(STATED + 0.3**2).parted()
     assert wider.factor < 1.8  # a wide share of the places states nearly as much
     assert wider.unexplained_mm == pytest.approx(0.3, rel=0.35)
     assert wider.beyond_mm == pytest.approx(0.3, rel=0.2)
 
 
-def test_a_model_that_states_enough_is_not_narrowed() -> None:
+def test_a_model_that_states_enough_is_not_narrowed():
     wider = missed(0.3 * STATED).parted()
     assert wider.factor == 1.0 and wider.unexplained_mm == wider.beyond_mm == 0.0
 
 
-def test_one_place_far_off_does_not_decide() -> None:
+def test_one_place_far_off_does_not_decide():
     sound = missed(STATED)
     squares = sound.square_mm2.copy()
     squares[7] = 400 * STATED[7]
     assert _Neighbourhoods(squares, NOISE, STATED, sound.weight).ratio < 2 * max(sound.ratio, 1.0)
 
 
-def test_the_reach_of_what_was_judged_is_that_of_the_farthest_placement() -> None:
+def test_the_reach_of_what_was_judged_is_that_of_the_farthest_placement():
     def at(x_mm: float) -> SetUp:
         return SetUp(np.zeros(3), np.zeros(1), transform(Pose(xyz_mm=(x_mm, 0, 0))), np.eye(4))
 
@@ -70,7 +66,7 @@ def test_the_reach_of_what_was_judged_is_that_of_the_farthest_placement() -> Non
     assert reach_mm(alone := dict(list(used.items())[:1]), alone) == 0.0
 
 
-def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:
+def test_a_pose_that_is_reached_from_two_sides_is_no_repeat():
     model = model_of(parse(f"name: x\n{load_arm('ur10e').text}", "x"))
     q = np.tile(np.linspace(-1, 1, 6), (4, 1)) + np.repeat([[0.0], [0.3]], 2, axis=0)
     came_from = q - np.array([[0.1], [-0.1], [0.1], [0.1]])
@@ -91,8 +87,8 @@ def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:
         ("temp", ["warm", "21"], None),
     ],
 )
-def test_a_temperature_column_is_known_by_its_word(name: str, cells: list[str], expected: list[float] | None) -> None:
+def test_a_temperature_column_is_known_by_its_word(name, cells, expected):
     table = SimpleNamespace(q=np.zeros((2, 6)))
     used = [SimpleNamespace(run=SimpleNamespace(table=pa.table({name: cells})), table=table)]
-    values = temperature_of(used)  # type: ignore[arg-type]
+    values = temperature_of(used)
     assert (values is None) if expected is None else values.tolist() == expected

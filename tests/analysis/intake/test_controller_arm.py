@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -41,20 +39,6 @@ def test_one_pair_confirms_the_data_sheet_of_a_maker_with_options(tmp_path):
     name = "abb-irb-120"
     pair = pendant(tmp_path, load_arm(name).robot, 1)
     assert rig_with_controller(parse(rig_text_of(name), ""), rig_text_of(name), pair)[0].controller == "data_sheet"
-
-
-def test_five_pairs_confirm_the_data_sheet(tmp_path):
-    text = rig_text_of("ur5e")
-    rig, edited, read = rig_with_controller(parse(text, ""), text, pendant(tmp_path, load_arm("ur5e").robot, 5))
-    assert (read.arm, rig.controller) == ("data_sheet", "data_sheet")
-    assert rig.robot.axes == load_arm("ur5e").robot.axes and parse(edited, "") == rig
-
-
-def test_one_pair_shows_own_constants_and_asks_for_more(tmp_path):
-    text = rig_text_of("ur5e")
-    with pytest.raises(FileError) as refused:
-        rig_with_controller(parse(text, ""), text, pendant(tmp_path, own_arm(), 1))
-    assert len(refused.value.lines()) == 1
 
 
 def test_thirty_pairs_determine_own_constants(tmp_path):

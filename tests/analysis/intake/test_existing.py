@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -16,21 +14,16 @@ KEPT = [
     "correct {corrected} -o {}",
     "import {table} --rig ur10e --test radial -o {}/run",
 ]
-SHOWN = [
-    "report {run} -o {}/page.html",
-    "analyse {run} --plot {}",
-    "history ur10e --runs {runs} -o {}/page.html",
-]
+SHOWN = ["report {run} -o {}/page.html", "analyse {run} --plot {}", "history ur10e --runs {runs} -o {}/page.html"]
 
 
 @pytest.fixture(scope="module")
 def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """What the commands above begin with."""
     work = tmp_path_factory.mktemp("work")
-    assert ran("simulate", "ur10e", "--test", "radial", "-o", work / "runs").returncode == 0
+    assert ran(f"simulate ur10e --test radial -o {work}/runs").returncode == 0
     (run,) = (work / "runs").iterdir()
     table, corrected = work / "table.csv", work / "cell.yaml"
-    assert ran("export", run, "--to", "csv", "-o", table).returncode == 0
+    assert ran(f"export {run} --to csv -o {table}").returncode == 0
     assert ran("example", work / "shipped").returncode == 0
     text = (work / "shipped" / "ur10e.yaml").read_text()
     corrected.write_text(f"{text}\neffects: [{{effect: joint_offset, axis: 3, offset_deg: 0.05}}]\n")
@@ -38,7 +31,6 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def _twice(command: str, names: dict[str, Path], place: Path) -> tuple[dict[Path, bytes], tuple[str | Path, ...]]:
-    """The files of a command after the first time, and its words."""
     words = tuple(word.format(place, **names) for word in command.split())
     done = ran(*words)
     assert done.returncode == 0 and "replacing" not in done.stderr, done.stderr

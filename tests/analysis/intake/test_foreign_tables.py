@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -12,11 +10,12 @@ from analysis.cli import import_
 from analysis.cli.dialogue import Dialogue
 from analysis.intake.imports import propose_map
 from analysis.intake.raw_table import layout_of, read_raw
-from analysis.intake.table_map import TableMap, load_map, map_text, parse_map
+from analysis.intake.table_map import load_map, map_text, parse_map
 from analysis.runs.tables import PoseTable
 from daq.store import read_run
 from rigs.errors import FileError
 from tests.support.command_line import ran
+from tests.support.drawn_tables import drawn_tables, judged
 from tests.support.foreign_tables import Foreign, Poses, foreign_tables, poses, rows, text, tried
 from tests.support.nightly import cases
 from tests.support.refusals import refused
@@ -46,20 +45,9 @@ def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path):
     assert tried(named("kuka"), tmp_path).outcome == "without a word"
     kept = read_run(tmp_path / "run").manifest.table
     assert kept is not None and not kept.assumed
-    done = ran("export", tmp_path / "run", "--to", "map", "-o", tmp_path / "again.yaml")
+    done = ran(f"export {tmp_path}/run --to map -o {tmp_path}/again.yaml")
     assert done.returncode == 0 and (tmp_path / "again.yaml").read_text() == kept.map
-    done = ran(
-        "import",
-        tmp_path / "kuka.csv",
-        "--rig",
-        "ur10e",
-        "--test",
-        "pose",
-        "-o",
-        tmp_path / "b",
-        "--map",
-        tmp_path / "again.yaml",
-    )
+    done = ran(f"import {tmp_path}/kuka.csv --rig ur10e --test pose -o {tmp_path}/b --map {tmp_path}/again.yaml")
     assert done.returncode == 0, done.stderr
     assert read_run(tmp_path / "b").table.equals(read_run(tmp_path / "run").table)
 
@@ -68,34 +56,15 @@ def test_open_question_is_refused_and_its_answer_imported(tmp_path):
     foreign = named("jacobi-like")
     assert tried(foreign, tmp_path).asked == ("residual",)
     proposed = tmp_path / "run.map.yaml"
-    words = (
-        "import",
-        tmp_path / "jacobi-like.csv",
-        "--rig",
-        "ur10e",
-        "--test",
-        "pose",
-        "-o",
-        tmp_path / "a",
-        "--map",
-        proposed,
-    )
-    done = ran(*words)
+    command = f"import {tmp_path}/jacobi-like.csv --rig ur10e --test pose -o {tmp_path}/a --map {proposed}"
+    done = ran(command)
     assert done.returncode == 3 and "not answered" in done.stderr
     answer = next(line[4:].split("  #")[0] for line in proposed.read_text().splitlines() if line.startswith("#   {"))
     proposed.write_text(proposed.read_text().replace('"?"', answer))
-    assert ran(*words).returncode == 0
+    assert ran(command).returncode == 0
     table = load_run(tmp_path / "a").table
     assert isinstance(table, PoseTable) and foreign.truth
     assert np.abs(table.xyz_mm - foreign.truth.xyz_mm).max() < 1e-5
-
-
-def test_yes_takes_the_likeliest_answer_and_marks_the_run(tmp_path):
-    foreign = named("jacobi-like")
-    files = foreign.written(tmp_path)
-    done = ran("import", *files, "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a", "--yes")
-    assert done.returncode == 0
-    assert any("not confirmed" in doubt for doubt in load_run(tmp_path / "a").doubts)
 
 
 def test_a_person_at_a_terminal_is_asked(tmp_path, monkeypatch):
@@ -141,23 +110,6 @@ def test_arm_with_a_far_wrong_zero_is_imported_with_a_doubt(tmp_path):
         propose_map([farther], "ur10e")
 
 
-def test_places_that_the_nominal_arm_computes_are_in_doubt(tmp_path):
-    from analysis.robot.kinematics.arm import arm_of, forward  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
-
-    p = poses()
-    T = forward(arm_of(load("ur10e")[0].robot), p.q)
-    path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), T[:, :3, 3], tmp_path=tmp_path)
-    assert any("the controller" in one for one in propose_map([path], "ur10e").table_map.assumed)
-
-
-def test_other_arm_is_refused_with_its_misfit(tmp_path):
-    p = poses()
-    path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
-    with refused("table.fits_no_reading"):
-        propose_map([path], "paper-fanuc")
-
-
 def test_short_table_in_metres_is_refused_with_map_and_command(tmp_path):
     p, names = poses(), [*(f"q{axis}_deg" for axis in range(1, 7)), "x_m", "y_m", "z_m"]
     path = with_header(p, names, np.degrees(p.q), 1e-3 * p.xyz_mm, tmp_path=tmp_path)
@@ -191,22 +143,12 @@ def test_a_bad_table_is_refused_in_words(change, says, tmp_path):
     done = imported(path, tmp_path / "run")
     if done.returncode == 3 and says not in done.stderr:  # a bad cell hides its column from the proposal
         (tmp_path / "m.yaml").write_text(map_text(good))
-        done = ran(
-            "import", path, "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "run", "--map", tmp_path / "m.yaml"
-        )
+        done = ran(f"import {path} --rig ur10e --test pose -o {tmp_path}/run --map {tmp_path}/m.yaml")
     assert done.returncode == 3 and says in done.stderr, done.stderr
 
 
-def test_files_of_other_lengths_are_not_joined_by_row(tmp_path):
-    foreign = named("two-files")
-    joints, laser = foreign.written(tmp_path)
-    laser.write_text("\n".join(laser.read_text().splitlines()[:-1]))
-    done = ran("import", joints, laser, "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a", "--join", "rows")
-    assert done.returncode == 3 and "has 39 rows" in done.stderr
-
-
 def test_a_circle_is_imported_by_a_map(tmp_path):
-    assert ran("simulate", "paper-fanuc", "--test", "yaw", "-o", tmp_path / "sim").returncode == 0
+    assert ran(f"simulate paper-fanuc --test yaw -o {tmp_path}/sim").returncode == 0
     run = next(path for path in (tmp_path / "sim").iterdir() if "acw" in path.name)
     table = load_run(run).to_table().to_pandas()
     foreign = table.rename(columns={"t_s": "time", "g1_mm": "probe 1", "g2_mm": "probe 2"}).drop(columns="direction")
@@ -238,32 +180,21 @@ def test_map_reports_every_mistake_with_its_line(tmp_path):
     assert "line 2, joints" in said and "line 3, turn" in said
 
 
-def test_a_map_that_is_written_is_read_as_it_was():
-    table_map: TableMap = propose_of(named("leica"))
-    assert parse_map(map_text(table_map), "m") == table_map
-    assumed = replace_assumed(table_map)
-    assert parse_map(map_text(assumed), "m") == assumed
+def test_a_map_that_is_written_is_read_as_it_was(tmp_path):
+    foreign = named("leica")
+    table_map = propose_map(foreign.written(tmp_path), foreign.rig, foreign.options[1]).table_map
+    assumed = table_map.model_copy(update={"assumed": ("the sign: 'as' it \"was\", # nobody knows",)})
+    for one in (table_map, assumed):
+        assert parse_map(map_text(one), "m") == one
 
 
-def propose_of(foreign: Foreign) -> TableMap:
-    import tempfile  # noqa: PLC0415
-
-    with tempfile.TemporaryDirectory() as folder:
-        return propose_map(foreign.written(Path(folder)), foreign.rig, foreign.options[1]).table_map
-
-
-def replace_assumed(table_map: TableMap) -> TableMap:
-    return table_map.model_copy(update={"assumed": ("the sign: 'as' it \"was\", # nobody knows",)})
-
-
-@pytest.mark.parametrize("seed", cases(range(60), range(6)))
+@pytest.mark.parametrize("seed", range(6))
 def test_a_damaged_table_is_read_or_refused_in_one_line(seed, tmp_path):
     rng = np.random.default_rng(seed)
     chosen = [one for one in TABLES if not one.real]
     foreign = chosen[int(rng.integers(len(chosen)))]
     files = []
     for name, content in foreign.files.items():
-        assert isinstance(content, bytes)
         data = bytearray(content)
         for _ in range(int(rng.integers(1, 5))):
             at = int(rng.integers(len(data)))
@@ -276,18 +207,25 @@ def test_a_damaged_table_is_read_or_refused_in_one_line(seed, tmp_path):
         assert "\n" not in str(error)
 
 
-def test_a_bad_cell_is_named_with_its_line(tmp_path):
-    p = poses()
-    path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
-    lines = path.read_text().splitlines()
-    lines[7] = ",".join([*lines[7].split(",")[:6], "lost", *lines[7].split(",")[7:]])
-    path.write_text("\n".join(lines))
-    done = imported(path, tmp_path / "run")
-    assert done.returncode == 3 and "line 8, x: 'lost' is not a number" in done.stderr
-
-
 @pytest.mark.parametrize(("line", "lost"), [("###,2.5,3.5", False), ("#1.5,2.5,3.5", True), ("### a remark", True)])
 def test_a_number_too_wide_for_its_cell_begins_no_comment(line, lost):
     lines = ["1.0,2.0,3.0", "4.0,5.0,6.0", line, "7.0,8.0,9.0"]
     raw = read_raw(lines, layout_of(lines, "utf-8", "a.csv"), "a.csv")
     assert (3 in raw.lines.tolist()) is not lost
+
+
+DRAWN = drawn_tables()
+# Two files without a header, of which one has decimal commas; a tracker that was moved before the last six of 25 rows;
+# a sound arm within 0.1 mm of its nominal constants.
+EACH_COMMIT = ["old-155", "old-520", "old-538"]
+
+
+@pytest.mark.cpu_limit(120)
+@pytest.mark.parametrize("name", cases(DRAWN, EACH_COMMIT))
+def test_drawn_table_is_read_correctly_or_questioned(name, tmp_path):
+    table = DRAWN[name]
+    done = judged(table, tmp_path)
+    assert not done.wrong, done.lines
+    assert done.outcome != "wrong guess", done.lines
+    if table.sound:
+        assert done.outcome != "refused", done.lines

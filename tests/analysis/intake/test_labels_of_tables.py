@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +7,7 @@ from analysis.apps.interchange.ros_bag import uneven_header
 from analysis.procedures.checks.check_runs import command_errors, findings_of
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.robot.model.predict import load_of, pull
-from analysis.runs.loading import ONLY_COMMANDED, load_measured
+from analysis.runs.loading import load_measured
 from rigs.arms import load_arm
 from rigs.errors import RigError
 from rigs.load import parse
@@ -41,33 +39,21 @@ def joints(template: str) -> str:
     return ",".join(template.format(axis) for axis in range(1, 7))
 
 
-def test_rigs_own_headers_are_questioned_from_the_same_limits(tmp_path: Path) -> None:
+def test_rigs_own_headers_are_questioned_from_the_same_limits(tmp_path):
     longer = TEXT.replace("a_mm: -571.55", "a_mm: -531.55")
     assert longer != TEXT
     written(tmp_path, joints("q{}_deg") + ",x_mm,y_mm,z_mm", np.degrees(Q), XYZ, rig=longer)
     assert "not fit" in imported(tmp_path)
 
 
-def test_a_place_in_other_columns_is_read_by_a_map(tmp_path: Path) -> None:
+def test_a_place_in_other_columns_is_read_by_a_map(tmp_path):
     written(tmp_path, joints("q{}_deg") + ",tvec_x,tvec_y,tvec_z", np.degrees(Q), XYZ / 1000)
     assert "place tvec_x … tvec_z in m" in imported(tmp_path)
     np.testing.assert_allclose(load_measured(tmp_path / "run").table.readings, XYZ, atol=1e-2)  # fmt: skip
 
 
-def test_places_of_spots_point_to_touches(tmp_path: Path) -> None:
-    written(tmp_path, joints("q{}_deg") + ",spot_x_mm,spot_y_mm,spot_z_mm", np.degrees(Q), XYZ)
-    assert "--test touch" in imported(tmp_path)
-
-
 @pytest.mark.parametrize("options", [(), ("--joints", "commanded")])
-def test_commanded_angles_are_used_and_reported(tmp_path: Path, options: tuple[str, ...]) -> None:
-    written(tmp_path, joints("q{}_commanded_deg") + ",x_mm,y_mm,z_mm", np.degrees(Q), XYZ)
-    assert ONLY_COMMANDED in imported(tmp_path, *options)
-    assert load_measured(tmp_path / "run").has_only_commanded_angles
-
-
-@pytest.mark.parametrize("options", [(), ("--joints", "commanded")])
-def test_the_difference_of_commanded_and_measured_angles_is_reported(tmp_path: Path, options: tuple[str, ...]) -> None:
+def test_the_difference_of_commanded_and_measured_angles_is_reported(tmp_path, options):
     load = pull(arm_of(RIG.robot), load_of(RIG.robot), Q).torque[:, 1]
     sags = np.zeros(Q.shape)
     sags[:, 1] = 0.04 * load / np.abs(load).max()
@@ -82,7 +68,7 @@ def test_the_difference_of_commanded_and_measured_angles_is_reported(tmp_path: P
     assert [one.columns for one in findings_of([run]) if one.convention == "commands"] == [("q2_deg",)]
 
 
-def test_an_uneven_header_is_named_and_two_publishers_are_not() -> None:
+def test_an_uneven_header_is_named_and_two_publishers_are_not():
     came = np.arange(200) * 20_000_000 + np.rint(RNG.normal(0, 1e5, 200)).astype(np.int64)
     uneven = came + np.rint(RNG.uniform(-3e7, 3e7, 200)).astype(np.int64)
     assert "uneven" in uneven_header(came, uneven)
@@ -103,6 +89,6 @@ def test_an_uneven_header_is_named_and_two_publishers_are_not() -> None:
         (TEXT + "\ntests: {touch: {sockets: [A, B], distances: [{between: [A, B], distance_mm: 0.1}]}}", "metres"),
     ],
 )  # fmt: skip
-def test_wrong_rig_file_or_metres_are_reported(text: str, says: str) -> None:
+def test_wrong_rig_file_or_metres_are_reported(text, says):
     with pytest.raises(RigError, match=says):
         parse(text, "cell.yaml")

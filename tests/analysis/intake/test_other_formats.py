@@ -3,18 +3,25 @@ import io
 import math
 import time
 import zipfile
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pyarrow as pa
 import pytest
 
+from analysis.apps.interchange import bag_reader
+from analysis.apps.interchange.bags import MCAP_MAGIC, SQLITE_MAGIC
 from analysis.apps.interchange.urdf import import_urdf
+from analysis.intake import raw_table, readers
+from analysis.intake.raw_table import sheets_of
 from analysis.intake.read import parse_csv
 from analysis.runs.written_files import as_it_was, no_formula, write_csv, write_xlsx
 from rigs.errors import FileError
 from rigs.load import load
 from tests.support.refusals import refused
-from tests.support.table_cases import csv_text, plain
 
 RIG = load("ur10e")[0]
 HEADER = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
@@ -87,12 +94,60 @@ def test_more_rows_than_a_sheet_has_are_refused():
         write_xlsx(pa.table({"a": np.zeros(1_048_576)}), io.BytesIO())
 
 
-def test_notes_of_a_table_come_back(tmp_path):
-    lines = csv_text(plain("roll", "cw")).splitlines()
-    notes = [FORMULAS[0], "+1", *["fine"] * (len(lines) - 3)]
-    text = "\n".join([f"{lines[0]},note", *(f'{line},"{note}"' for line, note in zip(lines[1:], notes, strict=True))])
-    table = parse_csv(text.encode(), "lap.csv", "roll", RIG)
-    out = io.BytesIO()
-    write_csv(table, out)
-    assert b"'=cmd" in out.getvalue()
-    assert parse_csv(out.getvalue(), "lap.csv", "roll", RIG)["note"].to_pylist() == notes
+@pytest.fixture(autouse=True)
+def _read_anew() -> Iterator[None]:
+    readers.readers.cache_clear()
+    yield
+    readers.readers.cache_clear()
+
+
+def test_a_bag_is_recognised_by_its_first_bytes():
+    assert readers.reader_of(b"t_s,q1_deg\n") is None
+    for magic in (MCAP_MAGIC, SQLITE_MAGIC):
+        assert readers.reader_of(magic + b"0") is bag_reader
+    assert "mcap filter" in bag_reader.size_remedy(MCAP_MAGIC) and not bag_reader.size_remedy(SQLITE_MAGIC)
+    assert readers.file_of(Path("table.csv")) == Path("table.csv")
+
+
+def test_an_unusable_reader_is_named_with_its_remedy(monkeypatch):
+    offers = [EntryPoint("half_made", "nowhere.at_all", "rig.readers")]
+    monkeypatch.setattr(readers, "entry_points", lambda group: offers)
+    with pytest.raises(FileError) as error:
+        readers.reader_of(b"t_s")
+    (line,) = error.value.lines()
+    assert line.startswith("reader half_made: nowhere.at_all, ")
+
+
+_HEAD = '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main">'
+_FAR = '<row r="1"><c r="A1"><v>1</v></c></row><row r="1048576"><c r="XFD1048576"><v>1</v></c></row>'
+_SMALL = '<row r="1"><c r="A1"><v>7</v></c><c r="B1"><v>8</v></c></row>'
+_ROWS = "".join(f'<row r="{row}"><c><v>1</v></c><c><v>2</v></c></row>' for row in range(1, 2001))
+
+
+def _workbook(dimension: str, rows: str) -> bytes:
+    plain, changed = io.BytesIO(), io.BytesIO()
+    openpyxl.Workbook().save(plain)
+    with zipfile.ZipFile(plain) as source, zipfile.ZipFile(changed, "w", zipfile.ZIP_DEFLATED) as target:
+        for name in source.namelist():
+            sheet = f'{_HEAD}<dimension ref="{dimension}"/><sheetData>{rows}</sheetData></worksheet>'
+            target.writestr(name, sheet if name == "xl/worksheets/sheet1.xml" else source.read(name))
+    return changed.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("dimension", "rows"), [("A1:XFD1048576", _FAR), ("A1:B2000", _ROWS), ("A1:B1", _FAR.replace("XFD", "B"))]
+)
+def test_oversized_workbook_is_refused_while_reading(monkeypatch, dimension, rows):
+    monkeypatch.setattr(raw_table, "_MOST_SHEET_CELLS", 3000)  # private: 500 000 cells take seconds
+    with refused("workbook.too_large"):
+        sheets_of(_workbook(dimension, rows), "book")
+
+
+def test_fully_formatted_sheet_has_only_its_cells():
+    assert sheets_of(_workbook("A1:XFD1048576", _SMALL), "book") == {"Sheet": b"7,8\n"}
+
+
+def test_oversized_workbook_is_not_unpacked(monkeypatch):
+    monkeypatch.setattr(raw_table, "_MOST_UNPACKED", 10_000)  # private: 40 MB take seconds
+    with refused("workbook.too_large"):
+        sheets_of(_workbook("A1:B2000", _ROWS), "book")

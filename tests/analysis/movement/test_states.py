@@ -1,21 +1,14 @@
-"""Runs of one arm in several states, and three parts that moved at once, on independent kinematics."""
-
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from analysis import diagnose
-from analysis.apps.commission.what_moved import study_runs, what_moved, what_moved_in
-from analysis.apps.report.answer_words import AnswerWords
-from analysis.apps.report.texts import texts_of
+from analysis.apps.commission.what_moved import what_moved_in
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.between import without_moved
 from analysis.movement.inference import compare
 from analysis.runs.loading import Measured
-from analysis.runs.tables import PoseTable
 from rigs.errors import FileError
 from rigs.load import load
 from tests.support.handmade_diagnosis import diagnosis
@@ -65,12 +58,8 @@ def test_a_diagnosis_gets_the_state_with_most_readings(monkeypatch):
 
 
 REFERENCES: dict[str, tuple[str, list[dict[int, float]], set[tuple[str, int | None]]]] = {
-    "a zero before the reference of today": ("ur10e", [{}, {4: 0.17}, {}, {}], {("zero", 4)}),
     "a zero, then another one": ("ur10e", [{}, {4: 0.17}, {}, {3: 0.1}], {("zero", 4)}),
-    "two zeros at once": ("paper-fanuc", [{}, {2: 0.12, 4: -0.15}, {2: 0.1}], {("zero", 2), ("zero", 4)}),
-    "the base, twice": ("paper-fanuc", [{}, {0: 1.0}, {0: 0.8}], {("base", None)}),
     "the tool, then a zero": ("ur10e", [{}, {7: 1.2}, {}, {2: 0.1}], {("tool", None)}),
-    "a zero, then the tool": ("paper-fanuc", [{}, {3: -0.15}, {}, {7: 1.2}], {("zero", 3)}),
     "a zero and the base at once": ("ur10e", [{}, {5: 0.2, 0: 1.0}, {}], {("zero", 5), ("base", None)}),
     "references of one state": ("ur10e", [{}, {}, {3: 0.12}], set()),
 }
@@ -99,29 +88,9 @@ def test_too_few_readings_of_the_latest_state_are_refused():
     assert error.value.code == "movement.few_readings" and error.value.where == "run_2"
 
 
-def test_outliers_of_the_reference_are_counted_in_words():
-    cell = cell_with("ur10e", [{}], np.random.default_rng(16))
-    reference = study_runs(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs)
-    for count, begin in (
-        (1, "1 reading of the reference is an outlier"),
-        (2, "2 readings of the reference are outliers"),
-    ):
-        (doubt,) = what_moved(replace(reference, wild=count), []).doubts
-        assert doubt.startswith(begin)
-
-
 def with_rows(run: Measured, count: int) -> Measured:
     table = run.table
-    assert isinstance(table, PoseTable)
     return replace(run, table=replace(table, q=table.q[:count], xyz_mm=table.xyz_mm[:count]))
-
-
-def test_the_answer_lists_every_movement_between_runs():
-    cell = cell_with("ur10e", [{}, {4: 0.17}, {3: -0.2}, {2: 0.15}], np.random.default_rng(16))
-    _, movements, _ = without_moved(load("ur10e")[0].model_copy(update={"effects": ()}), cell.runs)
-    found = replace(diagnosis("nothing_unusual", acts=()), movements=tuple(movements))
-    assert [one.axis for one in movements] == [4, 3, 2]
-    assert len(AnswerWords(found, texts_of("en")).preconditions) == 3
 
 
 @pytest.mark.parametrize("axes", [(2, 3, 4), (1, 3, 5)])

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -86,23 +84,6 @@ def test_fitted_frame_removes_accuracy_but_not_repeatability():
     assert any("best fit" in note for note in by_fit.notes) and not any("best fit" in note for note in by_frame.notes)
 
 
-def test_uncertainties_hold_the_truth():
-    """AP and AD of the noise-free stops lie within 2 u in nearly all runs."""
-    rig = rig_with(Iso9283(instrument=INSTRUMENT.model_copy(update={"u_mm": 0.0})))
-    q = cycle_stops(rig)
-    exact, nominal = tool_places(rig, q, wrong=True), tool_places(rig, cube_of(rig).q, wrong=False)
-    order = np.tile(CYCLE, 30)
-    truth = {f"ap_p{p}_mm": accuracy(exact[order == p], nominal[p - 1]) for p in CYCLE}
-    command = float(np.linalg.norm(nominal[1] - nominal[3]))
-    truth["ad_mm"] = distance(exact[order == 4], exact[order == 2], command)[0]
-    held = []
-    for seed in range(12):
-        noise = 0.04 * np.random.default_rng(100 + seed).standard_normal((len(q), 3))
-        found = evaluate(PoseTable(q, seen(exact + noise), None), rig, 0.0, "cube").figures
-        held += [abs(found[name].value - value) < 2 * found[name].u for name, value in truth.items()]
-    assert np.mean(held) > 0.85, np.mean(held)
-
-
 def test_orientation_is_judged_in_the_known_frame():
     rig = rig_with(Iso9283(instrument=INSTRUMENT))
     q = cycle_stops(rig)
@@ -146,17 +127,8 @@ def test_other_poses_have_no_figures_of_the_cube():
 
 
 @pytest.mark.parametrize(
-    "test",
-    [Iso9283(centre_mm=(3000.0, 0.0, 500.0)), Iso9283(centre_mm=(600.0, 0.0, 500.0), side_mm=2000.0)],
+    "test", [Iso9283(centre_mm=(3000.0, 0.0, 500.0)), Iso9283(centre_mm=(600.0, 0.0, 500.0), side_mm=2000.0)]
 )
 def test_a_cube_without_room_is_refused(test):
     with refused("path.reach"):
         cube_of(rig_with(test))
-
-
-def test_a_cube_that_was_found_stays_when_it_is_written_down():
-    found = cube_of(rig_with(Iso9283()))
-    posture = tuple(round(float(angle), 4) for angle in np.degrees(found.q[0]))
-    centre = tuple(map(float, found.centre_mm))
-    stated = cube_of(rig_with(Iso9283(centre_mm=centre, side_mm=found.side_mm, posture_deg=posture)))
-    assert np.abs(stated.q - found.q).max() < 1e-4 and found.found and not stated.found

@@ -1,6 +1,5 @@
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -64,6 +63,7 @@ def rectangle(errors: Errors) -> Array:
     return np.array([*way, p2])
 
 
+@cache
 def recorded(errors: Errors, seed: int = 0, noise_mm: float = 0.0, rate_hz: float = 500.0) -> PathTable:
     rng, tape = np.random.default_rng(seed), Recorder(rate_hz, 250.0)
     _, p2, p3, p4, _ = cube_places(CENTRE, SIDE)
@@ -157,36 +157,12 @@ def test_corners_are_cut_and_overrun_as_the_standard_measures_it():
     assert over["corner_overshoot_mm"].value == pytest.approx(0.6, abs=0.02)
 
 
-def test_a_sharp_corner_between_places_is_within_its_uncertainty():
-    found = path.evaluate(recorded(Errors(), rate_hz=60.0), CUBE, INSTRUMENT, "path").figures["corner_round_mm"]
-    assert 0.1 < found.value < 2 * found.u
-
-
 def test_f_and_d_of_the_circle_driven_both_ways():
     errors = Errors(grown_mm=-0.12, oval_mm=0.04)
     found = path.evaluate(recorded(errors), CUBE, None, "path").figures
     assert found["d_mm"].value == pytest.approx(-0.12, abs=2e-3)
     assert found["f_max_mm"].value == pytest.approx(-0.12 + 0.04, abs=2e-3)
     assert found["f_min_mm"].value == pytest.approx(-0.12 - 0.04, abs=2e-3)
-
-
-def test_u_of_few_cycles_covers_that_of_all():
-    errors = Errors(bow_mm=0.3, grown_mm=0.1, scatter_mm=0.05)
-    many = [path.evaluate(recorded(errors, seed, 0.01, 150.0), CUBE, INSTRUMENT, "path").figures for seed in range(12)]
-    for name in ("line_at_mm", "line_rt_mm", "circle_at_mm", "circle_rt_mm", "d_mm"):
-        expected = np.mean([one[name].value for one in many])
-        held = np.mean([abs(one[name].value - expected) < 2 * one[name].u for one in many])
-        assert held >= 0.75, (name, held)
-
-
-def test_a_cycle_without_the_target_is_left_out_and_counted():
-    table = recorded(Errors(scatter_mm=0.02))
-    kept = np.ones(len(table.t_s), dtype=bool)
-    torn = np.flatnonzero((table.t_s > 2.5) & (table.t_s < 3.5))
-    kept[torn] = False
-    found = path.evaluate(PathTable(table.t_s[kept], table.xyz_mm[kept]), CUBE, None, "path")
-    assert len(found.driven.paths["line"].places) == CYCLES - 1
-    assert any("1 paths" in note for note in found.notes)
 
 
 def test_missing_and_sparse_paths_are_reported():
@@ -199,21 +175,11 @@ def test_missing_and_sparse_paths_are_reported():
     assert any("too few" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("share", [1.0, 10.0, 1e3])
-def test_times_in_another_unit_are_doubted_by_the_speed(share):
+def test_times_in_another_unit_are_doubted_by_the_speed():
     table = recorded(Errors())
-    found = path.evaluate(PathTable(table.t_s * share, table.xyz_mm), CUBE, None, "path", 250.0)
-    doubted = any("check that t_s is in s" in note for note in found.notes)
-    assert doubted == (share == 1e3)
-
-
-def test_motion_before_and_after_is_no_path():
-    table = recorded(Errors(scatter_mm=0.02))
-    late = slice(int(3.0 * 500), len(table.t_s) - int(2.5 * 500))
-    found = path.evaluate(PathTable(table.t_s[late], table.xyz_mm[late]), CUBE, None, "path")
-    counts = {name: len(one.places) for name, one in found.driven.paths.items()}
-    assert counts["line"] == CYCLES - 1 and counts["small_circle"] == CYCLES - 1 and counts["circle"] == CYCLES
-    assert any("ISO 9283 requires 10" in note for note in found.notes)
+    for share in (10.0, 1e3):
+        found = path.evaluate(PathTable(table.t_s * share, table.xyz_mm), CUBE, None, "path", 250.0)
+        assert any("check that t_s is in s" in note for note in found.notes) == (share == 1e3)
 
 
 @pytest.mark.parametrize(
@@ -231,36 +197,26 @@ def test_a_recording_of_something_else_is_refused(scale, cube, code):
         path.evaluate(PathTable(table.t_s, scale * table.xyz_mm), cube, instrument, "path")
 
 
-def test_a_stand_alone_has_no_moves():
-    t_s = np.arange(2000) / 100.0
-    still = 0.01 * np.random.default_rng(0).standard_normal((2000, 3))
-    with refused("path.missing"):
-        path.evaluate(PathTable(t_s, still), CUBE, None, "path")
-
-
-@pytest.mark.parametrize("size_mm", [3.7, 40.0])
-@pytest.mark.parametrize("count", [1, 3, 6])
-def test_spike_is_ignored_and_reported(size_mm, count):
+def test_spike_is_ignored_and_reported():
     """One of 3.7 mm in 49 000 places made an RT of 0.99 of 0.08 mm."""
     sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
     xyz = sound.xyz_mm.copy()
     row = int(np.searchsorted(sound.t_s, 3.3))
     assert np.linalg.norm(np.diff(xyz[row - 3 : row + 3], axis=0), axis=1).min() > 0.3  # it moves
-    xyz[row : row + count] += size_mm * ACROSS
+    xyz[row] += 3.7 * ACROSS
     table = replace(sound, xyz_mm=xyz)
     found, truth = (path.evaluate(one, CUBE, None, "path") for one in (table, sound))
-    assert found.notes[0].startswith(f"{count} of {len(xyz)} places ")
+    assert found.notes[0].startswith(f"1 of {len(xyz)} places ")
     assert str(row + 1) in found.notes[0] and "ignored" in found.notes[0]
     for name in ("line_rt_mm", "line_at_mm", "circle_rt_mm"):
         assert found.figures[name].value == pytest.approx(truth.figures[name].value, abs=2e-3)
     assert not any("outlier" in note or "repeat" in note for note in truth.notes)
 
 
-@pytest.mark.parametrize("seconds", [0.1, 0.3, 0.5])
-def test_repeated_places_are_ignored_and_reported(seconds):
+def test_repeated_places_are_ignored_and_reported():
     sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
     xyz, row = sound.xyz_mm.copy(), int(np.searchsorted(sound.t_s, 3.3))
-    count = round(seconds * 500)
+    count = 150
     xyz[row : row + count] = xyz[row - 1]
     found, truth = (path.evaluate(one, CUBE, None, "path") for one in (replace(sound, xyz_mm=xyz), sound))
     (note,) = [one for one in found.notes if "repeat" in one]
@@ -268,9 +224,8 @@ def test_repeated_places_are_ignored_and_reported(seconds):
     assert found.figures["line_rt_mm"].value == pytest.approx(truth.figures["line_rt_mm"].value, rel=0.15)
 
 
-@pytest.mark.parametrize("rate_hz", [50.0, 200.0, 500.0, 1000.0])
-@pytest.mark.parametrize("digits", [1, 2, 4])
-def test_sound_places_are_neither_wild_nor_repeated(rate_hz, digits):
+@pytest.mark.parametrize("digits", [1, 4])
+def test_sound_places_are_neither_wild_nor_repeated(digits):
     """Corners that are cut, small circles, and places that are rounded to 0.1 mm."""
-    table = recorded(Errors(cut_mm=2.0, scatter_mm=0.05), seed=3, noise_mm=0.02, rate_hz=rate_hz)
+    table = recorded(Errors(cut_mm=2.0, scatter_mm=0.05), seed=3, noise_mm=0.02)
     assert not places_of(replace(table, xyz_mm=np.round(table.xyz_mm, digits))).words

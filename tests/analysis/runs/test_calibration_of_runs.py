@@ -1,10 +1,7 @@
-from __future__ import annotations
-
 from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 
-import pyarrow.csv
 import pytest
 
 import analysis
@@ -35,7 +32,7 @@ def simulated(tmp_path: Path) -> Path:
     return run
 
 
-def test_a_saved_run_keeps_the_calibration_to_the_byte(tmp_path: Path) -> None:
+def test_a_saved_run_keeps_the_calibration_to_the_byte(tmp_path):
     content = written(tmp_path / "same")[1].read_bytes()
     run = simulated(tmp_path)
     assert (run / FILE).read_bytes() == content
@@ -44,7 +41,7 @@ def test_a_saved_run_keeps_the_calibration_to_the_byte(tmp_path: Path) -> None:
     assert analysis.load_run(run).rig.calibrated == calibrated_model()
 
 
-def test_such_a_run_is_compared_without_its_rig_file_and_saved_again_with_it(tmp_path: Path) -> None:
+def test_such_a_run_is_compared_without_its_rig_file_and_saved_again_with_it(tmp_path):
     run = analysis.load_run(simulated(tmp_path))
     alone = analysis.compare([run]).to_dict()
     rig_file, _ = written(tmp_path / "again")
@@ -54,16 +51,7 @@ def test_such_a_run_is_compared_without_its_rig_file_and_saved_again_with_it(tmp
     assert analysis.load_run(copy).rig.calibrated == calibrated_model()
 
 
-def test_an_imported_run_keeps_it_too(tmp_path: Path) -> None:
-    rig_file, _ = written(tmp_path / "cell")
-    table = tmp_path / "table.csv"
-    pyarrow.csv.write_csv(analysis.simulate(rig_file, "yaw", "cw", seed=1).to_table(), table)
-    read = analysis.read_table(table, rig_file, "yaw", "cw")
-    run = analysis.save_run(read, tmp_path / "run")
-    assert analysis.load_run(run).rig.calibrated == read.rig.calibrated == calibrated_model()
-
-
-def test_a_changed_calibration_is_refused_and_a_run_without_it_is_as_before(tmp_path: Path) -> None:
+def test_a_changed_calibration_is_refused_and_a_run_without_it_is_as_before(tmp_path):
     run = simulated(tmp_path)
     (run / FILE).write_bytes((run / FILE).read_bytes() + b" ")
     reading._calibrations.clear()  # private: as above
@@ -76,8 +64,7 @@ def test_a_changed_calibration_is_refused_and_a_run_without_it_is_as_before(tmp_
         analysis.compare([analysis.load_run(run)])
 
 
-def test_recorded_run_keeps_the_calibration_of_its_start(tmp_path: Path) -> None:
-    """Whatever becomes of the file while the daemon runs."""
+def test_recorded_run_keeps_the_calibration_of_its_start(tmp_path):
     beside = written(tmp_path, calibrated_model(rig="bench"))[1]
     content = beside.read_bytes()
     text = f"{rig_text()}calibration: {{file: {beside.name}, sha256: {sha256(content).hexdigest()}}}\n"

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -9,16 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from analysis.runs import clocks
-from analysis.runs.own_clock import (
-    floor,
-    highest_under,
-    low_outliers,
-    lower_hull,
-    lower_line,
-    numbered,
-    through_clock,
-    through_pace,
-)
+from analysis.runs.own_clock import floor, highest_under, lower_line, through_clock, through_pace
 
 Array = np.ndarray[Any, Any]
 LEAST_MS = 0.2
@@ -41,7 +30,7 @@ def run(seconds: float = 40.0, rate_hz: float = 125.0, ppm: float = 30.0) -> tup
     return taken_s, 1000 + taken_s * (1 + ppm * 1e-6), arrivals(np.random.default_rng(3), taken_s)
 
 
-def test_a_drifting_clock_behind_jitter_is_read_to_a_twentieth_of_a_millisecond() -> None:
+def test_a_drifting_clock_behind_jitter_is_read_to_a_twentieth_of_a_millisecond():
     taken_s, clock_s, host_ns = run()
     fitted = through_clock(clock_s, host_ns)
     assert error_ms(fitted.ns, taken_s).max() < 0.05
@@ -49,8 +38,8 @@ def test_a_drifting_clock_behind_jitter_is_read_to_a_twentieth_of_a_millisecond(
     assert (fitted.restarts, fitted.wrong) == (0, 0) and not fitted.u_s.any()
 
 
-@pytest.mark.parametrize("off_s", [0.05, 0.9, 500.0, -0.05, -0.9, -500.0])
-def test_wrong_stamps_are_counted_and_drag_nothing(off_s: float) -> None:
+@pytest.mark.parametrize("off_s", [0.05, 500.0, -0.9])
+def test_wrong_stamps_are_counted_and_drag_nothing(off_s):
     """Some ahead and some behind; the rows themselves go by their arrival."""
     taken_s, clock_s, host_ns = run()
     wrong = [500, 1700, 1702, 4000]
@@ -63,47 +52,23 @@ def test_wrong_stamps_are_counted_and_drag_nothing(off_s: float) -> None:
     assert (fitted.u_s[wrong] > 2e-3).all() and not fitted.u_s[others].any()
 
 
-def test_host_stamps_that_are_too_early_drag_nothing() -> None:
-    taken_s, clock_s, host_ns = run()
-    early = [30, 2000, 2001, 4900]
-    host_ns[early] = taken_s[early] * 1e9 - 20e6
-    fitted = through_clock(clock_s, host_ns)
-    assert fitted.wrong == len(early)
-    assert np.delete(error_ms(fitted.ns, taken_s), early).max() < 0.05
-
-
-def test_short_delays_that_recur_are_the_floor_and_no_outliers() -> None:
-    """One packet in 50 is quick, the others come 5 ms later: the quick ones tell the truth."""
-    taken_s, clock_s, _ = run()
-    late_ms = np.where(np.arange(len(taken_s)) % 50, 5.0 + LEAST_MS, LEAST_MS)
-    fitted = through_clock(clock_s, taken_s * 1e9 + late_ms * 1e6)
-    assert fitted.wrong == 0 and error_ms(fitted.ns, taken_s).max() < 0.01
-
-
-def test_restarted_clock_is_fitted_in_pieces() -> None:
+def test_restarted_clock_is_fitted_in_pieces():
     taken_s, clock_s, host_ns = run()
     clock_s[3000:] -= clock_s[3000]
     fitted = through_clock(clock_s, host_ns)
     assert fitted.restarts == 1 and error_ms(fitted.ns, taken_s).max() < 0.1
 
 
-def test_delayed_host_is_no_restarted_clock() -> None:
-    taken_s, clock_s, host_ns = run()
-    host_ns[2000:2400] = np.maximum(host_ns[2000:2400], host_ns[2400])
-    fitted = through_clock(clock_s, host_ns)
-    assert (fitted.restarts, fitted.wrong) == (0, 0) and error_ms(fitted.ns, taken_s).max() < 0.05
-
-
 @pytest.mark.parametrize("wrap_s", [2**32 * 1e-3, 2**32 * 1e-6])
 @pytest.mark.parametrize("signed", [False, True])
-def test_a_counter_of_32_bits_goes_on_where_it_wraps(wrap_s: float, signed: bool) -> None:
+def test_a_counter_of_32_bits_goes_on_where_it_wraps(wrap_s, signed):
     taken_s, clock_s, host_ns = run()
     wrapped = (clock_s - clock_s[0] + wrap_s - 20) % wrap_s - (wrap_s / 2 if signed else 0)
     fitted = through_clock(wrapped, host_ns)
     assert fitted.restarts == fitted.wrong == 0 and error_ms(fitted.ns, taken_s).max() < 0.05
 
 
-def test_a_clock_whose_rate_follows_the_temperature_is_followed() -> None:
+def test_a_clock_whose_rate_follows_the_temperature_is_followed():
     """Half an hour, the rate swinging by 1 ppm in 20 minutes."""
     taken_s = np.arange(0, 1800, 0.05)
     wander_s = 1e-6 * 1200 / (2 * np.pi) * np.cos(2 * np.pi * taken_s / 1200)
@@ -118,7 +83,7 @@ def test_a_clock_whose_rate_follows_the_temperature_is_followed() -> None:
 
 @settings(max_examples=60)
 @given(st.lists(st.floats(0, 100), min_size=2, max_size=60), st.integers(0, 2**32 - 1))
-def test_the_line_lies_under_all_points_and_no_other_lies_closer(ys: list[float], seed: int) -> None:
+def test_the_line_lies_under_all_points_and_no_other_lies_closer(ys, seed):
     x, y = np.arange(len(ys), dtype=float), np.array(ys)
     offset, slope = lower_line(x, y)
     assert (y - offset - slope * x).min() > -1e-9 * 100
@@ -127,17 +92,8 @@ def test_the_line_lies_under_all_points_and_no_other_lies_closer(ys: list[float]
         assert under + other * x.mean() <= offset + slope * x.mean() + 1e-7
 
 
-def test_the_broken_line_lies_under_all_points() -> None:
-    rng = np.random.default_rng(5)
-    x = np.sort(rng.uniform(0, 1000, 3000))
-    y = np.sin(x / 100) * 1e-3 + rng.exponential(5e-3, len(x))
-    line, low = floor(x, y)
-    assert not low.any() and (y - line).min() > -1e-9
-    assert np.abs(line - np.sin(x / 100) * 1e-3).max() < 5e-4
-
-
 @pytest.mark.parametrize("knots", [3, 21, 200])
-def test_no_line_of_so_many_pieces_lies_higher_under_the_corners(knots: int) -> None:
+def test_no_line_of_so_many_pieces_lies_higher_under_the_corners(knots):
     """The pull of each knot is a sum, with no negative weight, of the corners that the line touches (Farkas)."""
     rng = np.random.default_rng(knots)
     right = np.sort(rng.integers(1, knots, 20 * knots))
@@ -152,39 +108,8 @@ def test_no_line_of_so_many_pieces_lies_higher_under_the_corners(knots: int) -> 
     assert nnls(at_corners[below < 1e-9].T, pull)[1] < 1e-6
 
 
-def test_the_hull_of_many_points_is_that_of_all() -> None:
-    """The lowest of each few are looked at first; the corners of all are found."""
-    rng = np.random.default_rng(8)
-    x, y = np.arange(20_000.0), 1e-7 * (np.arange(20_000.0) - 7e3) ** 2 + rng.exponential(1.0, 20_000)
-    corner_x, corner_y = lower_hull(x, y)
-    assert (y - np.interp(x, corner_x, corner_y)).min() > -1e-12
-    assert np.isin(corner_x, x).all() and len(corner_x) > 5
-
-
-def test_few_points_are_never_called_wrong() -> None:
-    assert not low_outliers(np.arange(20.0), np.array([1.0] * 10 + [-5.0] + [1.0] * 9)).any()
-
-
-@pytest.mark.parametrize("step_s", [0.0, 5e-324, 1e-300])
-def test_mostly_stopped_clock_has_a_finite_rate(step_s: float) -> None:
-    x = np.concatenate([np.arange(2500) * step_s, 1 + np.arange(1500) * 8e-3])
-    line, low = floor(x, np.arange(4000) * 8e-3 - x)
-    assert np.isfinite(line).all() and not low.any()
-
-
-PERIOD_NS = 20.6e6
-
-
-def paced(rng: np.random.Generator, number: Array, held_ms: float = 16.0) -> Array:
-    """Arrivals (n,) ns of these messages of a steady instrument, held until the next tick of an adapter's timer."""
-    sent = 1e9 + number * PERIOD_NS + rng.exponential(0.1e6, len(number))
-    return np.asarray(np.ceil(sent / (held_ms * 1e6)) * held_ms * 1e6 if held_ms else sent)
-
-
 @pytest.mark.parametrize(("held_ms", "beyond_s"), [(16, 0.272), (60, 0.216)])
-def test_behind_an_adapter_that_holds_bytes_back_only_a_computer_held_up_makes_a_row_uncertain(
-    held_ms: float, beyond_s: float
-) -> None:
+def test_behind_an_adapter_that_holds_bytes_back_only_a_computer_held_up_makes_a_row_uncertain(held_ms, beyond_s):
     window = 3e6 + np.random.default_rng(1).uniform(0.0, held_ms * 1e6, 400)
     window[:2] = 3e6
     window[200] = 300e6
@@ -195,33 +120,7 @@ def test_behind_an_adapter_that_holds_bytes_back_only_a_computer_held_up_makes_a
     assert found.ns[100] == 100 * 20e6 + 1.5e6 and found.held
 
 
-@pytest.mark.parametrize("held_ms", [0.0, 1.0, 16.0, 50.0])
-def test_messages_of_a_steady_pace_are_numbered_and_seen_through_the_adapter(held_ms: float) -> None:
-    """50 ms: several come together; whether one is missing before the last few only the next would tell."""
-    number = np.arange(1500)
-    host_ns = paced(np.random.default_rng(6), number, held_ms)
-    np.testing.assert_array_equal(numbered(host_ns, PERIOD_NS), number)
-    assert np.abs(through_pace(host_ns).ns - 1e9 - number * PERIOD_NS)[:-5].max() < 0.6e6
-
-
-def test_missing_messages_are_missed() -> None:
-    number = np.delete(np.arange(1500), [100, 101, 102, 350, 900, 1200])
-    host_ns = paced(np.random.default_rng(7), number)
-    np.testing.assert_array_equal(numbered(host_ns, PERIOD_NS), number)
-    assert np.abs(through_pace(host_ns).ns - 1e9 - number * PERIOD_NS).max() < 0.6e6
-
-
-def test_a_host_that_stalls_misses_nothing() -> None:
-    """Samples received during the stall arrive together afterwards."""
-    number = np.arange(1500)
-    host_ns = paced(np.random.default_rng(8), number)
-    for begin in (300, 700):
-        stalled = (host_ns > host_ns[begin]) & (host_ns < host_ns[begin] + 90e6)
-        host_ns[stalled] = host_ns[begin] + 90e6
-    np.testing.assert_array_equal(numbered(host_ns, PERIOD_NS), number)
-
-
-def test_without_a_steady_pace_the_arrivals_stay() -> None:
+def test_without_a_steady_pace_the_arrivals_stay():
     rng = np.random.default_rng(9)
     host_ns = np.cumsum(rng.uniform(10e6, 30e6, 1500))
     found = through_pace(host_ns)
@@ -232,7 +131,7 @@ def test_without_a_steady_pace_the_arrivals_stay() -> None:
 @example(4, 70, 4, 20)
 @settings(max_examples=60)
 @given(st.integers(0, 80), st.integers(0, 80), st.integers(0, 80), st.integers(1, 50))
-def test_messages_that_come_all_at_once_after_a_stall_are_no_pace(before: int, burst: int, after: int, ms: int) -> None:
+def test_messages_that_come_all_at_once_after_a_stall_are_no_pace(before, burst, after, ms):
     steps_ns = np.concatenate([np.full(before, ms * 1e6), np.zeros(burst), np.full(after, ms * 1e6)])
     host_ns = 1e9 + np.cumsum(steps_ns)
     found = through_pace(host_ns)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -8,11 +6,11 @@ import pytest
 from analysis.apps.plant.records import record_of
 from analysis.runs.loading import measured_of
 from analysis.runs.robot_condition import condition_of
-from daq.protocol.conversation import NO_TIME, Sample
-from daq.store import RunWriter, new_manifest, read_run
+from daq.store import read_run
 from rigs.load import load
-from rigs.schema.condition import CONDITION, TEMPERATURES, UNDISTURBED, ProgramState, SafetyState
+from rigs.schema.condition import TEMPERATURES, UNDISTURBED, ProgramState, SafetyState
 from tests.support.table_cases import JOINTS, RIG_FILE, circle_values
+from tests.support.written_runs import lap_samples, recorded_run
 
 HZ = 10
 
@@ -31,10 +29,6 @@ def robot(**changed: tuple[float, float, float]) -> dict[str, np.ndarray]:
     return columns
 
 
-def test_a_robot_that_drives_undisturbed_gives_no_doubt():
-    assert condition_of(robot()).doubts == ()
-
-
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
@@ -46,10 +40,7 @@ def test_a_robot_that_drives_undisturbed_gives_no_doubt():
         ({"motors_on": (79, 90, 0)}, "off from 79.0 s on for 1."),
         ({"program_state": (90, 100, ProgramState.PAUSED)}, "last motion"),
         ({"speed_percent": (0, 100, 40)}, "speed was 40 % throughout; compare only"),
-        (
-            {"speed_percent": (60, 61, 97)},
-            "97 % from 60.0 s on for 1.0 s",
-        ),
+        ({"speed_percent": (60, 61, 97)}, "97 % from 60.0 s on for 1.0 s"),
     ],
 )
 def test_disturbance_is_a_doubt(changed, says):
@@ -76,26 +67,6 @@ def test_harmless_condition_is_no_doubt(changed):
     assert condition_of(robot(**changed)).doubts == ()
 
 
-def test_a_stop_that_ends_the_program_counts():
-    stop, ended = (85, 100, SafetyState.EMERGENCY_STOP), (85, 100, ProgramState.STOPPED)
-    (doubt,) = condition_of(robot(safety_state=stop, program_state=ended)).doubts
-    assert "stop from 85.0 s" in doubt
-
-
-def test_spells_are_counted_and_a_pause_is_no_speed():
-    columns = robot(program_state=(30, 32, ProgramState.PAUSED), speed_percent=(30, 32, 0.0))
-    later = (columns["last_byte_ns"] - 5e9 >= 50e9) & (columns["last_byte_ns"] - 5e9 < 53e9)
-    columns["program_state"][later] = ProgramState.PAUSED
-    (doubt,) = condition_of(columns).doubts
-    assert "paused 2 times, first from 30.0 s on, 5.0 s in total" in doubt
-
-
-def test_the_range_of_a_speed_that_changes():
-    columns = robot(speed_percent=(30, 40, 80))
-    columns["speed_percent"][600:620] = 25.0
-    assert "speed was 25 to 80 % 2 times" in condition_of(columns).doubts[0]
-
-
 def test_mean_and_rise_of_a_joints_temperature():
     columns = robot()
     columns["temperature2_c"] = np.linspace(30.0, 40.0, len(columns["last_byte_ns"]))
@@ -106,38 +77,16 @@ def test_mean_and_rise_of_a_joints_temperature():
     assert warmth[1].rise_c == 0 and warmth[1].u_mean_c == 0
 
 
-def test_a_robot_that_shows_nothing_is_as_before():
-    columns = {name: values for name, values in robot().items() if name not in CONDITION}
-    assert condition_of(columns).doubts == () and not condition_of(columns).warmth
-    assert condition_of({name: values[:1] for name, values in robot().items()}).doubts == ()
-
-
 def test_doubt_of_a_recorded_run_and_its_temperatures_are_stored(tmp_path):
     t_s, q, g_mm = circle_values("yaw", "acw")
-    beside = ("safety_state", *TEMPERATURES)
-    writer = RunWriter.create(
-        tmp_path,
-        new_manifest(
-            name="lap",
-            test="yaw",
-            direction="acw",
-            rig_name=RIG_FILE,
-            rig_text=load(RIG_FILE)[1],
-            operator="ada",
-            streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": (*JOINTS, *beside)},
-        ),
-    )
-    for k, at in enumerate((t_s * 1e9).astype(int).tolist()):
-        for g in (0, 1):
-            writer.append(f"g{g + 1}", [Sample((g_mm[k, g],), NO_TIME, at, at, 7, math.nan, 0)])
-        stopped = SafetyState.PROTECTIVE_STOP if 40 < k < 60 else SafetyState.NORMAL
-        shown = (*np.degrees(q[k]), stopped, *[30.0 + 5 * k / len(t_s)] * 6)
-        writer.append("robot", [Sample(shown, NO_TIME, at, at, 60, math.nan, 0)])
-    writer.close("complete", "told to", {})
-    run = read_run(writer.path)
+    k = np.arange(len(t_s))
+    safety = np.where((k > 40) & (k < 60), SafetyState.PROTECTIVE_STOP, SafetyState.NORMAL)
+    more = np.column_stack([safety, *[30.0 + 5 * k / len(t_s)] * 6])
+    samples = lap_samples(t_s, q, g_mm, more)
+    run = read_run(recorded_run(tmp_path, load(RIG_FILE)[1], "yaw", "acw", samples, ("safety_state", *TEMPERATURES)))
     (doubt,) = measured_of(run).doubts
     assert "protective stop" in doubt
-    record = record_of(writer.path, run.manifest, "f")
+    record = record_of(run.path, run.manifest, "f")
     assert not record.problem
     assert str(record.figures["temperature_j4_c"]).endswith("°C")
     assert record.figures["warming_j4_c"].value == pytest.approx(4.5, abs=0.2)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -35,15 +33,15 @@ def seen(jobs: int) -> list[object]:
 
 
 @pytest.mark.parametrize("jobs", [0, 2, 5])
-def test_several_processes_give_the_results_of_one(jobs: int) -> None:
+def test_several_processes_give_the_results_of_one(jobs):
     one = seen(1)
     assert seen(jobs) == one
     assert one[2] == 4 and one[BAD] == ("item 3: is bad; give another", ["item 3: is bad; give another"])
-    assert "computation failed" in str(one[NAN]) and one[MISTAKEN][1] == ["rig.yaml, line 7, gauges: missing"]  # type: ignore[index]
+    assert "computation failed" in str(one[NAN]) and one[MISTAKEN][1] == ["rig.yaml, line 7, gauges: missing"]
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_a_process_that_is_killed_costs_its_own_item_at_most(times: int, tmp_path: Path) -> None:
+def test_a_process_that_is_killed_costs_its_own_item_at_most(times, tmp_path):
     items = [Deadly(tmp_path, number, times if number == 1 else 0) for number in range(6)]
     found = list(each(die, items, jobs=2))
     assert [one.deaths for one in found] == [0, times, 0, 0, 0, 0]
@@ -65,7 +63,7 @@ def wrong(item: int) -> int:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_bug_is_raised(jobs: int) -> None:
+def test_a_bug_is_raised(jobs):
     with pytest.raises(IndexError) as bug:
         list(each(wrong, range(4), jobs=jobs))
     assert jobs == 1 or "return [item][item]" in bug.value.__notes__[0]  # where it happened in the child
@@ -79,14 +77,14 @@ def signs_in_and_waits(item: Path) -> int:
     return os.getpid()
 
 
-def test_no_process_is_left_where_the_iteration_is_left(tmp_path: Path) -> None:
+def test_no_process_is_left_where_the_iteration_is_left(tmp_path):
     outcomes = each(signs_in_and_waits, [tmp_path] * 4, jobs=2)
     next(outcomes)
     outcomes.close()
     assert signed_in(tmp_path) and all(map(is_gone, signed_in(tmp_path)))
 
 
-def test_ctrl_c_just_before_a_wait_is_noticed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_ctrl_c_just_before_a_wait_is_noticed(monkeypatch, tmp_path):
     """Python's own handler runs when a call returns: here the signal comes as it does between the two."""
     pressed = []
 
@@ -103,7 +101,7 @@ def test_ctrl_c_just_before_a_wait_is_noticed(monkeypatch: pytest.MonkeyPatch, t
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
-def test_no_process_is_left_where_the_program_ends(end: signal.Signals, tmp_path: Path) -> None:
+def test_no_process_is_left_where_the_program_ends(end, tmp_path):
     program = f"""
 import sys, pathlib, analysis.runs.batch as batch, {__name__} as here
 list(batch.each(here.waits, [pathlib.Path(sys.argv[1])] * 4, jobs=2))

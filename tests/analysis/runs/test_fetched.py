@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -44,20 +42,15 @@ def made(path: Path) -> Path:
     return path
 
 
-def test_a_directory_is_itself(run: Path) -> None:
-    with fetched(run) as found:
-        assert found is run
-
-
 @pytest.mark.parametrize("protocol", ["file", "trial"])
-def test_the_files_that_are_read_are_there_and_then_gone(protocol: str, run: Path, place: Path) -> None:
+def test_the_files_that_are_read_are_there_and_then_gone(protocol, run, place):
     with fetched(location(f"file://{run}" if protocol == "file" else url_of(run))) as found:
         assert {file.name: file.read_bytes() for file in found.iterdir()} == FILES
         assert found.is_relative_to(place)
     assert not list(place.iterdir())
 
 
-def test_an_error_names_the_run_and_not_its_copy(run: Path, place: Path) -> None:
+def test_an_error_names_the_run_and_not_its_copy(run, place):
     url = url_of(run)
     with pytest.raises(FileError) as error, fetched(location(url)) as found:
         raise FileError(str(found / "x"), f"bad in {found}", f"`rig recover {found}`")
@@ -75,7 +68,7 @@ def test_an_error_names_the_run_and_not_its_copy(run: Path, place: Path) -> None
         ("empty", "run.missing"),
     ],
 )
-def test_unfetchable_url_is_one_line(name: str, code: str, tmp_path: Path, place: Path) -> None:
+def test_unfetchable_url_is_one_line(name, code, tmp_path, place):
     if name == "empty":
         (tmp_path / name).mkdir()
     elif name != "nowhere":
@@ -87,7 +80,7 @@ def test_unfetchable_url_is_one_line(name: str, code: str, tmp_path: Path, place
     assert not list(place.iterdir())
 
 
-def test_a_run_larger_than_the_room_is_not_begun(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_larger_than_the_room_is_not_begun(run, monkeypatch):
     usage = namedtuple("usage", "free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(3))
     with refused("disk.full"), fetched(location(url_of(run))):
@@ -95,9 +88,7 @@ def test_a_run_larger_than_the_room_is_not_begun(run: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("place_is", ["missing", "a file"])
-def test_a_temporary_directory_that_takes_nothing_is_one_line(
-    place_is: str, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_temporary_directory_that_takes_nothing_is_one_line(place_is, run, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere" if place_is == "missing" else run / "film.mp4"))
     url = location(url_of(run))
     with refused("disk.no_temporary"):
@@ -106,7 +97,7 @@ def test_a_temporary_directory_that_takes_nothing_is_one_line(
         pass
 
 
-def test_signals_are_handled_as_before_once_the_copies_are_gone(run: Path, place: Path) -> None:
+def test_signals_are_handled_as_before_once_the_copies_are_gone(run, place):
     def handlers() -> list[object]:
         return [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)]
 
@@ -118,14 +109,14 @@ def test_signals_are_handled_as_before_once_the_copies_are_gone(run: Path, place
     assert handlers() == before and not list(place.iterdir())
 
 
-def test_names_that_lead_out_of_the_directory_are_not_written(run: Path, tmp_path: Path, place: Path) -> None:
+def test_names_that_lead_out_of_the_directory_are_not_written(run, tmp_path, place):
     (run / ".names").write_text(f"{run}/../manifest.json {run}/x/../../y.parquet {run}/a\\b.parquet")
     with fetched(location(url_of(run))) as found:
         assert {file.name for file in found.iterdir()} == set(FILES)
     assert {file.name for file in tmp_path.rglob("*.parquet")} == {"g1-0001.parquet"}
 
 
-def test_errors_of_a_store_hide_secrets() -> None:
+def test_errors_of_a_store_hide_secrets():
     said = "no answer from 'https://me:hidden@h/x?X-Amz-Signature=hidden' now"
     url = location("s3://b/x")
     assert isinstance(url, RemotePath)
@@ -135,23 +126,11 @@ def test_errors_of_a_store_hide_secrets() -> None:
 
 
 @pytest.mark.parametrize(("url", "what"), [("s3://b/x", "s3fs"), ("sftp://h/x", "sshfs")])
-def test_a_package_that_is_missing_is_named(url: str, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_package_that_is_missing_is_named(url, what, monkeypatch):
     monkeypatch.setitem(sys.modules, what, None)
     with refused("package.missing") as error, fetched(location(url)):
         pass
     assert error.value.remedy == to_install(what)
-
-
-def test_without_fsspec_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "fsspec", None)
-    with refused("package.missing") as error, fetched(location("s3://b/x")):
-        pass
-    assert error.value.remedy == to_install("s3fs")
-
-
-def test_unknown_protocol_is_named() -> None:
-    with refused("url.protocol"), fetched(location("nonsense://b/x")):
-        pass
 
 
 def size_of(run: Path) -> int:
@@ -160,7 +139,7 @@ def size_of(run: Path) -> int:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_bad_run_costs_itself_in_any_number_of_processes(jobs: int, tmp_path: Path, place: Path) -> None:
+def test_a_bad_run_costs_itself_in_any_number_of_processes(jobs, tmp_path, place):
     runs = [location(url_of(made(tmp_path / name))) for name in ("one", "denied", "two")]
     found = list(each(size_of, runs, jobs=jobs))
     size = sum(map(len, FILES.values()))
@@ -169,7 +148,7 @@ def test_a_bad_run_costs_itself_in_any_number_of_processes(jobs: int, tmp_path: 
     assert not list(place.iterdir())
 
 
-def test_a_process_that_is_killed_over_a_copy_leaves_nothing(tmp_path: Path, run: Path, place: Path) -> None:
+def test_a_process_that_is_killed_over_a_copy_leaves_nothing(tmp_path, run, place):
     signed = tmp_path / "signed"
     (failed,) = each(partial(killed_over, signed), [location(url_of(run))])
     assert isinstance(failed, FailedItem) and failed.deaths == 2 and signed.exists()

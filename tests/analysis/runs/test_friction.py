@@ -1,20 +1,8 @@
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
-import yaml
 
-from analysis.apps.emulate.robot import EmulatedRobot, friction_current_a
-from analysis.runs.loading import load_measured
 from analysis.runs.robot_condition import condition_of, friction_of
-from daq.apps.emulate.instruments import instruments_of
-from daq.store import read_run
-from rigs.load import parse
 from rigs.schema.condition import CURRENTS
-from tests.support.bench import rig_text
-from tests.support.simulated_bench import SimulatedBench
 from tests.worlds.arms import soft_arm
 
 COULOMB_A = np.array([0.61, 0.83, 0.55, 0.21, 0.17, 0.24])
@@ -65,29 +53,3 @@ def test_motors_that_show_nothing_have_no_friction(value):
     columns = robot(np.random.default_rng(1))
     columns |= {name: np.full(len(columns["last_byte_ns"]), value) for name in CURRENTS}
     assert condition_of(columns).friction == {}
-
-
-def test_currents_of_a_robot_come_through_its_protocol_into_figures(tmp_path):
-    data = yaml.safe_load(rig_text("polled"))
-    data["feedback"] |= {"currents": True, "rate_hz": 125}
-    data["tests"]["circle"] |= {"speed_mm_s": 100, "laps": 1}
-    rig = parse(yaml.safe_dump(data), "rig.yaml")
-    driven = EmulatedRobot.of_rig(rig, seed=3)
-    devices = instruments_of(rig, driven, condition=driven.condition)
-    with SimulatedBench(tmp_path, yaml.safe_dump(data), driven, devices=devices) as bench:
-        bench.start().all_reading()
-        path = bench.record("lap")
-        bench.drive(driven, "acw")
-        bench.stop()
-    shown = read_run(path).streams["robot"]
-    assert np.ptp(shown["current2_a"]) > 0.1 and shown["temperature2_c"].max() < 40
-    friction = load_measured(path).condition.friction
-    assert friction
-    for axis, one in friction.items():
-        truth = friction_current_a(axis, float(shown[f"temperature{axis}_c"].mean()))
-        assert abs(one.current_a - truth) < 4 * one.u_a + 0.02 * truth, (axis, one, truth)
-    (plain,) = json.loads(bench.run("analyse", path, "--json").stdout)["runs"]
-    assert plain["warmth"]["2"]["mean_c"] == pytest.approx(shown["temperature2_c"].mean())
-    said = bench.run("analyse", path).stdout
-    assert f"axis {min(friction)}" in said
-    assert "yaw acw, lap: joints 26" in said and "°C" in said

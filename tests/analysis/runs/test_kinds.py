@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 
@@ -7,14 +5,10 @@ import numpy as np
 import pytest
 
 from analysis.procedures.shared.test_kind import kind_of, nominal_setup, shows_joints
-from analysis.runs.tables import TESTS, PathTable, format_of
+from analysis.runs.tables import PathTable, format_of
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema import vocabulary
-
-
-def test_each_test_of_rig_is_a_class_with_its_name():
-    assert [format_of(test).test for test in TESTS] == list(TESTS)
 
 
 def test_a_test_without_joints_predicts_nothing():

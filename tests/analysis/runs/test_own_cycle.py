@@ -1,21 +1,12 @@
-from __future__ import annotations
-
 import re
 from typing import Any
 
 import numpy as np
 import pytest
 
-from analysis.apps.emulate.robot import truth
-from analysis.procedures.shared.test_kind import evaluate
-from analysis.runs.loading import measured_of
 from analysis.runs.own_cycle import anywhere_in_a_cycle, changes, through_cycle
-from daq.store import read_run
 from rigs.schema.gauges import SylvacOptoRS
 from rigs.schema.probe import Timing
-from tests.support.cycling_lap import drive, lap_rig, record
-from tests.support.nightly import cases
-from tests.support.stamped import network, serial
 
 Array = np.ndarray[Any, Any]
 MS = 1e6
@@ -28,7 +19,6 @@ def requests(poll_ms: float = 8.0, seconds: float = 30.0, scatter: float = 0.2, 
 
 
 def latest(asked_ns: Array, ticks_ns: Array) -> Array:
-    """The last tick (n,) ns before each request."""
     return np.asarray(ticks_ns[np.searchsorted(ticks_ns, asked_ns, side="right") - 1])
 
 
@@ -55,30 +45,6 @@ def test_ticks_are_found_to_a_fraction_of_the_requests(stated):
     assert np.abs(found.ns - ticks)[inside].max() < 0.5 * MS
 
 
-def test_coarse_steps_and_a_rest_put_no_reading_on_another_tick():
-    """10 µm steps, and 10 s of standing in the middle: many ticks change nothing."""
-    asked = requests()
-    ticks = latest(asked, grid(100.0, jitter=0.03))
-    moved = np.where(ticks < 10e9, ticks, np.maximum(ticks - 10e9, 10e9))
-    found = through_cycle(asked, swing(moved, resolution_mm=0.01)[:, None], 100 * MS)
-    assert found is not None and found.steady
-    error = np.abs(found.ns - ticks)
-    moving = (ticks > 0.5e9) & ((ticks < 9.5e9) | (ticks > 20.5e9))
-    assert np.mean(error <= 2e9 * np.hypot(found.u_s, found.own_u_s)) > 0.9
-    assert np.quantile(error[moving], 0.9) < 10 * MS
-
-
-def test_garbled_readings_move_no_tick_but_their_own():
-    asked = requests()
-    ticks = latest(asked, grid(100.0))
-    values = swing(ticks)
-    values[100::97] += 5.0
-    found = through_cycle(asked, values[:, None], 100 * MS)
-    assert found is not None and found.steady
-    good = np.delete(np.arange(len(asked)), np.arange(100, len(asked), 97))
-    assert np.mean(np.abs(found.ns - ticks)[good] < 1 * MS) > 0.97
-
-
 def test_requests_in_step_with_the_cycle_leave_the_phase_uncertain():
     """Every 25 ms exactly: each change has the same bounds, and the truth may be anywhere in them."""
     asked = requests(25.0, scatter=0.0)
@@ -95,25 +61,11 @@ def test_a_gauge_that_latches_on_request_has_no_cycle_however_coarse(resolution_
     assert through_cycle(asked, swing(asked, resolution_mm, noise_mm=5e-4)[:, None], None) is None
 
 
-def test_a_ramp_in_steps_is_no_cycle():
-    """0.1 mm/s in steps of 10 µm changes every 100 ms, as a cycle would."""
-    asked = requests()
-    assert through_cycle(asked, np.round(asked * 1e-10 / 0.01)[:, None] * 0.01, None) is None
-
-
 def test_a_gauge_that_stops_and_goes_has_no_cycle():
-    """Still to its resolution for a second, then on the move for another, as between targets."""
     asked = requests()
     moved = np.cumsum(np.where(asked // 1e9 % 2, 0.02, 0.0))
     values = np.round(moved[:, None] / 1e-3) * 1e-3
     assert through_cycle(asked, values, None) is None and not changes(asked, values).repeating
-
-
-def test_contradicted_cycle_is_not_used():
-    asked = requests()
-    ticks = latest(asked, grid(100.0))
-    found = through_cycle(asked, swing(ticks)[:, None], 130 * MS)
-    assert found is None or not found.steady
 
 
 def test_readings_without_a_number_change_nothing():
@@ -144,36 +96,3 @@ def test_a_gauge_that_sends_unasked_is_not_timed_by_a_request(timing):
     SylvacOptoRS.model_validate(gauge)
     with pytest.raises(ValueError, match="sends unprompted"):
         SylvacOptoRS.model_validate({**gauge, "mode": "continuous"})
-
-
-@pytest.mark.parametrize(
-    ("latency_ms", "stated", "mode"),
-    cases(
-        [
-            (latency_ms, stated, mode)
-            for mode in ("polled", "continuous")
-            for latency_ms, stated in ((0.0, True), (16.0, True), (0.0, False))
-        ],
-        ((0.0, True, "polled"), (16.0, True, "continuous"), (0.0, False, "polled")),
-    ),
-)
-def test_shift_by_gauges_of_a_100_ms_cycle_is_correct(tmp_path, latency_ms, stated, mode):
-    """Half a cycle of age would be 1° of the circle."""
-    rig, text = lap_rig(100.0, mode)
-    if not stated:
-        text = text.replace("cycle_ms: 100.0", "filter_ms: 0.0").replace("latch: own_cycle", "latch: unknown")
-    driven = drive(rig)
-    rng = np.random.default_rng(3)
-    line = rig.gauges.g1.line.character_ns
-    wires = {name: serial(rng, line, latency_ms) for name in ("g1", "g2")} | {"robot": network(rng, 1.0)}
-    measured = measured_of(read_run(record(tmp_path, rig, text, driven, wires, seed=4)))
-    shift = evaluate(measured.table, measured.rig, measured.u_lag_s, "lap").figures["shift_deg"]
-    expected = truth(rig, {"acw": driven})["yaw"]["acw"]["shift_deg"]
-    assert abs(shift.value - expected) < 2 * shift.u and shift.u < 0.2
-    assert any("separate cycle" in doubt for doubt in measured.doubts) != stated
-    assert sum("100 ms apart" in doubt for doubt in measured.doubts) == 2
-
-
-def test_readings_as_large_as_a_double_are_compared():
-    values = np.array([[0.0], [1.5e308], [0.0], [1.5e308], [0.0]])
-    assert len(changes(np.arange(5.0), values).row) == 4

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 
@@ -20,7 +18,7 @@ from tests.support.refusals import refused
         ("s3://bucket/a?b#c d%20", "s3://bucket/a?b#c d%20", "s3://bucket", ("a?b#c d%20",)),
     ],
 )
-def test_the_text_is_the_url(given: str, text: str, top: str, steps: tuple[str, ...]) -> None:
+def test_the_text_is_the_url(given, text, top, steps):
     found = location(given)
     assert isinstance(found, RemotePath)
     assert (str(found), found.top, found.steps) == (text, top, steps)
@@ -31,7 +29,7 @@ def test_the_text_is_the_url(given: str, text: str, top: str, steps: tuple[str, 
 
 
 @pytest.mark.parametrize("text", ["runs", "/srv/runs", "s3:/bucket", "C:/runs", "a b", ""])
-def test_all_else_is_a_path(text: str) -> None:
+def test_all_else_is_a_path(text):
     assert type(location(text)) is type(Path())
     assert location(text) == Path(text)
 
@@ -52,7 +50,7 @@ def test_all_else_is_a_path(text: str) -> None:
         ("file://host/srv", "url.form"),
     ],
 )
-def test_invalid_url_is_one_line_without_secrets(text: str, code: str) -> None:
+def test_invalid_url_is_one_line_without_secrets(text, code):
     with refused(code) as error:
         location(text)
     assert "hidden" not in str(error.value)

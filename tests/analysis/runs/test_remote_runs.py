@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -40,7 +38,7 @@ def below(url: str) -> list[str]:
 
 
 @pytest.mark.parametrize("protocol", ["file", "trial", "s3"])
-def test_the_runs_are_those_of_the_directory(protocol: str, plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_runs_are_those_of_the_directory(protocol, plant, monkeypatch):
     url = url_of(plant) if protocol != "file" else f"file://{plant}"
     if protocol == "s3":  # the one listing of an object store
         monkeypatch.setattr("analysis.runs.remote.OBJECT_STORES", ("trial",))
@@ -49,7 +47,7 @@ def test_the_runs_are_those_of_the_directory(protocol: str, plant: Path, monkeyp
     assert [str(run) for run in run_directories([at(url)])] == [f"{url}/{name}" for name in expected]
 
 
-def test_run_or_empty_directory_is_listed_as_itself(plant: Path) -> None:
+def test_run_or_empty_directory_is_listed_as_itself(plant):
     for name in ("b/later", "empty", "nowhere"):
         run = at(f"file://{plant}/{name}")
         assert run_directories([run]) == [run]
@@ -58,7 +56,7 @@ def test_run_or_empty_directory_is_listed_as_itself(plant: Path) -> None:
     assert all(file.stamp for file in one.files)
 
 
-def test_unlistable_directory_is_given_without_files(plant: Path) -> None:
+def test_unlistable_directory_is_given_without_files(plant):
     for name in ("denied", "lost+found"):
         made(plant / name / "run")
     without = [str(run.path) for run in listed(at(url_of(plant))) if run.files is None]
@@ -67,17 +65,17 @@ def test_unlistable_directory_is_given_without_files(plant: Path) -> None:
         listed(at(url_of(plant / "denied")))
 
 
-def test_a_store_that_is_lost_ends_the_listing(plant: Path) -> None:
+def test_a_store_that_is_lost_ends_the_listing(plant):
     made(plant / "vanished" / "run")
     with refused("store.silent"):
         remote_runs(at(url_of(plant)))
 
 
-def test_links_are_not_followed_and_a_circle_of_them_ends(plant: Path) -> None:
+def test_links_are_not_followed_and_a_circle_of_them_ends(plant):
     (plant / "b" / "round").symlink_to(plant)
     assert len(below(f"file://{plant}")) == 7
 
 
-def test_names_that_lead_elsewhere_are_left_out(plant: Path) -> None:
+def test_names_that_lead_elsewhere_are_left_out(plant):
     (plant / "a" / ".names").write_text(f".. {plant}/a/.. {plant}/b/later/manifest.json /etc/passwd {plant}/a/x/../y")
     assert len(below(url_of(plant))) == 7

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -23,23 +21,18 @@ def plant(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_every_run_below_a_directory_in_the_order_of_names(plant: Path) -> None:
+def test_every_run_below_a_directory_in_the_order_of_names(plant):
     found = [str(run.relative_to(plant)) for run in run_directories([plant])]
     assert found == ["a/deep/one", "b/early", "b/later", "b/without-manifest"]
 
 
-def test_runs_stay_as_they_were_named_and_come_once(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_stay_as_they_were_named_and_come_once(plant, monkeypatch):
     monkeypatch.chdir(plant)
     named = [Path("b/later"), Path("b"), plant / "b" / "later"]
     assert run_directories(named) == [Path("b/later"), Path("b/early"), Path("b/without-manifest")]
 
 
-@pytest.mark.parametrize("name", ["empty", "nowhere", "a/notes.txt"])
-def test_directory_without_runs_is_listed_as_itself(name: str, plant: Path) -> None:
-    assert run_directories([plant / name]) == [plant / name]
-
-
-def test_links_are_followed_and_lead_in_no_circle(plant: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_links_are_followed_and_lead_in_no_circle(plant, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     (plant / "empty" / "share").symlink_to(elsewhere)
     made(elsewhere / "far")
@@ -48,7 +41,7 @@ def test_links_are_followed_and_lead_in_no_circle(plant: Path, tmp_path_factory:
     assert plant / "empty" / "share" / "far" in runs and len(runs) == 5
 
 
-def test_directories_that_link_to_each_other_are_entered_once(tmp_path: Path) -> None:
+def test_directories_that_link_to_each_other_are_entered_once(tmp_path):
     cells = [made(tmp_path / f"cell-{number:02d}" / "run").parent for number in range(12)]
     for cell in cells:
         for other in cells:
@@ -57,9 +50,7 @@ def test_directories_that_link_to_each_other_are_entered_once(tmp_path: Path) ->
     assert [run.resolve() for run in run_directories([tmp_path])] == [cell / "run" for cell in cells]
 
 
-def test_a_directory_that_may_be_listed_and_not_entered_stands_for_itself(
-    plant: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_directory_that_may_be_listed_and_not_entered_stands_for_itself(plant, monkeypatch):
     is_dir = Path.is_dir
 
     def as_for_another_user(path: Path) -> bool:

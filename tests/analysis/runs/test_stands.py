@@ -1,19 +1,15 @@
-"""Standstills of a recorded motion, also with bad rows of the feedback.
-
-Several readings of one standstill count as one reading, and the figures are those of the standstills.
-"""
-
-from __future__ import annotations
-
-import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from analysis.procedures import pose
+from analysis.robot.geometry.driven_programs import radial_program, repeatability_stops, stops
+from analysis.runs.align import Aligned
 from analysis.runs.stands import average_standstills, rows_per_standstill, stands_of
-from analysis.runs.tables import PoseTable, RepeatabilityTable
+from analysis.runs.tables import PoseTable, RadialTable, format_of
+from rigs.load import load
+from rigs.rig import Rig
 from tests.analysis.procedures.checks.test_lost_poses import table
 from tests.worlds import planted
 
@@ -39,16 +35,6 @@ def test_a_bad_row_in_each_stand_changes_no_stand(off_deg):
         np.testing.assert_allclose(one.q, other.q, atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_stands_never_share_a_row(seed):
-    t_s, q, g_mm = motion()
-    rng = np.random.default_rng(seed)
-    rows = rng.integers(len(t_s), size=40)
-    q[rows, rng.integers(6, size=40)] += np.radians(rng.choice([0.05, 5.0], size=40))
-    stands = stands_of(t_s, q, g_mm)
-    assert all(one.end <= other.begin for one, other in itertools.pairwise(stands))
-
-
 def read_thrice(one: PoseTable, noise_mm: float = 0.005) -> PoseTable:
     rng = np.random.default_rng(4)
     rpy = None if one.rpy is None else np.repeat(one.rpy, 3, axis=0)
@@ -71,17 +57,6 @@ def test_three_readings_of_a_stand_are_one_and_no_visits():
     )
 
 
-def test_visits_after_a_move_scatter_like_stands():
-    sound = table(12)
-    rng = np.random.default_rng(5)
-    laps = PoseTable(np.tile(sound.q, (4, 1)), np.tile(sound.xyz_mm, (4, 1)) + rng.normal(0, 0.03, (48, 3)), None)
-    assert average_standstills(laps) is laps
-    found = average_standstills(read_thrice(laps))
-    assert isinstance(found, PoseTable)
-    plain, averaged = (pose.evaluate(one, planted.ur10(), 0.02).figures["rp_mm"].value for one in (laps, found))
-    assert averaged == pytest.approx(plain, rel=0.1)
-
-
 def test_a_wild_or_lost_reading_is_not_averaged_with_sound_ones():
     thrice = read_thrice(table(20))
     xyz = thrice.xyz_mm.copy()
@@ -92,25 +67,55 @@ def test_a_wild_or_lost_reading_is_not_averaged_with_sound_ones():
     assert result.figures["rms_mm"].value < 0.2
 
 
-def test_readings_of_one_approach_are_one_visit():
-    rounds, each = 5, 3
-    rng = np.random.default_rng(6)
-    g_mm = rng.normal(0, 0.02, 2 * rounds)
-    q = np.tile([[0.1] * 6], (2 * rounds, 1)) + rng.normal(0, 1e-6, (2 * rounds, 6))
-    visits = RepeatabilityTable(
-        target=np.ones(2 * rounds, dtype=np.int64),
-        approach=np.array(["out", "in"] * rounds),
-        round=np.repeat(np.arange(1, rounds + 1), 2),
-        t_s=np.zeros(2 * rounds),
-        q=q,
-        g_mm=g_mm,
-    )
-    repeated = {
-        name: np.repeat(getattr(visits, name), each, axis=0)
-        for name in ("target", "approach", "round", "t_s", "q", "g_mm")
-    }
-    repeated["g_mm"] = repeated["g_mm"] + np.tile([-1e-3, 0.0, 1e-3], 2 * rounds)
-    found = average_standstills(RepeatabilityTable(**repeated))
-    assert isinstance(found, RepeatabilityTable) and len(found.q) == 10
-    np.testing.assert_allclose(found.g_mm, g_mm, atol=1e-12)
-    assert found.approach.tolist() == visits.approach.tolist() and found.round.tolist() == visits.round.tolist()
+RATE_HZ = 20.0
+
+
+def rig_of(visits: int = 2) -> Rig:
+    rig, _ = load("paper-errors")
+    hemisphere = rig.tests.hemisphere.model_copy(update={"step_deg": 60.0, "orientations": 1, "visits": visits})
+    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"hemisphere": hemisphere})})
+
+
+def driven(q: np.ndarray, dwell_s: float = 1.0) -> Aligned:
+    t_s, path = stops(q, dwell_s=dwell_s)
+    at = np.arange(0.0, t_s[-1], 1 / RATE_HZ)
+    joints = np.stack([np.interp(at, t_s, joint) for joint in path.T], axis=1)
+    starts = t_s[np.flatnonzero(np.diff(t_s) > 0.9 * dwell_s)]
+    number = np.searchsorted(starts, at, side="right") - 1
+    g_mm = 1e-3 * number[:, None] + 1e-5 * (np.arange(len(at)) % 2)[:, None]
+    return Aligned(at, joints, g_mm, 0.0, np.zeros(len(at)), ())
+
+
+def table_of(q: np.ndarray, rig: Rig) -> tuple[RadialTable, list[str]]:
+    return format_of("radial").recorded(driven(q), rig, None, "run")
+
+
+@pytest.mark.parametrize("before", [[4], [2, 5]])
+@pytest.mark.parametrize("after", [[], [0]])
+def test_stands_before_and_after_the_program_are_no_visits(before, after):
+    rig = rig_of()
+    program = radial_program(rig)
+    order = [*before, *range(len(program.q)), *after]
+    table, doubts = table_of(program.q[order], rig)
+    assert table.target.tolist() == program.target.tolist()
+    numbers = np.arange(len(before), len(before) + len(program.q))
+    np.testing.assert_allclose(table.g_mm, 1e-3 * numbers, atol=2e-5)
+    assert any(said.startswith(f"{len(before) + len(after)} stops outside") for said in doubts), doubts
+
+
+def test_other_order_is_accepted_with_a_doubt():
+    rig = rig_of(visits=1)
+    program = radial_program(rig)
+    table, doubts = table_of(program.q[::-1], rig)
+    assert table.target.tolist() == program.target[::-1].tolist()
+    assert any("a different order" in said for said in doubts)
+
+
+def test_a_repeatability_program_with_a_stand_before_it():
+    rig, _ = load("paper-errors")
+    q = repeatability_stops(rig)
+    table, doubts = format_of("repeatability").recorded(driven(q[[13, *range(len(q))]]), rig, None, "run")
+    expected, _ = format_of("repeatability").recorded(driven(q), rig, None, "run")
+    assert table.approach.tolist() == expected.approach.tolist()
+    assert table.round.tolist() == expected.round.tolist()
+    assert any(said.startswith("1 stops outside") for said in doubts)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import errno
 import io
 from pathlib import Path

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.runs.tables import PoseTable, TouchTable
+from analysis.runs.tables import PoseTable
 from rigs.schema.robot import Robot
-from tests.worlds.arms.seven_axes import APPROACH_RAD, Array, Truth, corrected, draw_postures, seated
+from tests.worlds.arms.seven_axes import Array, Truth, draw_postures
 
 
 @dataclass(frozen=True)
@@ -59,24 +59,3 @@ def railed_poses(
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     places = seen @ (turn * np.linalg.det(turn)).T + rng.normal(0, 1000, 3)
     return PoseTable(np.column_stack([q, e1_mm / 1000.0]), places, None, rail=True)
-
-
-def railed_touches(
-    robot: Robot, arm: Truth, rail: RailTruth, rng: np.random.Generator, ball_mm: Array, places: Array, touches: int
-) -> TouchTable:
-    """Simulate touches of sockets A, B … at places (s, 3) mm, each at rail positions up to 400 mm to either side of
-    the socket.
-    """
-    q, names, came = [], [], []
-    for number, socket in enumerate(places):
-        for _ in range(touches // len(places)):
-            e1_mm = rng.uniform(socket[0] - 400, socket[0] + 400)
-            nominal = seated(robot, rng, socket - [e1_mm, 0, 0], ball_mm, 1)
-            before = nominal + rng.choice([-1, 1], nominal.shape) * rng.uniform(
-                APPROACH_RAD, 3 * APPROACH_RAD, nominal.shape
-            )
-            seat = socket + rng.normal(0, arm.scatter_mm, 3) - rail.base_mm(np.array([e1_mm]))[0]
-            q.append([*corrected(robot, arm, nominal, before, seat, ball_mm)[0], e1_mm / 1000.0])
-            came.append([*before[0], e1_mm / 1000.0])
-            names.append("ABCD"[number])
-    return TouchTable(np.array(names), np.array(q), np.array(came), rail=True)

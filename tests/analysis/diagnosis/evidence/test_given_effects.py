@@ -1,7 +1,3 @@
-"""Valid and invalid specifications of the effects to fit."""
-
-from __future__ import annotations
-
 import pytest
 
 from analysis.diagnosis.evidence.given import given_effects, parse_effects
@@ -22,7 +18,7 @@ from rigs.errors import UseError
         ("wrist_coupling:4.5,ball_form:3,vibration:8.5,gauge_cyclic:g1:0.5", 7),
     ],
 )
-def test_words_stand_for_effects(words: str, count: int) -> None:
+def test_words_stand_for_effects(words, count):
     assert len(parse_effects(words)) == count
 
 
@@ -34,10 +30,10 @@ def test_words_stand_for_effects(words: str, count: int) -> None:
         *("wrist_coupling", "ball_form", "vibration", "gauge_cyclic:g1", "ball_form:99"),
     ],
 )
-def test_words_that_stand_for_none_say_how_to_write_it(word: str) -> None:
+def test_words_that_stand_for_none_say_how_to_write_it(word):
     with pytest.raises(UseError, match="--fit"):
         parse_effects(word)
 
 
-def test_a_wave_is_asked_for_with_one_phase_and_its_fit_finds_the_other() -> None:
+def test_a_wave_is_asked_for_with_one_phase_and_its_fit_finds_the_other():
     assert len(given_effects("transmission_error:4:2")) == 1 < len(parse_effects("transmission_error:4:2"))

@@ -1,7 +1,3 @@
-"""Where a model is used beyond the joint angles it was found in."""
-
-from __future__ import annotations
-
 import datetime as dt
 import re
 
@@ -19,13 +15,9 @@ def _effect(axis: int, *ranges: tuple[float, float]) -> Effect:
 WIDE = ((-180.0, 180.0),) * 5
 
 
-def test_the_narrowest_range_counts_and_a_few_degrees_more_do_not() -> None:
+def test_the_narrowest_range_counts_and_a_few_degrees_more_do_not():
     effects = [_effect(1, (-50.0, 40.0), *WIDE), _effect(2, (-20.0, 60.0), *WIDE), _effect(3)]
     q = np.radians([[-22.0, 0, 0, 0, 0, 0], [42.0, 0, 0, 0, 0, 0]])
     assert outside_effect_coverage(effects, q, "it") == []
     (line,) = outside_effect_coverage(effects, np.radians([[-24.0, 0, 0, 0, 0, 0], [30.0, 0, 0, 0, 0, 0]]), "it")
     assert re.match("it: axis 1 .*-24.0° to 30.0°, 1 of 2 .*-20.0° to 40.0°", line)
-
-
-def test_effects_of_unknown_ranges_say_nothing() -> None:
-    assert outside_effect_coverage([_effect(1), JointOffset(axis=2)], np.full((3, 6), 3.0), "it") == []

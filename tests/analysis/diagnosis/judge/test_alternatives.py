@@ -1,7 +1,5 @@
 """Alternatives to a named effect, their probabilities, and unknown causes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -20,14 +18,14 @@ from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holdi
 ALTERNATIVES = Hypotheses({"nothing": -30.0, "healthy": -40.0, "rival": -1.0, "unknown": -4.0, "several": -20.0})
 
 
-def test_probabilities_of_name_and_alternatives_sum_to_one() -> None:
+def test_probabilities_of_name_and_alternatives_sum_to_one():
     found = probabilities_of(ALTERNATIVES)
     assert found.name + sum(found.alternatives.values()) == pytest.approx(1.0)
     assert found.strongest == "rival" and min(found.alternatives.values()) >= 0
     assert found.with_rivals == pytest.approx(probability_of(ALTERNATIVES.log_odds(with_rivals=True)))
 
 
-def test_probability_rises_with_the_log_odds() -> None:
+def test_probability_rises_with_the_log_odds():
     assert probability_of(-20.0) < 0.01 < probability_of(0.0) < CONFIRMED < probability_of(20.0)
 
 
@@ -49,7 +47,7 @@ def _wandering(axis: int) -> Array:
     return np.asarray(300 * added / np.linalg.norm(added), dtype=float)
 
 
-def test_unknown_cause_is_the_kind_that_the_readings_show() -> None:
+def test_unknown_cause_is_the_kind_that_the_readings_show():
     causes = UnknownCauses.in_runs(healthy())
     result = _result(_wandering(2))
     posterior = result.selection.posterior(replace(result.state, strength=np.ones_like(result.state.strength)))
@@ -59,7 +57,7 @@ def test_unknown_cause_is_the_kind_that_the_readings_show() -> None:
     assert total_gain(causes.gains(sound.posterior)) < 0
 
 
-def test_backlash_of_the_readings_wins_and_one_that_imitates_an_unknown_cause_loses() -> None:
+def test_backlash_of_the_readings_wins_and_one_that_imitates_an_unknown_cause_loses():
     play = Backlash(axis=1, width_deg=0.05)
     (present,) = hypotheses_of(_result(shown_by(healthy(), [play]), play))
     assert present.log_odds() > 20
@@ -67,7 +65,7 @@ def test_backlash_of_the_readings_wins_and_one_that_imitates_an_unknown_cause_lo
     assert absent.log_odds() < 0 and probabilities_of(absent).strongest == "unknown"
 
 
-def test_commanded_angles_are_an_alternative_to_an_error_of_the_arm() -> None:
+def test_commanded_angles_are_an_alternative_to_an_error_of_the_arm():
     play = Backlash(axis=1, width_deg=0.05)
     (found,) = hypotheses_of(_result(shown_by(healthy(), [play]), play), only_commanded=True)
     assert probabilities_of(found).name < CONFIRMED and probabilities_of(found).strongest == "commanded"

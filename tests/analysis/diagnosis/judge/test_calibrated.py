@@ -1,30 +1,22 @@
-"""The calibrated model: effects do what the linear columns said, its covariance is one, two of them add up, and the
-same runs with the file that was written show the figure that was stated."""
-
-from __future__ import annotations
-
-from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from analysis.apps.report.diagnosis_report import write_extended
+from analysis import calibrate
+from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection_state import background_effects, background_terms
 from analysis.diagnosis.judge.calibrated_model import (  # private: a diagnosis of a calibrated arm takes a minute
     _combine_calibrations,
     covariance_of,
 )
-from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.held_out import factor_of_few_places
 from rigs.calibration import TIMES, CalibratedModel, CovarianceParameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, GaugeScale, JointOffset, LinkGeometry, TransmissionError
-from rigs.load import load
-from tests.support.diagnosis_cells import RIG, TEXT, circles, demo, found_in, poses, seen
+from tests.support.diagnosis_cells import circles, demo, seen
 from tests.support.handmade_calibration import calibrated_model
-from tests.support.made_once import made_once
-from tests.support.nightly import cases
+from tests.support.pose_runs import cell_with, pose_run
 
 USUAL: tuple[Effect, ...] = (
     JointOffset(axis=2, offset_deg=0.012),
@@ -35,7 +27,6 @@ USUAL: tuple[Effect, ...] = (
     Backlash(axis=4, width_deg=0.008, transit=0.3),
     GaugeScale(gauge="g1", relative=4e-4),
 )
-PLAY = Backlash(axis=1, width_deg=0.03, transit=0.2)
 
 
 @cache
@@ -43,12 +34,7 @@ def _searched() -> SearchResult:
     return search(seen(circles(USUAL, seed=61, ways=("acw",))), lambda doing: None)
 
 
-@made_once
-def _found() -> Diagnosis:
-    return found_in(circles((PLAY, *USUAL), seed=62), held_out=circles((PLAY, *USUAL), seed=63, count=1))
-
-
-def test_the_effects_do_what_the_columns_say() -> None:
+def test_the_effects_do_what_the_columns_say():
     result = _searched()
     columns = result.posterior.background.columns
     said = columns.X[:, : columns.set_ups.start] @ result.posterior.mean[: columns.set_ups.start]
@@ -61,7 +47,7 @@ def test_the_effects_do_what_the_columns_say() -> None:
     assert len(background_terms(result.posterior)) == columns.set_ups.start
 
 
-def test_the_covariance_is_one() -> None:
+def test_the_covariance_is_one():
     result = _searched()
     covariance = covariance_of(result)
     sd = np.sqrt(np.diag(covariance))
@@ -76,9 +62,8 @@ def test_the_covariance_is_one() -> None:
     np.testing.assert_allclose(covariance[fitted:, fitted:], forms / sizes[:, None] / sizes, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize("make", cases((demo, _found), (demo,)))
-def test_a_calibration_holds_what_a_diagnosis_knows(make: Callable[[], Diagnosis]) -> None:
-    found = make()
+def test_a_calibration_holds_what_a_diagnosis_knows():
+    found = demo()
     model = found.calibrated
     assert model and CalibratedModel.model_validate_json(model.model_dump_json()) == model
     assert [one.effect for one in model.terms if one.named] == [one.effect for one in found.standing]
@@ -91,31 +76,7 @@ def test_a_calibration_holds_what_a_diagnosis_knows(make: Callable[[], Diagnosis
     assert {("backlash", "width_deg"), ("joint_offset", TIMES)} <= fields
 
 
-def test_the_same_runs_with_the_rig_file_that_was_written_show_the_figure_that_was_stated(tmp_path: Path) -> None:
-    found = _found()
-    names = [one.effect for one in found.standing]
-    *_, rig_file = write_extended(TEXT, names, tmp_path / "cell.yaml", found.calibrated)
-    again = found_in(
-        circles((PLAY, *USUAL), seed=62), RIG.modelled_as(load(rig_file)[0]), circles((PLAY, *USUAL), seed=63, count=1)
-    )
-    assert found.train.before_um > 10 * found.train.calibrated_um
-    assert again.train.before_um == pytest.approx(found.train.calibrated_um, rel=0.05)
-    assert found.held_out and again.held_out
-    assert again.held_out.before_um == pytest.approx(found.held_out.calibrated_um, rel=0.05)
-    assert again.condition == "nothing_unusual" and again.standing == ()
-    assert again.calibrated and set(found.calibrated.runs) <= set(again.calibrated.runs)  # type: ignore[union-attr]
-
-
-def test_poses_keep_their_figure_too(tmp_path: Path) -> None:
-    runs = [poses(5, *(JointOffset(axis=axis, offset_deg=0.01 * (-1) ** axis) for axis in range(1, 6)))]
-    found = found_in(runs)
-    *_, rig_file = write_extended(TEXT, [one.effect for one in found.standing], tmp_path / "p.yaml", found.calibrated)
-    again = found_in(runs, RIG.modelled_as(load(rig_file)[0]))
-    assert found.train.before_um > 1.3 * found.train.calibrated_um
-    assert again.train.before_um == pytest.approx(found.train.calibrated_um, rel=0.05)
-
-
-def test_two_calibrations_add_up_their_times_and_their_variances() -> None:
+def test_two_calibrations_add_up_their_times_and_their_variances():
     same, other = JointOffset(axis=3, offset_deg=0.02), JointOffset(axis=4, offset_deg=0.02)
     new = LinkGeometry(axis=3, field="a", delta=0.2)
     first, second = _model([(same, 0.5), (other, -1.0)], 1), _model([(new, 2.0), (same, 0.25)], 2)
@@ -142,3 +103,31 @@ def _model(terms: list[tuple[Effect, float]], seed: int) -> CalibratedModel:
         factor=packed_factor(root),
         joints_deg=((-20.0 * seed, 20.0 * seed),) * 6,
     )
+
+
+@pytest.mark.parametrize(
+    ("neighbourhoods", "expected"),
+    [(2, 1.654), (4, 1.654), (5, 1.435), (7, 1.259), (20, 1.0)],  # t of 3, 3, 4 and 6 degrees of freedom for 95.45 %
+)
+def test_factor_is_at_least_students_t_of_the_neighbourhoods(neighbourhoods, expected):
+    assert factor_of_few_places(neighbourhoods) == pytest.approx(expected, abs=2e-3)
+
+
+def test_a_calibration_by_few_poses_has_a_widened_u():
+    run = cell_with("ur10e", [{}], np.random.default_rng(21)).runs[0]
+    few = pose_run("ur10e", run.table.q[:22], run.table.xyz_mm[:22])
+    calibrated = calibrate([few]).calibrated
+    assert calibrated is not None and calibrated.widened > 1.6
+
+
+def test_few_poses_leave_the_widths_of_the_joint_curves_open():
+    run = cell_with("ur10e", [{}], np.random.default_rng(21)).runs[0]
+    ratios = []
+    for count in (12, 60):
+        poses = pose_run("ur10e", run.table.q[:count], run.table.xyz_mm[:count])
+        found = search(prepare_runs(poses.rig, [poses], [], [])[0][0], lambda _: None)
+        columns = found.columns.set_ups.start
+        likeliest = found.calibrated_posterior.joint_covariance(columns, len(found.fit.unknowns))
+        ratios.append(np.trace(found.covariance(columns)) / np.trace(likeliest))
+    few, many = ratios
+    assert few > 1.2 * many >= 1.2

@@ -1,27 +1,21 @@
-"""A disagreement is placed where it is: at the joint's reversal, along a wave, at the targets that are off."""
-
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from analysis.diagnosis.evidence.blocks import Block, blocks_of
-from analysis.diagnosis.evidence.observation import GRID
+from analysis.diagnosis.evidence.observation import ORDER_OF
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.judge.budget import GapMeasure
-from analysis.diagnosis.judge.residuals import ResidualPlace, places, reversals_of
-from rigs.effects import Effect, GaugeDeadBand, ReversalSpike
+from analysis.diagnosis.judge.residuals import ResidualPlace, bands_above_noise, places, reversals_of
+from rigs.effects import Effect, ReversalSpike
 from tests.support.diagnosis_cells import Array, healthy, measured, seen, table_of, white
 
-AT_DEG = np.arange(GRID) * 360 / GRID
 NOISE = [np.split(white(healthy(), 6), 2)[k] * block.sd_mm for k, block in enumerate(healthy().blocks)]
 
 SCATTER = GapMeasure(healthy()).scatter_mm()
 
 
 def _shown(effect: Effect) -> list[Array]:
-    """The residual in mm that an effect leaves in each block, with noise."""
     return [noise + added for noise, added in zip(NOISE, healthy().responses([effect]), strict=True)]
 
 
@@ -35,11 +29,11 @@ def _wave(block: Block, cycles: int, size_mm: float) -> Array:
     return block.entries(size_mm * np.cos(cycles * phi)[:, None] * np.ones(2))
 
 
-def test_noise_is_no_place() -> None:
+def test_noise_is_no_place():
     assert _places(NOISE) == ()
 
 
-def test_what_differs_from_run_to_run_is_no_place() -> None:
+def test_what_differs_from_run_to_run_is_no_place():
     """Beside the noise of the readings alone a true model of circles that do not repeat seemed to lack something."""
     drawn = np.random.default_rng(4).standard_normal(SCATTER[0].shape[1])
     drawn *= 2 / np.sqrt(np.mean(drawn**2))
@@ -48,7 +42,7 @@ def test_what_differs_from_run_to_run_is_no_place() -> None:
     assert places(healthy().blocks, shown, [scatter[:, :0] for scatter in SCATTER])
 
 
-def test_a_step_at_a_reversal_is_placed_there_with_its_joint() -> None:
+def test_a_step_at_a_reversal_is_placed_there_with_its_joint():
     """Joint 1 reverses far from the reversals of all other joints."""
     found = _places(_shown(ReversalSpike(axis=1, amplitude_deg=0.003, decay_s=0.05)))
     assert {place.direction for place in found} == {"cw", "acw"}
@@ -62,39 +56,14 @@ def test_a_step_at_a_reversal_is_placed_there_with_its_joint() -> None:
             assert min(abs((phi - middle + 180) % 360 - 180) for phi in own) < 8
 
 
-@pytest.mark.parametrize("axis", range(1, 7))
-def test_turns_are_where_a_joint_is_furthest(axis: int) -> None:
-    for block in healthy().blocks:
-        lap = block.rows
-        q = block.path.q[block.path.rows[lap], axis - 1]
-        assert block.sampling
-        ends = {np.degrees(block.sampling.phi[k]) % 360 for k in (int(np.argmin(q)), int(np.argmax(q)))}
-        own = [phi for phi, joint in reversals_of(block) if joint == axis]
-        if np.ptp(q) < 6:
-            for end in ends:
-                assert min(abs((phi - end + 180) % 360 - 180) for phi in own) < 5
-
-
-def test_a_wave_stays_in_its_own_run_and_is_no_reversal_everywhere() -> None:
+def test_a_wave_stays_in_its_own_run_and_is_no_reversal_everywhere():
     first = healthy().blocks[0]
     found = _places([NOISE[0] + _wave(first, 1, 0.2), NOISE[1]])
     assert found and {place.direction for place in found} == {"cw"} and {place.part for place in found} == {"distance"}
     assert any(place.why.startswith(("part of", "1 wave")) for place in found)
 
 
-def test_a_constant_is_all_along() -> None:
-    first = healthy().blocks[0]
-    (place,) = _places([NOISE[0] + _wave(first, 0, 0.2), NOISE[1]])
-    assert place.why.startswith("constant") and place.joint is None
-    assert place.rms_um == pytest.approx(200, rel=0.02)
-
-
-def test_what_the_gauges_see_apart_is_an_angle() -> None:
-    found = _places(_shown(GaugeDeadBand(gauge="g1", width_mm=0.2)))
-    assert {place.part for place in found} == {"distance", "angle"}
-
-
-def test_targets_that_are_off_are_counted_and_the_worst_is_named() -> None:
+def test_targets_that_are_off_are_counted_and_the_worst_is_named():
     runs = seen([measured(table_of("radial", None, 1), "radial", "radial")])
     setups, _ = fit_run_setups(runs)
     (block,) = blocks_of(runs, setups)
@@ -112,6 +81,30 @@ def test_targets_that_are_off_are_counted_and_the_worst_is_named() -> None:
     )
 
 
-def test_the_worst_comes_first() -> None:
-    found = _places(_shown(ReversalSpike(axis=2, amplitude_deg=0.05, decay_s=0.1)))
-    assert [place.sigma for place in found] == sorted((place.sigma for place in found), reverse=True)
+HALF = len(ORDER_OF) // 2
+
+
+def _bump(block: int, part: int, low: int, high: int, size: float) -> Array:
+    """A deterministic bump of `size` standard deviations in every order of a band of one block; part 0 distance, 1
+    angle."""
+    linear = healthy()
+    bump = np.zeros(len(linear.y))
+    entries = np.flatnonzero((low <= ORDER_OF) & (high >= ORDER_OF) & (np.arange(len(ORDER_OF)) // HALF == part))
+    # Behind the orders of a block stand its means over standing and its trend.
+    bump[linear.rows[block].start + entries] = size * (-1.0) ** entries
+    return bump
+
+
+def test_noise_alone_has_no_band_that_is_reported():
+    linear = healthy()
+    assert all(bands_above_noise(linear.blocks, white(linear, seed)) == () for seed in range(20))
+
+
+@pytest.mark.parametrize(("block", "part", "orders"), [(0, 1, (8, 15)), (1, 0, (30, 59)), (1, 1, (3, 7))])
+def test_a_bump_exceeds_it_and_is_reported_by_its_band(block, part, orders):
+    linear = healthy()
+    left = white(linear, 1) + _bump(block, part, *orders, 3.0)
+    first = bands_above_noise(linear.blocks, left)[0]
+    assert (first.test, first.direction) == ("yaw", ("cw", "acw")[block])
+    assert (first.part, first.orders) == (("distance", "angle")[part], orders)
+    assert first.ratio > 4 and f"{orders[0]} to {orders[1]} waves" in first.words

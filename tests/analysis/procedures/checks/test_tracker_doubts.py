@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +8,6 @@ from analysis.runs.tables import PoseTable, columns_of
 from analysis.runs.written_files import write_csv
 from tests.analysis.procedures.checks.test_lost_poses import table
 from tests.analysis.runs.test_stands import read_thrice
-from tests.support.command_line import ran
 
 
 def written(one: PoseTable, path: Path) -> Path:
@@ -44,17 +41,3 @@ def test_a_revisit_with_the_same_rounded_place_is_no_doubt(tmp_path):
 def test_readings_of_a_stand_are_averaged_with_a_doubt(tmp_path):
     run = read_table(written(read_thrice(table(20)), tmp_path / "poses.csv"), "ur10", "pose")
     assert len(run.table.q) == 20 and "20 stands" in run.doubts[-1]
-
-
-def test_analyse_ignores_the_lost_row_and_a_turn_without_u(tmp_path):
-    sound = table(60, turned=True)
-    xyz = sound.xyz_mm.copy()
-    xyz[56] = 0.0
-    source = written(replace(sound, xyz_mm=xyz), tmp_path / "poses.csv")
-    assert ran("import", source, "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run").returncode == 0
-    done = ran("analyse", tmp_path / "run", COLUMNS="200")
-    page = tmp_path / "page.html"
-    assert ran("report", tmp_path / "run", "--no-diagnosis", "-o", page).returncode == 0
-    for text in (done.stdout, page.read_text()):
-        assert "row 57 is" in text and "± nan" not in text and ">nan" not in text
-    assert "0.14" in done.stdout or "0.13" in done.stdout

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from analysis.procedures.checks.check_runs import findings_of
 from analysis.procedures.checks.columns import unit_findings
@@ -36,3 +37,10 @@ def test_visits_of_one_posture_are_one_group_modulo_a_turn():
     )
     assert groups(q, np.radians(0.1)).tolist() == [0, 0, 1]
     assert np.abs(wrapped(np.array([np.pi, -np.pi, 3 * np.pi])) - np.pi).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", cells())
+def test_a_sound_cell_is_let_through_and_a_broken_convention_told(name):
+    cell = cells()[name]
+    found = findings_of(cell.runs)
+    assert any(map(cell.is_named, found)) if cell.convention else found == []

@@ -1,11 +1,8 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.procedures.checks.check_runs import findings_of
 from analysis.procedures.checks.places import WILDNESS, far_poses
@@ -48,63 +45,37 @@ def _run(seed: int, spoil: str, count: int = 60) -> tuple[Measured, list[int]]:
     return run_of(PoseTable(seen.q, xyz, None), "poses", RIG), rows
 
 
-SPOILT = ("2 mm", "20 mm", "1000 mm", "2", "4", "6")
+SPOILT = ("2 mm", "1000 mm", "4")
 
 
 @pytest.mark.parametrize("spoil", SPOILT)
-@pytest.mark.parametrize("seed", [0, 1])
-def test_outliers_are_named_at_import_and_ignored_in_fits(spoil, seed):
-    run, rows = _run(seed, spoil)
+def test_outliers_are_named_at_import_and_ignored_in_fits(spoil):
+    run, rows = _run(0, spoil)
     found = far_poses(run.table, without_setup(arm_of(RIG.robot)))
     assert (np.flatnonzero(found.wild) + 1).tolist() == rows
     (line,) = [one.words for one in findings_of([run]) if one.convention == WILDNESS]
     assert all(str(row) in line for row in (rows[0], rows[-1])) and f"{len(rows)} of 60 poses ignored" in line
     (kept,), said = prepare_runs(RIG, [run])
     assert (np.setdiff1d(np.arange(60), kept[0].rows) + 1).tolist() == rows and line.split(";")[0] in said[0]
-    clean, _ = _run(seed, "none")
+    clean, _ = _run(0, "none")
     spoilt_mm, clean_mm = (result_of(one).figures["rms_mm"].value for one in (run, clean))
     assert spoilt_mm == pytest.approx(clean_mm, rel=0.1)
 
 
-@pytest.mark.parametrize("count", [24, 30, 60, 130])
-@pytest.mark.parametrize("seed", range(4))
-def test_sound_poses_are_none_of_them_wild(seed, count):
-    run, _ = _run(seed, "none", count)
+@pytest.mark.parametrize("count", [24, 130])
+def test_sound_poses_are_none_of_them_wild(count):
+    run, _ = _run(0, "none", count)
     assert not far_poses(run.table, without_setup(arm_of(RIG.robot))).far.any()
 
 
 def test_the_same_poses_in_another_order_are_no_repeats():
     run, _ = _run(0, "none")
     table, order = run.table, np.random.default_rng(1).permutation(60)
-    assert isinstance(table, PoseTable)
     shuffled = replace(table, q=table.q[order] + 2 * np.pi, xyz_mm=table.xyz_mm[order])
     with refused("run.copy"):
         refuse_copied_rows([run, replace(run, table=shuffled)])
     visited_again = replace(shuffled, xyz_mm=shuffled.xyz_mm + np.random.default_rng(2).normal(0, 0.01, (60, 3)))
     refuse_copied_rows([run, replace(run, table=visited_again)])
-
-
-@pytest.mark.parametrize("count", [112, 400])  # more than are fitted at once
-def test_distance_from_the_fitted_arm_is_independent_of_row_order(count):
-    run, _ = _run(0, "2 mm", count)
-    table, bare = run.table, without_setup(arm_of(RIG.robot))
-    assert isinstance(table, PoseTable)
-    order = np.random.default_rng(1).permutation(count)
-    shuffled = replace(table, q=table.q[order], xyz_mm=table.xyz_mm[order])
-    found, again = far_poses(table, bare), far_poses(shuffled, bare)
-    assert found.far.any() and (found.far[order] == again.far).all()
-    assert again.far_mm == pytest.approx(found.far_mm[order], rel=1e-6, abs=1e-9)
-
-
-@pytest.mark.parametrize("spoil", ["2 mm", pytest.param("4", marks=pytest.mark.nightly)])
-def test_held_out_residual_ignores_outliers(spoil):
-    left_um = []
-    for one in (spoil, "none"):
-        run, _ = _run(0, one)
-        gap = diagnose(RIG, [run], [], [], lambda _: None).held_out
-        assert gap is not None
-        left_um.append(gap.calibrated_um)
-    assert left_um[0] < 1.4 * left_um[1] < 100
 
 
 @pytest.mark.parametrize("which", ["from about 31", "every other row"])
@@ -117,14 +88,3 @@ def test_two_reflectors_in_one_run_are_detected(which):
     xyz = seen.xyz_mm + later[:, None] * (R @ np.array([3.0, -2.0, 1.0]))
     (line,) = [one.words for one in findings_of([run_of(PoseTable(seen.q, xyz, None), "poses", RIG)])]
     assert which in line
-
-
-def test_outlier_is_reported_in_addition_to_two_reflectors():
-    seen = _seen(0)
-    T = forward(without_setup(arm_of(RIG.robot)), seen.q)
-    R = fit_setup(T, seen.xyz_mm).T_world_base[:3, :3] @ T[:, :3, :3]
-    xyz = seen.xyz_mm + (np.arange(60) >= 30)[:, None] * (R @ np.array([3.0, -2.0, 1.0]))
-    xyz[11] += [400.0, 0.0, 0.0]
-    lines = [one.words for one in findings_of([run_of(PoseTable(seen.q, xyz, None), "poses", RIG)])]
-    assert ["different place" in line for line in lines] == [True, False]
-    assert "1 of 60 poses ignored: row 12" in lines[1]

@@ -3,7 +3,10 @@ import pytest
 from scipy.stats import t
 
 from analysis.procedures.pooled import figures_between_runs
+from analysis.procedures.results import with_certificates
 from analysis.procedures.shared.quantity import Quantity, figures_of, student_factor
+from analysis.runs.noise.certificate import NO_CERTIFICATE, Systematic
+from rigs.load import load
 
 
 @pytest.mark.parametrize("u", [0.0, 0.012, float("inf")])
@@ -53,3 +56,14 @@ def test_mean_angle_wraps_like_a_single_one():
 @pytest.mark.parametrize("freedom", [1, 2, 5, 30])
 def test_two_u_of_few_runs_follow_students_law(freedom):
     assert 1 - 2 * t.sf(2 * student_factor(freedom), freedom) == pytest.approx(0.9545)
+
+
+def test_without_certificates_nothing_changes_and_ball_and_link_enter_where_they_count():
+    rig, _ = load("ur10e")
+    names = ("radius_mm", "ap_mm", "centre_x_mm", "spread_mm")
+    figures = {name: Quantity(1.0, 0.003, "mm") for name in names}
+    assert with_certificates(figures, NO_CERTIFICATE, rig, "radial") is figures
+    found = with_certificates(figures, Systematic((0.0,), 0.001, 0.004), rig, "radial")
+    assert found["radius_mm"].u == found["ap_mm"].u == pytest.approx(np.sqrt(9 + 16 + 1) / 1000)
+    assert found["centre_x_mm"].u == pytest.approx(np.sqrt(9 + 2) / 1000)
+    assert found["spread_mm"].u == 0.003  # at one target the link touches the ball at one place

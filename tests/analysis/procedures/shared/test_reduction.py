@@ -14,7 +14,6 @@ PLAYED = 0.5 * np.sin(AT) + 0.02 * np.sin(7 * AT) + np.where(np.sin(AT - 1) > 0,
 
 
 def _laps(g_mm: np.ndarray) -> Laps:
-    """Two laps, each of the readings (ROWS, 2)."""
     phi, rows = np.concatenate([AT, 2 * np.pi + AT]), np.tile(g_mm, (2, 1))
     rows += np.random.default_rng(1).normal(0, 0.001, rows.shape)
     return Laps("acw", FRAME, phi / 0.35, phi, np.zeros((len(phi), 6)), rows, 18.0, 18.0, count=2)

@@ -5,8 +5,6 @@ them in questions (MyRobotLab/pyrobotlab issue 145, ros-industrial-attic/ur_mode
 UR3e and a UR5e here: the arithmetic is the same.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -22,7 +20,7 @@ from rigs.errors import FileError
 from tests.support.second_sources import Numbers, classic
 
 FILES = Path(__file__).parents[3] / "support" / "calibrations"
-GOOD = (FILES / "ur3.conf").read_text(encoding="utf-8")
+GOOD = (FILES / "ur3.conf").read_text()
 PUBLISHED = {
     "ur3e": ("ur3.conf", (0, -243.55, -213.2, 0, 0, 0), (151.85, 0, 0, 131.05, 85.35, 92.1)),
     "ur5e": ("ur5.conf", (0, -425, -392.2, 0, 0, 0), (162.5, 0, 0, 133.3, 99.7, 99.6)),
@@ -34,7 +32,7 @@ def classic_rows(file: Path, a: Numbers, d: Numbers) -> list[Numbers]:
     """theta (degrees), d, a (mm), alpha (degrees) with the differences of a file (rad, m)."""
 
     def differences(name: str) -> list[float]:
-        found = re.search(rf"delta_{name} = \[(.*)\]", file.read_text(encoding="utf-8"))
+        found = re.search(rf"delta_{name} = \[(.*)\]", file.read_text())
         assert found
         return [float(word) for word in found.group(1).split(",")]
 
@@ -45,7 +43,7 @@ def classic_rows(file: Path, a: Numbers, d: Numbers) -> list[Numbers]:
 
 def conf(folder: Path, text: str) -> Path:
     file = folder / "calibration.conf"
-    file.write_text(text, encoding="utf-8")
+    file.write_text(text)
     return file
 
 
@@ -62,14 +60,6 @@ def test_the_section_is_the_calibrated_arm(name):
     assert found.notes == ()
 
 
-def test_centres_of_mass_move_no_more_than_the_arm():
-    nominal = load_arm("ur3e").robot
-    axes = factory_constants(load_arm("ur3e").robot, FILES / "ur3.conf").axes
-    for ours, its in zip(nominal.axes, axes, strict=True):
-        assert its.mass_kg == ours.mass_kg
-        assert np.linalg.norm(its.centre_mm) < np.linalg.norm(ours.centre_mm) + 200
-
-
 def test_no_differences_are_the_published_arm(tmp_path):
     lists = "\n".join(f"delta_{name} = [0, 0, 0, 0, 0, 0]" for name in ("theta", "a", "d", "alpha"))
     found = factory_constants(load_arm("ur10e").robot, conf(tmp_path, f"[mounting]\n{lists}\ncalibration_status = 0\n"))
@@ -80,39 +70,31 @@ def test_no_differences_are_the_published_arm(tmp_path):
         assert own.beta_deg == 0
 
 
-def frames_of(name: str, calibration_hash: str = "calib_1") -> dict[str, dict[str, dict[str, float] | str]]:
-    """The data sheet of an arm as the driver's default YAML has it: each frame relative to the one before."""
-    x, z = {"ur3e": (-0.2132, 0.13105), "ur5e": (-0.3922, 0.1333)}[name]
-    shoulder, forearm, wrist_2, wrist_3 = {
-        "ur3e": (0.15185, -0.24355, -0.08535, 0.0921),
-        "ur5e": (0.1625, -0.425, -0.0997, 0.0996),
-    }[name]
-    rows = {
-        "shoulder": (0, 0, shoulder, 0, 0, 0),
-        "upper_arm": (0, 0, 0, 1.570796327, 0, 0),
-        "forearm": (forearm, 0, 0, 0, 0, 0),
-        "wrist_1": (x, 0, z, 0, 0, 0),
-        "wrist_2": (0, wrist_2, 0, 1.570796327, 0, 0),
-        "wrist_3": (0, wrist_3, 0, 1.570796326589793, 3.141592653589793, 3.141592653589793),
-    }
-    keys = ("x", "y", "z", "roll", "pitch", "yaw")
-    frames = {link: dict(zip(keys, map(float, row), strict=True)) for link, row in rows.items()}
-    return {"kinematics": {**frames, "hash": calibration_hash}}
+FRAMES = """\
+kinematics:
+  shoulder: {x: 0.0, y: 0.0, z: 0.1625, roll: 0.0, pitch: 0.0, yaw: 0.0}
+  upper_arm: {x: 0.0, y: 0.0, z: 0.0, roll: 1.570796327, pitch: 0.0, yaw: 0.0}
+  forearm: {x: -0.425, y: 0.0, z: 0.0, roll: 0.0, pitch: 0.0, yaw: 0.0}
+  wrist_1: {x: -0.3922, y: 0.0, z: 0.1333, roll: 0.0, pitch: 0.0, yaw: 0.0}
+  wrist_2: {x: 0.0, y: -0.0997, z: 0.0, roll: 1.570796327, pitch: 0.0, yaw: 0.0}
+  wrist_3: {x: 0.0, y: 0.0996, z: 0.0, roll: 1.570796326589793, pitch: 3.141592653589793, yaw: 3.141592653589793}
+  hash: calib_1
+"""
+"""The data sheet of a UR5e as the driver's default YAML has it: each frame relative to the one before."""
 
 
 def ros_yaml(folder: Path, frames: object) -> Path:
     file = folder / "my_robot_calibration.yaml"
-    file.write_text(yaml.safe_dump(frames, sort_keys=False), encoding="utf-8")
+    file.write_text(yaml.safe_dump(frames, sort_keys=False))
     return file
 
 
-@pytest.mark.parametrize("name", ["ur3e", "ur5e"])
-def test_default_yaml_of_the_driver_is_the_data_sheet(name, tmp_path):
-    assert factory_constants(load_arm(name).robot, ros_yaml(tmp_path, frames_of(name))).is_data_sheet
+def test_default_yaml_of_the_driver_is_the_data_sheet(tmp_path):
+    assert factory_constants(load_arm("ur5e").robot, ros_yaml(tmp_path, yaml.safe_load(FRAMES))).is_data_sheet
 
 
 def test_yaml_with_own_frames_gives_their_chain(tmp_path):
-    rng, frames = np.random.default_rng(3), frames_of("ur5e")
+    rng, frames = np.random.default_rng(3), yaml.safe_load(FRAMES)
     for row in frames["kinematics"].values():
         if isinstance(row, dict):
             row.update({key: row[key] + rng.normal(0, 0.0005 if key in "xyz" else 0.003) for key in row})
@@ -121,7 +103,6 @@ def test_yaml_with_own_frames_gives_their_chain(tmp_path):
     q = rng.uniform(-np.pi, np.pi, (200, 6))
     expected = np.broadcast_to(np.eye(4), (200, 4, 4))
     for row, angle in zip(list(frames["kinematics"].values())[:6], q.T, strict=True):
-        assert isinstance(row, dict)
         link = np.eye(4)
         link[:3, :3] = Rotation.from_euler("xyz", [row["roll"], row["pitch"], row["yaw"]]).as_matrix()
         link[:3, 3] = 1000 * np.array([row["x"], row["y"], row["z"]])
@@ -147,17 +128,17 @@ def test_yaml_with_own_frames_gives_their_chain(tmp_path):
     ],
 )
 def test_damaged_yaml_is_refused_in_one_line(damage, tmp_path):
-    frames = frames_of("ur5e")
+    frames = yaml.safe_load(FRAMES)
     damage(frames)
     with pytest.raises(FileError) as refused:
         factory_constants(load_arm("ur5e").robot, ros_yaml(tmp_path, frames))
     assert len(refused.value.lines()) == 1
 
 
-@pytest.mark.parametrize("name", ["ur3", "ur5", "ur10e", "ur16e", "ur3e"])
+@pytest.mark.parametrize("name", ["ur5", "ur3e"])
 def test_file_of_another_type_of_arm_is_refused(name, tmp_path):
     with pytest.raises(FileError) as refused:
-        factory_constants(load_arm(name).robot, ros_yaml(tmp_path, frames_of("ur5e")))
+        factory_constants(load_arm(name).robot, ros_yaml(tmp_path, yaml.safe_load(FRAMES)))
     assert "ur5e" in refused.value.what
 
 
@@ -186,13 +167,10 @@ def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind, tmp_path):
     assert len(refused.value.lines()) == 1
 
 
-@pytest.mark.parametrize("data", [b"\xff\xfe\x00", None])
-def test_binary_file_is_refused(data, tmp_path):
-    file = tmp_path / "calibration.conf"
-    if data is not None:
-        file.write_bytes(data)
+def test_binary_file_is_refused(tmp_path):
+    (tmp_path / "calibration.conf").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(FileError):
-        factory_constants(load_arm("ur3e").robot, file)
+        factory_constants(load_arm("ur3e").robot, tmp_path / "calibration.conf")
 
 
 def test_an_arm_of_another_maker_has_no_such_file(tmp_path):

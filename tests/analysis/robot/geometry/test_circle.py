@@ -3,7 +3,7 @@ import pytest
 
 from analysis.apps.emulate.robot import trace
 from analysis.robot.geometry.circle import frame_of, reversals
-from analysis.robot.geometry.driven_programs import circle_laps, circle_of, circle_program, feasible_tests, lap
+from analysis.robot.geometry.driven_programs import circle_laps, circle_of, circle_program, lap
 from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.load import load, shipped
 from tests.support.refusals import refused
@@ -45,39 +45,6 @@ def test_reversals_of_the_papers_table_1():
     for turn in turns:
         off = (np.degrees(turn.phi) - paper[turn.axis, turn.upper] + 180) % 360 - 180
         assert abs(off) < 1.5
-
-
-def test_reversals_within_limits_of_a_barely_fitting_lap():
-    """Only what a program drives must lie within the limits; the wrist turns by 400° of the 440° that are looked at."""
-    rig, _ = load("ur10e")
-    posture = (-5.5, -68.6, 91.5, 59.1, 83.6, 325.4)
-    circle = circle_of(rig).model_copy(update={"start_deg": 120.0, "posture_deg": posture})
-    turned = rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
-    assert np.degrees(np.ptp(circle_program(turned, "acw").q[:, 5])) > 360
-    turns = reversals(circle, arm_of(rig.robot), "ur10e")
-    usual = reversals(circle_of(rig), arm_of(rig.robot), "ur10e")
-    assert [(turn.axis, turn.upper) for turn in turns] == [(turn.axis, turn.upper) for turn in usual]
-    np.testing.assert_allclose([turn.phi for turn in turns], [turn.phi for turn in usual], atol=1e-4)
-    assert len(feasible_tests(turned, "cell.yaml")[0]) > 1
-
-
-def test_reversals_from_a_far_posture_are_those_of_its_programs():
-    rig, _ = load("paper-fanuc")
-    usual = reversals(circle_of(rig), arm_of(rig.robot), "paper-fanuc")
-    posture = (-62.8, -54.2, 7.6, 231.0, 136.6, -5.7)
-    far = circle_of(rig).model_copy(update={"posture_deg": posture})
-    turns = reversals(far, arm_of(rig.robot), "paper-fanuc")
-    assert [(turn.axis, turn.upper) for turn in turns] == [(turn.axis, turn.upper) for turn in usual]
-    np.testing.assert_allclose([turn.phi for turn in turns], [turn.phi for turn in usual], atol=1e-4)
-
-
-def test_joint_limit_on_the_way_is_refused():
-    rig, _ = load("paper-fanuc")
-    axes = list(rig.robot.axes)
-    axes[3] = axes[3].model_copy(update={"limits_deg": (-100.0, 180.0)})
-    narrow = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": tuple(axes)})})
-    with refused("path.limits"):
-        trace(narrow, "acw")
 
 
 def test_too_fast_circle_is_refused():

@@ -16,9 +16,3 @@ def test_peaks_are_those_of_scipy(seed):
 def test_a_flat_top_is_at_its_middle():
     x = np.array([0.0, 1.0, 3.0, 3.0, 3.0, 2.0, 0.0])
     assert peaks(x, 1.5).tolist() == find_peaks(x, prominence=1.5)[0].tolist() == [3]
-
-
-def test_rise_before_the_first_peak_is_no_smaller():
-    assert peaks(np.array([2.0, 3.0, 0.0, 0.0]), 1.5).size == 0
-    assert peaks(np.array([3.0, 1.0, 0.0]), 1.5).size == 0
-    assert peaks(np.array([1.0, 3.0, 0.0]), 1.5).tolist() == [1]

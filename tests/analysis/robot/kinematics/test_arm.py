@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.robot.kinematics.arm import (
-    blocks,
     cos_sin,
     forward,
     forward_and_jacobian,
@@ -94,15 +93,6 @@ def test_a_large_stack_is_its_rows(name):
     assert forward(arm, q[:0]).shape == (0, 4, 4)
 
 
-@pytest.mark.parametrize("count", [0, 1, 6, 7, 8, 13, 14, 15])
-def test_blocks_hold_every_sample_once_in_order(count):
-    """Includes a last block with a single sample."""
-    samples = np.arange(count)
-    parts = [samples[block] for block in blocks(count, 7)]
-    assert [row for part in parts for row in part.tolist()] == samples.tolist()
-    assert all(1 <= len(part) <= 7 for part in parts)
-
-
 def test_cosine_and_sine_are_those_of_the_library_to_rounding():
     quarters = np.pi / 2 * np.arange(-16, 17)
     angle = np.concatenate([quarters, np.nextafter(quarters, 9), np.linspace(-20, 20, 100_001), [1e-300, 0.0]])
@@ -140,8 +130,3 @@ def test_frames_of_many_poses_are_those_of_scipy():
         transforms(poses)[:, :3, :3], Rotation.from_euler("xyz", poses[:, 3:], degrees=True).as_matrix(), atol=1e-14
     )
     np.testing.assert_array_equal(transforms(poses)[:, :3, 3], poses[:, :3])
-
-
-def test_upright_the_roll_is_zero():
-    roll, pitch, yaw = np.degrees(roll_pitch_yaw(transform(Pose(rpy_deg=(30, 90, 50)))))
-    np.testing.assert_allclose([roll, pitch, yaw], [0, 90, 20], atol=1e-9)

@@ -1,14 +1,14 @@
-"""All-branches inverse kinematics: poses given back, planted angles found, no branch of the peer missing."""
-
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
 from analysis.robot.kinematics.arm import Arm, forward
 from analysis.robot.kinematics.inverse import Solutions, inverse
-from analysis.robot.kinematics.newton import conditioning, newton
-from tests.support.five_arms import ARMS, J2_IN_J3, OPW, Opw, PeerArm, apart, calibrated, pose_apart
+from analysis.robot.kinematics.joint_limits import within_limits
+from analysis.robot.kinematics.newton import conditioning
+from tests.support.five_arms import ARMS, OPW, Opw, PeerArm, apart, calibrated, pose_apart
 from tests.support.postures import SINGULARITY_DISTANCES_RAD, at_limits, everywhere, random_angles, rows, singular
 
 ANY = pytest.mark.parametrize("name", ARMS)
@@ -41,16 +41,6 @@ def test_every_solution_gives_its_pose_back(name):
     assert solutions.q.shape == (len(poses), 8, 6)
     assert solutions.found.any(axis=1).all()
     _holds(arm, poses, solutions)
-
-
-@ANY
-def test_planted_angles_are_among_the_branches(name):
-    arm = ARMS[name]
-    q = np.concatenate([random_angles(12), at_limits(name)])
-    q = q[conditioning(arm, q) > 1e-6]
-    solutions = inverse(arm, forward(arm, q))
-    assert not _missing(arm, solutions, q).any()
-    assert (solutions.found.sum(axis=1) == 8).mean() > 0.7
 
 
 @pytest.mark.parametrize("name", OPW)
@@ -141,32 +131,6 @@ def test_planted_angles_of_a_calibrated_arm_are_found(name):
     assert not missing[conditioning(arm, q) > 1e-3].any()
 
 
-@ANY
-def test_branches_of_a_calibrated_arm_follow_from_the_ideal_ones(name):
-    """From the ideal arm to the calibrated one in small steps, each solution by Newton from the one before: none that
-    stays regular on the way is missing."""
-    ideal, final = ARMS[name], calibrated(ARMS[name], seed=9)
-    poses = forward(final, random_angles(19, 300))
-    started = inverse(ideal, poses)
-    row, slot = np.nonzero(started.found)
-    q, regular = started.q[row, slot], np.ones(len(row), dtype=bool)
-    for share in np.linspace(0.1, 1.0, 10):
-        arm = replace(
-            ideal,
-            **{
-                part: (1 - share) * getattr(ideal, part) + share * getattr(final, part)
-                for part in ("a", "alpha", "beta", "d", "offset")
-            },
-        )
-        q, good = newton(arm, poses[row], q)
-        regular &= good
-        regular[regular] &= conditioning(arm, q[regular]) > 3e-3
-    assert regular.mean() > 0.85
-    solutions = inverse(final, poses)
-    near = (apart(final, solutions.q[row], q[:, None]) < 1e-6) & solutions.found[row]
-    assert near.any(axis=1)[regular].all()
-
-
 def test_an_arm_of_no_known_kind_is_searched():
     arm = replace(ARMS["ur10e"], alpha=np.radians([0.0, 70, 20, -40, 80, -60]))
     q = random_angles(17, 50)
@@ -187,25 +151,31 @@ def test_unreachable_and_nan_targets_have_no_solution(name):
         assert inverse(arm, poses[:0]).q.shape[0] == 0
 
 
-def test_pose_beyond_reach_has_no_solution_and_one_within_both_elbows():
-    arm = ARMS["ABB IRB 2400/10"]
-    q = singular("ABB IRB 2400/10")["stretched"][:1]
-    pose = forward(arm, q)
-    shoulder = np.array([100 * np.cos(q[0, 0]), 100 * np.sin(q[0, 0]), 615])
-    wrist = (pose @ np.linalg.inv(arm.T_flange_tool))[0]
-    outwards = wrist[:3, 3] - 85 * wrist[:3, 2] - shoulder
-    outwards /= np.linalg.norm(outwards)
-    for mm, elbows in ((1e-6, 0), (-1e-6, 2)):
-        moved = pose.copy()
-        moved[0, :3, 3] += mm * outwards
-        solutions = inverse(arm, moved)
-        near = np.abs(solutions.q[0, :, 0] - q[0, 0]) < 1e-6
-        assert len(np.unique(solutions.q[0, near & solutions.found[0], 2].round(7))) == elbows
+def _by_trial(arm: Arm, q: np.ndarray, most: int) -> np.ndarray:
+    turns = np.array(list(product(range(-most, most + 1), repeat=6))) * 2 * np.pi
+    turned = q + turns @ np.linalg.inv(arm.coupling).T
+    return turned[((turned >= arm.limits[:, 0]) & (turned <= arm.limits[:, 1])).all(axis=1)]
 
 
-def test_the_coupling_of_fanuc_is_in_the_angles():
-    coupled = ARMS["FANUC M-16iB/20"]
-    plain = replace(coupled, coupling=coupled.coupling @ np.linalg.inv(J2_IN_J3))
-    poses = forward(coupled, random_angles(18, 100))
-    q, p = inverse(coupled, poses).q, inverse(plain, poses).q
-    np.testing.assert_allclose(q[..., 2] + q[..., 1], p[..., 2], atol=1e-12)
+@pytest.mark.parametrize("name", ["ur10e", "FANUC M-16iB/20"])
+def test_every_turn_within_the_limits_is_there(name):
+    arm = ARMS[name]
+    q = random_angles(21, 5)
+    turned, row = within_limits(arm, q)
+    for index in range(len(q)):
+        expected = _by_trial(arm, q[index], 3)
+        mine = turned[row == index]
+        assert len(mine) == len(expected)
+        np.testing.assert_allclose(mine[np.lexsort(mine.round(6).T)], expected[np.lexsort(expected.round(6).T)])
+
+
+@ANY
+def test_angle_on_a_limit_is_within(name):
+    arm = ARMS[name]
+    q = at_limits(name)
+    q = q[conditioning(arm, q) > 1e-6]
+    solutions = inverse(arm, forward(arm, q))
+    turned, row = within_limits(arm, solutions.q.reshape(-1, 6))
+    for index, planted in enumerate(q):
+        mine = turned[row // 8 == index]
+        assert np.abs(mine - planted).max(axis=1).min() < 1e-6

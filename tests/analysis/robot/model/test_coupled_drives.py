@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +9,10 @@ from analysis.robot.model.predict import geometric_arm, model_of, moved
 from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.effects import Backlash, Compliance, Effect, JointOffset, LinkBending, TransmissionError
-from rigs.schema.robot import Robot
-from tests.support import command_line
-from tests.trials.linkage import diagnosed, rig_for
-from tests.trials.linkage import moved as moved_zero
+from tests.trials.linkage import rig_for
 from tests.worlds import linkage as world
 
 TOOL_MM = np.array([50.0, 20.0, 100.0])
-PARALLEL = load_arm("fanuc-m-10ia").robot.coupling
 FAULTS: dict[str, tuple[float, Effect]] = {
     "zero": (0.1, JointOffset(axis=1, offset_deg=0.1)),
     "play": (0.1, Backlash(axis=1, width_deg=0.1)),
@@ -43,12 +37,6 @@ def test_motor_error_moves_the_tool_as_mechanics_predict(name, kind, axis):
     off_mm = np.linalg.norm(really - sound.tips(motors, came_from), axis=1).max()
     assert off_mm > 0.1
     assert np.abs(T[:, :3, 3] + T[:, :3, :3] @ TOOL_MM - really).max() < 0.005 * off_mm
-
-
-@pytest.mark.parametrize("name", ["fanuc-m-10ia", "palletiser"])
-def test_a_zero_of_motor_2_is_named_by_diagnose_and_moved(name):
-    assert diagnosed(name, "zero", 2, 1) == ("right", [])
-    assert moved_zero(name, "zero", 2, 1) == ("right", [])
 
 
 def test_linkage_relieves_the_upper_arm_of_the_forearm_moment():
@@ -80,23 +68,3 @@ def test_angles_of_drives_and_reported_angles_convert_into_each_other():
     drives = drive_angles(arm, q)
     np.testing.assert_allclose(drives[:, 2], q[:, 1] + q[:, 2], atol=1e-15)
     np.testing.assert_allclose(reported_angles(arm, drives), q, atol=1e-15)
-
-
-@pytest.mark.parametrize("name", ["kuka-kr-6-r900-2", "yaskawa-gp12", "ur5e", "kinova-gen3-7"])
-def test_drives_of_uncoupled_arms_have_the_reported_angles(name):
-    assert arm_of(load_arm(name).robot).drives is None
-
-
-def test_drive_turns_its_own_axis_without_a_linkage():
-    fanuc = load_arm("fanuc-m-10ia").robot
-    assert fanuc.model_copy(update={"drives": None}).drive_ratios == fanuc.drives
-    assert Robot.model_validate(fanuc.model_dump() | {"drives": PARALLEL}).drive_ratios == fanuc.coupling
-
-
-@pytest.mark.parametrize(("drives", "doubtful"), [(True, False), (False, True)])
-def test_check_reports_a_coupling_without_mechanics(tmp_path, drives, doubtful):
-    text = load_arm("fanuc-m-10ia").text
-    text = text if drives else text.partition("  drives:")[0]
-    (tmp_path / "cell.yaml").write_text(f"name: cell\n{text}", encoding="utf-8")
-    done = command_line.ran("check", tmp_path / "cell.yaml")
-    assert ("robot.drives" in done.stdout) == doubtful

@@ -1,7 +1,6 @@
-from __future__ import annotations
-
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +10,8 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from analysis.apps.emulate.robot import EmulatedRobot, Trace, target_trace, trace
-from analysis.cli import app
+from analysis.apps.emulate.robot import Trace, target_trace, trace
 from analysis.procedures.results import result_of
 from analysis.runs.loading import measured_of
 from analysis.runs.noise.certificate import (
@@ -25,14 +22,14 @@ from analysis.runs.noise.certificate import (
     link_excess_mm,
     systematic,
 )
-from analysis.runs.tables import CircleTable, RadialTable
+from analysis.runs.tables import CircleTable
 from daq.protocol.conversation import Sample
-from daq.store import Run, RunWriter, new_manifest, read_run
+from daq.store import Run, read_run
 from rigs.load import load, parse
 from rigs.rig import Rig
 from rigs.schema.probe import GaugeCertificate, Temperature
 from rigs.schema.vocabulary import Direction, TestName
-from tests.support.written_runs import write_simulated
+from tests.support.written_runs import recorded_run, write_simulated
 
 PLAIN: dict[str, Any] = {"number": "D-K-1 2025-17", "date": "2025-03-01", "u_mm": 0.0008, "k": 2}
 POLYNOMIAL = PLAIN | {"polynomial_mm": [0.001, -0.002, 0.0003, 2e-5], "range_mm": [-12, 12]}
@@ -92,11 +89,10 @@ def test_uncertainty_of_certificates():
     assert link_excess_mm(rig) == pytest.approx(400.02 * (1 + 2e-5) - 400)
 
 
-@pytest.mark.parametrize("counts", [("away", "away"), ("towards", "towards"), ("away", "towards")])
-def test_recorded_lap_is_stored_raw_and_corrected_at_analysis(tmp_path, counts):
+def test_recorded_lap_is_stored_raw_and_corrected_at_analysis(tmp_path):
     """Whichever way its gauges count, their readings grow with the distance from the ball."""
     data = yaml.safe_load(_text(g1=POLYNOMIAL, g2=TABLE, eccentricity=(0.6, -0.4, 0.1)))
-    data["gauges"]["g1"]["counts"], data["gauges"]["g2"]["counts"] = counts
+    data["gauges"]["g1"]["counts"], data["gauges"]["g2"]["counts"] = "away", "towards"
     text = yaml.safe_dump(data)
     rig = parse(text, "certified")
     plain = trace(rig, "acw")
@@ -105,7 +101,6 @@ def test_recorded_lap_is_stored_raw_and_corrected_at_analysis(tmp_path, counts):
     run = read_run(_recorded(tmp_path, text, "yaw", "acw", plain, shown))
     raw = np.stack([run.streams[name][f"{name}_mm"] for name in ("g1", "g2")], axis=1)
     measured = measured_of(run)
-    assert isinstance(measured.table, CircleTable)
     at_s = np.arange(len(raw)) * 0.02
     assert raw[:, 0].tolist() == np.interp(at_s, plain.t_s, shown[:, 0]).tolist()
     assert np.abs(shown - plain.g_mm).max() > 1e-3
@@ -120,7 +115,6 @@ def test_link_and_gauge_enter_the_sphere(tmp_path):
     stops = target_trace(rig, "radial")
     path = _recorded(tmp_path, text, "radial", None, stops, _shown(rig, stops.g_mm))
     result = result_of(measured_of(read_run(path)))
-    assert isinstance(result.measured.table, RadialTable)
     for name in ("radius_mm", "held_radius_mm"):
         assert result.figures[name].value == pytest.approx(400, abs=1e-3)
         assert result.figures[name].u == pytest.approx(0.015, rel=0.15)
@@ -140,13 +134,6 @@ def test_overdue_certificate_is_a_doubt(tmp_path):
     assert "'yesterday'" in doubt
 
 
-def test_check_warns_of_a_certificate_that_is_overdue(tmp_path):
-    file = tmp_path / "cell.yaml"
-    file.write_text(_text(g2=PLAIN | {"date": "2020-01-31", "valid_until": "2021-01-31"}))
-    told = CliRunner().invoke(app, ["check", str(file)]).stdout
-    assert re.search(r"\n  g2: .*D-K-1 2025-17 .*2021-01-31", told)
-
-
 @pytest.mark.parametrize(("test", "direction", "of_link"), [("yaw", "acw", False), ("radial", None, True)])
 def test_imported_table_is_assumed_corrected_with_a_doubt(tmp_path, test, direction, of_link):
     text = _text(g1=TABLE, g2=PLAIN, link=PLAIN | {"length_mm": 400.25}, step_deg=45, orientations=1)
@@ -160,20 +147,6 @@ def test_imported_table_is_assumed_corrected_with_a_doubt(tmp_path, test, direct
     (doubt,) = [doubt for doubt in measured_of(imported).doubts if "assumed" in doubt]
     assert "g1 by certificate D-K-1 2025-17" in doubt and "g2" not in doubt
     assert ("+0.2500 mm" in doubt) == of_link
-
-
-def test_assumed_temperature_is_reported(tmp_path):
-    said: list[list[str]] = []
-    for more in ({}, {"temperature": {"mean_c": 21, "u_c": 1}}):
-        run = _lap(tmp_path / str(len(said)), _text(g1=PLAIN | {"coefficient_per_c": 1e-5}, **more))
-        said.append([doubt for doubt in measured_of(run).doubts if "temperature" in doubt])
-    assert [len(doubts) for doubts in said] == [1, 0] and "20 ± 5 °C" in said[0][0]
-
-
-def test_emulated_gauge_follows_its_certificate():
-    far = PLAIN | {"correction_mm": [[-50, -0.5], [50, -0.5]]}
-    shown = [EmulatedRobot.of_rig(_rig(g1=one), 1).gauge_mm("g1", 0) for one in (PLAIN, far)]
-    assert shown[1] - shown[0] == pytest.approx(0.5)
 
 
 def _rig(**certificates: Any) -> Rig:
@@ -228,25 +201,14 @@ def _recorded(
     runs: Path, text: str, test: TestName, direction: Direction | None, driven: Trace, g_mm: np.ndarray
 ) -> Path:
     """A run as rigd writes it: every 20 ms a reading of each gauge and the joints, all at one instant."""
-    t_s = driven.t_s
-    writer = RunWriter.create(
-        runs,
-        new_manifest(
-            name=test,
-            test=test,
-            direction=direction,
-            rig_name="ur10e",
-            rig_text=text,
-            operator="",
-            streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for axis in range(1, 7))},
-        ),
-    )
-    for at_s in np.arange(0.0, t_s[-1], 0.02):
-        ns = int((5 + at_s) * 1e9)
-        for column in (0, 1):
-            reading = float(np.interp(at_s, t_s, g_mm[:, column]))
-            writer.append(f"g{column + 1}", [Sample((reading,), ns - 1000, ns + 1000, ns + 1000, 31)])
-        joints = tuple(float(np.degrees(np.interp(at_s, t_s, joint))) for joint in driven.q.T)
-        writer.append("robot", [Sample(joints, ns, ns, ns, 63, 1000 + at_s)])
-    writer.close("complete", "told to", {})
-    return writer.path
+
+    def samples() -> Iterator[tuple[str, Sample]]:
+        for at_s in np.arange(0.0, driven.t_s[-1], 0.02):
+            ns = int((5 + at_s) * 1e9)
+            for gauge, column in zip(("g1", "g2"), g_mm.T, strict=True):
+                reading = float(np.interp(at_s, driven.t_s, column))
+                yield gauge, Sample((reading,), ns - 1000, ns + 1000, ns + 1000, 31)
+            joints = tuple(float(np.degrees(np.interp(at_s, driven.t_s, joint))) for joint in driven.q.T)
+            yield "robot", Sample(joints, ns, ns, ns, 63, 1000 + at_s)
+
+    return recorded_run(runs, text, test, direction, samples())
