@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import io
 
-import pytest
 from rich.console import Console
-from rich.table import Table
 
 from analysis.cli.daemon_screen import screen
-from analysis.cli.plain_console import fold_long_words
 
 STREAM = {"connected": True, "rate_hz": 53.5, "last": {}, "age_s": {}, "counters": {"samples": 1333}, "last_fault": ""}
 STATE = {
@@ -35,17 +32,6 @@ def test_50_columns_hold_the_links_of_a_daemon_a_line_each() -> None:
         ["g1", "connected", "53.5", "Hz", "1333", "none"],
         ["robot", "connected", "100.0", "Hz", "1333", "none"],
     ]
-
-
-@pytest.mark.parametrize("width", [20, 30, 40])
-def test_a_whole_table_loses_no_letter(width: int) -> None:
-    table = Table("figure", "value")
-    table.add_row("repeatability, bi-directional", "0.261 mm")
-    text = shown(fold_long_words(table), width)
-    assert "…" not in text
-    assert sum(text.count(letter) for letter in "bdpty") >= sum(
-        "repeatability, bi-directional".count(c) for c in "bdpty"
-    )
 
 
 def test_the_condition_of_the_robot_is_a_row_of_the_status() -> None:
