@@ -127,7 +127,7 @@ def _with_model(diagnosis: Diagnosis, evidence: Evidence, fit: Fit, validation: 
     diagnosis = replace(diagnosis, staircase=staircase)
     if fit.out_of_range:
         return diagnosis
-    judged = judged_of(diagnosis, validation.whole, validation.gaps, validation.widening.unexplained_mm)
+    judged = judged_of(diagnosis, validation.whole, validation.gaps, validation.widening)
     calibrated = calibrated_model(diagnosis, result, evidence.uses.used, evidence.runs, validation, judged)
     if why := next(contradictions(calibrated, evidence.rig), ""):
         doubt = f"no calibrated model is written, because it {why}; measure again, with more postures"
