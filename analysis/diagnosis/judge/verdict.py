@@ -28,7 +28,7 @@ from analysis.diagnosis.fit.selection_state import (
 from analysis.diagnosis.judge.acts import IMITATED, Doubt, JudgedOn
 from analysis.diagnosis.judge.alternatives import Alternative, Hypotheses
 from analysis.diagnosis.judge.budget import EffectChange, GapMeasure, sizes_by_setup
-from analysis.diagnosis.judge.held_out import FEWEST_GROUPS, Widening
+from analysis.diagnosis.judge.held_out import Widening
 from analysis.diagnosis.judge.probability import CONFIRMED, Probabilities, probabilities_of
 from analysis.diagnosis.judge.residuals import Residual, bands_above_noise, independent_um
 from analysis.diagnosis.judge.result import (
@@ -511,13 +511,14 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
 def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, widening: Widening) -> ModelAssessment:
     """Return the judgement of the model for the calibration file: of the `whole` model and of the part in the file.
 
-    If no places show the unexplained error, or too few, it is at least the residual at the validation runs.
+    The unexplained error is that of held-out places, and at least the residual of the places used. Other tests show it
+    by the residual at the validation runs.
     """
     judged, unexplained_mm = gaps.judged, widening.unexplained_mm
     residual_mm = 1e-3 * independent_um(judged.calibrated_um, judged.noise_floor_um)
     if unexplained_mm is None or not judged.of_places:
         unexplained_mm = residual_mm
-    elif widening.neighbourhoods < FEWEST_GROUPS:
+    elif judged is gaps.train:
         unexplained_mm = max(unexplained_mm, residual_mm / math.sqrt(3))  # of a coordinate
     return ModelAssessment(
         condition=diagnosis.condition, place=diagnosis.accuracy.place,
