@@ -86,7 +86,7 @@ def certify(
     from analysis.apps.certify.drift import drifts_of
     from analysis.apps.certify.features import features_of
     from analysis.apps.certify.program import programmed_places, targets_of, with_lines
-    from analysis.apps.correct.corrected_program import frames_of, start_of
+    from analysis.apps.correct.stated_frames import frames_of, start_of
     from analysis.apps.plant.collect import Workers, collect
     from analysis.apps.plant.history import history_of
     from analysis.apps.report.blocks import say_answer

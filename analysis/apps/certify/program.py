@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.certify.features import Feature
-from analysis.apps.correct.corrected_program import Frames, solve_program
+from analysis.apps.correct.solved_program import solve_program
+from analysis.apps.correct.stated_frames import Frames
 from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.reading import is_marked
 from analysis.apps.makers.tool_paths import straight_path

@@ -131,7 +131,8 @@ def correct(
     from analysis.apps.correct import correction_report
     from analysis.apps.correct.controller_entries import scale_of
     from analysis.apps.correct.correct_rig import correct_rig, target_errors
-    from analysis.apps.correct.corrected_program import Programs, doubts_of, frames_of, start_of
+    from analysis.apps.correct.corrected_program import Programs
+    from analysis.apps.correct.stated_frames import frames_of, start_of
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from analysis.correction.reasons import how_to_state_controller
@@ -139,19 +140,14 @@ def correct(
     from rigs.errors import FileError, UseError
     from rigs.load import load, named_by
 
-    if (tools or frames) and not programs:
-        raise UseError(
-            "--tool, --frame", "apply only to programs of --program", "give --program as well", code="program.option"
-        )
-    if neutral and not programs:
-        raise UseError("--neutral", "names routines of programs", "give --program as well", code="program.option")
-    if start and not programs:
-        raise UseError(
-            "--start-joints",
-            "is the posture at the start of a program",
-            "give --program as well",
-            code="program.option",
-        )
+    needs_program = {
+        "--tool, --frame": (tools or frames, "apply only to programs of --program"),
+        "--neutral": (neutral, "names routines of programs"),
+        "--start-joints": (start, "is the posture at the start of a program"),
+    }
+    for option, (given, problem) in needs_program.items():
+        if given and not programs:
+            raise UseError(option, problem, "give --program as well", code="program.option")
     rig, _ = load(with_controller(rig_file, calibration))
     require_usable_model(rig, rig_file, anyway=anyway)
     maker_asked, maker = maker, maker or maker_of(rig.feedback.interface)
@@ -167,7 +163,8 @@ def correct(
         say_json(correction_report.as_object(corrections, written))
     else:
         say_answer(correction_report.answer_of(corrections))
-    for doubt in doubts_of(stated, corrections.programs):
+    named = {name for program in corrections.programs for name in program.named} if corrections.programs else None
+    for doubt in stated.doubts(named):
         say(f"doubt: {doubt}", err=True)
     say_written(written)
     corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
@@ -198,7 +195,6 @@ def _unused_start(program: CorrectedProgram) -> str:
 
 
 def _not_written(corrections: Corrections, in_vain: Mapping[Path, str]) -> list[FileError]:
-    """Return an error for each path and program that was not written. in_vain: files with the reason."""
     from rigs.errors import FileError
 
     remedy = "keep the targets unchanged, or measure there; --anyway writes them"

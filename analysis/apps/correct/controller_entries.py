@@ -80,7 +80,6 @@ class Constant:
     key: str
 
     def effect(self, value: float) -> Effect:
-        """Return the effect of a change by `value`, in mm or degrees."""
         return turned(self.axis, value) if self.key == "q_deg" else changed(self.axis, self.key, value)
 
     @property
@@ -91,18 +90,19 @@ class Constant:
 
 @dataclass(frozen=True)
 class Projection:
-    """Constants (m) with changes `values` (m,) in mm or degrees that represent most of the error of a model.
-
-    worth_mm (m,): rms tool displacement by each change over the work area. operator (m, 6n): maps the tool error,
-    weighted by weights (n, 6), to changes. twins: indices of constants with equal effects.
-    """
+    """Changes of m constants that represent most of the error of a model."""
 
     constants: tuple[Constant, ...]
     values: Array
+    """Changes (m,) in mm or degrees."""
     worth_mm: Array
+    """Rms tool displacement (m,) by each change over the work area."""
     operator: Array
+    """Maps (m, 6n) the weighted tool error to changes."""
     weights: Array
+    """Weights (n, 6) of the tool error."""
     twins: tuple[tuple[int, ...], ...]
+    """Indices of constants with equal effects."""
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -112,7 +112,7 @@ class Projection:
         )
 
     def changes(self, moves: Array) -> Array:
-        """Return the changes (k, m), in mm or degrees, for displacements (k, n, 6) mm and rad of the tool.
+        """Changes (k, m) in mm or degrees for displacements (k, n, 6) mm and rad of the tool.
 
         For displacements of one standard uncertainty each, the sums of squares are the variances.
         """
@@ -120,7 +120,7 @@ class Projection:
         return np.asarray(weighted @ self.operator.T)
 
     def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
-        """Return the projection with some changes set to zero, and the standard uncertainties (m,) in mm or degrees.
+        """The projection with some changes set to zero, and the standard uncertainties (m,) in mm or degrees.
 
         changes (k, m): result of `changes`. The other changes are computed on the condition that these are zero. If
         only the sum of two changes is certain, the remaining change becomes the sum. Independent changes stay the same.
@@ -139,7 +139,7 @@ class Projection:
         return projection, np.linalg.norm(changes[:, kept] - changes[:, out] @ share, axis=0)
 
     def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
-        """Return whether this projection certainly leaves less position error than a projection with fewer changes.
+        """True if this projection certainly leaves less position error than one with fewer changes.
 
         The comparison is over the work area q (n, 6) rad, in the robot's base or with frame and tool taught. moves (k,
         n and more, 6): argument of `changes`.
@@ -162,7 +162,7 @@ def at_controller(rig: Rig) -> Rig:
 def project(
     rig: Rig, effects: Sequence[Effect], constants: Sequence[Constant], work: Array, spread: Array
 ) -> Projection:
-    """Return the changes of constants that represent most of the effects on the tool.
+    """Fit the constants to the effects on the tool.
 
     work (n, 6), spread (k, 6): joint angles in rad inside and outside the work area. Constants without influence are
     omitted.
@@ -214,7 +214,7 @@ def _solved(rig: Rig, real: Array, constants: Sequence[Constant], q: Array, weig
 
 
 def _twins(vt: Array, determined: Mask, count: int) -> tuple[tuple[int, ...], ...]:
-    """Return the groups of constants of which only a combination is determined."""
+    """Groups of constants of which only a combination is determined."""
     # Directions with no effect are determined up to a rotation among themselves, so they form a single group.
     unknown = vt[~determined]
     shared = unknown.T @ unknown
@@ -232,23 +232,24 @@ _NO_MOVE_MM = 1e-9
 
 @dataclass(frozen=True)
 class ControllerChange:
-    """A change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
-
-    key: the constant as in the rig file, or `q_deg` for the zero of the joint. now: previous size, if only the growth
-    is stated. reading_deg: change of the axis reading at an unchanged posture, after all changes. worth_um: rms tool
-    displacement by the change over the work area. leaves_um: part of worth_um remaining because of the uncertainty.
-    """
+    """A change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter`."""
 
     axis: int
+    """From 1."""
     key: str
+    """The constant as in the rig file, or `q_deg` for the zero of the joint."""
     parameter: str
     add: float
     u: float
     unit: str
     now: float | None
+    """Previous size, if only the growth is stated."""
     reading_deg: float
+    """Change of the axis reading at an unchanged posture, after all changes."""
     worth_um: float
+    """Rms tool displacement by the change over the work area."""
     leaves_um: float
+    """Part of worth_um remaining because of the uncertainty."""
 
 
 @dataclass(frozen=True)
@@ -261,32 +262,29 @@ class NotEntered:
 
 @dataclass(frozen=True)
 class ControllerEntries:
-    """All changes at a controller, and the remaining error.
-
-    readings_deg (6,): changes of all axis readings at an unchanged posture. They include axes without an entry, if the
-    controller computes their reading from several drives.
-
-    effects: changes as effects of the arm in the controller; empty if they remove no error. before_um, after_um: rms
-    position error of the tool over the work area before and after the changes. by_targets_um: the same with corrected
-    targets. All three include the uncorrectable error, the latter two also the uncertainty of the model.
-    elsewhere_um: error of the model before and after the changes, at postures spread over the joint angles of the
-    work area or the runs. All refer to a frame taught with the robot at these postures. base_u_um: contribution of
-    the position of the arm on its base to the uncertainty. twins: parameters of which only a combination is
-    determined.
-    """
+    """All changes at a controller, and the remaining rms position error of the tool in a taught frame."""
 
     name: MakerName
     controller: Controller
     entries: tuple[ControllerChange, ...]
     readings_deg: tuple[float, ...]
+    """Changes (6,) of the axis readings at an unchanged posture, also of axes whose reading follows from several
+    drives."""
     effects: tuple[Effect, ...]
+    """Changes as effects of the arm in the controller; empty if they remove no error."""
     twins: tuple[tuple[str, ...], ...]
+    """Parameters of which only a combination is determined."""
     not_entered: tuple[NotEntered, ...]
     before_um: float
+    """Error over the work area before the changes, including the uncorrectable error."""
     after_um: float
+    """The same after the changes, including the uncertainty of the model."""
     by_targets_um: float
+    """The same with corrected targets."""
     elsewhere_um: tuple[float, float]
+    """Error of the model before and after the changes, spread over the joint angles of the work area or the runs."""
     base_u_um: float
+    """Contribution of the position of the arm on its base to the uncertainty."""
     steps: tuple[str, ...]
 
     @property
@@ -301,7 +299,7 @@ class ControllerEntries:
 def controller_entries(
     rig: Rig, supported: Sequence[Support], name: MakerName, scale: Sequence[float] | None = None
 ) -> ControllerEntries:
-    """Return the changes at a controller that represent most of the model of a rig.
+    """Compute the changes at a controller that represent most of the model of a rig.
 
     scale (6,): counts per degree or gear ratios of the axes. Raises UseError if the controller uses no scale.
     """
@@ -358,7 +356,7 @@ def controller_entries(
 def _significant(
     rig: Rig, used: Sequence[Effect], controller: Controller, postures: tuple[Array, Array], moves: Array
 ) -> Projection:
-    """Return the projection onto constants of a controller with changes above the standard uncertainty.
+    """Project onto the constants of a controller with changes above the standard uncertainty.
 
     Insignificant changes are removed in turn, the least certain first, because a removal may make the others certain.
     """
@@ -379,7 +377,7 @@ def _significant(
 
 
 def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, moves: Array) -> tuple[Projection, Array]:
-    """Return a projection reduced to certain changes, and their standard uncertainties (m,) in mm or degrees.
+    """Reduce a projection to certain changes, with their standard uncertainties (m,) in mm or degrees.
 
     A change is certain if it exceeds its uncertainty and certainly reduces the error. Changes are removed in turn, the
     least certain first. q (n, 6): joint angles of the work area in rad. moves (k, n and more, 6): independent
@@ -401,8 +399,7 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
 
 
 def as_entered(rig: Rig, targets: CorrectedTargets, at: ControllerEntries) -> CorrectedTargets:
-    """Return corrected targets for a controller with the entries: joint readings for the same postures, and poses
-    computed by the controller."""
+    """Corrected targets for a controller with the entries: readings of the same postures, and poses it computes."""
     q, T, done = targets.q.copy(), targets.T.copy(), targets.done
     q[done] += np.radians(at.readings_deg)
     T[done] = tool_poses(model_of(at_controller(rig), at.effects), targets.q[done])
@@ -410,8 +407,8 @@ def as_entered(rig: Rig, targets: CorrectedTargets, at: ControllerEntries) -> Co
 
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
-    """Return the distance (n,) mm of the real tool, with effects of the arm in the rig file, from the pose that the
-    controller computes with other changes, at angles q (n, 6) rad with frame and tool taught.
+    """Distance (n,) mm of the real tool from the pose that the controller computes with other effects, at angles q
+    (n, 6) rad with frame and tool taught.
     """
     return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(at_controller(rig), others), q))
 
@@ -421,7 +418,7 @@ _SAME_READING_DEG = 5e-5
 
 
 def _readings_deg(rig: Rig, controller: Controller, projection: Projection) -> Array:
-    """Return the changes (6,) of the axis readings at an unchanged posture by entered zeros.
+    """Changes (6,) of the axis readings at an unchanged posture by entered zeros.
 
     If the model is changed instead of the zeros, the readings of the robot stay.
     """
@@ -432,7 +429,7 @@ def _readings_deg(rig: Rig, controller: Controller, projection: Projection) -> A
 
 
 def _coupled_step(entries: Sequence[ControllerChange], readings_deg: Array) -> tuple[str, ...]:
-    """Return the instruction for axes whose readings change with the zero of another drive."""
+    """Instruction for axes whose readings change with the zero of another drive."""
     entered = {entry.axis for entry in entries if entry.key == "q_deg"}
     follow = [k for k in np.flatnonzero(np.abs(readings_deg) >= _SAME_READING_DEG).tolist() if k + 1 not in entered]
     if not follow:
@@ -449,7 +446,7 @@ def _entry(
     constant: Constant,
     size: tuple[float, float, float],
 ) -> ControllerChange:
-    """Return the entry of a change. size: change and its u in mm or degrees, and the benefit in µm."""
+    """Entry of a change. size: change and its u in mm or degrees, and the benefit in µm."""
     value, u, worth_um = size
     add, reading_deg, now = value, 0.0, None
     if constant.key != "q_deg":

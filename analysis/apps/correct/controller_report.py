@@ -20,7 +20,7 @@ _THIRD = 1 / 3
 
 
 def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
-    """Return the summary: the values to enter, the benefit, and the check before any motion.
+    """The values to enter, their benefit, and the check before any motion.
 
     entered: the controller already has these values.
     """
@@ -41,10 +41,7 @@ def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
 
 
 def base_note(base_u_um: float, after_um: float) -> str:
-    """Return the note on the uncertain position of the arm on its base, or an empty text.
-
-    The note appears only if this uncertainty makes up more than a third of the squared error.
-    """
+    """Note on the position of the arm on its base, if its uncertainty is more than a third of the squared error."""
     is_large = base_u_um**2 > _THIRD * (base_u_um**2 + after_um**2)
     return _TEXTS("correct_base_unknown", u=f"{base_u_um / 1e3:.2g}") if is_large else ""
 
@@ -99,7 +96,7 @@ def _row(entry: ControllerChange, *, is_length: bool) -> tuple[str, ...]:
 
 
 def as_object(entries: ControllerEntries) -> dict[str, Any]:
-    """Return the corrections as an object for JSON and corrections.yaml, errors rounded to the nanometre."""
+    """Object for JSON and corrections.yaml."""
     errors = {
         "before_um": entries.before_um,
         "after_um": entries.after_um,
@@ -138,5 +135,5 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
 
 
 def short(value: float) -> float:
-    """Return a value rounded to nine digits, more than any controller accepts."""
+    """Round to nine digits, more than any controller accepts."""
     return float(f"{value:.9g}")

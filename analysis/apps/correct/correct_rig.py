@@ -37,24 +37,22 @@ NO_PROGRAMS = Programs()
 
 @dataclass(frozen=True)
 class Corrections:
-    """The possible corrections of a rig.
-
-    effects: effects with their use. zeros, constants: corrections of joints and links. work: error over the work area.
-    path: a table of targets with the corrected targets, computed for a controller with the entries if `entered`.
-    at_controller: entries in the notation of a controller. calibrated: effects that exist only in the calibration; the
-    zeros and constants above include them. If the constants of the controller are unknown, nothing is to be entered.
-    """
+    """The possible corrections of a rig. If the constants of the controller are unknown, nothing is to be entered."""
 
     rig: Rig
     effects: tuple[Support, ...]
+    """With their use."""
     zeros: tuple[Correction, ...]
     constants: tuple[Correction, ...]
     work: WorkError
+    """Error over the work area."""
     path: tuple[Path, TargetPath, CorrectedTargets] | None
+    """A table of targets with the corrected targets, for a controller with the entries if `entered`."""
     at_controller: ControllerEntries | None = None
     entered: bool = False
     programs: tuple[CorrectedProgram, ...] = ()
     calibrated: tuple[Support, ...] = ()
+    """Effects that exist only in the calibration; zeros and constants include them."""
 
     @property
     def errors(self) -> dict[Path, WorkError | None]:
@@ -82,7 +80,7 @@ def correct_rig(
     entered: bool = False,
     programs: Programs = NO_PROGRAMS,
 ) -> Corrections:
-    """Return the corrections of a rig.
+    """Compute the corrections of a rig.
 
     controller: also compute the entries for this maker. Entries and programs together would correct twice: if
     `programs` are given, `controller` states their maker instead. scale (6,): counts per degree or gear ratios of the
@@ -152,7 +150,7 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
 def _targets(
     rig: Rig, supported: Sequence[Support], path: Path, entered: ControllerEntries | None
 ) -> tuple[Path, TargetPath, CorrectedTargets]:
-    """Return a path and the corrected targets, for an unchanged controller or a controller with the entries `entered`.
+    """Correct a path, for an unchanged controller or a controller with the entries `entered`.
 
     Raises FileError if no target can be corrected.
     """
@@ -175,7 +173,6 @@ def _targets(
 
 
 def target_errors(rig: Rig, path: Path, path_read: TargetPath, targets: CorrectedTargets) -> list[FileError]:
-    """Return an error for each target of a path that could not be corrected."""
     return [
         FileError(
             f"{path}, line {path_read.lines[target.place]}",

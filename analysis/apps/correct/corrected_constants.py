@@ -21,15 +21,17 @@ CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
 
 @dataclass(frozen=True)
 class Correction:
-    """A number to change: axis from 1, key as in the rig file, in mm or degrees, and change `delta` with standard
-    uncertainty `u`, from the `nominal` value in the controller.
-    """
+    """A number to change, in mm or degrees."""
 
     axis: int
+    """From 1."""
     key: str
+    """As in the rig file."""
     nominal: float
+    """Value in the controller."""
     delta: float
     u: float
+    """Standard uncertainty of the change."""
 
     @property
     def corrected(self) -> float:
@@ -37,12 +39,12 @@ class Correction:
 
 
 def joint_zeros(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
-    """Return the changes of the controller's joint angles in an unchanged posture, for mastering."""
+    """Changes of the controller's joint angles in an unchanged posture, for mastering."""
     return _summed(supported, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, len(rig.robot.axes) + 1)})
 
 
 def link_constants(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
-    """Return the changes of the arm's constants relative to those in the controller.
+    """Changes of the arm's constants relative to those in the controller.
 
     The effects are relative to the axes of the rig file. If the controller has other constants, a change that is not
     larger than its uncertainty is omitted.
@@ -57,7 +59,7 @@ def link_constants(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
 
 
 def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[str, float | int | str]]:
-    """Return the constants in the controller, a row per axis, including corrections except joint zeros."""
+    """Corrected constants, a row per axis."""
     changed = {(correction.axis, correction.key): correction.corrected for correction in corrections}
     rows: list[dict[str, float | int | str]] = []
     for k, axis in enumerate(controller_robot(rig.robot).axes, start=1):
@@ -67,7 +69,6 @@ def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[st
 
 
 def _summed(supported: Sequence[Support], use: Use, nominal: dict[int, dict[str, float]]) -> list[Correction]:
-    """Return the corrections for a given use, by axis and key."""
     places: dict[tuple[int, str], list[Support]] = {}
     for support in supported:
         if support.use == use and (place := support.effect.compensation().constant):

@@ -85,9 +85,7 @@ def _effect(support: Support, rig: Rig) -> tuple[str | Cell, ...]:
 
 
 def _changes(corrections: Corrections) -> Iterator[str]:
-    """Yield the values to change instead of targets. The entries of a controller already cover the complete model, so
-    that listing these values too would correct twice.
-    """
+    """The values to change instead of targets, unless entries for a controller already contain them."""
     if corrections.at_controller:
         return
     for zero in corrections.zeros:
@@ -122,10 +120,7 @@ def _first(corrections: Corrections) -> str:
 
 
 def _falls(how: str, error: WorkError, *, of_work: bool = False) -> str:
-    """Return a sentence on the error after a way of correction.
-
-    of_work: the error refers to the work area; otherwise to the targets of a file.
-    """
+    """The error after a way of correction, over the work area or at the targets of a file."""
     taught = _TEXTS("correct_taught_elsewhere" if error.taught_elsewhere else "correct_taught")
     values = {
         "how": how, "where": _TEXTS("correct_over_work" if of_work else "correct_at_targets"), "taught": taught,
@@ -144,7 +139,7 @@ def _falls(how: str, error: WorkError, *, of_work: bool = False) -> str:
 
 
 def why_not(corrections: Corrections) -> str:
-    """Return the reason for correcting nothing; empty if there are corrections."""
+    """Reason for correcting nothing; empty if there are corrections."""
     why = "" if corrections.work.gains else "corrected targets do not reduce the error over the work"
     if corrections.errors:
         why = next((f"{path.name}: {of_it}" for path, of_it in corrections.in_vain.items()), "")
@@ -152,7 +147,7 @@ def why_not(corrections: Corrections) -> str:
 
 
 def _never_both(corrections: Corrections) -> str:
-    """Return a warning against correcting twice, once at the controller and once in the targets."""
+    """Warning against correcting twice, at the controller and in the targets."""
     if not corrections.at_controller:
         return _TEXTS("correct_one_method" if corrections.rig.takes_programs else "correct_one_method_targets")
     if not corrections.at_controller.entries:
@@ -183,12 +178,12 @@ def _path_lines(corrections: Corrections) -> Iterator[str]:
 
 
 def _left_out(targets: CorrectedTargets) -> Array:
-    """Return the displacement (n,) mm of each target by all uncorrected effects."""
+    """Displacement (n,) mm of each target by all uncorrected effects."""
     return np.asarray(np.linalg.norm(targets.left_out_mm, axis=1))
 
 
 def _budget(targets: CorrectedTargets) -> dict[str, float]:
-    """Return the largest displacement in mm of a target by each uncorrected effect, in descending order."""
+    """Largest displacement of a target in mm by each uncorrected effect, in descending order."""
     worst = dict(zip(targets.left_out, np.nanmax(targets.left_out_mm, axis=0).tolist(), strict=True))
     return dict(sorted(worst.items(), key=lambda item: -item[1]))
 
@@ -198,7 +193,7 @@ def _small(mm: float) -> str:
 
 
 def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, Any]:
-    """Return the corrections as an object for JSON, with lengths in mm and angles in degrees."""
+    """Object for JSON."""
     path = None
     if corrections.path:
         targets = corrections.path[2]
@@ -256,7 +251,6 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
 
 
 def _not_corrected(corrections: Corrections) -> list[dict[str, Any]]:
-    """Return the uncorrected targets of the path, by line number in the file."""
     if not corrections.path:
         return []
     _, source, targets = corrections.path
@@ -266,7 +260,7 @@ def _not_corrected(corrections: Corrections) -> list[dict[str, Any]]:
 
 
 def _each_um(values_mm: Array) -> list[float | None]:
-    """Return values (n,) mm in µm, None for NaN."""
+    """Convert mm to µm, None for NaN."""
     return [None if np.isnan(mm) else round(1e3 * mm, 3) for mm in values_mm.tolist()]
 
 

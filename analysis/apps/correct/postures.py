@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analysis.apps.makers.target import AT_BEGIN, Arc, Flags, Target, TargetMove, Way
-from analysis.apps.makers.tool_paths import circular_path, straight_path
+from analysis.apps.makers.tool_paths import circular_path, rotations, straight_path
 from analysis.correction.reasons import Reason
+from analysis.robot.geometry.circle import circles_through
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.robot.kinematics.follow import follow
 from analysis.robot.kinematics.inverse import inverse
@@ -28,7 +29,7 @@ quadrant or a turn either flag agrees. Chosen."""
 
 
 def agreeing(arm: Arm, q: Array, flags: Flags, slack_rad: float = _ROUNDING_RAD) -> Mask:
-    """Return a mask (n,) of the solutions q (n, 6) rad that agree with flags.
+    """Mask (n,) of the solutions q (n, 6) rad that agree with flags.
 
     slack_rad: tolerance of an angle relative to the limits of its sign, quadrant or turn.
     """
@@ -74,7 +75,7 @@ def solved(
     start: Sequence[float] | None = None,
     tips: Array | None = None,
 ) -> tuple[Array, dict[int, Reason]]:
-    """Return joint angles (n, 6) rad of targets, and the reasons for missing angles.
+    """Solve the joint angles (n, 6) rad of targets; with the reasons for missing ones.
 
     poses (n, 4, 4): poses of the arm's tool in the world, NaN for joint targets. joint_angles (n, 6): in rad, NaN for
     pose targets. start (6,): joint angles in rad of the arm at the start of the program, if known. tips (n, 3): points
@@ -109,8 +110,7 @@ def solved(
 
 
 def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:
-    """Return all solutions (m, 6) rad of each pose within the limits, including full turns, or the reason if there
-    are none."""
+    """Solutions (m, 6) rad of each pose within the limits, including full turns, or the reason if there are none."""
     solutions = inverse(arm, poses)
     every: list[Array | Reason] = []
     for q, in_reach in zip(solutions.q, solutions.found, strict=True):
@@ -130,7 +130,7 @@ def _take(q: Array, reasons: dict[int, Reason], k: int, solution: Array | Reason
 
 
 def _nearest(solutions: Array, near: Array) -> Array | Reason:
-    """Return the solution (6,) rad nearest to angles (6,) rad, or the reason if it is ambiguous."""
+    """Solution (6,) rad nearest to angles (6,) rad, or the reason if it is ambiguous."""
     away = np.abs(solutions - near).max(axis=1)
     order = np.argsort(away)
     if away[order[0]] > _NEAR_RAD or (len(order) > 1 and away[order[1]] < _CLEARLY * away[order[0]]):
@@ -140,7 +140,7 @@ def _nearest(solutions: Array, near: Array) -> Array | Reason:
 
 
 def _closest(solutions: Array, stands: Array) -> Array | Reason:
-    """Return the solution (6,) rad that is the closest to angles (6,) rad by any measure, or the reason if none is."""
+    """Solution (6,) rad that is the closest to angles (6,) rad by every measure, or the reason if there is none."""
     turns = np.abs(solutions - stands)
     measures = np.array([turns.max(axis=1), turns.mean(axis=1), np.sqrt(np.mean(turns**2, axis=1))])
     best = int(measures[0].argmin())
@@ -221,8 +221,7 @@ class _Ways:
         return bool(np.isfinite(self.q[k]).all())
 
     def reached(self, source: int, k: int, way: Way) -> Array | Reason:
-        """Return the joint angles (6,) rad at target k after a move from the target `source`, or the reason if they
-        are unknown."""
+        """Joint angles (6,) rad at target k after a move from the target `source`, or the reason if unknown."""
         key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # Programs repeat their positions.
         if key not in self.arrivals:
             solutions = self.branches[k]
@@ -232,7 +231,7 @@ class _Ways:
 
 
 def _not_the_same(ways: _Ways, step: TargetMove, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
-    """Return a reason if a move may reach the target in a posture different from the corrected posture."""
+    """Reason if a move may reach the target in another posture than the corrected one."""
     k = step.target
     if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.is_solved(k):  # A joint target, or no posture
         return None
@@ -255,7 +254,7 @@ def _not_the_same(ways: _Ways, step: TargetMove, free: set[int], reasons: dict[i
 
 
 def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason | None:
-    """Return a reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
+    """Reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
     if arc is None or not arc.tangent:
         return None
     places = [
@@ -279,32 +278,22 @@ def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason 
     return None
 
 
-def _turns_on_arc(places: Array) -> tuple[Array, Array] | None:
-    """Return the rotations (3, 3) along an arc through three positions (3, 3) mm, from the first to the second and to
-    the third.
+def _turns_on_arc(places: Array) -> Array | None:
+    """Rotations (2, 3, 3) along an arc through three positions (3, 3) mm, from the first one to each of the others.
 
     None if the positions are collinear.
     """
-    chord, second_chord = places[1] - places[0], places[2] - places[0]
-    normal = np.cross(chord, second_chord)
-    length = float(np.linalg.norm(normal))
-    if length < _FLAT * np.linalg.norm(chord) * np.linalg.norm(second_chord) or length == 0:
+    first, second = places[1:] - places[0]
+    if np.linalg.norm(np.cross(first, second)) <= _FLAT * np.linalg.norm(first) * np.linalg.norm(second):
         return None
-    to_centre = np.cross(normal, (second_chord @ second_chord) * chord - (chord @ chord) * second_chord) / (
-        2 * length**2
-    )
-    axis, radius = normal / length, -to_centre
-    angles = []
-    for place in places[1:]:
-        spoke = place - places[0] - to_centre
-        angles.append(float(np.arctan2(axis @ np.cross(radius, spoke), radius @ spoke)) % (2 * np.pi))
-    K = np.cross(axis, np.eye(3)).T  # K @ v is axis × v.
-    first, second = (np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K for angle in angles)
-    return first, second
+    (centre,), (axis,), _ = circles_through(places[None])
+    begin, *spokes = places - centre
+    angles = [np.arctan2(axis @ np.cross(begin, spoke), begin @ spoke) % (2 * np.pi) for spoke in spokes]
+    return rotations(axis, np.array(angles))
 
 
 def arc_to_via(arm: Arm, stands: Array, poses: Array, tip: Array) -> Array | None:
-    """Return the angles (6,) rad at the via point of an arc with the orientation interpolated from start to end.
+    """Angles (6,) rad at the via point of an arc with the orientation interpolated from start to end.
 
     stands (6,): angles at the start in rad. poses (3, 4, 4): written poses of start, via point and end. tip (3,): point
     in mm that follows the arc, in the frame of the arm's tool. None if the arm cannot follow the arc.
@@ -325,7 +314,7 @@ def arc_to_via(arm: Arm, stands: Array, poses: Array, tip: Array) -> Array | Non
 
 
 def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, way: Way) -> Array | Reason:
-    """Return the angles (6,) rad at a pose (4, 4) for an arm that starts at angles `stands` (6,) rad."""
+    """Angles (6,) rad at a pose (4, 4) after a move from the angles `stands` (6,) rad."""
     if way != "line":
         return _nearest(solutions, stands) if way == "joint" else _closest(solutions, stands)
     begin = forward(arm, stands[None])[0]

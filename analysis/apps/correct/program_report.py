@@ -114,10 +114,7 @@ def _place(program: CorrectedProgram, file: int, line: int) -> str:
 
 
 def reached(u_frame_mm: Array, u_mm: Array) -> str:
-    """Return a phrase on the accuracy of corrected targets, from their uncertainties (n,) mm.
-
-    An uncertainty is NaN if the runs do not cover the target.
-    """
+    """Accuracy of corrected targets in words. An uncertainty (n,) is NaN if the runs do not cover the target."""
     if np.isnan(u_mm).all():
         return _TEXTS("correct_accuracy_unknown")
     key = "correct_accuracy_covered" if np.isnan(u_mm).any() else "correct_accuracy"
@@ -125,7 +122,7 @@ def reached(u_frame_mm: Array, u_mm: Array) -> str:
 
 
 def as_object(program: CorrectedProgram) -> dict[str, Any]:
-    """Return the program as an object for JSON, with lengths in mm and rounding errors in µm."""
+    """Object for JSON."""
     beside, given_away = program.beside_left_mm, program.given_away_mm[np.isfinite(program.given_away_mm)]
 
     def at(place: Any) -> dict[str, Any]:
@@ -195,12 +192,12 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
 
 
 def _mm(value: float) -> float | None:
-    """Return a length rounded to the nanometre, None for NaN."""
+    """Round to the nanometre; None for NaN."""
     return None if np.isnan(value) else round(float(value), 6)
 
 
 def error_object(error: WorkError) -> dict[str, Any]:
-    """Return the error over the work or over targets for scripts, in µm."""
+    """Object for JSON, in µm."""
     in_base = {name: round(um, 3) for name, um in asdict(error.base).items()}
     sizes = {name: round(getattr(error, name), 3) for name in (*in_base, "base_u_um")}
     return {**sizes, "unknown_share": round(error.unknown, 3), "in_base": in_base}

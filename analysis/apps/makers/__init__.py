@@ -41,8 +41,6 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class ProgramFiles:
-    """The files of a program."""
-
     label: str
     """Short name of the maker."""
     suffixes: tuple[str, ...]
@@ -57,8 +55,6 @@ class ProgramFiles:
 
 @dataclass(frozen=True)
 class ConstantParameter:
-    """The parameter of a link constant at a controller."""
-
     key: str
     """As in the rig file."""
     name: str

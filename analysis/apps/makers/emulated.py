@@ -21,9 +21,9 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 Flange = Callable[[Array], tuple[Array, Array]]
 """Function from joint angles (6,) rad to rotation (3, 3) and position (3,) mm of the flange."""
-Turning = Literal["fixed to path", "relative to path", "even", "angles"]
-"""Orientation of the tool along an arc: fixed to the path from the start; from start to end relative to the path;
-about a fixed axis in space; or each of the three angles separately."""
+Turning = Literal["fixed to path", "relative to path", "even"]
+"""Orientation of the tool along an arc: fixed to the path from the start; from start to end relative to the path; or
+about a fixed axis in space."""
 _FARTHEST_MM = 1e5
 """Limit of a coordinate in mm, ten times the reach of any arm: a larger number is a mistake."""
 _FASTEST_MM_S, _FASTEST_RAD_S = 3000.0, 10.0
@@ -40,44 +40,7 @@ Field = Literal["reading", "offset", "a", "d", "alpha"]
 
 
 class ProgramError(Exception):
-    """The error for a program rejected by a controller."""
-
-
-@dataclass
-class Tokens:
-    """The tokens of a program, each with a kind."""
-
-    items: list[tuple[str, str]]
-    at: int = 0
-
-    @classmethod
-    def of(cls, text: str, token: re.Pattern[str], language: str) -> Tokens:
-        """Split a text by a pattern whose groups are the kinds.
-
-        Matches outside any group and of the kind `skip` are dropped. Raises ProgramError for a text that does not
-        match.
-        """
-        items, at = [], 0
-        while at < len(text):
-            match = token.match(text, at)
-            if not match:
-                raise ProgramError(f"{text[at : at + 20]!r} is not {language}")
-            if match.lastgroup not in (None, "skip"):
-                items.append((str(match.lastgroup), match[0]))
-            at = match.end()
-        return cls(items)
-
-    def peek(self) -> tuple[str, str]:
-        """Kind and text of the next token; ("over", "") at the end."""
-        return self.items[self.at] if self.at < len(self.items) else ("over", "")
-
-    def take(self, *expected: str) -> str:
-        """Consume the next token. Raises ProgramError if neither kind nor text is expected."""
-        kind, text = self.peek()
-        if kind not in expected and text not in expected:
-            raise ProgramError(f"{repr(text) if text else 'the end'} instead of {' or '.join(expected)}")
-        self.at += 1
-        return text
+    """The emulated controller rejects a program."""
 
 
 @dataclass(frozen=True)
@@ -184,12 +147,8 @@ class Round:
             case "relative to path":
                 whole = Rotation.from_rotvec(self.angle * self.axis)
                 turn = around * _evenly(begin, whole.inv() * end, share)
-            case "even":
-                turn = _evenly(begin, end, share)
             case _:
-                first, last = begin.as_euler("xyz"), end.as_euler("xyz")
-                way = (last - first + np.pi) % (2 * np.pi) - np.pi
-                turn = Rotation.from_euler("xyz", first + share[:, None] * way)
+                turn = _evenly(begin, end, share)
         return self.centre + around.apply(self.begin.place - self.centre), turn
 
 
@@ -202,16 +161,12 @@ class Waited:
 
 @dataclass(frozen=True)
 class Switched:
-    """A change of a digital output."""
-
     output: int | str
     on: bool
 
 
 @dataclass(frozen=True)
 class RegisterOutput:
-    """An integer written to an output register."""
-
     register: int
     value: int
 
@@ -321,6 +276,8 @@ class Machine:
 
 
 def _finite(pose: ToolPose) -> ToolPose:
+    if not isinstance(pose, ToolPose):
+        raise ProgramError("the target of a path has to be a pose")
     if not np.abs(pose.place).max() < _FARTHEST_MM or not np.isfinite(pose.turn.as_quat()).all():
         raise ProgramError(f"{pose.place} mm is not a valid position of an arm")
     return pose
@@ -362,8 +319,6 @@ READING = ControllerParameter("reading of axis {axis}", "deg", "reading", math.r
 
 @dataclass(frozen=True)
 class ProgramDriver:
-    """The emulated controller of a maker."""
-
     run: Callable[[str, str, Machine], None]
     """Executes a program on a machine, given the text of the file with the motion and of the data list. Raises
     ProgramError if the controller would reject it."""

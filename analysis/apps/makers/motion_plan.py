@@ -80,8 +80,6 @@ class Arc:
 
 @dataclass(frozen=True)
 class Dwell:
-    """A stop of the robot for a time."""
-
     seconds: float
 
 
@@ -150,7 +148,6 @@ def end_of(move: Move) -> PlannedTarget:
 
 
 def start_of(plan: MotionPlan) -> PlannedTarget:
-    """First target of a plan."""
     return next(end_of(step) for step in plan.steps if isinstance(step, Move))
 
 

@@ -70,8 +70,6 @@ Needs = tuple[tuple[Reason, Setting], ...]
 
 @dataclass(frozen=True)
 class Set:
-    """The assignment of a value to a variable."""
-
     variable: str
     value: Setting
 
@@ -86,15 +84,11 @@ class ForgetFamily:
 
 @dataclass(frozen=True)
 class ForgetAll:
-    """Everything becomes unknown."""
-
     why: Unknown
 
 
 @dataclass(frozen=True)
 class Call:
-    """A call of a routine."""
-
     name: str
     why: Unknown
     """Reason for an unknown state if the routine has no text."""
@@ -110,8 +104,6 @@ class Elsewhere:
 
 @dataclass(frozen=True)
 class JumpTarget:
-    """A target of jumps."""
-
     name: str
 
 
@@ -132,8 +124,6 @@ class End:
 
 @dataclass(frozen=True)
 class Move:
-    """A move to a point."""
-
     key: str
     way: str
     file: int
@@ -163,8 +153,6 @@ Statement = Set | ForgetFamily | ForgetAll | Call | Elsewhere | JumpTarget | Jum
 
 @dataclass(frozen=True)
 class Program:
-    """The routines of a program by name."""
-
     routines: Mapping[str, tuple[Statement, ...]]
     initial: Callable[[str], Value]
     """The value of a variable at the start."""
@@ -197,8 +185,6 @@ class Usage:
 
 @dataclass(frozen=True)
 class MachineState:
-    """Parts with their values."""
-
     values: Mapping[str, Value] = field(default_factory=dict)
     lost: Mapping[str, Unknown] = field(default_factory=dict)
     """Families whose variables are unknown unless set later; "" stands for all families."""
@@ -565,7 +551,6 @@ class Blocks:
                 self.add(End())
 
     def close(self) -> None:
-        """End the innermost block."""
         if self.open:
             kind, first, end = self.open.pop()
             self.add(Jump((first,)) if kind == "loop" else JumpTarget(first), JumpTarget(end))
@@ -592,7 +577,6 @@ class Blocks:
         (self.add_conditional if re.search(r"\b(?:and|or)\b", before, re.IGNORECASE) else self.add)(call)
 
     def finish_routine(self) -> tuple[Statement, ...]:
-        """Close all open blocks and return the statements."""
         while self.open:
             self.close()
         return tuple(self.body)

@@ -7,8 +7,9 @@ is `not_known`: nothing is certain after it.
 from __future__ import annotations
 
 import re
+import string
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 from analysis.apps.makers.points import Points
 from analysis.apps.makers.program_machine import (
@@ -29,6 +30,8 @@ from analysis.apps.makers.target import Number, ProgramTexts, UncorrectedTarget
 from analysis.correction.reasons import Reason
 
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+UPPER_CASE = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
+LOWER_CASE = str.maketrans(string.ascii_uppercase, string.ascii_lowercase)
 _NUMBER = re.compile(NUMBER)
 _MARK = "\xef\xbb\xbf"
 """The byte order mark of UTF-8, read as Latin-1."""
@@ -38,11 +41,13 @@ _LONGEST_FACT, _LONGEST_NAME = 80, 60
 class ProgramParser:
     """A program during parsing: `file` and `at` are the text and the position that are parsed now."""
 
-    def __init__(self, program: ProgramTexts, blank: re.Pattern[str]) -> None:
-        """blank: comments and quoted texts, which become spaces."""
+    def __init__(self, program: ProgramTexts, blank: re.Pattern[str], case: Mapping[int, int] | None = None) -> None:
+        """blank: comments and quoted texts, which become spaces. case: translation of the texts, which keeps their
+        lengths, in a language that ignores the case."""
         self.names, self.own = program.names, program.own
         self.neutral = frozenset(name.upper() for name in program.neutral)
-        self.texts = tuple(_blanked(text, blank) for text in program.texts)
+        self._written = tuple(_blanked(text, blank) for text in program.texts)
+        self.texts = tuple(text.translate(case or {}) for text in self._written)
         self._line_ends = [[match.start() for match in re.finditer("\n", text)] for text in self.texts]
         self.points = Points(program.own)
         self.file = self.at = 0
@@ -89,12 +94,17 @@ class ProgramParser:
 
     def not_known(self, text: str, at: int | None = None) -> None:
         """Add a statement that may change anything."""
-        self.blocks.add(ForgetAll(self.why(f"{text} is unknown here", at)))
+        self.blocks.add(ForgetAll(self.why(f"{self.as_written(text, at)} is unknown here", at)))
 
     def list_left(self, reason: Reason, name: str, at: int | None = None) -> None:
         if self.is_own:
-            short = " ".join(name.split())[:_LONGEST_NAME]
+            short = " ".join(self.as_written(name, at).split())[:_LONGEST_NAME]
             self.points.left.append(UncorrectedTarget(self.file, self.line(at), short, reason))
+
+    def as_written(self, name: str, at: int | None = None) -> str:
+        """A name or text in the case in which it follows a position of the file."""
+        begin = self.texts[self.file].find(name, self.at if at is None else at)
+        return name if begin < 0 else self._written[self.file][begin : begin + len(name)]
 
     def leave(self, reason: Reason, name: str, at: int | None = None, *, relative: bool = False) -> None:
         """List a move that cannot be corrected. The arm is anywhere afterwards.
@@ -126,7 +136,7 @@ class ProgramParser:
 
     def call_of(self, name: str, at: int | None = None) -> Statement:
         """Call a routine; everything is unknown after a name that is not unique or has no text."""
-        routines = self.named(name)
+        routines, name = self.named(name), self.as_written(name, at)
         if len(routines) == 1:
             return Call(routines[0], self.why(f"{name} is called", at))
         return ForgetAll(self.why(f"{name} is unknown here", at))

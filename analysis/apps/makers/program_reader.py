@@ -12,8 +12,6 @@ from analysis.apps.makers.target import Parsed, ProgramTexts
 
 @dataclass(frozen=True)
 class Remark:
-    """The format of a remark."""
-
     begins: str
     """Begin of each line, with {} for the line number."""
     ends: str = ""
@@ -26,8 +24,6 @@ class Remark:
 
 @dataclass(frozen=True)
 class ProgramReader:
-    """The reader of a maker."""
-
     parse: Callable[[ProgramTexts], Parsed]
     decimals: Decimals
     remark: Remark

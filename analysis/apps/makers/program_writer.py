@@ -12,8 +12,6 @@ BY_ITSELF = "the controller provides the feedback without this program"
 
 @dataclass(frozen=True)
 class ProgramWriter:
-    """The writer of a maker."""
-
     write: Callable[[MotionPlan, Demand], dict[str, str]]
     """Returns the files of a plan by name, with lines ending with a line feed."""
     feedbacks: Mapping[type, str] = field(default_factory=dict)

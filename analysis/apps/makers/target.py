@@ -49,8 +49,6 @@ class Flags:
 
 @dataclass(frozen=True)
 class Target:
-    """A target with numbers."""
-
     name: str
     file: int
     line: int

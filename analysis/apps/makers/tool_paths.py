@@ -78,13 +78,13 @@ def circular_path(begin: Array, via_mm: Array, end: Array, speed_mm_s: float, sh
     angle = float(np.arctan2(axis @ np.cross(arm, to_end), arm @ to_end) % (2 * np.pi))
     length = angle * float(np.linalg.norm(arm))
     share = _shares(length, angle) if shares is None else shares
-    return _tool_path(begin, end, share, centre + _rotations(angle * axis, share) @ arm, length / speed_mm_s)
+    return _tool_path(begin, end, share, centre + rotations(angle * axis, share) @ arm, length / speed_mm_s)
 
 
 def _tool_path(begin: Array, end: Array, share: Array, places: Array, seconds: float) -> ToolPath:
     poses = np.tile(begin, (len(share), 1, 1))
     poses[:, :3, 3] = places
-    poses[:, :3, :3] = _rotations(rotation_vector(begin, end), share) @ begin[:3, :3]
+    poses[:, :3, :3] = rotations(rotation_vector(begin, end), share) @ begin[:3, :3]
     return ToolPath(poses, seconds)
 
 
@@ -94,7 +94,7 @@ def _middle(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> Arr
     For opposite positions it is the pose at which the tool, rotated halfway, points to the centre.
     """
     T = np.eye(4)
-    T[:3, :3] = _rotations(rotation_vector(begin, end), np.array([0.5]))[0] @ begin[:3, :3]
+    T[:3, :3] = rotations(rotation_vector(begin, end), np.array([0.5]))[0] @ begin[:3, :3]
     aside = (begin[:3, 3] + end[:3, 3]) / 2 - centre_mm
     if np.linalg.norm(aside) < _OPPOSITE * radius_mm:
         aside = -T[:3, 2]
@@ -114,8 +114,8 @@ def rotation_vector(begin: Array, end: Array) -> Array:
     return vector
 
 
-def _rotations(vector: Array, share: Array) -> Array:
-    """Rotations (n, 3, 3) by fractions (n,) of a rotation vector (3,) rad."""
+def rotations(vector: Array, share: Array) -> Array:
+    """Rotations (n, 3, 3) by multiples (n,) of a rotation vector (3,) rad."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     matrices: Array = Rotation.from_rotvec(share[:, None] * vector).as_matrix()

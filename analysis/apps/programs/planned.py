@@ -96,7 +96,6 @@ def poses_plan(
 
 
 def targets_at(arm: Arm, q: Array) -> list[PlannedTarget]:
-    """Targets at joint angles q (n, 6) rad."""
     return [PlannedTarget(T, angles) for T, angles in zip(in_base(arm, forward(arm, q)), q, strict=True)]
 
 

@@ -43,8 +43,6 @@ AGAINST = "against_verdict"
 
 @dataclass(frozen=True)
 class TargetPath:
-    """The targets of a table."""
-
     columns: dict[str, list[str]]
     """Columns of the file by name."""
     names: tuple[str, ...]
@@ -56,7 +54,6 @@ class TargetPath:
 
     @property
     def joints(self) -> bool:
-        """True for joint angles, False for poses."""
         return self.names != POSES
 
     def angles(self) -> Array:
@@ -214,7 +211,6 @@ def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: st
 
 
 def _cells(values: Array) -> list[str] | list[float]:
-    """Cells of a column, empty for NaN."""
     cells: list[float] = values.tolist()
     return cells if np.isfinite(values).all() else ["" if np.isnan(number) else repr(number) for number in cells]
 

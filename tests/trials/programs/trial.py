@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.correct.corrected_program import correct_program, frames_of
+from analysis.apps.correct.corrected_program import correct_program
+from analysis.apps.correct.stated_frames import frames_of
 from analysis.correction.support import supports
 from rigs.errors import RigError
 from tests.worlds.languages import fanuc, inform, krl, rapid, urscript

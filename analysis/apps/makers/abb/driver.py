@@ -7,6 +7,7 @@ to the path, or evenly in space, as set by CirPathMode PathFrame or ObjectFrame.
 
 from __future__ import annotations
 
+import json
 import re
 from typing import Any
 
@@ -23,23 +24,25 @@ from analysis.apps.makers.emulated import (
     ProgramDriver,
     ProgramError,
     Switched,
-    Tokens,
     ToolPose,
     Turning,
 )
 
-_TOKEN = re.compile(
-    r"(?P<skip>\s+|![^\n]*)|(?P<number>-?\d+(\.\d+)?(E\d+)?)|(?P<text>\"[^\"]*\")|(?P<name>[A-Za-z]\w*)"
-    r"|(?P<mark>:=|[\[\](),;\\])"
+_MODULE = re.compile(
+    r"\s*MODULE (\w+)((?:\s*LOCAL [^;]*;)*)\s*PROC (\w+)\(\)((?:[^;]*;)*)\s*ENDPROC\s*ENDMODULE\s*", re.ASCII
 )
+_COMMENT = re.compile(r"(\"[^\"]*\")|![^\n]*")
+_WORD = re.compile(r"\"[^\"]*\"|[A-Za-z]\w*|-?\d+(?:\.\d+)?|:=|\S")
+_DATA = re.compile(r"LOCAL (?:CONST|PERS) (\w+) (\w+):=(.*)")
+_POSE = "[[n,n,n],[n,n,n,n]]"
 _KINDS = {
-    "tooldata": "bp[n[nnn][nnnn]nnn]",
-    "wobjdata": "bbtpp",
-    "jointtarget": "[nnnnnn][nnnnnn]",
-    "robtarget": "[nnn][nnnn][nnnn][nnnnnn]",
-    "speeddata": "nnnn",
+    "tooldata": f"[b,{_POSE},[n,[n,n,n],[n,n,n,n],n,n,n]]",
+    "wobjdata": f"[b,b,t,{_POSE},{_POSE}]",
+    "jointtarget": "[[n,n,n,n,n,n],[n,n,n,n,n,n]]",
+    "robtarget": "[[n,n,n],[n,n,n,n],[n,n,n,n],[n,n,n,n,n,n]]",
+    "speeddata": "[n,n,n,n]",
 }
-"""Format of each data type: b is a Boolean, n a number, t a text, p a pose."""
+"""Format of each data type: b is a Boolean, n a number, t a text."""
 _STREAMS = (
     "EGMGetId @",
     "EGMReset @",
@@ -53,78 +56,36 @@ _STREAMS = (
 def run(text: str, _: str, machine: Machine) -> None:
     if "\r\n" not in text or any(len(line) > 250 for line in text.split("\r\n")):
         raise ProgramError("lines end with CR LF and have 250 characters at most")
-    tokens = Tokens.of(text, _TOKEN, "RAPID")
-    tokens.take("MODULE")
-    module = _name(tokens)
+    module = _MODULE.fullmatch(_COMMENT.sub(r"\1", text.replace("\r\n", "\n")))
+    if not module:
+        raise ProgramError("a module needs local data and one procedure")
+    name, declarations, procedure, instructions = module.groups()
+    if long := re.search(r"\b[A-Za-z]\w{32,}", module[0]):
+        raise ProgramError(f"{long[0]} has more than 32 characters")
     data: dict[str, Any] = {}
-    while tokens.peek()[1] == "LOCAL":
-        _declaration(tokens, data)
-    tokens.take("PROC")
-    if _name(tokens) in {module, *data}:
+    for declaration in declarations.split(";")[:-1]:
+        declared, value = _declared(declaration.strip())
+        if data.setdefault(declared, value) is not value:
+            raise ProgramError(f"{declared} is declared twice")
+    if procedure in {name, *data}:
         raise ProgramError("a procedure needs a unique name")
-    tokens.take("(")
-    tokens.take(")")
     controller = _AbbController(data, machine)
-    while tokens.peek()[1] != "ENDPROC":
-        # Name and arguments of an instruction, including switches and optional arguments as written.
-        words = [_name(tokens)]
-        while tokens.peek()[1] != ";":
-            words.append(tokens.take("name", "number", "text", ",", "\\", ":="))
-        tokens.take(";")
-        controller.do(words)
-    tokens.take("ENDPROC")
-    tokens.take("ENDMODULE")
-    if tokens.peek()[1]:
-        raise ProgramError("something follows the module")
+    for instruction in instructions.split(";")[:-1]:
+        controller.do(_WORD.findall(instruction))
 
 
-def _name(tokens: Tokens) -> str:
-    name = tokens.take("name")
-    if len(name) > 32:
-        raise ProgramError(f"{name} has more than 32 characters")
-    return name
-
-
-def _declaration(tokens: Tokens, data: dict[str, Any]) -> None:
-    tokens.take("LOCAL")
-    storage = tokens.take("CONST", "PERS", "VAR")
-    kind, name = _name(tokens), _name(tokens)
-    if name in data:
-        raise ProgramError(f"{name} is declared twice")
-    if storage == "VAR":
-        if kind != "egmident":
-            raise ProgramError(f"variables of the kind {kind} are not supported")
-        data[name] = kind
-    else:
-        tokens.take(":=")
-        if kind not in _KINDS:
-            raise ProgramError(f"data of the kind {kind} are missing")
-        value = _value(tokens)
-        if _form(value) != f"[{_KINDS[kind].replace('p', '[[nnn][nnnn]]')}]":
-            raise ProgramError(f"{name} is not {kind}: {_form(value)}")
-        data[name] = (kind, value)
-    tokens.take(";")
-
-
-def _value(tokens: Tokens) -> Any:
-    if tokens.peek()[1] == "[":
-        tokens.take("[")
-        values = [_value(tokens)]
-        while tokens.peek()[1] == ",":
-            tokens.take(",")
-            values.append(_value(tokens))
-        tokens.take("]")
-        return values
-    if tokens.peek()[1] in ("TRUE", "FALSE"):
-        return tokens.take("name") == "TRUE"
-    text = tokens.take("number", "text")
-    return text if text[0] == '"' else float(text)
-
-
-def _form(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{''.join(map(_form, value))}]"
-    return {bool: "b", float: "n", str: "t"}[type(value)]
+def _declared(text: str) -> tuple[str, Any]:
+    """Name of a declaration, with kind and value."""
+    if stream := re.fullmatch(r"LOCAL VAR egmident (\w+)", text):
+        return stream[1], "egmident"
+    data = _DATA.fullmatch(text)
+    if not data:
+        raise ProgramError(f"{text!r} is not a declaration")
+    kind, name, value = data.groups()
+    form = re.sub(r"-?\d+(\.\d+)?(E\d+)?", "n", re.sub("TRUE|FALSE", "b", re.sub(r'"[^"]*"', "t", value)))
+    if form != _KINDS.get(kind):
+        raise ProgramError(f"{name} is not {kind}: {form}")
+    return name, (kind, json.loads(value.replace("TRUE", "true").replace("FALSE", "false")))
 
 
 class _AbbController:

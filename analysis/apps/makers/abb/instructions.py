@@ -84,22 +84,21 @@ SWITCHES: dict[str, tuple[str, str]] = {
 }  # fmt: skip
 """Instructions that set a state variable, with the value."""
 SETTINGS = {
-    "confl": ("conf l", "Off", "on", "off"),
-    "confj": ("conf j", "Off", "on", "off"),
-    "singarea": ("switch", "LockAxis4", OFF, "on"),
-    "cirpathmode": ("switch arcs", r"Wrist\d\d", OFF, "on"),
+    "confl": ("conf l", "off", "on", "off"),
+    "confj": ("conf j", "off", "on", "off"),
+    "singarea": ("switch", "lockaxis4", OFF, "on"),
+    "cirpathmode": ("switch arcs", r"wrist\d\d", OFF, "on"),
 }
 """Instructions that set a state variable by a switch among their arguments: the value without and with it."""
 
 MOVE = re.compile(
-    r"(?:Move(?P<move>AbsJ|J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?P<trigg>AbsJ|J|L|C)(?:IOs)?|"
-    r"Arc(?:Move)?(?P<arc>AbsJ|J|L|C)\d?(?:Start|End)?\d?|SpotM?(?P<spot>L|J)|"
-    r"(?:Cap|Disp|Glue|Paint|Nut)(?P<process>L|J|C)|Search(?P<search>L|C)|Contact(?P<contact>L)|"
-    r"EGMMove(?P<egm>L|C))",
-    re.IGNORECASE,
+    r"(?:move(?P<move>absj|j|l|c)(?:do|ao|go|sync)?|trigg(?P<trigg>absj|j|l|c)(?:ios)?|"
+    r"arc(?:move)?(?P<arc>absj|j|l|c)\d?(?:start|end)?\d?|spotm?(?P<spot>l|j)|"
+    r"(?:cap|disp|glue|paint|nut)(?P<process>l|j|c)|search(?P<search>l|c)|contact(?P<contact>l)|"
+    r"egmmove(?P<egm>l|c))"
 )
 """Moves to one point, or to a via point and an end point (C). Their last argument is the tool."""
-TOOL_THIRD = re.compile(r"Move(?:J|L|C)(?:DO|AO|GO|Sync)", re.IGNORECASE)
+TOOL_THIRD = re.compile(r"move(?:j|l|c)(?:do|ao|go|sync)")
 """Moves with more arguments after the tool."""
 
 FUNCTIONS = words("""

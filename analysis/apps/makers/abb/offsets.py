@@ -20,16 +20,18 @@ import numpy as np
 from analysis.apps.makers.abb.instructions import MOVE
 from analysis.apps.makers.arithmetic import Operators, tree_of, value_of
 from analysis.apps.makers.numbers import frame_of
-from analysis.apps.makers.program_parser import arguments
+from analysis.apps.makers.program_parser import LOWER_CASE, ProgramParser, arguments
+from analysis.apps.makers.target import ProgramTexts
 from analysis.robot.kinematics.arm import Array
 
+_BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
 _MOST_POSITIONS = 8
 """Maximum number of positions of a move in loops: the corners of three loops. Of more positions, the corners of the
 pattern are taken: between them the correction of an arm changes smoothly."""
 _LONGEST_LOOP = 1000
-_TURN = re.compile(r"\\\s*R([xyz])\s*:=(.*)", re.IGNORECASE | re.DOTALL)
-_LOOP = re.compile(r"\s*(\w+)\s+FROM\b(.*?)\bTO\b(.*?)(?:\bSTEP\b(.*?))?\bDO\b", re.IGNORECASE | re.DOTALL)
-_DIV_MOD = re.compile(r"\b(DIV|MOD)\b", re.IGNORECASE)
+_TURN = re.compile(r"\\\s*r([xyz])\s*:=(.*)", re.DOTALL)
+_LOOP = re.compile(r"\s*(\w+)\s+from\b(.*?)\bto\b(.*?)(?:\bstep\b(.*?))?\bdo\b", re.DOTALL)
+_DIV_MOD = re.compile(r"\b(div|mod)\b")
 _OPERATORS: Operators = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod,
@@ -47,7 +49,7 @@ class Numbers:
     def enter(self, header: str) -> None:
         """Enter a loop, given the text "i FROM 1 TO n STEP 1 DO"."""
         loop = _LOOP.fullmatch(header)
-        name = loop[1].lower() if loop else ""
+        name = loop[1] if loop else ""
         bounds = [self.value(text or "1") for text in loop.groups()[1:]] if loop else []
         values = None
         if bounds and None not in bounds:
@@ -67,7 +69,7 @@ class Numbers:
 
         corners: take the first and last values of loops with too many passes; otherwise there are none.
         """
-        python = [_DIV_MOD.sub(lambda word: "//" if word[1] == "div" else "%", text.lower()) for text in texts]
+        python = [_DIV_MOD.sub(lambda word: "//" if word[1] == "div" else "%", text) for text in texts]
         trees = [tree_of(" ".join(text.split())) for text in python]
         used = {node.id for tree in trees if tree for node in ast.walk(tree) if isinstance(node, ast.Name)}
         loops = {name: values for name, values in self.loops if name in used}
@@ -99,7 +101,7 @@ def offset_frames(function: str, texts: Sequence[str], numbers: Numbers) -> list
         turn = _TURN.fullmatch(text)
         if function != "reltool" or not turn:
             return []
-        turns[turn[1].lower()] = turn[2]
+        turns[turn[1]] = turn[2]
     if len(places) != 3:
         return []
     frames = []
@@ -111,8 +113,7 @@ def offset_frames(function: str, texts: Sequence[str], numbers: Numbers) -> list
 
 
 _NUM = re.compile(
-    r"(?<![\w\\])(?:LOCAL\s+|TASK\s+)?(?P<storage>CONST|PERS|VAR)\s+num\s+(?P<name>\w+)\s*(?P<value>:=[^;]*)?;",
-    re.IGNORECASE,
+    r"(?<![\w\\])(?:local\s+|task\s+)?(?P<storage>const|pers|var)\s+num\s+(?P<name>\w+)\s*(?P<value>:=[^;]*)?;"
 )
 _READ_BEFORE, _READ_AFTER = tuple("+-*/<>="), tuple("+-*/<>")
 
@@ -126,11 +127,11 @@ def known_numbers(texts: Sequence[str]) -> dict[str, float]:
     declared: dict[str, list[re.Match[str]]] = {}
     for text in texts:
         for found in _NUM.finditer(text):
-            declared.setdefault(found["name"].lower(), []).append(found)
-    together = "\n".join(texts).lower()
+            declared.setdefault(found["name"], []).append(found)
+    together = "\n".join(texts)
     known = Numbers()
     for name, every in declared.items():
-        constant = every[0]["storage"].upper() == "CONST"
+        constant = every[0]["storage"] == "const"
         if len(every) == 1 and every[0]["value"] and (constant or _only_read(name, together)):
             value = known.value(every[0]["value"][2:])
             if value is not None:
@@ -154,12 +155,12 @@ def _only_read(name: str, text: str) -> bool:
     return True
 
 
-OFFSET = re.compile(r"(Offs|RelTool)\s*\(", re.IGNORECASE)
-_ASSIGNED = re.compile(r"(?<![\w.{}])(?P<name>[A-Za-z]\w*)\s*:=\s*(?P<value>[^;]*?)\s*(?=;|$)")
-_DECLARED = re.compile(r"\brobtarget\s+(\w+)", re.IGNORECASE)
+OFFSET = re.compile(r"(offs|reltool)\s*\(")
+_ASSIGNED = re.compile(r"(?<![\w.{}])(?P<name>[a-z]\w*)\s*:=\s*(?P<value>[^;]*?)\s*(?=;|$)")
+_DECLARED = re.compile(r"\brobtarget\s+(\w+)")
 """A declaration of a variable or of a parameter."""
-_DECLARES = re.compile(r"\brobtarget\s+$", re.IGNORECASE)
-_FIRST_WORD = re.compile(r"\s*([A-Za-z]\w*)")
+_DECLARES = re.compile(r"\brobtarget\s+$")
+_FIRST_WORD = re.compile(r"\s*([a-z]\w*)")
 
 
 @dataclass(frozen=True)
@@ -174,49 +175,55 @@ class Reached:
     unknown."""
 
 
-def read_target(text: str, begin: int, end: int, numbers: Numbers, copies: dict[str, Reached]) -> Reached:
-    """Resolve nested offsets and the copies of a target."""
-    wrapped = OFFSET.match(text, begin, end)
-    if wrapped is None:
-        name = text[begin:end].partition("\\")[0].strip().lower()
-        copy = copies.get(name, Reached(name, begin, end))
-        return Reached(copy.point, begin, end, copy.offsets)
-    places = arguments(text, wrapped.end(), text.rfind(")", begin, end))
-    inner = read_target(text, *places[0], numbers, copies)
-    function = wrapped[1].lower()
-    frames = offset_frames(function, [text[slice(*place)] for place in places[1:]], numbers)
-    kind = "frame" if function == "offs" else "tool"
-    if not frames or inner.offsets is None or any(of != kind for of, _ in inner.offsets):
-        return Reached(inner.point, inner.begin, inner.end, None)
-    before = [T for _, T in inner.offsets] or [np.eye(4)]
-    joined = [T @ outer if kind == "tool" else outer @ T for T in before for outer in frames]
-    return Reached(inner.point, inner.begin, inner.end, tuple((kind, T) for T in joined))
+class RapidOffsets(ProgramParser):
+    """A program in RAPID during parsing. Its texts are in lower case, because RAPID ignores the case."""
 
+    def __init__(self, program: ProgramTexts) -> None:
+        super().__init__(program, _BLANK, LOWER_CASE)
+        self.numbers = Numbers(known_numbers(self.texts))
+        self.copies: dict[str, Reached] = {}
 
-def copies_in(
-    texts: Sequence[str], numbers: Numbers, points: frozenset[str]
-) -> tuple[dict[str, Reached], set[tuple[int, int]]]:
-    """Copies by name in lower case, and the places (file, position) at which they read their points."""
-    found: dict[str, list[tuple[int, Reached]]] = {}
-    for file, text in enumerate(texts):
-        for assigned in _ASSIGNED.finditer(text):
-            value = read_target(text, *assigned.span("value"), numbers, {})
-            found.setdefault(assigned["name"].lower(), []).append((file, value))
-    declared = [word.lower() for text in texts for word in _DECLARED.findall(text)]
-    copies, read = dict[str, Reached](), set[tuple[int, int]]()
-    for name, every in found.items():
-        file, value = every[0]
-        single = len(every) == 1 and declared.count(name) == 1 and name not in points
-        if single and value.point in points and value.offsets is not None and _is_only_reached(name, texts):
-            copies[name] = value if value.offsets else Reached(value.point, 0, 0, (("frame", np.eye(4)),))
-            read.add((file, value.begin))
-    return copies, read
+    @property
+    def text(self) -> str:
+        return self.texts[self.file]
+
+    def reached(self, begin: int, end: int) -> Reached:
+        """Resolve nested offsets and the copies of a target."""
+        text, wrapped = self.text, OFFSET.match(self.text, begin, end)
+        if wrapped is None:
+            name = text[begin:end].partition("\\")[0].strip()
+            copy = self.copies.get(name, Reached(name, begin, end))
+            return Reached(copy.point, begin, end, copy.offsets)
+        places = arguments(text, wrapped.end(), text.rfind(")", begin, end))
+        inner = self.reached(*places[0])
+        frames = offset_frames(wrapped[1], [text[slice(*place)] for place in places[1:]], self.numbers)
+        kind = "frame" if wrapped[1] == "offs" else "tool"
+        if not frames or inner.offsets is None or any(of != kind for of, _ in inner.offsets):
+            return Reached(inner.point, inner.begin, inner.end, None)
+        before = [T for _, T in inner.offsets] or [np.eye(4)]
+        joined = [T @ outer if kind == "tool" else outer @ T for T in before for outer in frames]
+        return Reached(inner.point, inner.begin, inner.end, tuple((kind, T) for T in joined))
+
+    def find_copies(self) -> None:
+        points, found = self.points.declared, dict[str, list[tuple[int, Reached]]]()
+        for file, text in enumerate(self.texts):
+            self.file = file
+            for assigned in _ASSIGNED.finditer(text):
+                value = self.reached(*assigned.span("value"))
+                found.setdefault(assigned["name"], []).append((file, value))
+        declared = [word for text in self.texts for word in _DECLARED.findall(text)]
+        for name, every in found.items():
+            file, value = every[0]
+            single = len(every) == 1 and declared.count(name) == 1 and name not in points
+            if single and value.point in points and value.offsets is not None and _is_only_reached(name, self.texts):
+                self.copies[name] = value if value.offsets else Reached(value.point, 0, 0, (("frame", np.eye(4)),))
+                self.spent.add((file, value.begin))
 
 
 def _is_only_reached(name: str, texts: Sequence[str]) -> bool:
     """True if a variable is mentioned only in its declaration, in its assignment and in moves."""
     for text in texts:
-        for word in re.finditer(rf"(?<![A-Za-z\d_]){name}(?!\w)", text, re.IGNORECASE):
+        for word in re.finditer(rf"(?<![a-z\d_]){name}(?!\w)", text):
             begin = max(text.rfind(mark, 0, word.start()) for mark in ";\n") + 1
             first = _FIRST_WORD.match(text, begin)
             move = MOVE.fullmatch(first[1]) if first else None

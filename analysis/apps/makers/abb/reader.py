@@ -15,7 +15,6 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.makers.abb.offsets import copies_in
 from analysis.apps.makers.abb.statements import EXTERNAL_AXES, NO_AXIS, WORD, RapidStatements, literal_frames
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import as_value
@@ -28,24 +27,23 @@ _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
 """Decimals for 0.1 µm, and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
 _END = re.compile(rb"^[ \t]*ENDMODULE\b", re.MULTILINE | re.IGNORECASE)
 _DATA = re.compile(
-    r"(?<![\w\\])(?P<scope>LOCAL\s+|TASK\s+)?(?P<storage>CONST|PERS|VAR)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*"
-    r"(?P<array>\{[^{};]*\}\s*)?(?::=(?P<value>[^;]*))?;",
-    re.IGNORECASE,
+    r"(?<![\w\\])(?P<scope>local\s+|task\s+)?(?P<storage>const|pers|var)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*"
+    r"(?P<array>\{[^{};]*\}\s*)?(?::=(?P<value>[^;]*))?;"
 )
 _ELEMENT = re.compile(r"\[(?=\s*\[\s*[-+.\d])")
 """Start of a target in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
 _MOST_ELEMENTS = 20
 """Maximum size of an array of points that is traced: a move to a variable element leads from and to any other one."""
-_PARAMETERS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", re.IGNORECASE)
-_LAST = re.compile(r",\s*([A-Za-z]\w*)\s*(?=[\\;])")
-_WOBJ = re.compile(r"\\\s*WObj\s*:=\s*(\w+)", re.IGNORECASE)
+_PARAMETERS = re.compile(r"\b(?:proc|func\s+\w+)\s+\w+\s*\(([^()]*)\)")
+_LAST = re.compile(r",\s*([a-z]\w*)\s*(?=[\\;])")
+_WOBJ = re.compile(r"\\\s*wobj\s*:=\s*(\w+)")
 """The work object of a move."""
-_MAIN = re.compile(r"\bPROC\s+main\s*\(", re.IGNORECASE)
+_MAIN = re.compile(r"\bproc\s+main\s*\(")
 _COORDINATES = re.compile(rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]\s*\]")
 """The coordinates of external axes at the end of a target."""
-_EXTERNAL_MOVED = re.compile(r"\b(?:MoveExtJ|SearchExtJ|Ind[ARCD]Move)\b|\.\s*(?:extax|eax_[a-f])\b", re.IGNORECASE)
+_EXTERNAL_MOVED = re.compile(r"\b(?:moveextj|searchextj|ind[arcd]move)\b|\.\s*(?:extax|eax_[a-f])\b")
 """Pattern of a text that moves any external axes."""
-_OFFSET_EXTERNAL = re.compile(r"\bEOffs(?:On|Set)\b", re.IGNORECASE)
+_OFFSET_EXTERNAL = re.compile(r"\beoffs(?:on|set)\b")
 """Pattern of a text that offsets external axes: only targets that name an axis are affected."""
 _ANY_AXIS = "any"
 """Placeholder for the axes moved by an instruction that does not name the axes."""
@@ -65,16 +63,16 @@ class _RapidReader(RapidStatements):
         self.numeric: dict[str, NamedFrame] = {}
         """The tools and work objects whose numbers are those of their declaration."""
         for text in self.texts:
-            self.frames |= {f"tool {name.lower()}" for name in _LAST.findall(text)}
-            self.frames |= {f"frame {name.lower()}" for name in _WOBJ.findall(text)}
+            self.frames |= {f"tool {name}" for name in _LAST.findall(text)}
+            self.frames |= {f"frame {name}" for name in _WOBJ.findall(text)}
 
     def declare(self, file: int) -> None:
         """Add what a module declares. Modules of the program are read first."""
         self.file, declares = file, set()
         for declared in _DATA.finditer(self.text):
             self.at = declared.start("name")
-            kind, name = declared["kind"].lower(), declared["name"].lower()
-            is_shared = (declared["scope"] or "").strip().upper() != "LOCAL"
+            kind, name = declared["kind"], declared["name"]
+            is_shared = (declared["scope"] or "").strip() != "local"
             declares.add(name)
             if kind in ("tooldata", "wobjdata"):
                 self._declare_frame(kind, declared, is_shared)
@@ -91,12 +89,12 @@ class _RapidReader(RapidStatements):
 
     def _declare_assigned(self, kind: str, name: str, is_shared: bool) -> None:
         """Add a point that is declared without a value and assigned with numbers. A second assignment changes it."""
-        for assigned in re.finditer(rf"(?<![\w.]){name}\s*:=(?P<value>[^;]*)", self.text, re.IGNORECASE):
+        for assigned in re.finditer(rf"(?<![\w.]){name}\s*:=(?P<value>[^;]*)", self.text):
             target = self.literal(kind, *assigned.span("value"), name)
             if target and (self.file, assigned.start()) not in self.spent:
                 self.spent |= {(self.file, self.at), (self.file, assigned.start())}
-                self.points.declare(name.lower(), target)
-                self.shared |= {name.lower()} if is_shared else set()
+                self.points.declare(name, target)
+                self.shared |= {name} if is_shared else set()
 
     def _declare_array(self, kind: str, declared: re.Match[str]) -> bool:
         """Add the elements of an array as points if rig can trace it: one dimension, numbers, and not too many."""
@@ -104,12 +102,12 @@ class _RapidReader(RapidStatements):
         closes = brackets(self.text, begin, end)
         starts = [found.start() for found in _ELEMENT.finditer(self.text, begin, end)]
         targets = [
-            self.literal(kind, start, closes.get(start, begin) + 1, f"{declared['name']}{{{k}}}")
+            self.literal(kind, start, closes.get(start, begin) + 1, f"{self.as_written(declared['name'])}{{{k}}}")
             for k, start in enumerate(starts, start=1)
         ]
         size = re.fullmatch(r"\{\s*(\d+)\s*\}\s*", declared["array"])
         if size and 0 < len(targets) == int(size[1]) <= _MOST_ELEMENTS and all(targets):
-            name = declared["name"].lower()
+            name = declared["name"]
             self.arrays[name] = [f"{name}{{{k}}}" for k in range(1, len(targets) + 1)]
             for key, target in zip(self.arrays[name], filter(None, targets), strict=True):
                 self.points.declare(key, target)
@@ -126,15 +124,16 @@ class _RapidReader(RapidStatements):
         variants or belong to different tasks: the user states the frame.
         """
         family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
-        name, variable = declared["name"], f"{family} {declared['name'].lower()}"
+        name = self.as_written(declared["name"])
+        variable = f"{family} {declared['name']}"
         self.frames.add(variable)
         frame = literal_frames(kind, declared["value"] or "")
         value: Value = self.why(f"{name} is not declared with numbers, on the robot")
         if frame is not None:
             value = as_value(frame)
         elif declared["value"] is None:
-            value = name.lower()
-        shared_by = self.file if is_shared and declared["storage"].upper() == "PERS" else -1
+            value = declared["name"]
+        shared_by = self.file if is_shared and declared["storage"] == "pers" else -1
         if variable not in self.stated:
             self.stated[variable], self.shared_by[variable] = value, shared_by
             if is_shared:
@@ -143,7 +142,7 @@ class _RapidReader(RapidStatements):
                 self.numeric[variable] = NamedFrame(name, family, self.file, self.line(), as_value(frame))
         elif is_shared and self.first_in.get(variable, self.file) != self.file:
             if value != self.stated[variable]:
-                self.stated[variable] = name.lower()
+                self.stated[variable] = declared["name"]
                 self.numeric.pop(variable, None)
                 fact = f"{name} has other numbers in {self.names[self.first_in[variable]]}; state --{family} {name}"
                 self.points.notices.append(Notice(self.file, self.line(), fact))
@@ -183,7 +182,7 @@ class _RapidReader(RapidStatements):
             for parameters in _PARAMETERS.finditer(text):
                 for word in WORD.finditer(text, *parameters.span(1)):
                     why = self.why(f"{word[0]} is a parameter of a routine", word.start())
-                    self.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
+                    self.shadowed |= {f"{kind} {word[0]}": why for kind in ("tool", "frame")}
 
     def add_other_tasks(self) -> None:
         """Add the tools and work objects set by modules with a main routine of their own: other tasks or programs.
@@ -201,7 +200,7 @@ class _RapidReader(RapidStatements):
 
     def watch_points(self) -> None:
         for word in self.mentions(WORD):
-            name = word[0].lower()
+            name = word[0]
             if self.is_own or (name in self.shared and name not in self.declares[self.file]):
                 for key in self.arrays.get(name, [name]):
                     self.change(key)
@@ -233,8 +232,7 @@ def parse(program: ProgramTexts) -> Parsed:
         reader.declare(file)
     for named in reader.numeric.values():
         reader.points.sets.append(named)
-    reader.copies, places = copies_in(reader.texts, reader.numbers, frozenset(reader.points.declared))
-    reader.spent |= places
+    reader.find_copies()
     reader.find_external_axes()
     reader.hide_by_parameters()
     for file in files:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.apps.makers.abb.instructions import EFFECT, FUNCTIONS, MOVE, SETTINGS, SWITCHES, TOOL_THIRD, WRITES
-from analysis.apps.makers.abb.offsets import OFFSET, Numbers, Reached, known_numbers, read_target
+from analysis.apps.makers.abb.offsets import OFFSET, RapidOffsets
 from analysis.apps.makers.configuration import beyond_stretch, wrist_in_front
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import as_value
@@ -34,21 +34,20 @@ from analysis.apps.makers.program_machine import (
     Unknown,
     Value,
 )
-from analysis.apps.makers.program_parser import NUMBER, ProgramParser, arguments, brackets, number_at
+from analysis.apps.makers.program_parser import NUMBER, arguments, brackets, number_at
 from analysis.apps.makers.target import Flags, ProgramTexts, Target
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
-_BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
-WORD = re.compile(r"[A-Za-z]\w*")
-_CALL = re.compile(r"(?<![\w\\])([A-Za-z]\w*)\s*\(")
-_DEFINED = re.compile(r"\b(LOCAL\s+)?(?:PROC|FUNC\s+\w+)\s+(\w+)\s*\(", re.IGNORECASE)
-_WOBJ = re.compile(r"\\\s*WObj\s*(?P<given>:=|\?)\s*(?P<name>[^\\,;]+)", re.IGNORECASE)
-_TRACKED = re.compile(r"\\\s*(?:Corr|Track)\b", re.IGNORECASE)
+WORD = re.compile(r"[a-z]\w*")
+_CALL = re.compile(r"(?<![\w\\])([a-z]\w*)\s*\(")
+_DEFINED = re.compile(r"\b(local\s+)?(?:proc|func\s+\w+)\s+(\w+)\s*\(")
+_WOBJ = re.compile(r"\\\s*wobj\s*(?P<given>:=|\?)\s*(?P<name>[^\\,;]+)")
+_TRACKED = re.compile(r"\\\s*(?:corr|track)\b")
 _ASSIGNED = re.compile(
-    r"\s*(?P<name>[A-Za-z]\w*)(?P<part>\s*(?:\{[^{};]*\}|\.\w+)(?:\s*\{[^{};]*\}|\.\w+)*)?\s*:=(?P<right>.*)", re.DOTALL
+    r"\s*(?P<name>[a-z]\w*)(?P<part>\s*(?:\{[^{};]*\}|\.\w+)(?:\s*\{[^{};]*\}|\.\w+)*)?\s*:=(?P<right>.*)", re.DOTALL
 )
-_INSTRUCTION = re.compile(r"\s*(?P<name>[A-Za-z]\w*)(?P<rest>.*)", re.DOTALL)
-_DATA = re.compile(r"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\b", re.IGNORECASE)
+_INSTRUCTION = re.compile(r"\s*(?P<name>[a-z]\w*)(?P<rest>.*)", re.DOTALL)
+_DATA = re.compile(r"\s*(?:(?:local|task)\s+)?(?:const|pers|var)\b")
 _HANDED = re.compile(r"\[\s*\[[^\[\]]*\](?:\s*,\s*\[[^\[\]]*\])+\s*\]")
 """A literal target among the arguments of a routine."""
 EXTERNAL_AXES = tuple("abcdef")
@@ -57,38 +56,41 @@ NO_AXIS = 8.9e9
 """The value 9E9 for an axis not present."""
 _INDEXED = re.compile(r"(\w+)\s*\{([^{},]*)\}")
 _HEAD = re.compile(
-    r"\s*(?:(?P<routine>(?:LOCAL\s+)?(?:PROC|FUNC\s+\w+|TRAP))\s+(?P<name>\w+)"
-    r"|(?P<word>IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|FOR|ENDFOR|TEST|CASE|DEFAULT|ENDTEST|ENDPROC|ENDFUNC|ENDTRAP|"
-    r"MODULE|ENDMODULE|ERROR|UNDO|BACKWARD|RECORD)\b(?!\s*:=)|(?P<label>[A-Za-z]\w*)\s*:(?!=))",
-    re.IGNORECASE,
+    r"\s*(?:(?P<routine>(?:local\s+)?(?:proc|func\s+\w+|trap))\s+(?P<name>\w+)"
+    r"|(?P<word>if|elseif|else|endif|while|endwhile|for|endfor|test|case|default|endtest|endproc|endfunc|endtrap|"
+    r"module|endmodule|error|undo|backward|record)\b(?!\s*:=)|(?P<label>[a-z]\w*)\s*:(?!=))"
 )
 _UNTIL = {
-    **dict.fromkeys(("IF", "ELSEIF"), re.compile(r"\bTHEN\b|;", re.IGNORECASE)),
-    **dict.fromkeys(("WHILE", "FOR"), re.compile(r"\bDO\b|;", re.IGNORECASE)),
-    "TEST": re.compile(r"(?=\bCASE\b|\bDEFAULT\b|\bENDTEST\b|;)", re.IGNORECASE),
-    "CASE": re.compile(r":(?!=)|;"),
-    "DEFAULT": re.compile(r":|;"),
-    "MODULE": re.compile(r"\n|\)"),
-    "RECORD": re.compile(r"\bENDRECORD\b", re.IGNORECASE),
+    **dict.fromkeys(("if", "elseif"), re.compile(r"\bthen\b|;")),
+    **dict.fromkeys(("while", "for"), re.compile(r"\bdo\b|;")),
+    "test": re.compile(r"(?=\bcase\b|\bdefault\b|\bendtest\b|;)"),
+    "case": re.compile(r":(?!=)|;"),
+    "default": re.compile(r":|;"),
+    "module": re.compile(r"\n|\)"),
+    "record": re.compile(r"\bendrecord\b"),
 }
 """The end of a header without a semicolon."""
 _FLOW = {
-    "IF": "if", "TEST": "switch", "ELSEIF": "case", "CASE": "case", "ELSE": "else", "DEFAULT": "else",
-    "WHILE": "while", "FOR": "while", **dict.fromkeys(("ENDIF", "ENDTEST", "ENDWHILE", "ENDFOR"), "end"),
+    "if": "if", "test": "switch", "elseif": "case", "case": "case", "else": "else", "default": "else",
+    "while": "while", "for": "while", **dict.fromkeys(("endif", "endtest", "endwhile", "endfor"), "end"),
 }  # fmt: skip
-_OPERATORS = ("AND", "OR", "XOR", "NOT", "DIV", "MOD")
+_AFTER_CONDITION = re.compile(
+    r"(?:(?<=[)\]}\"])|(?<=\w)(?<!\bif)(?<!\band)(?<!\bor)(?<!\bxor)(?<!\bnot)(?<!\bdiv)(?<!\bmod)(?=\s))\s*"
+    r"(?!(?:and|or|xor|div|mod)\b)(?=[a-z])"
+)
+"""The place between the condition of `IF condition statement;` and the statement: a name directly after a value."""
 
 
 def _form(text: str) -> re.Pattern[str]:
     """Pattern of a literal: n is a number, and spaces may be anywhere."""
     parts = (rf"({NUMBER})" if part == "n" else re.escape(part) for part in re.findall(r"\w+|.", text))
-    return re.compile(r"\s*".join(["", *parts, ""]), re.IGNORECASE)
+    return re.compile(r"\s*".join(["", *parts, ""]))
 
 
 _POSE = "[[n,n,n],[n,n,n,n]]"
 _FRAMES = {
-    "tooldata": _form(f"[TRUE,{_POSE},[n,[n,n,n],[n,n,n,n],n,n,n]]"),
-    "wobjdata": _form(f'[FALSE,TRUE,"",{_POSE},{_POSE}]'),
+    "tooldata": _form(f"[true,{_POSE},[n,[n,n,n],[n,n,n,n],n,n,n]]"),
+    "wobjdata": _form(f'[false,true,"",{_POSE},{_POSE}]'),
 }
 """A tool held by the robot, and a work object not held by the robot."""
 _TARGETS = {
@@ -108,13 +110,9 @@ def literal_frames(kind: str, text: str) -> Array | None:
     return first @ second[0] if second else first
 
 
-class RapidStatements(ProgramParser):
-    """A program in RAPID during parsing, with names in lower case."""
-
+class RapidStatements(RapidOffsets):
     def __init__(self, program: ProgramTexts) -> None:
-        super().__init__(program, _BLANK)
-        self.numbers = Numbers(known_numbers(self.texts))
-        self.copies: dict[str, Reached] = {}
+        super().__init__(program)
         self.arrays: dict[str, list[str]] = {}
         """The keys of the elements of arrays of points."""
         self.shared: set[str] = set()
@@ -133,29 +131,25 @@ class RapidStatements(ProgramParser):
                 for scope in (own,) if routine[1] else (own, everywhere):
                     self.defined.setdefault(scope, []).append(own)
 
-    @property
-    def text(self) -> str:
-        return self.texts[self.file]
-
     def scopes(self, name: str) -> tuple[str, ...]:
-        return f"{self.file}:{name.lower()}", name.lower()
+        return f"{self.file}:{name}", name
 
     def read_module(self, file: int) -> None:
         self.file = file
         for begin, end, head in _statements(self.texts[file]):
             self.at = begin
             if head and head["routine"]:
-                self.begin_routine(f"{file}:{head['name'].lower()}")
+                self.begin_routine(f"{file}:{head['name']}")
                 self.numbers.loops.clear()
-                if head["routine"].upper().endswith("TRAP"):
+                if head["routine"].endswith("trap"):
                     why = self.why(f"the trap {head['name']} may run", head.start("name"))
                     self.beside.append(Call(str(self.routine), why))
             elif self.routine is None:
                 continue
             elif head and head["label"]:
-                self.add(JumpTarget(head["label"].lower()))
+                self.add(JumpTarget(head["label"]))
             elif head:
-                self._flow(head["word"].upper(), head.end(), end)
+                self._flow(head["word"], head.end(), end)
             else:
                 self._statement(begin, end)
         self.end_routine()
@@ -163,20 +157,21 @@ class RapidStatements(ProgramParser):
     def _flow(self, word: str, begin: int, end: int) -> None:
         """Parse a block header with its condition in [begin, end), or a keyword that ends a block."""
         self.at = begin
-        if word == "IF" and self.text[end - 1 : end] == ";":  # IF condition statement;
-            start = _after_condition(self.text, begin, end)
+        if word == "if" and self.text[end - 1 : end] == ";":  # IF condition statement;
+            statement = _AFTER_CONDITION.search(self.text, begin, end)
+            start = statement.end() if statement else end
             self._functions(begin, start)
             self.blocks.keyword("if")
             self._statement(start, end - 1)
             self.blocks.close()
-        elif word in ("ENDPROC", "ENDFUNC", "ENDTRAP", "ENDMODULE"):
+        elif word in ("endproc", "endfunc", "endtrap", "endmodule"):
             self.end_routine()
-        elif word in ("ERROR", "UNDO", "BACKWARD"):
+        elif word in ("error", "undo", "backward"):
             self._handler(word)
         else:
-            if word == "FOR":
+            if word == "for":
                 self.numbers.enter(self.text[begin:end])
-            elif word == "ENDFOR" and self.numbers.loops:
+            elif word == "endfor" and self.numbers.loops:
                 self.numbers.loops.pop()
             self.blocks.keyword(_FLOW.get(word, ""), partial(self._functions, begin, end))
 
@@ -191,10 +186,10 @@ class RapidStatements(ProgramParser):
     def _functions(self, begin: int, end: int) -> None:
         closes = brackets(self.text, begin, end)
         for call in _CALL.finditer(self.text, begin, end):
-            is_own = bool(self.named(call[1])) or call[1].lower() not in FUNCTIONS
+            is_own = bool(self.named(call[1])) or call[1] not in FUNCTIONS
             if is_own:
                 self.blocks.evaluated(self.text[begin : call.start()], self.call_of(call[1], call.start()))
-            if is_own or call[1].lower() in WRITES:
+            if is_own or call[1] in WRITES:
                 self._handed(call[1], call.end(), closes.get(call.end() - 1, end))
 
     def _handed(self, name: str, begin: int, end: int) -> None:
@@ -203,7 +198,7 @@ class RapidStatements(ProgramParser):
             if any(self.literal(kind, *handed.span(), "") for kind in _TARGETS):
                 self.list_left("handed", handed[0], handed.start())
         for word in WORD.finditer(self.text, begin, end):
-            for variable in (f"tool {word[0].lower()}", f"frame {word[0].lower()}"):
+            for variable in (f"tool {word[0]}", f"frame {word[0]}"):
                 if variable in self.frames:
                     self.set(variable, self.why(f"{word[0]} is passed to {name}", begin))
 
@@ -222,7 +217,7 @@ class RapidStatements(ProgramParser):
             self.not_known(inside)
 
     def _instruction(self, instruction: re.Match[str]) -> None:
-        name, rest = instruction["name"].lower(), instruction["rest"]
+        name, rest = instruction["name"], instruction["rest"]
         if self.named(name):
             self.add(self.call_of(instruction["name"]))
             self._handed(instruction["name"], *instruction.span("rest"))
@@ -232,9 +227,9 @@ class RapidStatements(ProgramParser):
             self.set(*SWITCHES[name])
         elif name in SETTINGS:
             variable, option, otherwise, chosen = SETTINGS[name]
-            self.set(variable, chosen if re.search(rf"\\\s*{option}\b", rest, re.IGNORECASE) else otherwise)
+            self.set(variable, chosen if re.search(rf"\\\s*{option}\b", rest) else otherwise)
         elif name == "goto":
-            self.add(Jump((rest.strip().lower(),)))
+            self.add(Jump((rest.strip(),)))
         elif name in ("return", "exit", "exitcycle"):
             self.add(End(halts=name != "return"))
         else:
@@ -243,7 +238,7 @@ class RapidStatements(ProgramParser):
 
     def _apply(self, name: str) -> None:
         """Apply the effect of an instruction that is neither a move nor a switch."""
-        match EFFECT.get(name.lower(), "nothing" if name.lower() in FUNCTIONS else None):
+        match EFFECT.get(name, "nothing" if name in FUNCTIONS else None):
             case "arm":
                 self.add(Elsewhere())
             case "external":
@@ -260,22 +255,22 @@ class RapidStatements(ProgramParser):
         """Parse an assignment to a tool or a work object. Assigned points are detected elsewhere, by name."""
         right = assignment["right"].strip()
         for kind, data in (("tool", "tooldata"), ("frame", "wobjdata")):
-            variable = f"{kind} {assignment['name'].lower()}"
+            variable = f"{kind} {assignment['name']}"
             if variable not in self.frames:
                 continue
             value: Value | Ref = self.why(f"{assignment['name']} is assigned there")
             frame = literal_frames(data, right)
             if not assignment["part"] and frame is not None:
                 value = as_value(frame)
-            elif not assignment["part"] and f"{kind} {right.lower()}" in {*self.frames, "tool tool0", "frame wobj0"}:
-                value = Ref(f"{kind} {right.lower()}")
+            elif not assignment["part"] and f"{kind} {right}" in {*self.frames, "tool tool0", "frame wobj0"}:
+                value = Ref(f"{kind} {right}")
             self.set(variable, value)
 
     def _move(self, instruction: re.Match[str], move: re.Match[str]) -> None:
         text, rest = self.text, instruction.span("rest")
-        kind = next(found for found in move.groups() if found).upper()
+        kind = next(found for found in move.groups() if found)
         places = [place for place in arguments(text, *rest) if not text.startswith("\\", place[0])]  # \Conc, \WObj
-        may_stop, count = move["search"] or move["contact"], 2 if kind == "C" else 1
+        may_stop, count = move["search"] or move["contact"], 2 if kind == "c" else 1
         if move["search"]:  # The signal and the found point come first.
             places = places[2:]
         if len(places) < count + (2 if may_stop else 3):
@@ -288,31 +283,30 @@ class RapidStatements(ProgramParser):
         if wobj and wobj["given"] == "?":
             frame = self.why(f"{wobj['name'].strip()} may be passed to a routine")
         tracked: Setting = "on" if move["egm"] or _TRACKED.search(text, *rest) else Ref("tracking")
-        way, trusts = ("closest", Ref("conf j")) if kind in ("J", "ABSJ") else ("line", Ref("conf l"))
+        way, trusts = ("closest", Ref("conf j")) if kind in ("j", "absj") else ("line", Ref("conf l"))
         needs: Needs = (("displaced", Ref("shift")), ("tracked", tracked), ("switched", Ref("switch")))
-        if kind == "C":
+        if kind == "c":
             needs += (("switched", Ref("switch arcs")),)
-        arc = f"arc at {self.file}:{self.at}" if kind == "C" else ""
+        arc = f"arc at {self.file}:{self.at}" if kind == "c" else ""
         for place, (begin, end) in enumerate(places[:count]):
             line = self.line(begin)
             state = Move("", way, self.file, line, tool, frame, needs, trusts, arc=arc, through=place == 0)
-            self._target(begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
+            self._target(begin, end, state, "jointtarget" if kind == "absj" else "robtarget", instruction["name"])
         if may_stop:
             self.add(Elsewhere())
-        if instruction["name"].lower().endswith("sync"):
+        if instruction["name"].endswith("sync"):
             self.add(ForgetAll(self.why(f"{instruction['name']} runs a procedure named in a string")))
 
     def _active(self, family: str, name: str) -> Unknown | Ref:
-        """Tool or work object of a move."""
         if not WORD.fullmatch(name):  # Parts of records and elements of arrays are not tracked.
             return self.why(f"{name} is a part of other data")
-        variable = f"{family} {name.lower()}"
+        variable = f"{family} {name}"
         return self.shadowed.get(variable) or Ref(variable)
 
     def _target(self, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
         name = self.text[begin:end]
         name = name if OFFSET.match(name) else name.partition("\\")[0].strip()
-        reached = read_target(self.text, begin, end, self.numbers, self.copies)
+        reached = self.reached(begin, end)
         if reached.offsets is None:
             offsets: list[tuple[str, Value]] = [("frame", self.why("the offset is not known from the texts", begin))]
         else:
@@ -353,13 +347,13 @@ class RapidStatements(ProgramParser):
         return indexed[1], [elements[place] for place in places] if known else elements
 
     def _leave(self, at: int, reason: Literal["computed", "not_literal"], name: str) -> None:
-        self.leave(reason, name, at, relative=re.search(r"\bCRobT\b", name, re.IGNORECASE) is not None)
+        self.leave(reason, name, at, relative=re.search(r"\bcrobt\b", name) is not None)
 
     def literal(self, kind: str, begin: int, end: int, name: str) -> Target | None:
         """Target written as [[…],[…]…]; None for other text."""
         if not (literal := _TARGETS[kind].fullmatch(self.text, begin, end)):
             return None
-        numbers = tuple(number_at(literal, group) for group in range(1, len(literal.groups()) + 1))
+        numbers, name = tuple(number_at(literal, k + 1) for k in range(len(literal.groups()))), self.as_written(name)
         line = self.line(self.text.index("[", begin))
         named = zip(EXTERNAL_AXES, (number.value for number in numbers[-6:]), strict=True)
         external = tuple((axis, coordinate) for axis, coordinate in named if coordinate < NO_AXIS)
@@ -386,7 +380,7 @@ def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
         if head["routine"]:
             opening = re.compile(r"\s*\(").match(text, end)
             end = max(end, text.find(")", end) + 1) if opening else end
-        elif head["word"] and (until := _UNTIL.get(head["word"].upper())):
+        elif head["word"] and (until := _UNTIL.get(head["word"])):
             ended = until.search(text, end)
             end = max(end, ended.end()) if ended else len(text)
         yield at, end, head
@@ -411,21 +405,3 @@ def agrees_with_confdata(arm: Arm, q: Array, values: tuple[int, ...], slack_rad:
 def quadrants(_arm: Arm, q: Array) -> tuple[int, ...]:
     """cf1, cf4 and cf6 of joint angles q (6,) rad."""
     return tuple(np.floor(q[[0, 3, 5]] / (np.pi / 2)).astype(int).tolist())
-
-
-def _after_condition(text: str, begin: int, end: int) -> int:
-    """Start of the statement in `IF condition statement;`: the first word directly after a value."""
-    value, depth = False, 0
-    for token in re.compile(r"[A-Za-z]\w*|[\d.]+|\"|[()\[\]{}]|[^\s]").finditer(text, begin, end):
-        part = token[0]
-        if part in "([{":
-            depth, value = depth + 1, False
-        elif part in ")]}":
-            depth, value = depth - 1, True
-        elif part[0].isalpha():
-            if value and depth == 0 and part.upper() not in _OPERATORS:
-                return token.start()
-            value = part.upper() not in _OPERATORS
-        else:
-            value = part[0].isdigit() or part == '"'
-    return end

@@ -13,8 +13,7 @@ from analysis.apps.makers.program_parser import words
 
 NOTHING = re.compile(
     r"\s*(?:INTERRUPT\s+(?:ON|OFF|ENABLE|DISABLE)|WAIT|HALT|BRAKE|CONTINUE|PULSE|ANOUT|ANIN|CWRITE|CREAD|COPEN|CCLOSE|"
-    r"SREAD|SWRITE|SPLINE|ENDSPLINE|PTP_SPLINE|ON_ERROR_PROCEED)\b.*",
-    re.IGNORECASE,
+    r"SREAD|SWRITE|SPLINE|ENDSPLINE|PTP_SPLINE|ON_ERROR_PROCEED)\b.*"
 )
 """Statements that change neither tool, base nor arm, except through function calls: waiting, stopping, inputs and
 outputs. BRAKE only interrupts the motion to a target, which continues after the interrupt."""
@@ -23,12 +22,11 @@ SYSTEM = re.compile(
     r"TIMER_STOP|TIMER_FLAG|CIRC_TYPE|CIRC_MODE|SPL_ORI_JOINT_AUTO|BWDSTART|H_POS|LOAD|LOAD_A1|LOAD_A2|LOAD_A3|"
     r"ACT_TOOL|ACT_BASE|OUT_C|GEAR_JERK|JERK|APO_DIS_PTP|MSG_T|SEN_PINT|SEN_PREA|SINT_LIST|CYCLE|TORQUE_AXIS|"
     r"COLLMON_TOL_PRO|TORQMON|TORQMON_COM|REDVEL|RED_VEL|VEL_AXIS_MA|LOOP_CONT|LOOP_MSG|OUTPUT|FILTER|ECO_LEVEL|"
-    r"OVERRIDE|ANIN|DIGIN\w*|SOFTPLCBOOL|SOFTPLCINT|SOFTPLCREAL|WORKSPACE|AXWORKSPACE|WBOXDISABLE|ERR)",
-    re.IGNORECASE,
+    r"OVERRIDE|ANIN|DIGIN\w*|SOFTPLCBOOL|SOFTPLCINT|SOFTPLCREAL|WORKSPACE|AXWORKSPACE|WBOXDISABLE|ERR)"
 )
 """System variables that change neither tool, base nor the target of a move: speeds, accelerations, blending, outputs,
 flags, timers, loads, workspaces, and limits of the collision detection."""
-CORRECTIONS = re.compile(r"(?:TOOL|BASE)_CORR(?:_ON)?", re.IGNORECASE)
+CORRECTIONS = re.compile(r"(?:TOOL|BASE)_CORR(?:_ON)?")
 """Variables of bas.src that displace the tool and base of inline forms."""
 
 Effect = Literal["nothing", "arguments", "arm", "base"]
@@ -66,7 +64,7 @@ _USER_EDITED = words("USER_GRP USERSPOT")
 """Routines whose text the maker delivers for changes by the user: their text counts, if it is available."""
 _FOLDERS = words("SYSTEM TP MADA STEU")
 _MODULES = words("BAS IR_STOPM P00 H50 H70 A10 A20 ARC_MAIN MSGLIB")
-_OPENED = re.compile(r"\bCOPEN\s*\([^,()]*,\s*(\w+)\s*\)", re.IGNORECASE)
+_OPENED = re.compile(r"\bCOPEN\s*\([^,()]*,\s*(\w+)\s*\)")
 
 
 def effect_of(name: str, arguments: str, texts: tuple[str, ...] = ()) -> Effect | None:
@@ -75,12 +73,12 @@ def effect_of(name: str, arguments: str, texts: tuple[str, ...] = ()) -> Effect 
     CWRITE writes to the channel of a handle. The channel $CMD executes commands, so only a handle that the texts open
     and never assign is certain to be a different one.
     """
-    upper, first = name.upper(), arguments.split(",", maxsplit=1)[0].strip().upper()
-    if upper == "CWRITE":
-        opened = any(handle.upper() == first for text in texts for handle in _OPENED.findall(text))
-        assigned = any(re.search(rf"(?<![\w$.]){re.escape(first)}\s*=(?!=)", text, re.IGNORECASE) for text in texts)
+    first = arguments.split(",", maxsplit=1)[0].strip()
+    if name == "CWRITE":
+        opened = any(handle == first for text in texts for handle in _OPENED.findall(text))
+        assigned = any(re.search(rf"(?<![\w$.]){re.escape(first)}\s*=(?!=)", text) for text in texts)
         return "arguments" if opened and not assigned else None
-    return "nothing" if upper == "H70" and first in _WITHOUT_SEARCH else _EFFECTS.get(upper)
+    return "nothing" if name == "H70" and first in _WITHOUT_SEARCH else _EFFECTS.get(name)
 
 
 def is_file_of_maker(name: str) -> bool:
@@ -92,4 +90,4 @@ def is_file_of_maker(name: str) -> bool:
 
 def is_of_maker(name: str) -> bool:
     """True if the table describes a routine, so that its text is not needed."""
-    return name.upper() in _EFFECTS and name.upper() not in _USER_EDITED
+    return name in _EFFECTS and name not in _USER_EDITED

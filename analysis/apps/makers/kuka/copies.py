@@ -12,30 +12,78 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from analysis.apps.makers.kuka.literals import KrlLiterals
 from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import ComputedValue, Unknown, Value
 from analysis.apps.makers.program_parser import NUMBER
+from analysis.apps.makers.target import ProgramTexts
 
 _SHIFT = re.compile(
-    rf"\s*(?P<left>\w+)\.(?P<axis>[XYZ])\s*=\s*(?P<from>\w+)\.(?P=axis)\s*(?P<sign>[-+])\s*(?P<by>{NUMBER}|[A-Z_]\w*)\s*",
-    re.IGNORECASE,
+    rf"\s*(?P<left>\w+)\.(?P<axis>[XYZ])\s*=\s*(?P<from>\w+)\.(?P=axis)\s*(?P<sign>[-+])\s*(?P<by>{NUMBER}|[A-Z_]\w*)\s*"
 )
-_WHOLE = re.compile(r"\s*(?P<left>[A-Z_]\w*)\s*=\s*(?P<from>[A-Z_]\w*)\s*", re.IGNORECASE)
-_DECLARED = re.compile(r"\s*(?:DECL\s+)?E6POS\s+[\w\s,]+", re.IGNORECASE)
-_MOVE = re.compile(r"\s*S?(?:PTP|LIN)\s+(\w+)\b", re.IGNORECASE)
+_WHOLE = re.compile(r"\s*(?P<left>[A-Z_]\w*)\s*=\s*(?P<from>[A-Z_]\w*)\s*")
+_DECLARED = re.compile(r"\s*(?:DECL\s+)?E6POS\s+[\w\s,]+")
+_MOVE = re.compile(r"\s*S?(?:PTP|LIN)\s+(\w+)\b")
 _WORD = re.compile(r"[A-Z_]\w*")
-_CONSTANT = re.compile(rf"\s*(?:DECL\s+)?(?:REAL\s+|INT\s+)?([A-Z_]\w*)\s*=\s*({NUMBER})\s*", re.IGNORECASE)
+_CONSTANT = re.compile(rf"\s*(?:DECL\s+)?(?:REAL\s+|INT\s+)?([A-Z_]\w*)\s*=\s*({NUMBER})\s*")
 _WRITTEN = re.compile(r"(?<![\w$.])([A-Z_]\w*)\s*=(?!=)")
 _HANDED = re.compile(r"\(([^()]*)\)")
 
 
-def variable_of(module: str, name: str) -> str:
-    return f"copy {module}:{name}"
+class KrlCopies(KrlLiterals):
+    """A program during parsing, with the copies of points and the constants of the current module."""
+
+    def __init__(self, program: ProgramTexts) -> None:
+        super().__init__(program)
+        self.copies: dict[str, str] = {}
+        self.constants: dict[str, float] = {}
+
+    def find_copies(self, lines: Sequence[str]) -> None:
+        """Find the copies and constants in the lines of a module."""
+        points = frozenset(name for line in lines for name in _WORD.findall(line) if self.key(name))
+        self.copies, self.constants = copies_in(lines, points), constants_in(lines)
+
+    def offset_of(self, copy: str) -> tuple[str, ComputedValue]:
+        """Offset of a copy from its point."""
+        return "frame", ComputedValue((self._variable(copy),), lambda values: values[0])
+
+    def _variable(self, copy: str) -> str:
+        return f"copy {self.module}:{copy}"
+
+    def is_copy(self, line: str) -> bool:
+        """Parse a line about a copy; False for any other line."""
+        if (whole := _WHOLE.fullmatch(line)) and whole["left"] in self.copies:
+            self._read_point(whole.start("from"))
+            self.set(self._variable(whole["left"]), as_value(np.eye(4)))
+            return True
+        shift = _SHIFT.fullmatch(line)
+        if shift is None or (name := shift["left"]) not in self.copies:
+            return False
+        part, by, why = self._variable(name), shift["by"], self.why(f"{line.strip()} is computed")
+        number = float(by) if re.fullmatch(NUMBER, by) else self.constants.get(by)
+        from_point = shift["from"] != name
+        if from_point:
+            self._read_point(shift.start("from"))
+        if number is None:
+            self.set(part, why)
+            return True
+        at, size = 4 * "XYZ".index(shift["axis"]) + 3, number if shift["sign"] == "+" else -number
+
+        def shifted(values: tuple[Value, ...]) -> Value:
+            before = values[0]
+            if not isinstance(before, tuple):
+                return before if isinstance(before, Unknown) else why
+            return (*before[:at], (0.0 if from_point else before[at]) + size, *before[at + 1 :])
+
+        self.set(part, ComputedValue((part,), shifted))
+        return True
+
+    def _read_point(self, column: int) -> None:
+        self.spent.add((self.file, self.at + column))
 
 
 def copies_in(lines: Sequence[str], points: frozenset[str]) -> dict[str, str]:
     """Copies in the lines of a module with their points, both in upper case."""
-    lines = [line.upper() for line in lines]
     found: dict[str, set[str]] = {}
     for whole in filter(None, map(_WHOLE.fullmatch, lines)):
         if whole["from"] in points and whole["left"] not in points:
@@ -61,33 +109,7 @@ def _is_understood(line: str, name: str, point: str) -> bool:
 
 def constants_in(lines: Sequence[str]) -> dict[str, float]:
     """Variables of a module to which it assigns a single number and nothing else."""
-    lines = [line.upper() for line in lines]
     written = Counter(name for line in lines for name in _WRITTEN.findall(line))
     handed = {word for line in lines for inside in _HANDED.findall(line) for word in _WORD.findall(inside)}
     numbers = {match[1]: float(match[2]) for match in filter(None, map(_CONSTANT.fullmatch, lines))}
     return {name: number for name, number in numbers.items() if written[name] == 1 and name not in handed}
-
-
-def read_copy(
-    line: str, copies: dict[str, str], constants: dict[str, float], module: str, why: Unknown
-) -> tuple[str, Value | ComputedValue, tuple[int, ...]] | None:
-    """Parse a line about a copy: the state variable, its value, and the columns of the points that it only reads."""
-    if (whole := _WHOLE.fullmatch(line)) and whole["left"].upper() in copies:
-        return variable_of(module, whole["left"].upper()), as_value(np.eye(4)), (whole.start("from"),)
-    shift = _SHIFT.fullmatch(line)
-    if shift is None or (name := shift["left"].upper()) not in copies:
-        return None
-    part, by = variable_of(module, name), shift["by"].upper()
-    number = float(by) if re.fullmatch(NUMBER, by) else constants.get(by)
-    sources = () if shift["from"].upper() == name else (shift.start("from"),)
-    if number is None:
-        return part, why, sources
-    at, size = 4 * "XYZ".index(shift["axis"].upper()) + 3, number if shift["sign"] == "+" else -number
-
-    def shifted(values: tuple[Value, ...]) -> Value:
-        before = values[0]
-        if not isinstance(before, tuple):
-            return before if isinstance(before, Unknown) else why
-        return (*before[:at], (0.0 if sources else before[at]) + size, *before[at + 1 :])
-
-    return part, ComputedValue((part,), shifted), sources

@@ -24,15 +24,11 @@ from analysis.apps.makers.emulated import (
     ProgramDriver,
     ProgramError,
     Switched,
-    Tokens,
     ToolPose,
     Turning,
 )
 
-_TOKEN = re.compile(
-    r"\s+|(?P<number>-?\d+(\.\d+)?)|(?P<text>\"[^\"]*\")|(?P<enum>#[A-Z]+)|(?P<name>[$A-Za-z_][\w$]*(\.CP|\.CDIS|\.ORI[12])?)"
-    r"|(?P<mark><>|[{}(),=\[\]])"
-)
+_WORD = re.compile(r"-?\d+(?:\.\d+)?|\"[^\"]*\"|#[A-Z]+|[$A-Za-z_][\w$]*(?:\.CP|\.CDIS|\.ORI[12])?|<>|\S")
 _SETTINGS = {"$TOOL", "$BASE", "$VEL.CP", "$VEL.ORI1", "$VEL.ORI2", "$ACC.CP", "$APO.CDIS", "$ORI_TYPE", "$CIRC_TYPE"}
 _CALLS = {"BAS": ["#INITMOV", ",", "0"], "RSI_ON": ["#RELATIVE"], "RSI_OFF": []}
 
@@ -48,7 +44,7 @@ def run(source: str, data: str, machine: Machine) -> None:
 
 
 def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list[list[str]]]:
-    """Name of a module, and the tokens of each line inside."""
+    """Name of a module, and the words of each line inside."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     lines = [line.split(";")[0].strip() for line in text.replace("\r\n", "\n").split("\n")]
@@ -57,7 +53,7 @@ def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list
     if head is None or filled[0] != "&ACCESS RVP" or filled[-1] != closing:
         raise ProgramError(f"no {opening} … {closing}")
     _check_name(head[1])
-    return head[1], [[text for _, text in Tokens.of(line, _TOKEN, "KRL").items] for line in filled[2:-1]]
+    return head[1], [_WORD.findall(line) for line in filled[2:-1]]
 
 
 def _check_name(name: str) -> str:

@@ -11,7 +11,7 @@ from analysis.apps.makers.configuration import beyond_stretch, wrist_in_front
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import as_value, is_moved
 from analysis.apps.makers.program_machine import Ref, Value
-from analysis.apps.makers.program_parser import NUMBER, ProgramParser
+from analysis.apps.makers.program_parser import NUMBER, UPPER_CASE, ProgramParser
 from analysis.apps.makers.target import Flags, Form, Number, ProgramTexts, Target
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
@@ -20,17 +20,17 @@ _BLANK = re.compile(r"\"[^\"\n]*\"|;[^\n]*|^[ \t]*&[^\n]*", re.MULTILINE)
 _AXES = tuple(f"A{axis}" for axis in range(1, 7))
 _POSE = ("X", "Y", "Z", "A", "B", "C")
 EXTERNAL_AXES = tuple(f"E{axis}" for axis in range(1, 7))
-_TYPE = re.compile(r"^\s*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s*:", re.IGNORECASE)
+_TYPE = re.compile(r"^\s*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s*:")
 """The type before the numbers of an aggregate, {E6POS: X …}."""
-_COMPONENT = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER}|'B[01]{{1,16}}'|'H[0-9A-F]{{1,8}}')\s*", re.IGNORECASE)
-BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
+_COMPONENT = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER}|'B[01]{{1,16}}'|'H[0-9A-F]{{1,8}}')\s*")
+BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]")
 
 
 class KrlLiterals(ProgramParser):
-    """A program in KRL during parsing, with names in upper case."""
+    """A program in KRL during parsing. Its texts are in upper case, because KRL ignores the case."""
 
     def __init__(self, program: ProgramTexts) -> None:
-        super().__init__(program, _BLANK)
+        super().__init__(program, _BLANK, UPPER_CASE)
         self.modules = [name.rpartition(".")[0].upper() for name in self.names]
         """The module of each file: its path without suffix."""
 
@@ -39,7 +39,7 @@ class KrlLiterals(ProgramParser):
         return self.modules[self.file]
 
     def scopes(self, name: str) -> tuple[str, ...]:
-        return f"{self.module}:{name.upper()}", name.upper()
+        return f"{self.module}:{name}", name
 
     def key(self, name: str) -> str | None:
         """Key of the point that a name refers to."""
@@ -56,7 +56,7 @@ class KrlLiterals(ProgramParser):
             digits = component[2]
             is_pattern = digits[0] == "'"  # 'B010' or 'H1A'
             value = float(int(digits[2:-1], 2 if digits[1] in "Bb" else 16)) if is_pattern else float(digits)
-            parts[component[1].upper()] = Number(*place, value)
+            parts[component[1]] = Number(*place, value)
             at += len(part) + 1
         return parts
 
@@ -73,7 +73,9 @@ class KrlLiterals(ProgramParser):
         flags = Flags(tuple(bits.values()), partial(_agreeing, "".join(bits))) if bits else None
         external = tuple((axis, parts[axis].value) for axis in EXTERNAL_AXES if axis in parts)
         form: Form = "joints_deg" if names == _AXES else "yaw_pitch_roll"
-        target = Target(name, self.file, self.line(begin), form, numbers, flags=flags, external=external)
+        target = Target(
+            self.as_written(name), self.file, self.line(begin), form, numbers, flags=flags, external=external
+        )
         if len(numbers) < 6:
             return target, "incomplete"
         return target, "external_axes" if any(is_moved(coordinate) for _, coordinate in external) else None
@@ -93,10 +95,10 @@ class KrlLiterals(ProgramParser):
         """Value assigned to $TOOL or $BASE; "0" is the null frame."""
         right = text.strip()
         if by_number := BY_NUMBER.fullmatch(right):
-            return Ref(f"{by_number[1].upper()}[{int(by_number[2])}]") if int(by_number[2]) else "0"
-        if right.upper() in ("$NULLFRAME", "$WORLD"):
+            return Ref(f"{by_number[1]}[{int(by_number[2])}]") if int(by_number[2]) else "0"
+        if right in ("$NULLFRAME", "$WORLD"):
             return "0"
-        if right.upper() == "$ROBROOT":
+        if right == "$ROBROOT":
             return as_value(np.eye(4))
         frame = self.frame(right)
         if frame is not None:

@@ -14,7 +14,6 @@ import re
 from dataclasses import replace
 
 from analysis.apps.makers.kuka.closed_lists import is_file_of_maker, is_of_maker
-from analysis.apps.makers.kuka.copies import constants_in, copies_in
 from analysis.apps.makers.kuka.literals import EXTERNAL_AXES
 from analysis.apps.makers.kuka.statements import (
     CORRECTION,
@@ -35,27 +34,24 @@ _SCOPE = r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*"
 _TYPES = "(?:E6POS|POS|FRAME|E6AXIS|AXIS)"
 _DECLARED = re.compile(
     rf"{_SCOPE}(?:{_TYPES}\s+)?(?P<name>(?!(?:TOOL|BASE)_DATA\b)[A-Z_]\w*)(?:\s*\[\s*(?P<index>\d+)\s*\])?\s*="
-    r"\s*\{(?P<list>[^{}]*)\}\s*",
-    re.IGNORECASE,
+    r"\s*\{(?P<list>[^{}]*)\}\s*"
 )
-_TYPED = re.compile(rf"{_SCOPE}{_TYPES}\s+([\w\s,\[\]]+)", re.IGNORECASE)
-_FDAT = re.compile(rf"{_SCOPE}FDAT\s+(\w+)\s*=\s*\{{([^{{}}]*)\}}?", re.IGNORECASE)
-_DATA = re.compile(r"\s*(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(\{[^{}]*\})\s*", re.IGNORECASE)
-_OWN_LIST = re.compile(rf"{_SCOPE}FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b", re.IGNORECASE)
+_TYPED = re.compile(rf"{_SCOPE}{_TYPES}\s+([\w\s,\[\]]+)")
+_FDAT = re.compile(rf"{_SCOPE}FDAT\s+(\w+)\s*=\s*\{{([^{{}}]*)\}}?")
+_DATA = re.compile(r"\s*(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(\{[^{}]*\})\s*")
+_OWN_LIST = re.compile(rf"{_SCOPE}FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b")
 """Pattern of a list of tools or bases that hides the list of the controller."""
-_EXTERNAL_MOVED = re.compile(
-    rf"(?<![\w$.])(E[1-6])\s+({NUMBER})|\.\s*(E[1-6])\b|\bASYPTP\b|\$EX_AX_\w+|\$ASYNC_\w+", re.IGNORECASE
-)
+_EXTERNAL_MOVED = re.compile(rf"(?<![\w$.])(E[1-6])\s+({NUMBER})|\.\s*(E[1-6])\b|\bASYPTP\b|\$EX_AX_\w+|\$ASYNC_\w+")
 """Pattern of a text that moves or assigns an external axis."""
-_GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
+_GLOBAL = re.compile(r"\bGLOBAL\b")
 _WORD = re.compile(r"[A-Za-z_]\w*")
-_TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$", re.IGNORECASE)
+_TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$")
 """Pattern of the text before a set of tool and base that is read but not written."""
-_IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
+_IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)")
 """Pattern of an import, which gives a point of this program another name that other programs can write to."""
-_HOME = re.compile(r"\$H_POS\s*=\s*$", re.IGNORECASE)
+_HOME = re.compile(r"\$H_POS\s*=\s*$")
 """Pattern of the text before a point that becomes the home position, which follows the correction of the point."""
-_OUTSIDE = re.compile(r"\$IPO_MODE\s*=(?!\s*#BASE\b)|\bIPO_FRAME\s+#(?!BASE\b)", re.IGNORECASE)
+_OUTSIDE = re.compile(r"\$IPO_MODE\s*=(?!\s*#BASE\b)|\bIPO_FRAME\s+#(?!BASE\b)")
 """Pattern of a text that may select a tool fixed outside of the robot."""
 _WRITTEN = re.compile(r"(?:\s*\[[^\]\n]*\])?(?:\.\w+)*[ \t]*=(?!=)")
 _COMPONENT = re.compile(r"[ \t]+[-+.\w'#$]")
@@ -73,11 +69,11 @@ class _KrlReader(KrlStatements):
         for text in self.texts:
             for mention in _EXTERNAL_MOVED.finditer(text):
                 if mention[3]:
-                    self.points.axes.add(mention[3].upper())
+                    self.points.axes.add(mention[3])
                 elif not mention[1]:
                     self.points.axes.update(EXTERNAL_AXES)
                 elif float(mention[2]):
-                    self.points.axes.add(mention[1].upper())
+                    self.points.axes.add(mention[1])
 
     @property
     def is_config(self) -> bool:
@@ -104,7 +100,7 @@ class _KrlReader(KrlStatements):
                 self.spent.add((self.file, self.at + declared.start("name")))
                 if index:
                     self.arrays.setdefault(key, []).append(element := f"{key}[{int(index)}]")
-                    key, target = element, replace(target, name=f"{declared['name']}[{index}]")
+                    key, target = element, replace(target, name=f"{target.name}[{index}]")
                 self.points.declare(key, target, reason)
         elif typed := _TYPED.fullmatch(line):
             names = _WORD.finditer(line, typed.start(1))
@@ -123,8 +119,8 @@ class _KrlReader(KrlStatements):
                     self.defined.setdefault(everywhere, []).append(own)
         elif self.is_config:
             if (data := _DATA.fullmatch(line)) and (frame := self.frame(data[3])) is not None:
-                self.stated[f"{data[1].upper()}[{data[2]}]"] = as_value(frame)
-                self.state(data[1].upper(), data[2], frame)
+                self.stated[f"{data[1]}[{data[2]}]"] = as_value(frame)
+                self.state(data[1], data[2], frame)
         elif hides := _OWN_LIST.match(line):
             why = self.why(f"{hides[1]} is declared here and hides the controller's variable")
             self.beside.append(Call("\0", why))
@@ -142,8 +138,7 @@ class _KrlReader(KrlStatements):
         module = [other for other, name in enumerate(self.modules) if name == self.modules[file]]
         lines = [line for other in module for line in self.texts[other].split("\n")]
         self.file = file
-        points = frozenset(name.upper() for line in lines for name in _WORD.findall(line) if self.key(name))
-        self.copies, self.constants = copies_in(lines, points), constants_in(lines)
+        self.find_copies(lines)
         for line in self.lines(file):
             self.statement(line)
         self.end_routine()
@@ -164,7 +159,7 @@ class _KrlReader(KrlStatements):
                 if self.points.declared[key].target.file < self.own or is_written:
                     self.change(key)
         for alias in self.mentions(_IMPORT):
-            for key in [key for key in self.points.declared if key.rpartition(":")[2] == alias[1].upper()]:
+            for key in [key for key in self.points.declared if key.rpartition(":")[2] == alias[1]]:
                 self.change(key)
 
     def _mentioned(self, name: str, after: str) -> list[str]:

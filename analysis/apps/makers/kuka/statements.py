@@ -13,8 +13,8 @@ from functools import partial
 from typing import Literal
 
 from analysis.apps.makers.kuka.closed_lists import CORRECTIONS, NOTHING, SYSTEM, effect_of
-from analysis.apps.makers.kuka.copies import read_copy, variable_of
-from analysis.apps.makers.kuka.literals import BY_NUMBER, KrlLiterals
+from analysis.apps.makers.kuka.copies import KrlCopies
+from analysis.apps.makers.kuka.literals import BY_NUMBER
 from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import (
     EXTERNAL,
@@ -38,41 +38,36 @@ CORRECTION = "correction of bas.src"
 """The state variable that is off unless TOOL_CORR or BASE_CORR displaces tools and bases of inline forms."""
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _CALL = re.compile(r"(?<![\w$.#])([A-Za-z_]\w*)\s*\(")
-_MOVE = re.compile(
-    r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?(?:\s+(?!=)|(?=\{))(?P<rest>.+)", re.IGNORECASE
-)
-_WITH = re.compile(r"\sWITH\s(.*)", re.IGNORECASE)
-_SPLINE = re.compile(r"\s*(?:PTP_SPLINE|SPLINE|ENDSPLINE)\b", re.IGNORECASE)
-_WITH_PART = re.compile(r"\$(TOOL|BASE|IPO_MODE)\s*=\s*((?:[^,()]|\([^()]*\))*)", re.IGNORECASE)
-_WITH_FDAT = re.compile(r"S(?:TOOL2?|BASE|IPO_MODE)\s*\(\s*(\w+)(?:\.\w+)?\s*\)", re.IGNORECASE)
-_ENDS = re.compile(r"\s(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)\b.*", re.IGNORECASE)
-_CONSTANT = re.compile(r"\bORI_TYPE?\s*=?\s*#CONST", re.IGNORECASE)
+_MOVE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?(?:\s+(?!=)|(?=\{))(?P<rest>.+)")
+_WITH = re.compile(r"\sWITH\s(.*)")
+_SPLINE = re.compile(r"\s*(?:PTP_SPLINE|SPLINE|ENDSPLINE)\b")
+_WITH_PART = re.compile(r"\$(TOOL|BASE|IPO_MODE)\s*=\s*((?:[^,()]|\([^()]*\))*)")
+_WITH_FDAT = re.compile(r"S(?:TOOL2?|BASE|IPO_MODE)\s*\(\s*(\w+)(?:\.\w+)?\s*\)")
+_ENDS = re.compile(r"\s(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)\b.*")
+_CONSTANT = re.compile(r"\bORI_TYPE?\s*=?\s*#CONST")
 """Pattern of a line that keeps the orientation at the start, regardless of the target."""
-_STAYS = re.compile(r"\$(?:AXIS|POS)_ACT(?:_MES)?\s*(?:C_\w+\s*)*", re.IGNORECASE)
+_STAYS = re.compile(r"\$(?:AXIS|POS)_ACT(?:_MES)?\s*(?:C_\w+\s*)*")
 ELEMENT = re.compile(r"\s*\[\s*(\d+)\s*\]")
 _INDEX = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
 _ASSIGNED = re.compile(rf"\s*(?P<left>\$?[A-Za-z_][\w$]*(?:\s*{_INDEX})?(?:\.\w+(?:{_INDEX})?)*)\s*=(?!=)(?P<right>.*)")
-_CYCLICAL = re.compile(r"\s*\$CYCFLAG\b", re.IGNORECASE)
+_CYCLICAL = re.compile(r"\s*\$CYCFLAG\b")
 """Variables whose right side is evaluated repeatedly in the background."""
 _AGGREGATE = re.compile(r"\{([^{}]*)\}")
-_HANDED = re.compile(
-    r"\b(?:TOOL_DATA|BASE_DATA|FDAT_ACT)\b|\$(?:TOOL|BASE|IPO_MODE|ORI_TYPE)\b(?!\s*=(?!=))", re.IGNORECASE
-)
+_HANDED = re.compile(r"\b(?:TOOL_DATA|BASE_DATA|FDAT_ACT)\b|\$(?:TOOL|BASE|IPO_MODE|ORI_TYPE)\b(?!\s*=(?!=))")
 """The motion settings that a call may write to if they are passed to it."""
 _OF_FDAT = {"TOOL": "fdat tool", "BASE": "fdat base", "IPO_MODE": "fdat ipo"}
 _PARTS_OF = {
     "$TOOL": ("tool",), "$BASE": ("base",), "$IPO_MODE": ("external_tcp",), "$ORI_TYPE": ("switch",),
     "FDAT_ACT": (*_OF_FDAT.values(), "tool", "base"),
 }  # fmt: skip
-_BAS = re.compile(r"\s*BAS\s*\(\s*#(\w+)\s*(?:,([^()]*))?\)\s*", re.IGNORECASE)
+_BAS = re.compile(r"\s*BAS\s*\(\s*#(\w+)\s*(?:,([^()]*))?\)\s*")
 _BAS_NOTHING = words("VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_SYNC OUT_ASYNC NONE INIT VEL_ACC GROUP")
-ROUTINE = re.compile(r"\s*(GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
-_BESIDE = re.compile(r"\s*(?:(?:GLOBAL\s+)?INTERRUPT\s+DECL\b|TRIGGER\s+WHEN\b).*?\bDO\b(.*)", re.IGNORECASE)
+ROUTINE = re.compile(r"\s*(GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(")
+_BESIDE = re.compile(r"\s*(?:(?:GLOBAL\s+)?INTERRUPT\s+DECL\b|TRIGGER\s+WHEN\b).*?\bDO\b(.*)")
 _LABEL = re.compile(r"\s*([A-Za-z_]\w*)\s*:\s*")
 _DECLARATION = re.compile(
     r"\s*(?:(?:DECL|INT|REAL|BOOL|CHAR|E6POS|E6AXIS|FRAME|POS|AXIS|STRUC|ENUM|SIGNAL|EXT|EXTFCT|EXTP|IMPORT|CHANNEL|"
-    r"GLOBAL|CONST|DEFDAT|ENDDAT)\b.*|)",
-    re.IGNORECASE,
+    r"GLOBAL|CONST|DEFDAT|ENDDAT)\b.*|)"
 )
 _FLOW = {
     "IF": "if", "SWITCH": "switch", "CASE": "case", "ELSE": "else", "DEFAULT": "else", "FOR": "while", "WHILE": "while",
@@ -81,30 +76,27 @@ _FLOW = {
 }  # fmt: skip
 
 
-class KrlStatements(KrlLiterals):
+class KrlStatements(KrlCopies):
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
         self.fdat: dict[str, str] = {}
         self.fdat_written: set[str] = set()
-        self.copies: dict[str, str] = {}
-        """Copies of points in the current module."""
-        self.constants: dict[str, float] = {}
         self._spline: dict[str, Setting] = {}
         """Settings in the head of a spline, valid for all segments."""
         self._may_keep_orientation = any(_CONSTANT.search(text) for text in self.texts)
 
     def statement(self, line: str) -> None:
         """Parse a line of a .src file."""
-        move, word = _MOVE.fullmatch(line), (_WORD.match(line.strip()) or [""])[0].upper()
+        move, word = _MOVE.fullmatch(line), (_WORD.match(line.strip()) or [""])[0]
         if routine := ROUTINE.match(line):
-            self.begin_routine(f"{self.module}:{routine[2].upper()}")
+            self.begin_routine(f"{self.module}:{routine[2]}")
         elif self.routine is None:
             if move:  # The line is outside all routines, so the time of execution is unknown.
                 self.list_left("not_understood", line)
         elif word in ("END", "ENDFCT"):
             self.end_routine()
         elif word == "GOTO":
-            self.add(Jump((line.split()[1].upper() if len(line.split()) > 1 else "",)))
+            self.add(Jump((line.split()[1] if len(line.split()) > 1 else "",)))
         elif move:
             self._functions(line)
             self._move(line, move)
@@ -113,7 +105,7 @@ class KrlStatements(KrlLiterals):
         elif word in _FLOW:
             self.blocks.keyword(_FLOW[word], partial(self._functions, line))
         elif label := _LABEL.fullmatch(line):
-            self.add(JumpTarget(label[1].upper()))
+            self.add(JumpTarget(label[1]))
         else:
             self._other(line)
 
@@ -150,7 +142,7 @@ class KrlStatements(KrlLiterals):
 
     def _written_by(self, name: str, after: str) -> None:
         """Forget the motion settings that a call may write to, given the text with the arguments."""
-        for argument in dict.fromkeys(match[0].upper() for match in _HANDED.finditer(after)):
+        for argument in dict.fromkeys(match[0] for match in _HANDED.finditer(after)):
             why = self.why(f"{name} receives {argument} and may change the value")
             for variable in _PARTS_OF.get(argument, ()):
                 self.set(variable, why)
@@ -160,7 +152,7 @@ class KrlStatements(KrlLiterals):
     def _action(self, action: str) -> None:
         """Parse the action of an interrupt or a trigger, which may happen at any moment."""
         if _ASSIGNED.match(action):
-            text = re.sub(r"\bPRIO\s*=.*", "", action, flags=re.IGNORECASE)
+            text = re.sub(r"\bPRIO\s*=.*", "", action)
             self.concurrently(self.why("an interrupt may set the value at any moment"), partial(self._other, text))
         else:
             self._calls_concurrently(action)
@@ -179,10 +171,9 @@ class KrlStatements(KrlLiterals):
         """Parse an assignment, a call of BAS or of a routine, or a statement without effect."""
         text = line.strip()
         if (bas := _BAS.fullmatch(line)) and not self.named("BAS"):
-            self._bas(bas[1].upper(), (bas[2] or "").strip())
-        elif copy := read_copy(line, self.copies, self.constants, self.module, self.why(f"{text} is computed")):
-            self.spent.update((self.file, self.at + column) for column in copy[2])
-            self.set(*copy[:2])
+            self._bas(bas[1], (bas[2] or "").strip())
+        elif self.is_copy(line):
+            return
         elif assigned := _ASSIGNED.fullmatch(line):
             self._functions(assigned["right"])
             if _CYCLICAL.match(line):
@@ -194,7 +185,7 @@ class KrlStatements(KrlLiterals):
                 self._spline = self._with(suffix[1]) if suffix else {}
             if NOTHING.fullmatch(line) or _CALL.match(text):
                 self._functions(line)
-            elif text.upper() == "RESUME":  # It leaves the interrupted routines, wherever they are.
+            elif text == "RESUME":  # It leaves the interrupted routines, wherever they are.
                 self.add(ForgetAll(self.why("RESUME ends the interrupted routines at any statement")))
             else:
                 self.not_known(text)
@@ -222,7 +213,7 @@ class KrlStatements(KrlLiterals):
 
     def _assigned(self, left: str, right: str) -> None:
         """Parse an assignment. Assigned points and variables are detected elsewhere, by name."""
-        left, value = re.sub(r"\s", "", left).upper(), right.strip().upper()
+        left, value = re.sub(r"\s", "", left), right.strip()
         name = re.split(r"[.\[]", left)[0]
         match name:
             case "$TOOL" | "$BASE":
@@ -271,10 +262,10 @@ class KrlStatements(KrlLiterals):
         text = right[1:-1] if right.startswith("{") and right.endswith("}") else self.fdat.get(name)
         if text is None or name in self.fdat_written:
             return dict.fromkeys(_OF_FDAT, self.why(f"{right} is unknown here"))
-        outside = re.search(r"\bIPO_FRAME\s+#(?!BASE\b)", text, re.IGNORECASE)
+        outside = re.search(r"\bIPO_FRAME\s+#(?!BASE\b)", text)
         settings: dict[str, Setting] = {"IPO_MODE": "on" if outside else OFF}
         for family in ("TOOL", "BASE"):
-            number = re.search(rf"\b{family}_NO\s+(\d+)", text, re.IGNORECASE)
+            number = re.search(rf"\b{family}_NO\s+(\d+)", text)
             absent = self.why(f"{right} has no {family}_NO")
             settings[family] = _by_number(f"{family}_DATA", int(number[1])) if number else absent
         return settings
@@ -283,22 +274,22 @@ class KrlStatements(KrlLiterals):
         """Tool, base and mode given after WITH for a motion or a spline."""
         state: dict[str, Setting] = {}
         for name, stated in _WITH_PART.findall(text):
-            part, value = name.upper(), stated.strip()
+            part, value = name, stated.strip()
             if fdat := _WITH_FDAT.fullmatch(value):
                 state[part] = self._fdat(fdat[1])[part]
             elif part == "IPO_MODE":
-                state[part] = OFF if value.upper() == "#BASE" else "on"
+                state[part] = OFF if value == "#BASE" else "on"
             else:
                 state[part] = self.place(value)
         if _CONSTANT.search(text):
             state["ORI_TYPE"] = "on"
-        elif re.search(r"\bSORI_TYP\b", text, re.IGNORECASE) and self._may_keep_orientation:
+        elif re.search(r"\bSORI_TYP\b", text) and self._may_keep_orientation:
             state["ORI_TYPE"] = self.why("motion data may keep the orientation")
         return state
 
     def _move(self, line: str, move: re.Match[str]) -> None:
         """Parse a motion in the active tool and base or those given after WITH."""
-        kind, end = move["kind"].upper().lstrip("S"), move.end("rest")
+        kind, end = move["kind"].lstrip("S"), move.end("rest")
         active = {"TOOL": "tool", "BASE": "base", "IPO_MODE": "external_tcp", "ORI_TYPE": "switch"}
         state: dict[str, Setting] = {name: Ref(part) for name, part in active.items()} | self._spline
         if suffix := _WITH.search(line, move.start("rest")):
@@ -327,7 +318,7 @@ class KrlStatements(KrlLiterals):
                 self._target(text, start, kind, state, arc, through=place == 0)
 
     def _target(self, text: str, start: int, kind: str, state: dict[str, Setting], arc: str, *, through: bool) -> None:
-        copied = self.copies.get(text.upper())
+        copied = self.copies.get(text)
         key = self._point(copied or text, start, kind)
         if key is None:
             self.leave("not_literal" if _WORD.fullmatch(text) else "computed", text)
@@ -340,8 +331,7 @@ class KrlStatements(KrlLiterals):
         of_lines = "checked" if point.flags and len(point.flags.values) == 2 else OFF
         moved_to, base, offset = key, "", None
         if copied:
-            part = ComputedValue((variable_of(self.module, text.upper()),), lambda values: values[0])
-            moved_to, base, offset = f"{key} copied at {self.file}:{self.at}", key, ("frame", part)
+            moved_to, base, offset = f"{key} copied at {self.file}:{self.at}", key, self.offset_of(text)
         self.add(
             Move(
                 moved_to, "line" if is_line else "joint", self.file, self.line(), state["TOOL"], state["BASE"], needs,

@@ -52,7 +52,6 @@ RSI_CONTEXT = "rig_rsi"
 
 
 def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
-    """Write the program and the data list."""
     name = identifier(plan.name, _NAME_LENGTH)
     points: dict[str, str] = {}
     begin = shown_pose(start_of(plan).T, "ABC", yaw_first=True)

@@ -31,7 +31,7 @@ from analysis.apps.makers.program_machine import (
     Value,
     usages_of,
 )
-from analysis.apps.makers.program_parser import NUMBER, ProgramParser, number_at
+from analysis.apps.makers.program_parser import NUMBER, ProgramParser, brackets, number_at
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Form, NamedFrame, Notice, Number, Parsed, ProgramTexts, Target, Way
 from analysis.correction.reasons import Reason
@@ -40,6 +40,7 @@ _DECIMALS = Decimals(place=(4, 7), turn=(5, 9))
 _BLANK = re.compile(r";[^\n]*|\([^()\n]*\)|^[ \t]*%[^\n]*", re.MULTILINE)
 _FLOW = re.compile(r"[oO]\s*(?P<name>\d+|<[^>]*>|\[[^\n]*?\]|#\S+?)\s*(?P<word>[a-zA-Z]+)(?P<rest>.*)")
 _WORD = re.compile(rf"(?P<letter>[a-zA-Z])[ \t]*(?:(?P<number>{NUMBER})|(?P<computed>[-+]?(?:\[|#)))")
+_EXPRESSION = re.compile(r"[-+]?(?:(?P<parameter>#+(?:<[^>]*>|\d+))|#?(?=\[))")
 _ASSIGNED = re.compile(r"(?:#\s*(?:\d+|<[^>]*>)\s*=[^#=]*(?:#[^=]*)?)+")
 _SYSTEM = re.compile(r"#\s*(?:5[0-9]{3}|#|\[)[^=]*=")
 """Assignment to a parameter of the interpreter, such as a work offset (5221 to 5390), or to a computed one."""
@@ -303,16 +304,10 @@ def _words(line: str, begin: int) -> _Words | None:
 
 def _expression_end(text: str, at: int) -> int:
     """End of an expression in brackets, or of a parameter, that starts at a place; 0 if it has no end."""
-    at += text[at] in "+-"
-    if text[at] == "#":
-        named = re.compile(r"#+(?:<[^>]*>|\d+)").match(text, at)
-        return named.end() if named else _expression_end(text, at + 1) if text[at + 1 : at + 2] == "[" else 0
-    depth = 0
-    for place in range(at, len(text)):
-        depth += (text[place] == "[") - (text[place] == "]")
-        if depth == 0:
-            return place + 1
-    return 0
+    begin = _EXPRESSION.match(text, at)
+    if begin is None or begin["parameter"]:
+        return begin.end() if begin else 0
+    return brackets(text, begin.end()).get(begin.end(), -1) + 1
 
 
 READER = ProgramReader(parse, _DECIMALS, Remark("; "), null_tools=("flange",), null_frames=("G53",))

@@ -233,7 +233,6 @@ def _per_minute(seconds: float) -> str:
 
 
 def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
-    """Write the program."""
     program = _Program(plan)
     flange = program.flanges(start_of(plan).T[None])[0]
     program.lines += _WORDS.remarks(*heading(plan, demand, shown_pose(flange, "ABC")))

@@ -9,29 +9,22 @@ move (scripts of PolyScope 5 in public repositories). A script is a single file.
 from __future__ import annotations
 
 import re
-from collections import Counter
 
 from analysis.apps.makers.numbers import Decimals
-from analysis.apps.makers.program_machine import OFF, Move, Value
+from analysis.apps.makers.program_machine import OFF, Value
 from analysis.apps.makers.program_parser import numbers_in
 from analysis.apps.makers.program_reader import ProgramReader, Remark
-from analysis.apps.makers.target import Notice, Parsed, ProgramTexts, UncorrectedTarget
+from analysis.apps.makers.target import Notice, Parsed, ProgramTexts
 from analysis.apps.makers.ur.functions import NO_TARGETS, NOTHING, OF_LISTS
-from analysis.apps.makers.ur.handed_points import NAME_OR_POSE, HandedPoints, parameter_key, traced
-from analysis.apps.makers.ur.statements import WORD, UrStatements
+from analysis.apps.makers.ur.handed_points import NAME_OR_POSE, UrRoutines
 
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
 """Decimals of corrected numbers: 1e-8 m is 0.01 µm. PolyScope writes at least twelve decimals."""
-_DECLARED = re.compile(
-    r"^[ \t]*(?:global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*(?P<kind>p?)\[(?P<list>[^\[\]\n]*)\]"
-    r"[ \t]*$",
+_ASSIGNED = re.compile(
+    r"^[ \t]*(?P<scope>global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*(?P<value>[p\[][^\n]*)",
     re.MULTILINE,
 )
-_DERIVED = re.compile(
-    r"^[ \t]*(?P<scope>global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*"
-    r"(?P<pose>(?:pose_trans|pose_add)[ \t]*\(|p\[)",
-    re.MULTILINE,
-)
+"""A list or a derived pose that a line assigns to a variable."""
 _POSE = re.compile(r"(?<!\w)p\[([^\[\]]*)\]")
 _PART_DECLARED = re.compile(
     r"(?<![\w.])(?P<name>[A-Za-z_]\w*(?:\.\w+|\[[^\[\]\n]*\])+)[ \t]*=[ \t]*p?\[(?P<list>[^\[\]]*)\]"
@@ -40,7 +33,7 @@ _PART_DECLARED = re.compile(
 _METHOD = re.compile(r"(?<![\w.])([A-Za-z_]\w*)[ \t]*\.[ \t]*([A-Za-z_]\w*)[ \t]*\(")
 
 
-class _UrReader(UrStatements):
+class _UrReader(UrRoutines):
     """The points: variables with numbers, what calls hand to routines, and what is used otherwise."""
 
     def declare(self) -> None:
@@ -48,26 +41,23 @@ class _UrReader(UrStatements):
 
         Numbers assigned to parts of structs and lists are listed: moves to them are computed.
         """
-        for declared in _DECLARED.finditer(self.text):
-            name, is_pose = declared["name"], declared["kind"] == "p"
-            if (literal := self.literal(declared.start("kind"), declared.end("list") + 1)) is None:
-                continue
-            self.spent.add((0, declared.start("name")))
-            if self.written[name] == 1:
-                (self.poses if is_pose else self.joints)[name] = tuple(number.value for number in literal[1])
-            self.points.silent.update(() if is_pose else (name,))
-            self.literals.add(declared.start("list") - 2)
-            self.point(name, name, declared.start("name"), literal)
-        for found in _DERIVED.finditer(self.text):
-            begin, end = found.start("pose"), self.closes.get(found.end() - 1, -1) + 1
-            rest = self.text[end : self.text.find("\n", end) if "\n" in self.text[end:] else None]
-            if self.written[found["name"]] != 1 or rest.strip():
-                continue
-            pose = self.pose_reader.derived(begin, end, self.why("the offset is computed", begin))
+        assignments = list(_ASSIGNED.finditer(self.text))
+        for assigned in assignments:
+            name, begin = assigned["name"], assigned.start("value")
+            if literal := self.literal(begin, begin + len(assigned["value"].rstrip())):
+                self.spent.add((0, assigned.start("name")))
+                if self.written[name] == 1:
+                    (self.poses if literal[0] else self.joints)[name] = tuple(number.value for number in literal[1])
+                self.points.silent.update(() if literal[0] else (name,))
+                self.literals.add(begin)
+                self.point(name, name, assigned.start("name"), literal)
+        for assigned in assignments:
+            begin, is_single = assigned.start("value"), self.written[assigned["name"]] == 1
+            pose = self.derived_pose(begin, begin + len(assigned["value"].rstrip())) if is_single else None
             of_parameter = pose and self.parameter(self.text[pose.begin : pose.end], pose.begin)
-            if pose and not (of_parameter and (found["scope"] or "").startswith("global")):
-                self.derived[found["name"]] = pose
-                self.spent.add((0, found.start("name")))
+            if pose and not (of_parameter and (assigned["scope"] or "").startswith("global")):
+                self.derived[assigned["name"]] = pose
+                self.spent.add((0, assigned.start("name")))
         for part in _PART_DECLARED.finditer(self.text):
             numbers = numbers_in(self.text, *part.span("list"))
             if numbers and len(numbers) == 6:
@@ -80,43 +70,6 @@ class _UrReader(UrStatements):
             if call[2] not in OF_LISTS:
                 fact = f"{name} belongs to a different program: rig assumes that it neither moves the robot nor sets a"
                 self.points.notices.append(Notice(0, self.line(call.start()), f"{fact} tool"))
-
-    def hand(self) -> None:
-        """Let the moves of each routine go to the points that its calls hand to it."""
-        keys = traced(self.all_routines, self.sites, self.text, {at for _, at in self.spent})
-        mentions = Counter(word[0] for word in WORD.finditer(self.text))
-        calls = Counter(routine.name for routine, _ in self.sites.values())
-        for routine, arguments in self.sites.values():
-            for name, (key, at) in list(arguments.items()):
-                is_literal = key.startswith("\2")
-                end = self.closes[self.text.index("[", at)] + 1 if is_literal else at
-                literal = self.literal(at, end) if is_literal else None
-                if parameter_key(routine, name) not in keys:
-                    del arguments[name]
-                    if is_literal:
-                        self.list_left("handed", self.text[at:end], at)
-                    continue
-                self.spent.add((0, at))
-                if literal:
-                    self.literals.add(at)
-                    self.point(key, routine.name, at, literal)
-                elif key in self.points.declared:
-                    self.reached.add(key)
-        only = {name for name, count in calls.items() if mentions[name] == count + 1}
-        plain = {routine.name for routine, arguments in self.sites.values() if not arguments}
-        seen: set[tuple[int, str]] = set()
-
-        def leave(move: Move) -> None:
-            name = (move.base or move.key).rpartition(".")[2]
-            if (move.line, name) not in seen:
-                seen.add((move.line, name))
-                self.listed.add(move.line)
-                self.points.left.append(UncorrectedTarget(0, move.line, name, "not_literal"))
-
-        def joints(key: str) -> bool:
-            return self.points.declared[key].target.joints
-
-        self.routines = HandedPoints(self.routines, self.sites, joints, leave).replaced(only - plain)
 
     def watch_points(self) -> None:
         """Mark the points that are tools as well, or that the script computes with."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -11,31 +10,12 @@ import numpy as np
 from analysis.apps.makers.numbers import frame_of
 from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import OFF, Call, Elsewhere, End, Move, Needs, Ref, Value
-from analysis.apps.makers.program_parser import NUMBER, ProgramParser, arguments, brackets, numbers_in
-from analysis.apps.makers.target import Form, NamedFrame, Number, ProgramTexts, Target, Way
-from analysis.apps.makers.ur.derived_poses import PAIR, DerivedPose, PoseReader
+from analysis.apps.makers.program_parser import NUMBER, arguments
+from analysis.apps.makers.target import NamedFrame, ProgramTexts, Way
 from analysis.apps.makers.ur.functions import ELSEWHERE, NOTHING, SWITCHES
-from analysis.apps.makers.ur.handed_points import Arguments, CallSites, Routine, parameter_key, routines_in
+from analysis.apps.makers.ur.poses import WORD, DerivedPose, Routine, UrPoses
 from analysis.correction.reasons import Reason
 
-_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
-_BLANK = re.compile(rf"#[^\n]*|{_QUOTED.pattern}|^[ \t]*\$[^\n]*", re.MULTILINE)
-_NUMBER_DECLARED = re.compile(
-    rf"^[ \t]*(?:global[ \t]+|local[ \t]+)?([A-Za-z_]\w*)[ \t]*=[ \t]*({NUMBER})[ \t]*$", re.MULTILINE
-)
-_REACHED = re.compile(
-    r"\b(?:movej|movel|movep|movec|servoj|servoc|optimovej|optimovel|get_inverse_kin)\s*\(\s*"
-    r"(?:\w+\s*=\s*)?([A-Za-z_]\w*)\s*[,)]"
-)
-_EVENT = re.compile(
-    r"\b(?P<routine>def|thread|sec)[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]*(?P<parameters>\([^()\n]*\))?[ \t]*:"
-    r"|\brun[ \t]+(?P<run>[A-Za-z_]\w*)"
-    r"|(?<![\w.])(?P<flow>(?:end|if|elif|else|while|return|break|continue|halt)(?!\w)"
-    r"|(?:for|switch|case|default)\b(?=[^\n=]*:[ \t]*$))"
-    r"|(?<![\w.])(?P<call>[A-Za-z_]\w*)[ \t]*\("
-    r"|(?P<mark>[:\n])"
-)
-_WRITTEN = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*(?:\[[^\[\]\n]*\]\s*|\.\w+\s*)*=(?!=)")
 _WAYS: dict[str, Way] = {
     "movej": "joint", "movel": "line", "movep": "line", "movec": "line", "servoj": "joint", "servoc": "line",
     "optimovej": "joint", "optimovel": "line",
@@ -47,37 +27,25 @@ _STREAMED = ("servoj", "servoc")
 """Moves that the next statement does not wait for: the arm has not reached the target yet."""
 _TARGET = re.compile(r"(?:q|pose|pose_via|pose_to|x)\s*=\s*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\(")
-WORD = re.compile(r"[A-Za-z_]\w*")
 _LONGEST = 1000
 """Maximum length of a literal tool in characters; six numbers need less."""
 _FLOW = {
     "if": "if", "switch": "switch", "while": "while", "for": "while", "break": "break", "continue": "continue",
     **dict.fromkeys(("elif", "case"), "case"), **dict.fromkeys(("else", "default"), "else"),
 }  # fmt: skip
+Arguments = dict[str, tuple[str, int]]
+"""For each parameter of a call the key of a point, or of a parameter of the calling routine, and its position."""
 _Arc = tuple[str, bool, bool]
 """Name of an arc, whether it rotates the tool with the tangent, and whether the target is the via point."""
 
 
-class UrStatements(ProgramParser):
-    """A script during parsing. Positions stand for what begins there."""
-
+class UrStatements(UrPoses):
     def __init__(self, program: ProgramTexts) -> None:
-        super().__init__(program, _BLANK)
-        if odd := re.search("[\"']", _QUOTED.sub(lambda quoted: " " * len(quoted[0]), self.texts[0])):
-            self._misread("a string does not end in its line", odd.start())
-        self.closes = brackets(self.texts[0])
-        self.text = text = _in_one_line(self.texts[0], self.closes)
-        self.texts = (text,)
-        self.events = list(_EVENT.finditer(text))
-        for event in self.events:
-            if event["routine"]:
-                self.defined.setdefault(event["name"], []).append(event["name"])
-        self.all_routines = routines_in(self.events, len(text))
+        super().__init__(program)
         self.outer: list[str] = []
         """The routines that are in no other."""
-        self.sites: CallSites = {}
-        self.joints: dict[str, tuple[float, ...]] = {}
-        self.poses: dict[str, tuple[float, ...]] = {}
+        self.sites: dict[str, tuple[Routine, Arguments]] = {}
+        """Calls of routines with points, by the name of the call."""
         self.tools: dict[str, int] = {}
         """Names passed to set_tcp, with a position."""
         self.reached: set[str] = set()
@@ -87,49 +55,10 @@ class UrStatements(ProgramParser):
         self.listed: set[int] = set()
         """Lines with a listed place."""
         self.derived: dict[str, DerivedPose] = {}
-        assignments = (assignment for assignment in _WRITTEN.finditer(text))
-        named = (one[1] for one in assignments if text[: one.start()].rstrip()[-1:] not in ("(", ","))
-        parameters = (name for event in self.events for name in WORD.findall(event["parameters"] or ""))
-        self.written = Counter([*named, *parameters])
-        once = [found for found in _NUMBER_DECLARED.finditer(text) if self.written[found[1]] == 1]
-        numbers = {found[1]: float(found[2]) for found in once}
-        reached = frozenset(_REACHED.findall(text))
-        pairs = frozenset(PAIR.findall(text))
-        self.pose_reader = PoseReader(text, self.closes, numbers, self.poses, self._is_point, reached, pairs)
-
-    def scopes(self, name: str) -> tuple[str, ...]:
-        return (name,)
 
     def list_left(self, reason: Reason, name: str, at: int | None = None) -> None:
         self.listed.add(self.line(at))
         super().list_left(reason, name, at)
-
-    def routine_at(self, at: int) -> Routine | None:
-        """Innermost routine at a position."""
-        return next((one for one in reversed(self.all_routines) if one.begin <= at < one.end), None)
-
-    def parameter(self, name: str, at: int) -> str:
-        """Key of the parameter with this name at a position, or an empty string."""
-        routine = self.routine_at(at)
-        is_parameter = routine and name in routine.parameters and len(self.named(routine.name)) == 1
-        return parameter_key(routine, name) if routine and is_parameter else ""
-
-    def _is_point(self, name: str, at: int) -> bool:
-        return bool(self.parameter(name, at)) or name in self.poses
-
-    def _misread(self, fault: str, at: int) -> None:
-        """Treat the complete state as unknown, because the text cannot be parsed."""
-        self.beside.append(Call("\0", self.why(fault, at)))
-
-    def literal(self, begin: int, end: int) -> tuple[str, tuple[Number, ...]] | None:
-        """ "p" or "", and the six numbers of a literal; None for any other text."""
-        literal = re.compile(r"(p?)\[([^\[\]]*)\]").fullmatch(self.text, begin, end)
-        numbers = numbers_in(self.text, *literal.span(2)) if literal else None
-        return (literal[1], numbers) if literal and numbers and len(numbers) == 6 else None
-
-    def point(self, key: str, name: str, at: int, literal: tuple[str, tuple[Number, ...]]) -> None:
-        form: Form = "rotation_vector" if literal[0] else "joints_rad"
-        self.points.declare(key, Target(name, 0, self.line(at), form, literal[1], "tcp", "base"))
 
     def read(self) -> None:
         """Parse the statements in the order of execution: a call follows the evaluation of the arguments."""
@@ -160,7 +89,7 @@ class UrStatements(ProgramParser):
                     self.blocks.after_condition(_FLOW[waiting])
                 waiting = ""
         if self.around or self.blocks.open:
-            self._misread("the blocks end in the wrong place", len(self.text) - 1)
+            self.misread("the blocks end in the wrong place", len(self.text) - 1)
         while self.around:
             self.close_routine()
         self.end_routine()
@@ -179,7 +108,7 @@ class UrStatements(ProgramParser):
             elif self.around:
                 self.close_routine()
             else:
-                self._misread("the blocks end in the wrong place", self.at)
+                self.misread("the blocks end in the wrong place", self.at)
         return word if word in _FLOW or word == "return" else ""
 
     def _call(self, event: re.Match[str]) -> None:
@@ -324,14 +253,15 @@ class UrStatements(ProgramParser):
                 return None
             self.spent.add((0, begin))
         elif not WORD.fullmatch(name):
-            pose = self.pose_reader.derived(begin, end, self.why("the offset is computed", begin))
-        if pose:
-            self.literals.update(pose.literals)
-            for source in pose.sources:
-                self.spent.add((0, source))
-                word = WORD.match(self.text, source)
-                if word and word[0] != self.text[pose.begin : pose.end]:  # The numbers of a frame or an offset
-                    self._use_as_numbers(word[0], source)
+            pose = self.derived_pose(begin, end)
+        for source in pose.reads if pose else ():
+            if self.text.startswith("p[", source):
+                self.literals.add(source)
+                continue
+            self.spent.add((0, source))
+            word = WORD.match(self.text, source)
+            if pose and word and word[0] != self.text[pose.begin : pose.end]:  # The numbers of a frame or an offset
+                self._use_as_numbers(word[0], source)
         return pose
 
     def _point(self, call: str, begin: int, end: int) -> str:
@@ -365,13 +295,3 @@ class UrStatements(ProgramParser):
             self.leave("computed", call, begin)
         else:
             self._target(call, *places[0], near, solved=True)
-
-
-def _in_one_line(text: str, closes: dict[int, int]) -> str:
-    """Replace line breaks inside brackets by spaces."""
-    parts, at = [], 0
-    for opening in sorted(closes):
-        if opening >= at:
-            parts += [text[at:opening], text[opening : closes[opening]].replace("\n", " ")]
-            at = closes[opening]
-    return "".join((*parts, text[at:]))

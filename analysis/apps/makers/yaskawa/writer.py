@@ -44,7 +44,6 @@ _UNUSED = ",0" * 18
 
 
 def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
-    """Write the job."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: list[str] = []
     tool = plan.arm.T_flange_tool

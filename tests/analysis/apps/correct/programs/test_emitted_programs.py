@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program, frames_of
+from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program
+from analysis.apps.correct.stated_frames import frames_of
 from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.emulated import Event, LinearMove, PointToPointMove, Round, ToolPose
 from analysis.apps.makers.motion_plan import demand_of

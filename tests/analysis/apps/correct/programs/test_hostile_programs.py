@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program, frames_of
+from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program
 from analysis.apps.correct.program_report import blocks
+from analysis.apps.correct.stated_frames import frames_of
 from analysis.correction.reasons import WHY
 from analysis.correction.support import ANYWAY, supports
 from rigs.edit import extended

@@ -9,33 +9,39 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from analysis.apps.correct import program_report
 from analysis.apps.correct.corrected_program import CorrectedProgram
 from rigs.rig import Rig
-from tests.analysis.apps.correct.programs.test_safe_modules_and_jobs import (
-    L2_,
-    ZERO,
-    abb_files,
-    fanuc_files,
-    listing,
-    module_of,
-    selecting,
-)
-from tests.analysis.apps.correct.programs.test_safe_programs import HEAD, KUKA_STATED, TCP, corrected_files
-from tests.analysis.apps.correct.programs.test_user_programs import (
+from tests.analysis.apps.correct.programs.cells import (
     ABB,
     ABB_TOOL,
     FANUC,
+    FANUC_STATED,
+    HEAD,
     KUKA,
+    KUKA_STATED,
+    L2,
     NUMBER,
+    TCP,
     UR,
     UR_TOOL,
+    ZERO,
+    Files,
+    abb_files,
+    corrected_files,
+    fanuc_files,
     fanuc_joints,
     fanuc_point,
     fanuc_pose,
+    kuka_joints,
     kuka_pose,
+    listing,
+    module_of,
     robtarget_of,
+    selecting,
     ur_pose,
 )
+from tests.support.answers import words_of
 from tests.worlds.arms.faulty_arm import Array, flange_at, frame, hidden, joints_of
 from tests.worlds.interpreters.arms import rig_of
 
@@ -46,7 +52,9 @@ APPROACHES = {
     "RelTool(p,0,0,-80\\Rz:=70)": frame((0, 0, -80), Rotation.from_euler("z", 70, degrees=True)),
     "RelTool(p,20,0,-60\\Ry:=35)": frame((20, 0, -60), Rotation.from_euler("y", 35, degrees=True)),
     "RelTool(p,0,-40,-90\\Rx:=-25)": frame((0, -40, -90), Rotation.from_euler("x", -25, degrees=True)),
+    "Offs(p,0,-i*60,0)": frame((0, -180, 0), Rotation.identity()),
 }
+"""The last one is the worst place of a pattern."""
 
 
 def _off_mm(rig: Rig, commanded: Array, wanted: Array, tool: Array, near_deg: tuple[float, ...]) -> float:
@@ -64,7 +72,8 @@ def _pose_of_p(text: str) -> Array:
 def test_work_point_is_corrected_and_its_approach_listed_with_its_error(approach: str, tmp_path: Path) -> None:
     rig, files = abb_files(
         module_of(
-            f"MoveAbsJ {{q1}},v9,fine,t;\nConfJ\\Off;\nConfL\\Off;\nMoveL p,v9,fine,t;\nMoveL {approach},v9,fine,t;\n",
+            "MoveAbsJ {q1},v9,fine,t;\nConfJ\\Off;\nConfL\\Off;\nMoveL p,v9,fine,t;\n"
+            f"FOR i FROM 0 TO 3 DO\nMoveL {approach},v9,fine,t;\nENDFOR\n",
             data="CONST robtarget p:={p1};",
         )
     )
@@ -76,15 +85,15 @@ def test_work_point_is_corrected_and_its_approach_listed_with_its_error(approach
     assert _off_mm(rig, before, before, ABB_TOOL, ABB[1]) > 0.1
     assert _off_mm(rig, after, before, ABB_TOOL, ABB[1]) < 0.002
     (listed,) = found.shared
-    assert (listed.kind, listed.line) == ("offset", 9)
+    assert (listed.kind, listed.line) == ("offset", 10)
     expected = [_off_mm(rig, commanded, away[0], ABB_TOOL, ABB[1]) for commanded in away]
     assert (listed.before_mm, listed.after_mm) == pytest.approx(expected, abs=2e-3)
     assert listed.after_mm > 0.1 * listed.before_mm
 
 
 def test_fanuc_approach_by_a_register_is_listed(tmp_path: Path) -> None:
-    rig, files = fanuc_files({"a.ls": selecting(*ZERO, "PR[5,3]=250", L2_ + " Offset,PR[5]", L2_)})
-    found = corrected_files(rig, tmp_path, files, ["1=10,-20,180,0,30,10"], ["3=0"])
+    rig, files = fanuc_files({"a.ls": selecting(*ZERO, "PR[5,3]=250", L2 + " Offset,PR[5]", L2)})
+    found = corrected_files(rig, tmp_path, files, *FANUC_STATED)
     assert [one.kind for one in found.shared] == ["offset"] and found.shared[0].after_mm < found.shared[0].before_mm
 
 
@@ -149,7 +158,7 @@ def _arc(maker: str, turned_deg: float) -> tuple[Rig, list[Array], list[Array]]:
     return rig, q, poses
 
 
-def _program(maker: str, rig: Rig, q: list[Array]) -> dict[str, str]:
+def _program(maker: str, rig: Rig, q: list[Array]) -> Files:
     deg = [tuple(np.degrees(angles)) for angles in q]
     if maker == "ur":
         poses = [f"p[{ur_pose(flange_at(rig, angles) @ UR_TOOL)}]" for angles in q]
@@ -160,9 +169,8 @@ def _program(maker: str, rig: Rig, q: list[Array]) -> dict[str, str]:
         via, end = (robtarget_of(rig, angles, np.eye(4)) for angles in deg[1:])
         return abb_files(module_of(f"ConfL\\Off;\nMoveAbsJ {joints},v9,fine,t;\nMoveC {via},{end},v9,fine,t;\n"))[1]
     if maker == "kuka":
-        joints = "{" + ", ".join(f"A{axis} {angle}" for axis, angle in enumerate(deg[0], start=1)) + "}"
         via, end = ("{" + kuka_pose(rig, angles) + "}" for angles in deg[1:])
-        return {"a.src": f"{HEAD}PTP {joints}\nCIRC {via}, {end}\nEND\n"}
+        return {"a.src": f"{HEAD}PTP {{{kuka_joints(deg[0])}}}\nCIRC {via}, {end}\nEND\n"}
     points = [fanuc_point(1, fanuc_joints(deg[0]), "UF : 0, UT : 1,\t")]
     points += [
         fanuc_point(k, fanuc_pose(rig, angles, np.eye(4)), "UF : 0, UT : 1,")
@@ -173,7 +181,7 @@ def _program(maker: str, rig: Rig, q: list[Array]) -> dict[str, str]:
 
 
 def _corrected(maker: str, rig: Rig, q: list[Array], directory: Path) -> CorrectedProgram:
-    stated = {"kuka": KUKA_STATED, "fanuc": (["1=10,-20,180,0,30,10"], [])}.get(maker, ([], []))
+    stated = {"kuka": KUKA_STATED, "fanuc": FANUC_STATED}.get(maker, ([], []))
     return corrected_files(rig, directory, _program(maker, rig, q), *stated)
 
 
@@ -204,3 +212,32 @@ def test_arcs_of_every_maker_are_listed_only_if_the_orientation_differs(maker: s
     rig, q, _ = _arc(maker, 0)
     found = _corrected(maker, rig, q, tmp_path)
     assert not found.shared and len(found.names) == 3
+
+
+APPROACH = "MoveJ Offs(p,0,0,50),v9,fine,t;\nMoveL p,v9,fine,t;\n"
+
+
+def test_error_kept_by_an_approach_is_reported(tmp_path: Path) -> None:
+    rig, files = abb_files(module_of(APPROACH, data="CONST robtarget p:={p1};"))
+    found = corrected_files(rig, tmp_path, files)
+    (given_mm,) = found.given_away_mm
+    assert 0 < given_mm <= max(0.1 * found.moved_mm[0], found.u_frame_mm[0], found.u_mm[0])
+    assert any(f"{given_mm:.3f} mm" in line for line in words_of(program_report.blocks(found)))
+    reported = program_report.as_object(found)
+    assert reported["used_with_offset"]["largest_given_away_mm"] == given_mm
+    assert reported["targets"][0]["given_away_mm"] == round(given_mm, 6)
+
+
+def test_error_kept_by_an_approach_is_at_the_tip_of_the_programs_tool(tmp_path: Path) -> None:
+    """The arm of the library has no tool. A rotation moves the tip of a long tool more than the flange."""
+    rig, filled = abb_files(module_of(APPROACH, data="CONST robtarget p:={p1};"))
+    tool = frame((-60.0, 90.0, 220.0), Rotation.from_matrix(ABB_TOOL[:3, :3]))
+    place = _pose_of_p(filled["a.mod"]) @ np.linalg.inv(ABB_TOOL) @ tool
+    text = filled["a.mod"].replace("[5,0,90]", "[-60,90,220]")
+    text = re.sub(r"p:=\[\[[^]]*\]", "p:=[[" + ",".join(f"{mm:.6f}" for mm in place[:3, 3]) + "]", text)
+    found = corrected_files(rig, tmp_path, {"a.mod": text})
+    tips, up = [], frame((0.0, 0.0, 50.0), Rotation.identity())
+    for written, wrong in ((text, None), (found.files["a.mod"].decode(), hidden())):
+        q = joints_of(rig, up @ _pose_of_p(written) @ np.linalg.inv(tool), np.radians(ABB[1]))
+        tips.append((flange_at(rig, q, wrong) @ tool)[:3, 3])
+    assert found.given_away_mm == pytest.approx([np.linalg.norm(tips[1] - tips[0])], abs=2e-4)

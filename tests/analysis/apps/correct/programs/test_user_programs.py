@@ -1,41 +1,63 @@
-"""Programs as people have them, with what must not be touched, corrected for a wrong arm.
+"""Programs as users have them, with parts that must not change, corrected for an arm with errors.
 
-Each is written here with targets at known joint angles; after the correction the numbers are read back by expressions
-of the test's own, and the wrong arm stands where the nominal one was sent.
+After the correction the numbers are read back by expressions of the test, and the arm with errors has to be where the
+nominal arm was sent.
 """
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program, frames_of
-from analysis.apps.makers.configuration import configuration_of, turns
+from analysis.apps.makers.configuration import configuration_of
 from analysis.apps.makers.numbers import replaced, written
 from analysis.apps.makers.target import Number
-from analysis.correction.support import supports
 from analysis.robot.kinematics.arm import arm_of
 from rigs.rig import Rig
-from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of, known
+from tests.analysis.apps.correct.programs.cells import (
+    ABB,
+    ABB_TOOL,
+    FANUC,
+    FANUC_TOOL,
+    FANUC_USER,
+    HEAD,
+    KUKA,
+    KUKA_BASE,
+    KUKA_STATED,
+    KUKA_TOOL,
+    NUMBER,
+    UR,
+    UR_TOOL,
+    YASKAWA,
+    YASKAWA_STATED,
+    YASKAWA_TOOL,
+    abb_files,
+    corrected,
+    corrected_files,
+    fanuc_joints,
+    fanuc_point,
+    fanuc_pose,
+    kuka_files,
+    kuka_joints,
+    kuka_pose,
+    module_of,
+    quaternion,
+    robtarget_of,
+    status_turn,
+    uncorrected,
+    ur_files,
+    ur_pose,
+    yaskawa_pose,
+)
+from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of
 from tests.worlds.arms.independent_arm import Array
 from tests.worlds.interpreters.arms import rig_of
-
-ReadBack = Callable[[str], Array]
-"""The flange (4, 4) that the controller is given by a line of a program."""
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-
-
-def _corrected(
-    rig: Rig, path: Path, tools: Sequence[str] = (), frames: Sequence[str] = (), scale: Sequence[float] | None = None
-) -> CorrectedProgram:
-    wrong = known(rig)
-    return correct_program(wrong, supports(wrong), path, frames_of(rig.robot, tools, frames), scale)
 
 
 def _lines(data: bytes) -> list[str]:
@@ -43,7 +65,7 @@ def _lines(data: bytes) -> list[str]:
 
 
 def _changed(given: bytes, data: bytes) -> set[int]:
-    """Numbers of the lines that changed; what is no number must not have."""
+    """Numbers of the changed lines. Only numbers may change in them."""
     assert re.sub(rf" *{NUMBER}", "#", given.decode("latin-1")) == re.sub(rf" *{NUMBER}", "#", data.decode("latin-1"))
     before, after = _lines(given), _lines(data)
     assert len(before) == len(after), "\n".join(difflib.unified_diff(before, after, lineterm=""))
@@ -63,20 +85,6 @@ def _values(line: str) -> list[float]:
     return [float(value) for value in re.findall(NUMBER, line)]
 
 
-def _why(found: CorrectedProgram) -> list[tuple[int, str]]:
-    return [(one.line, one.reason) for one in found.left]
-
-
-UR_TOOL = frame((0, 0, 145), Rotation.identity())
-UR = [
-    (0, -80, 100, -20, 80, 0),
-    (10, -75, 95, -25, 70, 15),
-    (14, -70, 95, -25, 70, 15),
-    (20, -85, 105, -30, 85, -10),
-    (25, -80, 100, -30, 85, -10),
-    (-5, -82, 101, -21, 81, 3),
-    (-8, -82, 101, -24, 81, 3),
-]
 UR_PROGRAM = """\
 # movej([0, 0, 0, 0, 0, 0]) was here: p[.1, .2, .3, 0, 0, 0]
 def pick_and_place():\r
@@ -105,12 +113,6 @@ pick_and_place()
 """
 
 
-def ur_pose(T: Array) -> str:
-    """As PolyScope writes it: twelve decimals, and no zero before the point."""
-    values = [*(T[:3, 3] / 1e3), *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
-    return ", ".join(re.sub(r"^(-?)0\.", r"\1.", f"{value:.12f}") for value in values)
-
-
 def _from_ur(line: str, tool: Array) -> Array:
     values = _values(line[line.index("p[") :])[:6]
     return frame(1e3 * np.array(values[:3]), Rotation.from_rotvec(values[3:])) @ np.linalg.inv(tool)
@@ -123,10 +125,10 @@ def test_urscript(tmp_path: Path) -> None:
     joints = {f"q{k}": ", ".join(repr(float(np.radians(angle))) for angle in q) for k, q in enumerate(UR)}
     path = tmp_path / "pick.script"
     path.write_bytes(UR_PROGRAM.format(**poses, **joints).encode("latin-1"))
-    found = _corrected(rig, path)
+    found = corrected(rig, path)
     data = found.files["pick.script"]
     assert _changed(path.read_bytes(), data) == {5, 7, 11, 16, 17, 20, 21}
-    assert _why(found) == [(13, "computed"), (14, "no_posture"), (19, "computed"), (22, "not_literal")]
+    assert uncorrected(found) == [(13, "computed"), (14, "no_posture"), (19, "computed"), (22, "not_literal")]
     lines = _lines(data)
     for number, k in ((5, 1), (11, 2), (17, 4), (21, 6)):
         assert _left_mm(rig, _from_ur(lines[number - 1], UR_TOOL), UR[k], UR_TOOL) < 1e-4
@@ -138,25 +140,14 @@ def test_urscript(tmp_path: Path) -> None:
 
 
 def test_urscript_without_a_tool_leaves_poses_until_it_is_stated(tmp_path: Path) -> None:
-    rig, path = rig_of("ur10e"), tmp_path / "a.urscript"
-    q = ", ".join(str(float(np.radians(angle))) for angle in UR[0])
-    T = flange_at(rig, np.radians(UR[1])) @ UR_TOOL
-    path.write_text(f"movej([{q}])\nmovel(p[{ur_pose(T)}])\n")
-    assert _why(_corrected(rig, path)) == [(2, "unknown_tool")]
-    found = _corrected(rig, path, ["tcp=0,0,145,0,0,0"])
+    rig, files = ur_files({"a.urscript": "movej({q0})\nmovel({p1})\n"})
+    assert uncorrected(corrected_files(rig, tmp_path, files)) == [(2, "unknown_tool")]
+    found = corrected_files(rig, tmp_path, files, ["tcp=0,0,145,0,0,0"])
     assert len(found.names) == 2 and not found.left
     told = _from_ur(_lines(found.files["a.urscript"])[1], UR_TOOL)
     assert _left_mm(rig, told, UR[1], UR_TOOL) < 1e-4
 
 
-FANUC_TOOL = frame((10, -20, 180), Rotation.from_euler("xyz", (0, 30, 10), degrees=True))
-FANUC_USER = frame((700, 100, 50), Rotation.from_euler("xyz", (0, 0, 30), degrees=True))
-FANUC = [
-    (20, 10, -30, 5, -70, 30),
-    (22, 12, -28, 8, -65, 40),
-    (15, 14, -26, -12, 60, 170),
-    (30, 5, -20, -20, 60, 200),
-]
 FANUC_PROGRAM = """\
 /PROG  PICK_PART\r
 /ATTR\r
@@ -189,30 +180,6 @@ DEFAULT_GROUP\t= 1,*,*,*,*;\r
 """
 
 
-def fanuc_point(number: int, inside: str, frames: str) -> str:
-    name = ':"PICK"' if number == 2 else ""
-    return f"P[{number}{name}]{{\r\n   GP1:\r\n\t{frames}{inside}\r\n}};"
-
-
-def fanuc_pose(rig: Rig, q_deg: Sequence[float], base: Array) -> str:
-    q = np.radians(q_deg)
-    T = np.linalg.inv(base) @ flange_at(rig, q) @ FANUC_TOOL
-    (flip, up, front), counts = configuration_of(arm_of(rig.robot), q), [turns(float(angle)) for angle in q[3:]]
-    letters = f"{'F' if flip else 'N'} {'U' if up else 'D'} {'T' if front else 'B'}"
-    x, y, z = T[:3, 3]
-    w, p, r = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
-    return (
-        f"\t\tCONFIG : '{letters}, {', '.join(map(str, counts))}',\r\n"
-        f"\tX ={x:10.3f}  mm,\tY ={y:10.3f}  mm,\tZ ={z:10.3f}  mm,\r\n"
-        f"\tW ={w:10.3f} deg,\tP ={p:10.3f} deg,\tR ={r:10.3f} deg"
-    )
-
-
-def fanuc_joints(q_deg: Sequence[float]) -> str:
-    one = [f"J{axis}={angle:10.3f} deg" for axis, angle in enumerate(q_deg, start=1)]
-    return "\r\n\t" + ",\t".join(one[:3]) + ",\r\n\t" + ",\t".join(one[3:])
-
-
 def test_fanuc(tmp_path: Path) -> None:
     rig = rig_of("fanuc-m-10ia")
     base = np.eye(4)
@@ -230,7 +197,7 @@ def test_fanuc(tmp_path: Path) -> None:
     path = tmp_path / "PICK_PART.LS"
     path.write_bytes(FANUC_PROGRAM.format(points="\r\n".join(points)).encode())
     tool = "1=10,-20,180,0,30,10"
-    found = _corrected(rig, path, [tool], ["3=700,100,50,0,0,30"])
+    found = corrected(rig, path, [tool], ["3=700,100,50,0,0,30"])
     data, given = found.files["PICK_PART.LS"], path.read_bytes()
     lines = _lines(data)
     at = {
@@ -240,7 +207,7 @@ def test_fanuc(tmp_path: Path) -> None:
     rows = {at[k] + row for k in (1, 2, 3, 4, 6) for row in (4, 5)}
     assert _changed(given, data) == rows
     assert [len(line) for line in lines] == [len(line) for line in _lines(given)]  # the columns stand as they stood
-    assert _why(found) == [
+    assert uncorrected(found) == [
         (13, "offset"),  # its register stands in the controller
         (18, "relative"),
         (19, "computed"),
@@ -260,15 +227,6 @@ def test_fanuc(tmp_path: Path) -> None:
     assert 1 < found.rounded_um.max() < 20 and found.moved_mm.min() > 0.1
 
 
-KUKA_TOOL = frame((0, 50, 200), Rotation.from_euler("ZYX", (10, 20, 0), degrees=True))
-KUKA_BASE = frame((500, -100, 30), Rotation.from_euler("ZYX", (45, 0, 0), degrees=True))
-KUKA = [
-    (20, -80, 90, 30, 60, -20),
-    (25, -75, 95, -20, 50, 40),
-    (-30, -70, 100, 100, -55, 200),
-    (-25, -75, 95, 95, -60, 190),
-    (10, -60, 80, 10, 45, 5),
-]
 KUKA_SOURCE = """\
 &ACCESS RVP\r
 &REL 4\r
@@ -300,22 +258,9 @@ END\r
 """
 
 
-def _status_turn(rig: Rig, q_deg: Sequence[float]) -> tuple[int, int]:
-    """S and T from the joint angles, for an arm whose elbow is far from stretched."""
-    T = flange_at(rig, np.radians(q_deg))
-    wrist = T[:3, 3] - 90 * T[:3, 2]
-    front = np.cos(np.arctan2(wrist[1], wrist[0]) + np.radians(q_deg[0])) > 0
-    assert abs(q_deg[2]) > 20
-    status = int(not front) + 2 * (q_deg[2] > 0) + 4 * (q_deg[4] <= 0)
-    return status, sum(1 << axis for axis, angle in enumerate(q_deg) if angle < 0)
-
-
-def kuka_pose(rig: Rig, q_deg: Sequence[float], *, status: int | None = None) -> str:
-    X = np.linalg.inv(KUKA_BASE) @ flange_at(rig, np.radians(q_deg)) @ KUKA_TOOL
-    values = [*X[:3, 3], *Rotation.from_matrix(X[:3, :3]).as_euler("ZYX", degrees=True)]
-    S, T = _status_turn(rig, q_deg)
-    pairs = [f"{name} {value:.6f}" for name, value in zip("XYZABC", values, strict=True)]
-    return ",".join([*pairs, f"S {S if status is None else status}", f"T {T}", "E1 0.0", "E2 0.0"])
+def _from_krl(line: str) -> Array:
+    x, y, z, *turn = (float(value) for value in re.findall(rf"\b[XYZABC] ({NUMBER})", line))
+    return KUKA_BASE @ frame((x, y, z), Rotation.from_euler("ZYX", turn, degrees=True)) @ np.linalg.inv(KUKA_TOOL)
 
 
 def test_kuka(tmp_path: Path) -> None:
@@ -339,7 +284,7 @@ def test_kuka(tmp_path: Path) -> None:
         "",
     ]
     data_path.write_bytes("\r\n".join(declared).encode())
-    found = _corrected(rig, path, ["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45"])
+    found = corrected(rig, path, ["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45"])
     # XP1 stands behind a geometric operator, too, so it is not changed.
     assert _changed(path.read_bytes(), found.files["Pick.src"]) == {7, 16}
     assert _changed(data_path.read_bytes(), found.files["Pick.dat"]) == {7}
@@ -356,64 +301,31 @@ def test_kuka(tmp_path: Path) -> None:
     ]
     a, *_ = ([float(v) for v in re.findall(rf"A\d ({NUMBER})", line)] for line in _lines(found.files["Pick.src"])[6:7])
     assert _left_mm(rig, flange_at(rig, np.radians(a)), KUKA[0], KUKA_TOOL) < 1e-3
-    line = _lines(found.files["Pick.dat"])[6]
-    x, y, z, *turn = (float(value) for value in re.findall(rf"\b[XYZABC] ({NUMBER})", line))
-    told = KUKA_BASE @ frame((x, y, z), Rotation.from_euler("ZYX", turn, degrees=True)) @ np.linalg.inv(KUKA_TOOL)
-    assert _left_mm(rig, told, KUKA[2], KUKA_TOOL) < 1e-3
+    assert _left_mm(rig, _from_krl(_lines(found.files["Pick.dat"])[6]), KUKA[2], KUKA_TOOL) < 1e-3
 
 
 @pytest.mark.parametrize("k", range(5))
-def test_kuka_status_and_turn_say_which_posture_is_meant(k: int, tmp_path: Path) -> None:
+def test_kuka_status_and_turn_state_the_posture(k: int, tmp_path: Path) -> None:
     """The posture of a pose is that of its S and T; a different S has no solution."""
-    rig = rig_of("kuka-kr-10-r1100-2")
-    path, state = tmp_path / "a.src", ["1=0,50,200,0,20,10"]
-    base = ["2=500,-100,30,0,0,45"]
-    head = "DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\nPTP "
-    path.write_text(f"{head}{{{kuka_pose(rig, KUKA[k])}}}\nEND\n")
-    found = _corrected(rig, path, state, base)
+    rig, files = kuka_files({"a.src": f"{HEAD}PTP {{p{k}}}\nEND\n"})
+    found = corrected_files(rig, tmp_path, files, *KUKA_STATED)
     assert not found.left
-    line = _lines(found.files["a.src"])[3]
-    x, y, z, *turn = (float(value) for value in re.findall(rf"\b[XYZABC] ({NUMBER})", line))
-    told = KUKA_BASE @ frame((x, y, z), Rotation.from_euler("ZYX", turn, degrees=True)) @ np.linalg.inv(KUKA_TOOL)
-    assert _left_mm(rig, told, KUKA[k], KUKA_TOOL) < 1e-3
-    status = _status_turn(rig, KUKA[k])[0]
+    assert _left_mm(rig, _from_krl(_lines(found.files["a.src"])[3]), KUKA[k], KUKA_TOOL) < 1e-3
+    status = status_turn(rig, KUKA[k])[0]
     for bit in (1, 2):
-        path.write_text(f"{head}{{{kuka_pose(rig, KUKA[k], status=status ^ bit)}}}\nEND\n")
-        assert _why(_corrected(rig, path, state, base)) == [(4, "other_flags")]
+        other = {"a.src": f"{HEAD}PTP {{{kuka_pose(rig, KUKA[k], status=status ^ bit)}}}\nEND\n"}
+        assert uncorrected(corrected_files(rig, tmp_path, other, *KUKA_STATED)) == [(4, "other_flags")]
 
 
-def test_a_line_that_arrives_in_another_posture_than_its_flags_is_left(tmp_path: Path) -> None:
-    """KUKA keeps the posture along a line, whatever S and T say: here the wrist stands turned over."""
-    rig, path = rig_of("kuka-kr-10-r1100-2"), tmp_path / "a.src"
-    turned = (-25, -75, 95, 95 - 180, 60, 190 - 180)  # what reaches the pose of the flags with its wrist turned over
-    for start, why in ((turned, ["two_postures"]), (KUKA[3], [])):
-        axes = ", ".join(f"A{axis} {angle}" for axis, angle in enumerate(start, start=1))
-        lines = ["DEF a()", "$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[2]", f"PTP {{{axes}}}"]
-        path.write_text("\n".join([*lines, f"LIN {{{kuka_pose(rig, KUKA[3])}}}", "END", ""]))
-        found = _corrected(rig, path, ["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45"])
-        assert [one.reason for one in found.left] == why
+def test_line_that_arrives_in_another_posture_than_its_flags_is_left(tmp_path: Path) -> None:
+    """KUKA keeps the posture along a line, whatever S and T say: here the wrist is turned over."""
+    turned = (-25, -75, 95, 95 - 180, 60, 190 - 180)
+    for start, why in ((turned, [(5, "two_postures")]), (KUKA[3], [])):
+        rig, files = kuka_files({"a.src": f"{HEAD}PTP {{{kuka_joints(start)}}}\nLIN {{p3}}\nEND\n"})
+        assert uncorrected(corrected_files(rig, tmp_path, files, *KUKA_STATED)) == why
 
 
-ABB_TOOL = frame((5, 0, 90), Rotation.from_euler("xyz", (0, 45, 0), degrees=True))
 ABB_OBJECT = frame((300, 50, 100), Rotation.from_euler("z", 20, degrees=True))
-ABB = [
-    (20, 10, 20, 30, 60, -40),
-    (25, 15, 15, -30, 50, 100),
-    (-30, 5, 25, -100, 55, 150),
-    (40, -10, 10, 15, 70, 20),
-]
-
-
-def quaternion(T: Array) -> str:
-    return ",".join(f"{value:.9g}" for value in Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True))
-
-
-def robtarget_of(rig: Rig, q_deg: Sequence[float], base: Array, external: str = "9E+09") -> str:
-    X = np.linalg.inv(base) @ flange_at(rig, np.radians(q_deg)) @ ABB_TOOL
-    cf = [int(q_deg[axis] // 90) for axis in (0, 3, 5)]
-    conf = ",".join(map(str, [*cf, int(q_deg[4] < 0)]))
-    place = ",".join(f"{value:.6g}" for value in X[:3, 3])
-    return f"[[{place}],[{quaternion(X)}],[{conf}],[{external},9E+09,9E+09,9E+09,9E+09,9E+09]]"
 
 
 ABB_PROGRAM = """\
@@ -454,6 +366,11 @@ ENDMODULE\r
 """
 
 
+def _from_rapid(line: str) -> Array:
+    values = _values(line)
+    return frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True)) @ np.linalg.inv(ABB_TOOL)
+
+
 def test_abb(tmp_path: Path) -> None:
     rig, path = rig_of("abb-irb-120"), tmp_path / "MainModule.mod"
     text = ABB_PROGRAM.format(
@@ -465,100 +382,64 @@ def test_abb(tmp_path: Path) -> None:
         other=robtarget_of(rig, ABB[3], np.eye(4)),
     )
     path.write_bytes(text.encode())
-    found = _corrected(rig, path)
+    found = corrected(rig, path)
     data = found.files["MainModule.mod"]
     assert _changed(path.read_bytes(), data) == {9, 11, 12, 20}
-    assert _why(found) == [
+    assert uncorrected(found) == [
         (13, "changed"),
         (25, "not_literal"),
         (26, "unknown_tool"),
     ]
     lines = _lines(data)
     assert _left_mm(rig, flange_at(rig, np.radians(_values(lines[8])[:6])), ABB[0], ABB_TOOL) < 1e-3
-    for number, k, base in ((20, 2, np.eye(4)),):
-        values = _values(lines[number - 1])
-        X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
-        # The given coordinates have six digits.
-        assert _left_mm(rig, base @ X @ np.linalg.inv(ABB_TOOL), ABB[k], ABB_TOOL) < 2e-3
+    # The given coordinates have six digits.
+    assert _left_mm(rig, _from_rapid(lines[19]), ABB[2], ABB_TOOL) < 2e-3
 
 
-def test_abb_without_configuration_keeps_the_posture_of_the_way(tmp_path: Path) -> None:
-    rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
+def test_line_without_configuration_keeps_the_posture_at_its_start(tmp_path: Path) -> None:
+    rig = rig_of("abb-irb-120")
     pose = re.sub(r"\[-?\d+,-?\d+,-?\d+,\d\]", "[0,0,0,0]", robtarget_of(rig, ABB[3], np.eye(4)))
-    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
-    home = "MoveAbsJ [[20,10,20,30,60,-40],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;"
-    for off, before, left in (("ConfL\\Off;", home, []), ("ConfL\\Off;", "", [(6, "no_posture")])):
-        path.write_text(f"MODULE a\n{tool}\nPROC b()\n{off}\n{before}\nMoveL {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
-        found = _corrected(rig, path)
-        assert _why(found) == left
-    path.write_text(f"MODULE a\n{tool}\nPROC b()\nConfL\\Off;\n{home}\nMoveL {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
-    values = _values(_lines(_corrected(rig, path).files["a.mod"])[5])
-    X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
-    assert _left_mm(rig, X @ np.linalg.inv(ABB_TOOL), ABB[3], ABB_TOOL) < 2e-3
+    _, files = abb_files(module_of(f"ConfL\\Off;\nMoveAbsJ {{q0}},v9,fine,t;\nMoveL {pose},v9,fine,t;\n"))
+    found = corrected_files(rig, tmp_path, files)
+    assert not found.left
+    assert _left_mm(rig, _from_rapid(_lines(found.files["a.mod"])[6]), ABB[3], ABB_TOOL) < 2e-3
 
 
 @pytest.mark.parametrize(
     ("switch", "left"),
-    [
-        ("", []),
-        ("ConfJ\\Off;", []),
-        ("WHILE reg1<5 DO\nConfJ\\Off;\nENDWHILE", ["two_postures"]),
-    ],
+    [("", []), ("ConfJ\\Off;", []), ("WHILE reg1<5 DO\nConfJ\\Off;\nENDWHILE", ["two_postures"])],
 )
-def test_abb_configuration_that_may_not_count_leaves_the_target(switch: str, left: list[str], tmp_path: Path) -> None:
-    """The arm stands with its wrist turned over: by the flags it turns back, without them it stays, and a loop that may
-    not run leaves open which."""
-    rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
-    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+def test_configuration_that_only_counts_on_some_paths_leaves_the_target(
+    switch: str, left: list[str], tmp_path: Path
+) -> None:
+    """The wrist is turned over before the move: with its flags it turns back, without them it does not."""
     over = "MoveAbsJ [[-30,5,25,75,-50,-25],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;"
-    move = f"MoveJ {robtarget_of(rig, ABB[2], np.eye(4))},v9,fine,t;"
-    path.write_text(f"MODULE a\n{tool}\nPROC b()\n{over}\n{switch}\n{move}\nENDPROC\nENDMODULE\n")
-    assert [one.reason for one in _corrected(rig, path).left] == left
+    rig, files = abb_files(module_of(f"{over}\n{switch}\nMoveJ {{p2}},v9,fine,t;\n"))
+    assert [one.reason for one in corrected_files(rig, tmp_path, files).left] == left
 
 
-def test_the_end_of_a_line_past_the_singularity_of_the_wrist_is_left(tmp_path: Path) -> None:
+def test_end_of_a_line_past_the_singularity_of_the_wrist_is_left(tmp_path: Path) -> None:
     """Axis 5 comes within a degree of 0 on the way: a controller may leave on either side."""
-    rig, path = rig_of("ur10e"), tmp_path / "a.script"
+    rig = rig_of("ur10e")
     begin, end = (18.38, -53.75, 61.05, 85.82, 9.19, -88.1), (-11.97, -55.13, 65.49, 78.83, -4.74, -104.68)
     home = ", ".join(f"{angle:.9f}" for angle in np.radians(begin))
     for joint, left in ((-4.74, ["past_singularity"]), (9.0, [])):
         X = flange_at(rig, np.radians([*end[:4], joint, end[5]]))
-        path.write_text(f"set_tcp(p[0,0,0,0,0,0])\nmovej([{home}])\nmovel(p[{ur_pose(X)}])\n")
-        assert [one.reason for one in _corrected(rig, path).left] == left
+        files = {"a.script": f"set_tcp(p[0,0,0,0,0,0])\nmovej([{home}])\nmovel(p[{ur_pose(X)}])\n"}
+        assert [one.reason for one in corrected_files(rig, tmp_path, files).left] == left
 
 
 @pytest.mark.parametrize(("q_deg", "cfx"), [((20, 40, -50, 30, 60, -40), 0), ((20, 40, -105, 30, 60, -40), 2)])
-def test_abb_cfx_decides_between_elbows(q_deg: Sequence[float], cfx: int, tmp_path: Path) -> None:
+def test_cfx_decides_between_elbows(q_deg: Sequence[float], cfx: int, tmp_path: Path) -> None:
     """Both elbows are within the limits; a cfx of the other wrist has no solution."""
-    rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
-    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    rig = rig_of("abb-irb-120")
     for conf, left in ((cfx, []), (cfx + 1, ["other_flags"])):
         pose = re.sub(r"(\[-?\d+,-?\d+,-?\d+),\d\]", rf"\g<1>,{conf}]", robtarget_of(rig, q_deg, np.eye(4)))
-        path.write_text(f"MODULE a\n{tool}\nPROC b()\nMoveJ {pose},v9,fine,t;\nENDPROC\nENDMODULE\n")
-        found = _corrected(rig, path)
+        _, files = abb_files(module_of(f"MoveJ {pose},v9,fine,t;\n"))
+        found = corrected_files(rig, tmp_path, files)
         assert [one.reason for one in found.left] == left
         if not left:
-            values = _values(_lines(found.files["a.mod"])[3])
-            X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
-            assert _left_mm(rig, X @ np.linalg.inv(ABB_TOOL), q_deg, ABB_TOOL) < 2e-3
-
-
-def test_a_point_that_the_program_assigns_again_or_reaches_in_two_postures_is_left(tmp_path: Path) -> None:
-    rig, path = rig_of("ur10e"), tmp_path / "a.script"
-    q = [", ".join(str(float(np.radians(angle))) for angle in UR[k]) for k in (0, 1)]
-    T = ur_pose(flange_at(rig, np.radians(UR[1])) @ UR_TOOL)
-    path.write_text(
-        f"set_tcp(p[0,0,0.145,0,0,0])\nhome=[{q[0]}]\nthere=p[{T}]\nmovej(home)\nmovel(there)\n"
-        f"while (True):\nmovel(there)\nend\nother=[{q[1]}]\nmovej(other)\nother=[{q[0]}]\n"
-    )
-    # A line from the place to itself keeps its posture, so it is one whichever way leads there.
-    assert _why(_corrected(rig, path)) == [(9, "changed")]
-    path.write_text(f"set_tcp(p[0,0,0.145,0,0,0])\nthere=p[{T}]\nif a:\nmovej([{q[0]}])\nend\nmovel(there)\n")
-    assert _why(_corrected(rig, path)) == [(2, "no_posture")]
-    turned = ", ".join(str(float(np.radians(angle))) for angle in (10, -75, 95, -25, 70 - 140, 15 + 150))
-    two = f"if a:\nmovej([{q[0]}])\nelse:\nmovej([{turned}])\nend\nmovel(there)\n"
-    path.write_text(f"set_tcp(p[0,0,0.145,0,0,0])\nthere=p[{T}]\n{two}")
-    assert _why(_corrected(rig, path)) == [(2, "two_postures")]
+            assert _left_mm(rig, _from_rapid(_lines(found.files["a.mod"])[4]), q_deg, ABB_TOOL) < 2e-3
 
 
 @pytest.mark.parametrize(
@@ -581,9 +462,9 @@ def test_a_number_keeps_its_style_and_its_column(text: str, value: float, new: s
     assert replaced(text, [(number, written(number, text, value, "roll_pitch_yaw", (3, 7)))]) == new
 
 
-YASKAWA_TOOL = frame((0, 0, 150), Rotation.identity())
 SCALE = (1365.3, -1137.8, 1000.0, 1024.0, -1024.0, 568.9)
-YASKAWA = [(20, 20, 15, 10, -65, -150), (25, 25, 10, -15, -70, -100), (-10, 15, 5, 20, -60, 30)]
+
+
 YASKAWA_PROGRAM = """\
 /JOB\r
 //NAME PICK\r
@@ -624,12 +505,6 @@ END\r
 """
 
 
-def yaskawa_pose(rig: Rig, q_deg: Sequence[float]) -> str:
-    T = flange_at(rig, np.radians(q_deg)) @ YASKAWA_TOOL
-    turn = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
-    return ",".join([*(f"{value:.3f}" for value in T[:3, 3]), *(f"{value:.4f}" for value in turn)])
-
-
 def test_yaskawa(tmp_path: Path) -> None:
     rig, path = rig_of("yaskawa-gp7"), tmp_path / "PICK.JBI"
     (flags,) = {configuration_of(arm_of(rig.robot), np.radians(q)) for q in YASKAWA}
@@ -638,12 +513,12 @@ def test_yaskawa(tmp_path: Path) -> None:
     poses = {f"pose{k}": yaskawa_pose(rig, YASKAWA[k]) for k in (1, 2)}
     path.write_bytes(YASKAWA_PROGRAM.format(pulses=pulses, form=form, **poses).encode())
     listed = [(15, "displaced"), (20, "changed"), (30, "relative")]
-    without = _corrected(rig, path, ["3=0,0,150,0,0,0"], ["4=0"])
-    assert _why(without) == [(8, "no_scale"), *listed]
-    found = _corrected(rig, path, ["3=0,0,150,0,0,0"], ["4=0"], SCALE)
+    without = corrected(rig, path, *YASKAWA_STATED)
+    assert uncorrected(without) == [(8, "no_scale"), *listed]
+    found = corrected(rig, path, *YASKAWA_STATED, SCALE)
     data = found.files["PICK.JBI"]
     assert _changed(path.read_bytes(), data) == {8, 13, 14, 16}
-    assert _why(found) == listed
+    assert uncorrected(found) == listed
     lines = _lines(data)
     told = np.array(_values(lines[7][7:])) / SCALE
     # A pulse is 0.001°, 15 µm at the tool; the given program has the same rounding.

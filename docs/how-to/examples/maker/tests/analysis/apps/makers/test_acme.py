@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.apps.correct.corrected_program import NO_FRAMES, CorrectedProgram, correct_program
+from analysis.apps.correct.corrected_program import CorrectedProgram, correct_program
+from analysis.apps.correct.stated_frames import NO_FRAMES
 from analysis.apps.emulate.driving import ControllerState
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import encoded_programs, programs_of

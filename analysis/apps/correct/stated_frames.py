@@ -1,0 +1,104 @@
+"""Statements of the user on the controller: tools, frames, neutral routines, and the joint angles at the start."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array, transform
+from rigs.errors import UseError
+from rigs.schema.robot import Pose, Robot
+from rigs.text import numbers_in
+
+_HOW = "write NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
+_NEAREST_MM = 5.0
+"""Distance below which a non-zero tool or frame was probably stated in metres. Chosen: no arm is longer than 5 m."""
+_FARTHEST_MM = 1e6
+"""Maximum distance of a frame: a kilometre is a typing error."""
+_MOST_TURNED_DEG = 1000.0
+"""Maximum joint angle: arms turn less than three times."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    tools: Mapping[str, Array] = field(default_factory=dict)
+    """Frames (4, 4) in mm from the flange, by name in lower case."""
+    frames: Mapping[str, Array] = field(default_factory=dict)
+    """User frames in the robot's base."""
+    neutral: tuple[str, ...] = ()
+    """Routines without a text that neither move the arm nor change tools, frames, registers or displacements."""
+
+    def stated(self, kind: str, name: str) -> Array | None:
+        return (self.tools if kind == "tool" else self.frames).get(name.lower())
+
+    def doubts(self, named: set[tuple[str, str]] | None) -> list[str]:
+        """Doubts about frames that are probably in metres, or that no move uses. named: kinds and names that moves of
+        the programs use, None without programs."""
+        doubts = []
+        for kind, frames in (("tool", self.tools), ("frame", self.frames)):
+            for name, frame in frames.items():
+                if named is not None and (kind, name) not in named:
+                    doubts.append(
+                        f"--{kind} {name}: the programs contain no move that certainly uses a {kind} of that name"
+                    )
+                if 0 < (away_mm := float(np.linalg.norm(frame[:3, 3]))) < _NEAREST_MM:
+                    doubts.append(
+                        f"--{kind} {name}: a distance of only {away_mm:.3g} mm; lengths are in mm; in metres "
+                        f"the distance would be {1e3 * away_mm:.4g} mm"
+                    )
+        return doubts
+
+
+NO_FRAMES = Frames()
+
+
+def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str], neutral: Sequence[str] = ()) -> Frames:
+    """Parse texts "name=x,y,z,rx,ry,rz" as frames, and lists of routines that change nothing, separated by commas.
+
+    A tool can also be "name=rig", the tool of the rig file, and both can be "name=0". Raises UseError for any other
+    text, and for a name with two different frames.
+    """
+    routines = tuple(name.strip() for text in neutral for name in text.split(","))
+    for name in routines:
+        if not re.fullmatch(r"\w[\w -]{0,39}", name):
+            raise UseError(
+                f"--neutral {name}", "is not the name of a routine", "write NAME or NAME,NAME", code="program.neutral"
+            )
+    return Frames(_named("--tool", tools, transform(robot.tool)), _named("--frame", frames, None), routines)
+
+
+def _named(option: str, texts: Sequence[str], of_rig: Array | None) -> dict[str, Array]:
+    frames: dict[str, Array] = {}
+    for text in texts:
+        name, equals, values = (part.strip() for part in text.partition("="))
+        if not equals or not name:
+            raise UseError(f"{option} {text}", "is not NAME=…", _HOW, code="program.frame")
+        if values == "rig" and of_rig is not None:
+            frame = of_rig
+        elif values == "0":
+            frame = np.eye(4)
+        else:
+            numbers = _six(f"{option} {text}", values, _FARTHEST_MM, _HOW)
+            frame = transform(Pose(xyz_mm=tuple(numbers[:3]), rpy_deg=tuple(numbers[3:])))
+        if not np.array_equal(frames.setdefault(name.lower(), frame), frame):
+            raise UseError(
+                f"{option} {name}", "is given twice, with different numbers", "give it once", code="program.frame"
+            )
+    return frames
+
+
+def start_of(text: str | None) -> tuple[float, ...] | None:
+    """Parse joint angles (6,) rad from "deg,deg,…"; None for None. Raises UseError for other text."""
+    how = "give the six joint angles in degrees at the start of the program"
+    numbers = () if text is None else _six(f"--start-joints {text}", text, _MOST_TURNED_DEG, how)
+    return tuple(np.radians(numbers).tolist()) or None
+
+
+def _six(argument: str, text: str, limit: float, how: str) -> tuple[float, ...]:
+    numbers = numbers_in(text)
+    if len(numbers) != 6 or not all(abs(value) < limit for value in numbers):
+        raise UseError(argument, "is not six numbers", how, code="program.frame")
+    return numbers
