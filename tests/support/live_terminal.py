@@ -13,6 +13,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pyte
+from rich.console import RenderableType
+from rich.segment import Segment
+
+from analysis.cli.plain_console import PlainConsole
 
 PATIENCE_S = 90.0
 """Time limit for the screen to show a text. Chosen: a bus scan took more than 40 s on a computer that stalled for
@@ -89,3 +93,13 @@ class Terminal:
     def is_as_before(self) -> bool:
         """True if the terminal settings are the same as before the program ran."""
         return termios.tcgetattr(self._slave) == self.before
+
+
+def screen_of(picture: RenderableType, width: int, height: int) -> list[list[Segment]]:
+    """The rows of a picture on a terminal of this size."""
+    console = PlainConsole()
+    return console.render_lines(picture, console.options.update_dimensions(width, height), pad=False)
+
+
+def lines_of(picture: RenderableType, width: int, height: int) -> list[str]:
+    return ["".join(segment.text for segment in row) for row in screen_of(picture, width, height)]

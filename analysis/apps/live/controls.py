@@ -10,8 +10,6 @@ from analysis.apps.live.view import GaugeReading, LiveView
 from rigs.errors import UseError
 from rigs.schema.vocabulary import CIRCLES, OF_ISO9283, Direction, TestName
 
-REDRAW = "\x0c"
-"""Ctrl-L."""
 _ESCAPE = "\x1b"
 _LONGEST_PROMPT = 200
 
@@ -62,7 +60,6 @@ class RecordingLabel:
         return cls(name, test, way)
 
     def fields(self) -> dict[str, str | None]:
-        """Fields of a request."""
         return {"name": self.name, "test": self.test, "direction": self.direction}
 
     def __str__(self) -> str:
@@ -78,16 +75,8 @@ class StartRecording:
         return {**self.label.fields(), **({"view_zero_mm": self.zero_mm} if any(self.zero_mm) else {})}
 
 
-Action = StartRecording | Literal["quit", "stop", "restart", "redraw", "pause", "faster", "slower"]
-_ACTIONS: dict[str, Action] = {
-    "q": "quit",
-    "e": "stop",
-    "r": "restart",
-    " ": "pause",
-    "+": "faster",
-    "-": "slower",
-    REDRAW: "redraw",
-}
+Action = StartRecording | Literal["quit", "stop", "restart", "pause", "faster", "slower"]
+_ACTIONS: dict[str, Action] = {"q": "quit", "e": "stop", "r": "restart", " ": "pause", "+": "faster", "-": "slower"}
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from analysis.apps.live.canvas import ACW_COLOUR, CW_COLOUR, GAUGE_COLOURS, Area, Dots, direction_colour
+from analysis.apps.live.canvas import ACW_COLOUR, CW_COLOUR, GAUGE_COLOURS, DotGrid, direction_colour
 from analysis.apps.live.controls import LiveControls
 from analysis.apps.live.lap import ErrorCurve, pieces
 from analysis.apps.live.view import LiveView
@@ -42,11 +42,10 @@ def unit_of(view: LiveView, controls: LiveControls) -> tuple[str, float]:
     return f" {controls.units.name}", controls.units.per_mm
 
 
-def draw_circle(area: Area, view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
+def draw_circle(view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve], dots: DotGrid) -> None:
     if view.cell is None or view.cell.frame is None:
-        area.put(area.height // 2, 1, "no circle test" if view.cell else "no rig file yet", "dim")
+        dots.put(dots.height // 2, 1, "no circle test" if view.cell else "no rig file yet", "dim")
         return
-    dots = Dots(area)
     middle_x, middle_y = dots.width_dots / 2, dots.height_dots / 2
     size = min(middle_x, middle_y) - 1
 
@@ -63,25 +62,20 @@ def draw_circle(area: Area, view: LiveView, controls: LiveControls, curves: tupl
 
     def mark(phi_rad: float, share: float, character: str, style: str) -> None:
         x, y = placed(np.array([phi_rad]), share)
-        area.put(int(y[0] // 4), int(x[0] // 2), character, style)
+        dots.put(int(y[0] // 4), int(x[0] // 2), character, style)
 
     for reversal in view.reversals[-_MARKS:]:
         if math.isfinite(reversal.phi_rad):
             mark(reversal.phi_rad, _OUTSIDE, f"{reversal.axis}", direction_colour(reversal.sense))
     mark(view.cell.start_rad, -_INSIDE, "┼", "dim")
+    colours = (ACW_COLOUR, CW_COLOUR, "dim", "dim")
     for row, words in enumerate(_legend(view, controls, curves, scale)):
-        area.put(
-            (area.height - 4) // 2 + row,
-            (area.width - len(words)) // 2,
-            words,
-            (ACW_COLOUR, CW_COLOUR, "dim", "dim")[row],
-        )
+        dots.put((dots.height - 4) // 2 + row, (dots.width - len(words)) // 2, words, colours[row])
     if len(view.phi) and math.isfinite(view.phi[-1]):
         mark(float(view.phi[-1]), 0.0, "●", "bold")
 
 
 def _legend(view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve], scale: float) -> list[str]:
-    """Error bands and scale."""
     unit, factor = unit_of(view, controls)
     words = []
     for name, curve in zip(("acw", "cw"), curves, strict=True):
@@ -101,31 +95,27 @@ _LEAST_MM = 0.001
 _QUARTERS = 4
 
 
-def draw_trace(area: Area, view: LiveView, controls: LiveControls) -> None:
+def draw_trace(view: LiveView, controls: LiveControls, dots: DotGrid) -> None:
     """The last readings of each gauge relative to their mean, on a common scale."""
-    plot = area.part(0, _LABEL, area.width - _LABEL, area.height)
-    seconds = max(5.0, plot.width * _SECONDS_A_COLUMN)
+    columns = dots.width - _LABEL
+    seconds = max(5.0, columns * _SECONDS_A_COLUMN)
     recent, units = view.since(seconds), controls.units
-    area.put(0, 1, "trace", "bold")
-    if not len(recent) or not plot.width:
+    dots.put(0, 1, "trace", "bold")
+    if not len(recent) or columns <= 0:
         return
     with_values = [k for k in range(2) if np.isfinite(recent.g_mm[:, k]).any()]
     lines = {k: recent.g_mm[:, k] - np.nanmean(recent.g_mm[:, k]) for k in with_values}
     reach_mm = max([_LEAST_MM / 2, *(float(np.nanmax(np.abs(line))) for line in lines.values())])
-    area.put(area.height // 2, 1, f"±{reach_mm * units.per_mm:.{max(1, units.decimals - 1)}f} {units.name}", "dim")
-    area.put(area.height - 1, 1, f"{seconds:.0f} s", "dim")
-    dots = Dots(plot)
-    x = dots.width_dots - 1 - (recent.t_s[-1] - recent.t_s) / seconds * dots.width_dots
+    dots.put(dots.height // 2, 1, f"±{reach_mm * units.per_mm:.{max(1, units.decimals - 1)}f} {units.name}", "dim")
+    dots.put(dots.height - 1, 1, f"{seconds:.0f} s", "dim")
+    x = dots.width_dots - 1 - (recent.t_s[-1] - recent.t_s) / seconds * 2 * columns
     for k, line in lines.items():
         y = (dots.height_dots - 1) * (0.5 - 0.48 * line / reach_mm)
-        # sections of a line (n,) that contain no NaN
-        finite = np.concatenate([[False], np.isfinite(line), [False]])
-        begins, ends = np.flatnonzero(finite[1:] & ~finite[:-1]), np.flatnonzero(finite[:-1] & ~finite[1:])
-        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
-            dots.polyline(x[begin:end], y[begin:end], GAUGE_COLOURS[k])
+        for piece in np.ma.clump_unmasked(np.ma.masked_invalid(line)):  # type: ignore[no-untyped-call]
+            dots.polyline(x[piece], y[piece], GAUGE_COLOURS[k])
 
 
-def draw_straight(area: Area, view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
+def draw_straight(view: LiveView, controls: LiveControls, curves: tuple[ErrorCurve, ErrorCurve], dots: DotGrid) -> None:
     unit, factor = unit_of(view, controls)
     scale = scale_of(curves)
     words = "error over φ"
@@ -133,22 +123,21 @@ def draw_straight(area: Area, view: LiveView, controls: LiveControls, curves: tu
         words += ", less its mean"
     elif any(len(curve.phi) for curve in curves):
         words += ", less its sine"
-    area.put(0, 1, words, "bold")
-    plot = area.part(1, _LABEL, area.width - _LABEL - 1, area.height - 2)
-    dots = Dots(plot)
-    if dots.width_dots < 4 or dots.height_dots < 4:
+    dots.put(0, 1, words, "bold")
+    columns, height_dots = dots.width - _LABEL - 1, dots.height_dots - 8  # between the title and the angles
+    if columns < 2 or height_dots < 4:
         return
     if any(len(curve.phi) for curve in curves):
-        area.put(1, 1, f"{scale * factor:+zg}{unit}", "dim")
-        area.put(area.height - 2, 1, f"{-scale * factor:+zg}{unit}", "dim")
+        dots.put(1, 1, f"{scale * factor:+zg}{unit}", "dim")
+        dots.put(dots.height - 2, 1, f"{-scale * factor:+zg}{unit}", "dim")
     for quarter in range(_QUARTERS + 1):
         label = f"{90 * quarter}°"
-        column = _LABEL + round(quarter / _QUARTERS * (plot.width - 1)) - (len(label) if quarter == _QUARTERS else 0)
-        area.put(area.height - 1, column + (quarter == _QUARTERS), label, "dim")
-    zero = np.arange(0.0, dots.width_dots, 4.0)
+        column = _LABEL + round(quarter / _QUARTERS * (columns - 1)) - (len(label) - 1 if quarter == _QUARTERS else 0)
+        dots.put(dots.height - 1, column, label, "dim")
+    zero = np.arange(2 * _LABEL, 2 * (_LABEL + columns), 4.0)
     dots.points(zero, np.full(len(zero), dots.height_dots / 2), "dim")
     for curve, colour, every in zip(curves, (ACW_COLOUR, CW_COLOUR), (1, 2), strict=True):
         for piece in pieces(curve):
-            x = curve.phi[piece] / (2 * math.pi) * dots.width_dots
-            y = (dots.height_dots - 1) * (0.5 - 0.5 * curve.error[piece] / scale)
+            x = 2 * (_LABEL + columns * curve.phi[piece] / (2 * math.pi))
+            y = 4 + (height_dots - 1) * (0.5 - 0.5 * curve.error[piece] / scale)
             dots.polyline(x, y, colour, every)

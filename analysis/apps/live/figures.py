@@ -27,12 +27,10 @@ def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> floa
 
 
 def angle_name(view: LiveView) -> str:
-    """Yaw or roll during such a test."""
     return view.test if view.test in CIRCLES else "angle"
 
 
 def phi_deg(view: LiveView) -> float | None:
-    """Current circle angle; None if the tool is off the circle."""
     return None if not len(view.phi) or math.isnan(view.phi[-1]) else math.degrees(view.phi[-1])
 
 

@@ -40,17 +40,15 @@ class LapProgress:
     extreme_rad: float = math.nan
     """Furthest angle in this sense."""
     from_rad: float = math.nan
-    """Start of the motion in this sense."""
     acw: int = 0
     cw: int = 0
     forward: int = 0
     """Sense of the first complete lap since the tool reached the circle; 0 before."""
     origin_rad: float = math.nan
-    """Start of this lap."""
 
     @property
     def goes_back(self) -> bool:
-        """True if the tool returns along the path of the laps."""
+        """True if the tool returns along the laps."""
         unwinds = self.forward != 0 and self.sense == -self.forward
         return unwinds and self.forward * (self.phi_rad - self.origin_rad) > 0
 
@@ -110,7 +108,6 @@ class LapProgress:
         return counted
 
     def ended(self) -> LapProgress:
-        """Progress after leaving the circle."""
         off = replace(self.counted(), phi_rad=math.nan, sense=0, extreme_rad=math.nan, from_rad=math.nan)
         return replace(off, forward=0, origin_rad=math.nan)
 

@@ -113,7 +113,6 @@ class LiveCell:
     name: str
     arm: Arm
     axes: tuple[str, ...]
-    """Names of the joints."""
     baseline_mm: float
     """0 for a single gauge."""
     frame: CircleFrame | None

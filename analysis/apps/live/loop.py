@@ -12,12 +12,15 @@ from dataclasses import replace
 from types import FrameType
 from typing import Protocol
 
+from rich.live import Live
+
 from analysis.apps.live.controls import Action, LiveControls
 from analysis.apps.live.figures import figures, plain_line
 from analysis.apps.live.played_run import SPEEDS, PlayedRun
-from analysis.apps.live.screen import screen
-from analysis.apps.live.terminal import Painter, keys_of, size_of
+from analysis.apps.live.screen import LiveScreen
+from analysis.apps.live.terminal import keys_of
 from analysis.apps.live.view import LiveView, Update
+from analysis.cli.plain_console import PlainConsole
 
 _TICK_S = 0.1
 _LINE_S = 1.0
@@ -67,13 +70,13 @@ class RunPlayer:
 
 
 def watch(source: LiveSource, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> None:
-    """Show a source on the terminal, relative to the zeros of the gauges, until the user quits."""
     controls = LiveControls(zero_mm=zero_mm)
-    with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, Painter(sys.stdout) as painter:
+    shown = Live(console=PlainConsole(), screen=True, auto_refresh=False)
+    with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, shown:
         while True:
             before, (view, notice) = view, _advanced(view, source)
             controls = controls.with_notice(notice, before, view)
-            painter.paint(screen(view, controls, *size_of(sys.stdout)))
+            shown.update(LiveScreen(view, controls), refresh=True)
             for key in keys.read_keys(_TICK_S):
                 controls, action = controls.pressed(key, view.readings)
                 match action:
@@ -81,8 +84,6 @@ def watch(source: LiveSource, view: LiveView, zero_mm: tuple[float, float] = (0.
                         return
                     case "restart":
                         view = view.restarted()
-                    case "redraw":
-                        painter.invalidate_screen()
                     case None:
                         pass
                     case _:

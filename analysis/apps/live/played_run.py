@@ -33,17 +33,12 @@ class PlayedRun:
     direction: Direction | None
     cell: LiveCell
     rig_sha256: str
-    """Digest of the rig file."""
     rows: LiveRows
     speed: float
     zero_mm: tuple[float, float] = (0.0, 0.0)
-    """Zero offsets of the recording view."""
     begins_s: float = 0.0
-    """Time of the first row in the view."""
     at_s: float = 0.0
-    """Time since the first row."""
     shown: int = 0
-    """Number of rows shown."""
     paused: bool = False
 
     @property
@@ -60,11 +55,9 @@ class PlayedRun:
         )
 
     def begun(self) -> LiveView:
-        """View before the first row."""
         return LiveView(self.cell).labelled(self.name, self.test, self.direction)
 
     def after(self, seconds: float) -> tuple[PlayedRun, Update]:
-        """Advance the playback by some seconds."""
         at_s = self.at_s if self.paused or self.ended else self.at_s + self.speed * seconds
         until = int(np.searchsorted(self.rows.t_s, at_s, side="right"))
         at_s = min(at_s, float(self.rows.t_s[-1]))

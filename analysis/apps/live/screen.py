@@ -1,81 +1,376 @@
-"""Layout of the screen: draws the view and the controls onto a canvas with the size of the terminal."""
+"""The screen of `rig live`: panels of the view and the controls, in the size of the terminal."""
 
 from __future__ import annotations
 
-from analysis.apps.live.canvas import Area, Canvas
-from analysis.apps.live.controls import LiveControls
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from rich.align import Align
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.layout import Layout
+from rich.padding import Padding
+from rich.panel import Panel
+from rich.styled import Styled
+from rich.text import Text
+
+from analysis.apps.live.canvas import (
+    ANGLE_COLOUR,
+    GAUGE_COLOURS,
+    Plot,
+    below_each_other,
+    direction_colour,
+    height_of,
+    large,
+    row_of,
+    width_of,
+)
+from analysis.apps.live.controls import KEYS, LiveControls
 from analysis.apps.live.error_panels import draw_circle, draw_straight, draw_trace
-from analysis.apps.live.figures import angle_deg, angle_name, plain_line, shown_curves
-from analysis.apps.live.gauge_panels import draw_angle, draw_gauge, draw_lap, gauge_rows, scale_for
-from analysis.apps.live.text_panels import draw_events, draw_foot, draw_head, draw_help, draw_joints, draw_links
-from analysis.apps.live.view import LiveView
+from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, lap_state, phi_deg, plain_line, shown_curves
+from analysis.apps.live.lap import LiveReversal, moves, speeds
+from analysis.apps.live.view import LiveEvent, LiveView
+from rigs.schema.condition import CONDITION, condition_words
+from rigs.schema.vocabulary import FURTHER
+from rigs.text import plain
+
+_STEADY_MM_S = 0.0005
+"""Trend below which a reading is steady: the noise of a 0.5 µm gauge over two seconds."""
+_LARGEST_SCALE = 4
+_ANGLE_TEXT = "-00.0000"
+
+
+def scale_for(view: LiveView, controls: LiveControls, width: int) -> int:
+    """Largest scale at which both gauges fit, at least 1."""
+    text = max((_text(view, controls, k, _widest(view, controls, k)) for k in range(2)), key=len)
+    text = "".join("0" if character.isdigit() else character for character in text)
+    fits = [scale for scale in range(1, _LARGEST_SCALE + 1) if width_of(text, scale) <= width - 2]
+    return max(fits, default=1)
+
+
+def gauge_rows(scale: int) -> int:
+    return height_of(scale) + 2
+
+
+def gauge_panel(view: LiveView, controls: LiveControls, k: int, scale: int, width: int) -> Text:
+    name, units, colour = f"g{k + 1}", controls.units, GAUGE_COLOURS[k]
+    head = [(name, f"bold {colour}"), (f" {units.name}", "")]
+    if name not in view.readings:
+        return row_of(*head, ("  no reading yet", "dim"))
+    reading = view.readings[name]
+    if controls.zero_mm[k]:
+        head.append((f"  less {controls.zero_mm[k] * units.per_mm:.{units.decimals}f}", "bold"))
+    old = reading.age_s > OLD_S
+    if old:
+        head.append((f"  {reading.age_s:.0f} s old", "yellow"))
+    elif not math.isnan(slope := float(view.trends_mm_s[k])):
+        sign = 0 if abs(slope) < _STEADY_MM_S else int(math.copysign(1, slope))
+        # Two decimals fewer than a reading: a slope over two seconds is not more accurate.
+        rate = f" {slope * units.per_mm:+.{max(0, units.decimals - 1)}f}/s" if sign else " steady"
+        head.append((f"  {_ARROWS[sign]}{rate}", "" if sign else "dim"))
+    shown = _text(view, controls, k, reading.mm)
+    digits = [row_of((shown, "bold"))]
+    if width_of(shown, scale) <= width - 1:
+        digits = large(shown, scale, "dim" if old else f"bold {colour}")
+    digits += [Text()] * (height_of(scale) - len(digits))
+    return below_each_other(row_of(*head), *digits, _range_row(view, controls, k, width - 1))
+
+
+_ARROWS = {1: "▲", -1: "▼", 0: "■"}
+
+
+def angle_panel(view: LiveView, controls: LiveControls, scale: int, width: int) -> Text:
+    """Yaw or roll in large figures, with circle angle and lap below."""
+    degrees, name = angle_deg(view, controls.zero_mm), (angle_name(view), f"bold {ANGLE_COLOUR}")
+    if degrees is None:
+        rows = [row_of(name, (" needs two gauges", "dim"))]
+    else:
+        fits = [candidate for candidate in range(1, scale + 1) if width_of(_ANGLE_TEXT, candidate) <= width - 2]
+        rows = [row_of(name, " °"), *large(f"{degrees:z8.4f}", max(fits, default=1), f"bold {ANGLE_COLOUR}")]
+    rows += [Text()] * (gauge_rows(scale) - 1 - len(rows))
+    return below_each_other(*rows, lap_row(view, width))
+
+
+def lap_row(view: LiveView, width: int) -> Text:
+    """Circle angle and progress of the lap in a row, or why they are missing."""
+    phi, lap, sense = phi_deg(view), lap_state(view), view.lap.sense
+    if view.cell is None or lap.place == "no_circle":
+        return row_of(("the rig file has no circle test" if view.cell else "", "dim"))
+    if phi is None:
+        return row_of(("φ –  the tool is not on the circle", "dim"))
+    angle = (f"φ {phi:5.1f}°  ", "bold")
+    if lap.place == "stands":
+        return row_of(angle, ("stands", "dim"))
+    way = ({1: "acw ↺", -1: "cw ↻"}[sense], direction_colour(sense))
+    if lap.place in ("way_back", "lead_out"):
+        return row_of(angle, way, {"way_back": " way back", "lead_out": " lead-out"}[lap.place])
+    words = f" lap {lap.number}" + (f" of {view.cell.laps} " if view.direction else " ")
+    part = "lead-in" if lap.place == "lead_in" else f"{100 * lap.share:3.0f} %"
+    length = min(30, width - sum(map(len, (angle[0], way[0], words, part))) - 3)
+    full = round(length * lap.share)
+    bar = f"{'█' * full}{'░' * (length - full)} " if length > 3 else ""
+    return row_of(angle, way, words, (bar, direction_colour(sense)), part)
+
+
+def _text(view: LiveView, controls: LiveControls, k: int, mm: float) -> str:
+    """Reading with the width of the largest previous one, which keeps the figures in place."""
+    units = controls.units
+    widest = f"{-abs(_widest(view, controls, k) - controls.zero_mm[k]) * units.per_mm:.{units.decimals}f}"
+    return f"{(mm - controls.zero_mm[k]) * units.per_mm:{len(widest)}.{units.decimals}f}"
+
+
+def _widest(view: LiveView, controls: LiveControls, k: int) -> float:
+    values = [] if view.extremes_mm is None else [float(mm) for mm in view.extremes_mm[k] if math.isfinite(mm)]
+    name = f"g{k + 1}"
+    values += [view.readings[name].mm] if name in view.readings else []
+    return max(values, key=lambda mm: abs(mm - controls.zero_mm[k]), default=0.0)
+
+
+def _range_row(view: LiveView, controls: LiveControls, k: int, width: int) -> Text:
+    """Bar of the calibrated range if known, otherwise of the observed range, with the reading."""
+    if view.extremes_mm is None or not np.isfinite(view.extremes_mm[k]).all():
+        return Text()
+    low, high = (float(mm) for mm in view.extremes_mm[k])
+    units, zero = controls.units, controls.zero_mm[k]
+    least, most = (f"{(mm - zero) * units.per_mm:.{units.decimals}f}" for mm in (low, high))
+    ranges = view.cell.range_mm if view.cell else ()
+    stated = ranges[k] if k < len(ranges) else None
+    ends = stated or (low, high)
+    length = width - len(least) - len(most) - 11
+    if length < 5:
+        return row_of((f"min {least}  max {most}", "dim"))
+
+    def place(mm: float) -> int:
+        return round((length - 1) * min(max((mm - ends[0]) / max(ends[1] - ends[0], 1e-12), 0.0), 1.0))
+
+    bar = ["·" if stated else "─"] * length
+    bar[place(low) : place(high) + 1] = "─" * (place(high) + 1 - place(low))
+    bar[0], bar[-1] = "├", "┤"
+    at = place(view.readings[f"g{k + 1}"].mm)
+    left, right = "".join(bar[:at]), "".join(bar[at + 1 :])
+    return row_of((f"min {least} {left}", "dim"), ("●", GAUGE_COLOURS[k]), (f"{right} max {most}", "dim"))
+
+
+_LITTLE_DISK = 0.05
+"""Share of free disk space below which a warning is shown."""
+_LATE_DRIFT_PPM = 500.0
+"""Drift from which a clock is marked: instrument clocks are within about 100 ppm of the host."""
+
+
+def head_row(view: LiveView) -> Text:
+    name = view.cell.name if view.cell else (view.state or {}).get("rig", "rig live")
+    return row_of((f"{name}  ", "bold"), *_state_of(view))
+
+
+def _state_of(view: LiveView) -> Iterator[tuple[str, str]]:
+    """What the daemon or the played run is doing, with styles."""
+    if view.lost:
+        yield view.lost, "bold red"
+    elif played := view.played:
+        mark = "■ ended" if played.ended else "‖ paused" if played.paused else "▶ played"
+        yield f"{mark} {played.name}, {played.at_s:.1f} of {played.of_s:.1f} s, speed {played.speed:g}  ", "bold green"
+        yield " ".join(filter(None, (view.test, view.direction))), ""
+    elif state := view.state:
+        if state["recording"]:
+            label = " ".join(filter(None, (state["test"], state["direction"])))
+            yield f"● recording {state['recording']} ({label}) {state['seconds']:.0f} s", "bold red"
+            return
+        yield "not recording  ", "dim"
+        if state.get("waiting"):
+            yield f"{state['waiting']} waits for the disk", "bold red"
+        elif state.get("beginning"):
+            yield f"{state['beginning']} begins", "yellow"
+        elif view.cut:
+            yield view.cut, "bold yellow"
+        elif (automatic := state["automatic"]) is not None:
+            why = f"; not started: {automatic['why_not']}" if automatic["why_not"] else ""
+            yield f"automatic, waits for {'; '.join(automatic['waits_for'])}{why}", "dim"
+        elif state["last_end"]:
+            yield f"last: {state['last_end']}", "dim"
+
+
+def joints_panel(view: LiveView) -> Text:
+    if not len(view.rows) or not np.isfinite(view.rows.q[-1]).all():
+        missing = "joint angles missing: the robot sends no data" if view.readings else "no joints yet"
+        return row_of((missing, "dim"))
+    names = view.cell.axes if view.cell else tuple(f"axis {axis}" for axis in range(1, 7))
+    rows, speed = [], speeds(view.rows)
+    for k, (name, angle) in enumerate(zip(names, np.degrees(view.rows.q[-1]).tolist(), strict=True)):
+        sense, last = moves(float(speed[k])), view.last_reversals.get(k + 1)
+        pace = f" {math.degrees(speed[k]):+z6.1f}°/s" if sense else "    stands"
+        turned = f"{view.reversal_counts[k]} rev, last {_place(last)}" if last else ""
+        rows.append(
+            row_of(
+                (f"{k + 1} ", "bold"), f"{name[:9]:<9} {angle:z9.3f}° ", {1: "▲", -1: "▼", 0: "■"}[sense],
+                (f"{pace:<11}", "dim"), (turned, direction_colour(last.sense) if last else ""),
+            )
+        )  # fmt: skip
+    return below_each_other(*rows)
+
+
+def events_panel(view: LiveView, most: int) -> Text:
+    now_s = float(view.rows.t_s[-1]) if len(view.rows) else 0.0
+    rows = [row_of(("what happened", "bold"))]
+    for event in reversed(view.events[-max(1, most) :]):
+        style = "yellow" if event.reversal is None else direction_colour(event.reversal.sense)
+        rows.append(row_of((f"{now_s - event.t_s:6.1f} s ago  {event_words(event, view)}", style)))
+    return below_each_other(*rows)
+
+
+def links_panel(view: LiveView, height: int) -> Text:
+    if (state := view.state) is None:
+        return Text()
+    streams = list(state["streams"].items())[: max(0, height - 1)]
+    rows = [row_of(*_stream(name, stream, view, state.get("clocks", {}).get(name))) for name, stream in streams]
+    last = []
+    if disk := state.get("disk"):
+        share = disk["free_bytes"] / max(disk["size_bytes"], 1)
+        words = f"disk {disk['free_bytes'] / 1e9:.1f} GB free ({100 * share:.0f} %)  "
+        last.append((words, "bold yellow" if share < _LITTLE_DISK else "dim"))
+    if host := ", ".join(f"{count} {kind}" for kind, count in state.get("host", {}).items()):
+        last.append((f"computer: {host}  ", "yellow"))
+    if state["recording"] and "samples" in state:
+        synced = ", ".join(f"{name} {count}" for name, count in state.get("synced", {}).items())
+        last.append((f"on the disk: {synced}", "dim"))
+    return below_each_other(*rows, row_of(*last))
+
+
+def _stream(
+    name: str, stream: dict[str, Any], view: LiveView, clock: dict[str, Any] | None
+) -> Iterator[tuple[str, str]]:
+    """Connection, rate, condition, further gauges, clock and faults of a stream, with styles."""
+    words = ("connected ", "green") if stream["connected"] else ("lost      ", "bold red")
+    yield f"{name:<6}"[:12] + " ", "bold"
+    yield ("last known ", "") if view.lost else words
+    yield f"{stream['rate_hz']:6.1f} Hz ", ""
+    now = {column: value for column, value in stream["last"].items() if stream["age_s"][column] <= OLD_S}
+    disturbed = [words for words, disturbs in condition_words(now) if disturbs]
+    if disturbed and stream["connected"]:
+        yield " · ".join(disturbed) + " ", "bold red"
+    old = [column for column, age_s in stream["age_s"].items() if age_s > OLD_S and column not in CONDITION]
+    if old and stream["connected"]:
+        yield f"silent {stream['age_s'][old[0]]:.0f} s ", "yellow"
+    for gauge in [part for part in name.split("_") if part in FURTHER and part in view.readings]:
+        yield f"{gauge} {view.readings[gauge].mm:z.4f} mm ", "bold"
+    if clock:
+        drift = clock.get("drift_ppm")
+        late = f"late {1e3 * clock['late_s']:z.1f} ms" + (f", clock {drift:+z.0f} ppm " if drift is not None else " ")
+        yield late, "yellow" if drift is not None and abs(drift) > _LATE_DRIFT_PPM else "dim"
+    faults = ", ".join(f"{n} {kind}" for kind, n in stream["counters"].items() if kind != "samples")
+    yield (f"{faults}; last: {stream['last_fault']}", "yellow") if faults else ("no faults", "dim")
+
+
+def foot_rows(view: LiveView, controls: LiveControls, width: int) -> list[Text]:
+    """A message, if any, and the typed label or the keys in the last row."""
+    message = [row_of((line, "yellow")) for line in wrap(plain(controls.message), max(1, width - 2))]
+    if controls.prompt is not None:
+        label = ("label (name test direction, Esc to leave): ", "bold")
+        return [*message, row_of(label, f"{controls.prompt}█")]
+    keys = "space pause  + - speed  u units  z zero" if view.played else "s start  e end  l label  z zero  u units"
+    return [*message, row_of((f"{keys}  r restart  ? help  q quit", "dim"))]
+
+
+def help_panel() -> Panel:
+    rows = (row_of((f"{key:<7}", "bold"), words) for key, words in KEYS)
+    return Panel(below_each_other(*rows), title="keys", title_align="left", expand=False)
+
+
+def event_words(event: LiveEvent, view: LiveView) -> str:
+    if event.reversal is None:
+        return event.words
+    reversal = event.reversal
+    name = f" ({view.cell.axes[reversal.axis - 1]})" if view.cell else ""
+    return f"axis {reversal.axis}{name} turned back at {_place(reversal)}"
+
+
+def _place(reversal: LiveReversal) -> str:
+    """Position and direction of a joint reversal; upper is from rising to falling."""
+    return (f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else "") + (
+        "▲▼" if reversal.upper else "▼▲"
+    )
+
 
 _LEAST_WIDTH, _LEAST_HEIGHT = 60, 18
 """Minimum size of the terminal for panels. A smaller one shows only figures."""
 _THREE_WIDE = 150
-"""Minimum width for large figures of the angle next to the gauges."""
 _STRAIGHT = 170
-"""Minimum width for the straight error curve."""
+_JOINT_ROWS = 7
 
 
-def screen(view: LiveView, controls: LiveControls, width: int, height: int) -> Canvas:
-    canvas = Canvas(max(1, width), max(1, height))
-    area = canvas.area()
-    if width < _LEAST_WIDTH or height < _LEAST_HEIGHT:
-        rows = [part.strip() for part in plain_line(view, controls.units, controls.zero_mm).split(";")]
-        for row, words in enumerate(rows[: area.height]):
-            area.put(row, 0, words)
-        if area.height > len(rows):
-            draw_foot(area.part(len(rows), 0, area.width, area.height - len(rows)), view, controls)
-    else:
-        figures = 3 if area.width >= _THREE_WIDE else 2
-        most = 1 if area.height < 30 else 4
-        scale = min(most, scale_for(view, controls, area.width // figures))
-        links = 1 + len(view.state["streams"]) if view.state else 0 if view.played else 4
-        links = min(links, max(4, area.height // 6))
-        fixed = 1 + gauge_rows(scale) + links + 1
-        trace = max(3, (area.height - fixed) // 4)
-        heights = (1, gauge_rows(scale), area.height - fixed - trace, trace, links, 1)
-        head, gauges, middle, below, foot, _ = area.rows(*heights)
-        draw_head(head, view)
-        parts = gauges.columns(*[area.width // figures] * figures)
-        for k in range(2):
-            draw_gauge(parts[k], view, controls, k, scale)
-        if figures == 3:
-            draw_angle(parts[2], view, controls, scale)
-        _middle(middle, view, controls, with_angle=figures == 2)
-        draw_trace(below, view, controls)
-        draw_links(foot, view)
-        if view.lost:  # show the last known state
-            area.part(1, 0, area.width, area.height - 2).dim()
-        draw_foot(area, view, controls)
-    if controls.shows_help:
-        draw_help(area)
-    return canvas
+@dataclass(frozen=True)
+class LiveScreen:
+    view: LiveView
+    controls: LiveControls
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        width, height = options.max_width, options.height or options.max_height
+        foot = below_each_other(*foot_rows(self.view, self.controls, width)[-max(1, height - 1) :])
+        rows = foot.plain.count("\n") + 1
+        if self.controls.shows_help:
+            body: RenderableType = Align.center(help_panel(), vertical="middle")
+        elif width < _LEAST_WIDTH or height < _LEAST_HEIGHT:
+            line = plain_line(self.view, self.controls.units, self.controls.zero_mm)
+            body = below_each_other(*(row_of(part.strip()) for part in line.split(";")))
+        else:
+            panels = _panels(self.view, self.controls, width, height - rows - 1)
+            shown = Styled(panels, "dim") if self.view.lost else panels  # the last known state
+            body = _column([(head_row(self.view), 1), (shown, None)])
+        yield from console.render(_column([(body, None), (foot, rows)]), options)  # `yield` would drop the height
 
 
-def _middle(area: Area, view: LiveView, controls: LiveControls, *, with_angle: bool) -> None:
+def _panels(view: LiveView, controls: LiveControls, width: int, height: int) -> Layout:
+    figures = 3 if width >= _THREE_WIDE else 2
+    scale = min(1 if height < 28 else 4, scale_for(view, controls, width // figures))
+    links = 1 + len(view.state["streams"]) if view.state else 0 if view.played else 4
+    links = min(links, max(4, height // 6))
+    gauges: list[RenderableType] = [gauge_panel(view, controls, k, scale, width // figures) for k in range(2)]
+    if figures == 3:
+        gauges.append(angle_panel(view, controls, scale, width // figures))
+    free = height - gauge_rows(scale) - links
+    trace = max(3, free // 4)
+    return _column([
+        (_row([(gauge, None) for gauge in gauges]), gauge_rows(scale)),
+        (_middle(view, controls, width, free - trace, with_angle=figures == 2), None),
+        (Plot(partial(draw_trace, view, controls)), trace),
+        (links_panel(view, links), links),
+    ])  # fmt: skip
+
+
+def _middle(view: LiveView, controls: LiveControls, width: int, height: int, *, with_angle: bool) -> Layout:
     curves = shown_curves(view)
-    side = min(2 * area.height + 2, area.width // 2)
-    circle, right = area.columns(side, area.width - side)
-    draw_circle(circle, view, controls, curves)
-    top = 0
-    if with_angle and right.height >= 14:
-        draw_angle(right.part(0, 0, right.width, gauge_rows(1)), view, controls, 1)
-        top = gauge_rows(1) + 1
+    side = min(2 * height + 2, width // 2)
+    right: list[tuple[RenderableType, int | None]] = [("", 1)]
+    if with_angle and height >= 14:
+        right = [(angle_panel(view, controls, 1, width - side), gauge_rows(1)), ("", 1)]
     elif with_angle:
         degrees = angle_deg(view, controls.zero_mm)
-        right.put(0, 1, f"{angle_name(view)} {degrees:z.4f}°" if degrees is not None else "", "bold")
-        draw_lap(right.part(1, 0, right.width, 1), view)
-        top = 2
-    else:
-        top = 1
-    below = right.part(top, 0, right.width, right.height - top)
-    straight = area.width >= _STRAIGHT
-    joints, others = below.rows(7, below.height - 7)
-    if straight:
-        column, plot = below.columns(min(66, below.width // 2), below.width - min(66, below.width // 2))
-        joints, others = column.rows(7, column.height - 7)
-        draw_straight(plot, view, controls, curves)
-    draw_joints(joints, view)
-    draw_events(others, view)
+        shown = f"{angle_name(view)} {degrees:z.4f}°" if degrees is not None else ""
+        right = [(below_each_other(row_of((shown, "bold")), lap_row(view, width - side)), 2)]
+    below = _column([(joints_panel(view), _JOINT_ROWS), (events_panel(view, height), None)])
+    if width >= _STRAIGHT:
+        plot = Plot(partial(draw_straight, view, controls, curves))
+        below = _row([(below, min(66, (width - side) // 2)), (plot, None)])
+    circle = Plot(partial(draw_circle, view, controls, curves))
+    return _row([(circle, side), (_column([*right, (below, None)]), None)])
+
+
+def _column(parts: Sequence[tuple[RenderableType, int | None]]) -> Layout:
+    """Panels below each other, each with its height, or sharing what remains."""
+    layout = Layout()
+    layout.split_column(*(Layout(_indented(part), size=size) for part, size in parts if size != 0))
+    return layout
+
+
+def _row(parts: Sequence[tuple[RenderableType, int | None]]) -> Layout:
+    layout = Layout()
+    layout.split_row(*(Layout(_indented(part), size=size) for part, size in parts))
+    return layout
+
+
+def _indented(part: RenderableType) -> RenderableType:
+    """Text with a margin on the left, which other panels do not need."""
+    return part if isinstance(part, Layout | Plot | Styled | Align) else Padding(part, (0, 0, 0, 1))

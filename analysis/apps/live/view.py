@@ -31,8 +31,6 @@ class GaugeReading:
 
 @dataclass(frozen=True)
 class Played:
-    """Playback of a recorded run."""
-
     name: str
     at_s: float
     of_s: float
@@ -48,15 +46,10 @@ class Update:
     rows: LiveRows = NO_ROWS
     readings: Mapping[str, GaugeReading] | None = None
     state: dict[str, Any] | None = None
-    """Response to `status`."""
     cell: LiveCell | None = None
-    """Cell of a new rig file."""
     lost: str = ""
-    """Reason for missing data."""
     notice: str = ""
-    """Message to show once."""
     label: tuple[str, TestName, Direction | None] | None = None
-    """Name, test and direction of the run played from now on."""
     played: Played | None = None
 
 
@@ -85,9 +78,7 @@ class LiveView:
     joints: JointMotion = field(default_factory=JointMotion)
     events: tuple[LiveEvent, ...] = ()
     reversal_counts: tuple[int, ...] = (0,) * 6
-    """Per joint since the start of the view, including dropped events."""
     last_reversals: Mapping[int, LiveReversal] = field(default_factory=dict)
-    """By joint (1 … 6)."""
     state: dict[str, Any] | None = None
     lost: str = ""
     cut: str = ""
@@ -97,10 +88,8 @@ class LiveView:
     test: str | None = None
     direction: Direction | None = None
     shown_test: str | None = None
-    """Test of the curves."""
 
     def after(self, update: Update) -> LiveView:
-        """View after an update."""
         # Only data proves that the daemon has returned: refused requests also arrive while it is lost.
         lost = self.lost if not update.lost and update.readings is None else update.lost
         view = replace(self, lost=lost, played=update.played)
@@ -150,7 +139,6 @@ class LiveView:
 
     @property
     def trends_mm_s(self) -> Array:
-        """Slope (2,) of each gauge over the last two seconds; nan if unknown."""
         recent = self.since(_TREND_S)
         slopes = np.full(2, np.nan)
         for k in range(2):

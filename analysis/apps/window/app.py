@@ -101,7 +101,6 @@ _PLAIN = (
 class Window:
     watcher: Watcher
     shelf: Shelf
-    """The runs."""
     place: SessionDirectory | None
     made: OutputStore
     gate: Gate
@@ -355,7 +354,6 @@ class _Pages:
         return language_of(request.cookies.get(LANGUAGE, ""), request.headers.get("accept-language", ""))
 
     def _chosen(self, request: Request) -> list[ShelfRun]:
-        """Runs named by an address."""
         names = list(dict.fromkeys(request.query_params.getlist("run")))
         if not names or len(names) > _MOST_RUNS:
             raise HTTPException(400, "choose_runs")

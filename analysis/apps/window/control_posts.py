@@ -56,7 +56,6 @@ class WindowControls:
         return ""
 
     def session_lines(self) -> list[str]:
-        """Last lines of the session started here."""
         log = self._log
         if log is None or not log.is_file():
             return []

@@ -63,7 +63,6 @@ class Foxglove:
         return int(self._server.port)
 
     def show(self, view: LiveView) -> None:
-        """Send the new rows of a view."""
         now_s = time.monotonic()
         if self._urdf and now_s - self._described_s > 1.0:  # new clients receive the arm within a second
             self._described_s = now_s

@@ -15,7 +15,7 @@ import numpy as np
 from analysis.apps.live.error_panels import scale_of
 from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, figures, lap_state, shown_curves
 from analysis.apps.live.lap import ErrorCurve, pieces
-from analysis.apps.live.text_panels import event_words
+from analysis.apps.live.screen import event_words
 from analysis.apps.live.view import LiveView
 from analysis.apps.report.page.before_after import now_sentence
 from analysis.apps.report.texts import texts_of

@@ -90,7 +90,6 @@ class OutputStore:
 
 
 def _key(words: Sequence[str], runs: Iterable[Path]) -> str:
-    """Digest of a command and the state of its runs."""
     parts = list(words)
     for file in (run / name for run in runs for name in (MANIFEST, LEDGER)):
         with suppress(OSError):

@@ -48,7 +48,6 @@ class ShelfRun:
 
     @property
     def started(self) -> str:
-        """By the clock of the run, to the minute."""
         return self.record.started[:16].replace("T", " ") if self.record else ""
 
     @property
@@ -57,12 +56,10 @@ class ShelfRun:
 
     @property
     def leading(self) -> tuple[Figure, ...]:
-        """Figures used to compare runs."""
         return tuple(figure for figure in self.figures if figure.name in LEADING)
 
     @property
     def standing(self) -> Standing | None:
-        """Worst standing of all figures; None without limits."""
         standings = {figure.standing for figure in self.figures}
         return next((worst for worst in _WORST if worst in standings), None)
 

@@ -26,8 +26,6 @@ from rigs.text import plain_values
 
 
 class Board:
-    """The latest message of each kind."""
-
     def __init__(self) -> None:
         self._news: dict[str, tuple[int, bytes]] = {}
         self._changed = asyncio.Event()
@@ -68,8 +66,6 @@ _SLOW_TICKS = 5
 
 
 class UpdateSource(Protocol):
-    """Used between `begun` and `end`."""
-
     def begun(self) -> object: ...
     def updates(self) -> Sequence[Update]: ...
     def end(self) -> None: ...
@@ -161,7 +157,6 @@ class Watcher:
         self.zero_mm = (g1, g2)
 
     def restart(self, *, zero: bool = False) -> None:
-        """Reset extremes, curves and counts, or with `zero` the zero offsets."""
         if zero:
             self.zero_mm = (0.0, 0.0)
         else:

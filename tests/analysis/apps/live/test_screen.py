@@ -4,13 +4,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
-from rich.segment import Segment
 
-from analysis.apps.live.canvas import Canvas, height_of, put_large, width_of
+from analysis.apps.live.canvas import height_of, large, width_of
 from analysis.apps.live.controls import UNITS, LiveControls
-from analysis.apps.live.screen import screen
+from analysis.apps.live.screen import LiveScreen
 from analysis.apps.live.view import GaugeReading, LiveView, Played
-from analysis.cli.plain_console import PlainConsole
+from tests.support.live_terminal import lines_of, screen_of
 from tests.support.simulated_laps import lap_run, watched_lap
 
 EVIL = "a\x1b]0;title\x07\x1b[31m\nforged\r\u202e机机"
@@ -70,7 +69,7 @@ CONTROLS = [
 def test_a_screen_is_exactly_as_large_as_the_terminal(views, width, height):
     for view in views:
         for controls in CONTROLS:
-            lines = screen(view, controls, width, height).lines()
+            lines = lines_of(LiveScreen(view, controls), width, height)
             assert len(lines) == height
             assert {cell_len(line) for line in lines} == {width}
             assert all(line.isprintable() for line in lines)
@@ -79,26 +78,26 @@ def test_a_screen_is_exactly_as_large_as_the_terminal(views, width, height):
 @settings(max_examples=60)
 @given(width=st.integers(1, 260), height=st.integers(1, 80))
 def test_no_size_breaks_it(width, height):
-    lines = screen(LiveView(readings={"g1": GaugeReading(0.1, 0.0)}), LiveControls(), width, height).lines()
+    lines = lines_of(LiveScreen(LiveView(readings={"g1": GaugeReading(0.1, 0.0)}), LiveControls()), width, height)
     assert {cell_len(line) for line in lines} == {width} and len(lines) == height
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
 def test_a_lap_is_shown_whole(views, width, height):
-    text = "\n".join(screen(views[3], LiveControls(), width, height).lines())
+    text = "\n".join(lines_of(LiveScreen(views[3], LiveControls()), width, height))
     for words in ("g1 mm", "g2 mm", "yaw", "φ", "acw", "less sine", "reach", "1 base", "rev, last", "trace", "q quit"):
         assert words in text, (words, text)
     assert sum("⠀" < character <= "⣿" for character in text) > 60
 
 
 def test_missing_values_are_announced():
-    text = "\n".join(screen(LiveView(), LiveControls(), 80, 24).lines())
+    text = "\n".join(lines_of(LiveScreen(LiveView(), LiveControls()), 80, 24))
     assert text.count(" yet") >= 3
 
 
 def test_a_loss_of_the_daemon_is_on_every_size(views):
     for width, height in ((30, 5), (80, 24), (250, 70)):
-        assert "gone" in "\n".join(screen(LiveView(lost="gone"), LiveControls(), width, height).lines())
+        assert "gone" in "\n".join(lines_of(LiveScreen(LiveView(lost="gone"), LiveControls()), width, height))
 
 
 def connected_state() -> dict[str, object]:
@@ -112,78 +111,45 @@ def test_disturbed_robot_shows_its_condition():
     ages_s = {**dict.fromkeys(last, 0.1), "temperature1_c": 100.0}
     robot = {**state["streams"]["g1"], "last": last, "age_s": ages_s}
     view = LiveView(state={**state, "streams": {"robot": robot}})
-    text = "\n".join(screen(view, LiveControls(), 120, 40).lines())
+    text = "\n".join(lines_of(LiveScreen(view, LiveControls()), 120, 40))
     assert "protective stop · speed 40 %" in text and "silent" not in text
     ages_s["safety_state"] = 100.0
-    text = "\n".join(screen(view, LiveControls(), 120, 40).lines())
+    text = "\n".join(lines_of(LiveScreen(view, LiveControls()), 120, 40))
     assert "protective stop" not in text and "speed 40 %" in text  # what is no longer shown
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
 def test_all_figures_are_dim_while_the_daemon_is_lost(views, width, height):
     view = replace(views[3], played=None, state=connected_state())
-    assert "connected" in "\n".join(screen(view, LiveControls(), width, height).lines())
-    canvas = screen(replace(view, lost="gone"), LiveControls(), width, height)
-    text = "\n".join(canvas.lines())
+    assert "connected" in "\n".join(lines_of(LiveScreen(view, LiveControls()), width, height))
+    lines = screen_of(LiveScreen(replace(view, lost="gone"), LiveControls()), width, height)
+    text = "\n".join("".join(segment.text for segment in row) for row in lines)
     assert "last known" in text and "connected" not in text and "95.2 Hz" in text
-    lines: list[list[Segment]] = [[]]
-    for segment in PlainConsole(width=width).render(canvas):
-        if segment.text == "\n":
-            lines.append([])
-        else:
-            lines[-1].append(segment)
-    assert {str(segment.style) for line in lines[1:-1] for segment in line} == {"dim"}
+    assert all(segment.style.dim for row in lines[1:-1] for segment in row if segment.text.strip())
     assert "bold red" in {str(segment.style) for segment in lines[0]}
 
 
 @pytest.mark.parametrize("text", ["monday yaw", "monday", "monday radial acw"])
 def test_a_wrong_label_is_explained_whole_at_80_columns(text):
     controls, _ = LiveControls(prompt=text).pressed("\r", {})
-    lines = screen(LiveView(), controls, 80, 24).lines()
+    lines = lines_of(LiveScreen(LiveView(), controls), 80, 24)
     assert controls.message in " ".join(" ".join(lines[-5:-1]).split()) and f"{text}█" in lines[-1]
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (30, 10)])
 def test_a_message_leaves_the_keys_in_sight(width, height):
-    lines = screen(LiveView(), LiveControls(message="in runs/lap"), width, height).lines()
+    lines = lines_of(LiveScreen(LiveView(), LiveControls(message="in runs/lap")), width, height)
     assert "in runs/lap" in lines[-2] and "s start" in lines[-1]
 
 
 def test_without_a_curve_no_reach_and_no_sine_are_shown(views):
     standing = LiveView(views[3].cell)
-    text = "\n".join(screen(standing, LiveControls(), 250, 70).lines())
+    text = "\n".join(lines_of(LiveScreen(standing, LiveControls()), 250, 70))
     assert "reach" not in text and "less" not in text and "0.0001" not in text and "acw –" in text
-
-
-def test_without_colour_nothing_but_text_is_sent(views, monkeypatch):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("NO_COLOR", "1")
-    console = PlainConsole(width=80)
-    with console.capture() as captured:
-        console.print(screen(views[3], LiveControls(), 80, 24), end="", crop=False)
-    assert "\x1b[9" not in captured.get() and "\x1b[3" not in captured.get()
-
-
-def test_a_wide_character_is_cut_and_covered_whole():
-    canvas = Canvas(4, 1)
-    area = canvas.area()
-    area.put(0, 0, "机机机")
-    assert canvas.lines() == ["机机"]
-    area.put(0, 1, "x")
-    assert canvas.lines() == [" x机"]
-    area.put(0, 3, "机")
-    assert canvas.lines() == [" x机"]
-    area.put(0, 2, "é")  # an accent of its own has no cell
-    assert cell_len(canvas.lines()[0]) == 4
 
 
 @pytest.mark.parametrize("scale", [1, 2, 3])
 def test_large_digits_fill_their_reported_size(scale):
     text = "-01.23456789+ "
-    canvas = Canvas(width_of(text, scale), height_of(scale))
-    put_large(canvas.area(), 0, 0, text, scale, "")
-    wider = Canvas(canvas.width + 9, canvas.height + 3)
-    put_large(wider.area(), 0, 0, text, scale, "")
-    assert [line[: canvas.width] for line in wider.lines()[: canvas.height]] == canvas.lines()
-    assert all(not line[canvas.width :].strip() for line in wider.lines())
-    assert not "".join(wider.lines()[canvas.height :]).strip()
+    rows = large(text, scale, "")
+    assert len(rows) == height_of(scale) and {row.cell_len for row in rows} == {width_of(text, scale)}

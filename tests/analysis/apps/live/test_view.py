@@ -11,12 +11,13 @@ from analysis.apps.live.controls import UNITS, LiveControls
 from analysis.apps.live.figures import angle_deg, figures, phi_deg, plain_line, shown_curves
 from analysis.apps.live.live_rows import LiveRows, cell_of
 from analysis.apps.live.played_run import played_run
-from analysis.apps.live.screen import screen
+from analysis.apps.live.screen import LiveScreen
 from analysis.apps.live.view import GaugeReading, LiveEvent, LiveView, Update
 from analysis.procedures.shared.result_curves import turns
 from analysis.runs.laps import laps_of
 from analysis.runs.tables import CircleTable
 from rigs.load import load
+from tests.support.live_terminal import lines_of
 from tests.support.simulated_laps import lap_run, watched, watched_lap
 
 
@@ -135,7 +136,7 @@ def test_interrupted_recording_is_shown_until_the_next():
     view = LiveView().after(begun).after(Update(lost="waiting")).after(ended).after(ended)
     assert "interrupted" in figures(view)["cut"]
     assert "interrupted" in plain_line(view, UNITS[0])
-    assert "interrupted" in screen(view, LiveControls(), 80, 24).lines()[0]
+    assert "interrupted" in lines_of(LiveScreen(view, LiveControls()), 80, 24)[0]
     assert figures(view.after(begun))["cut"] is None
 
 
