@@ -68,7 +68,6 @@ class PairArm:
 
 
 def tool_points(T: Array, point_mm: Array) -> Array:
-    """Places (n, 3) in the world of points (n, 3) or (3,) of a tool at poses T (n, 4, 4), in mm."""
     points: Array = T[:, :3, 3] + np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(point_mm, (len(T), 3)))
     return points
 

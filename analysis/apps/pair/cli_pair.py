@@ -199,7 +199,7 @@ def _plan(
 
 def _simulated(first: Rig, second: Rig, planned: PlannedTouches, seed: int) -> str:
     """Table of drawn arms. Also prints where they have their bases."""
-    from analysis.apps.pair.simulated import base_of, simulated_touches
+    from analysis.apps.pair.plan_touches import base_of, simulated_touches
 
     touches, state = simulated_touches(first, second, planned.table, seed)
     place = ", ".join(f"{value:z.3f}" for value in base_of(first, second, state))

@@ -32,11 +32,9 @@ class FittedPair:
     """Result of a fit."""
 
     pair: Pair
-    """The touches without outliers."""
     gaps: LinearGaps
     posterior: PairPosterior
     state: PairState
-    """Values of the unknowns at the posterior mean."""
     odd: tuple[tuple[int, float], ...]
     """Excluded rows of the table, each with its distance in mm."""
     nominal_rms_mm: float
@@ -118,7 +116,7 @@ def ball_of(rig: Rig) -> Array:
 def start(pair: Pair) -> tuple[PairState, float]:
     """Set-up that fits nominal arms best, and the rms gap per coordinate in mm."""
     zeros = (np.zeros(len(pair.first.terms)), np.zeros(len(pair.second.terms)))
-    T_first, T_second = pair.first.poses(pair.table.q, zeros[0]), pair.second.poses(pair.q_second, zeros[1])
+    T_first, T_second = pair.poses(zeros)
     ball, mounted = ball_of(pair.first.rig), pair.table.is_mounted
     places = tool_points(T_first, ball)
     X = np.eye(4)
@@ -136,11 +134,7 @@ def start(pair: Pair) -> tuple[PairState, float]:
     terms, centre = sum(map(len, zeros)), places.mean(axis=0)
 
     def gap(step: Array) -> Array:
-        state = begun.moved(np.concatenate([np.zeros(terms), step]), centre)
-        at = np.stack([state.sockets_mm[name] for name in pair.names])[pair.socket]
-        carried = tool_points(T_second, at) @ state.T_first_second[:3, :3].T + state.T_first_second[:3, 3]
-        socket = np.where(mounted[:, None], carried, at)
-        return np.asarray((socket - tool_points(T_first, state.ball_mm)).ravel())
+        return pair.between(T_first, T_second, begun.moved(np.concatenate([np.zeros(terms), step]), centre)).ravel()
 
     scale = np.full(pair.unknowns - terms, 100.0)
     scale[3:6] = 0.1

@@ -20,7 +20,6 @@ from rigs.errors import FileError
 from rigs.schema.declared_tests import KnownSocketDistance
 
 SETUP = 9
-"""Number of set-up unknowns before those of the sockets."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +43,10 @@ class PairState:
         sockets = {name: place + shift for (name, place), shift in zip(self.sockets_mm.items(), places, strict=True)}
         times = (self.times[0] + first, self.times[1] + second)
         return PairState(times, motion @ self.T_first_second, self.ball_mm + setup[6:9], sockets)
+
+    def distance_mm(self, known: KnownSocketDistance) -> float:
+        begin, end = (self.sockets_mm[name] for name in known.between)
+        return float(np.linalg.norm(end - begin))
 
 
 @dataclass(frozen=True)
@@ -81,13 +84,21 @@ class Pair:
     def rows(self, keep: Mask) -> Pair:
         return replace(self, table=self.table.rows(keep))
 
-    def gaps(self, state: PairState) -> tuple[Array, Array, Array]:
-        """Gap (n, 3) mm from ball to socket in the first world, and the positions (n, 3) mm of both."""
-        ball = tool_points(self.first.poses(self.table.q, state.times[0]), state.ball_mm)
+    def gaps(self, state: PairState) -> Array:
+        """Gap (n, 3) mm from ball to socket in the first world."""
+        T_first, T_second = self.poses(state.times)
+        return self.between(T_first, T_second, state)
+
+    def poses(self, times: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Tool poses (n, 4, 4) of both arms, each in its world."""
+        return self.first.poses(self.table.q, times[0]), self.second.poses(self.q_second, times[1])
+
+    def between(self, T_first: Array, T_second: Array, state: PairState) -> Array:
+        """Gap (n, 3) mm from ball to socket in the first world, with the tools at these poses."""
         at, X = self.sockets_at(state), state.T_first_second
-        carried = tool_points(self.second.poses(self.q_second, state.times[1]), at) @ X[:3, :3].T + X[:3, 3]
+        carried = tool_points(T_second, at) @ X[:3, :3].T + X[:3, 3]
         socket = np.where(self.table.is_mounted[:, None], carried, at)
-        return socket - ball, ball, socket
+        return np.asarray(socket - tool_points(T_first, state.ball_mm))
 
     def sockets_at(self, state: PairState) -> Array:
         """Socket position (n, 3) of each touch, on the second tool or in the first world."""
@@ -103,7 +114,6 @@ class LinearGaps:
     columns: Array
     """Derivative (m, k) by each unknown."""
     known_var: Array
-    """Variance (m,) in mm² of readings with a stated u; 0 for touches."""
     near: tuple[Array, Array]
     """Correlation (m, m) of the unexplained part of each arm."""
     group: Integers
@@ -113,66 +123,55 @@ class LinearGaps:
 
     @property
     def touches(self) -> int:
-        """Number of touches, each with three readings."""
         return int((self.known_var == 0).sum()) // 3
 
 
+_STEP, _STEP_RAD = 1e-3, 1e-6
+"""Steps of derivatives by the set-up, in mm and rad."""
+
+
 def linearise(pair: Pair, state: PairState) -> LinearGaps:
-    gap, ball, socket = pair.gaps(state)
-    centre = ball.mean(axis=0)
-    mounted = pair.table.is_mounted
-    T_ball = pair.first.poses(pair.table.q, state.times[0])
-    T_socket = pair.second.poses(pair.q_second, state.times[1])
-    X = state.T_first_second[:3, :3]
+    T_first, T_second = pair.poses(state.times)
+    mounted, terms = pair.table.is_mounted, sum(map(len, state.times))
+    centre = tool_points(T_first, state.ball_mm).mean(axis=0)
+    distances = _known_distances(pair)
+
+    def left(step: Array) -> Array:
+        """Gaps, and distances beyond the known ones (m,) mm, after a change of the set-up."""
+        at = state.moved(np.concatenate([np.zeros(terms), step]), centre)
+        beyond = [at.distance_mm(known) - known.distance_mm for known in distances]
+        return np.concatenate([pair.between(T_first, T_second, at).ravel(), beyond])
+
+    begin = left(np.zeros(pair.unknowns - terms))
+    steps = np.full(pair.unknowns - terms, _STEP)
+    steps[3:6] = _STEP_RAD
+    setup = np.stack([left(step) - begin for step in np.diag(steps)], axis=1) / steps
     of_first = -pair.first.slopes(pair.table.q, state.times[0], state.ball_mm)
-    of_second = X @ pair.second.slopes(pair.q_second, state.times[1], pair.sockets_at(state)) * mounted[:, None, None]
-    setup = np.zeros((len(gap), 3, SETUP + 3 * len(pair.names)))
-    setup[:, :, :3] = np.eye(3) * mounted[:, None, None]
-    turns = np.cross(np.eye(3), (socket - centre)[:, None]).transpose(0, 2, 1)  # a small rotation about each axis
-    setup[:, :, 3:6] = turns * mounted[:, None, None]
-    setup[:, :, 6:9] = -T_ball[:, :3, :3]
-    of_socket = np.where(mounted[:, None, None], X @ T_socket[:, :3, :3], np.eye(3))
-    for number in range(len(pair.names)):
-        at = slice(SETUP + 3 * number, SETUP + 3 * number + 3)
-        setup[:, :, at] = of_socket * (pair.socket == number)[:, None, None]
-    columns = np.concatenate([of_first, of_second, setup], axis=2).reshape(3 * len(gap), -1)
-    deviation, known_columns, variance = _known_distances(pair, state)
-    columns = np.concatenate([columns, known_columns])
-    times = np.concatenate([*state.times, np.zeros(setup.shape[2])])
-    y = np.concatenate([-gap.ravel(), deviation]) + columns @ times
-    known_var = np.concatenate([np.zeros(gap.size), variance])
+    of_second = pair.second.slopes(pair.q_second, state.times[1], pair.sockets_at(state)) * mounted[:, None, None]
+    of_terms = np.zeros((len(begin), terms))
+    of_terms[: 3 * len(mounted)] = np.dstack([of_first, state.T_first_second[:3, :3] @ of_second]).reshape(-1, terms)
     near = (
-        _nearness(pair.table.q, np.ones(len(gap), dtype=bool), len(deviation)),
-        _nearness(pair.q_second, mounted, len(deviation)),
+        _nearness(pair.table.q, np.ones(len(mounted), dtype=bool), len(distances)),
+        _nearness(pair.q_second, mounted, len(distances)),
     )
     groups = [GROUPS.index(term.group) + 3 * k for k, arm in enumerate(pair.arms) for term in arm.terms]
-    return LinearGaps(y, columns, known_var, near, np.array(groups + [-1] * setup.shape[2]), state, centre)
+    return LinearGaps(
+        of_terms @ np.concatenate(state.times) - begin, np.hstack([of_terms, setup]),
+        np.concatenate([np.zeros(3 * len(mounted)), [known.u_mm**2 for known in distances]]), near,
+        np.array(groups + [-1] * len(steps)), state, centre,
+    )  # fmt: skip
 
 
-def _known_distances(pair: Pair, state: PairState) -> tuple[Array, Array, Array]:
-    """Known distances minus those of the state (d,) mm, derivatives (d, unknowns) and variances (d,) mm²."""
+def _known_distances(pair: Pair) -> list[KnownSocketDistance]:
+    """Known distances between touched sockets. Raises FileError for two that do not move together."""
     fixed = set(pair.table.socket[~pair.table.is_mounted])
-    deviations, columns, variances = [], [], []
-    for stated in pair.distances:
-        begin, end = stated.between
-        if begin not in pair.names or end not in pair.names:
-            continue
+    known = [stated for stated in pair.distances if set(stated.between) <= set(pair.names)]
+    for begin, end in (stated.between for stated in known):
         if (begin in fixed) != (end in fixed):
             problem = f"the distance from {begin} to {end} is between a fixed socket and a socket on the second arm"
-            raise FileError(
-                pair.where, problem, "give distances of two sockets that move together", code="pair.distance"
-            )
-        apart = state.sockets_mm[end] - state.sockets_mm[begin]
-        distance = float(np.linalg.norm(apart))
-        column = np.zeros(pair.unknowns)
-        first = pair.unknowns - 3 * len(pair.names)
-        for name, sign in ((begin, -1.0), (end, 1.0)):
-            at = first + 3 * pair.names.index(name)
-            column[at : at + 3] = sign * apart / distance
-        deviations.append(stated.distance_mm - distance)
-        columns.append(column)
-        variances.append(stated.u_mm**2)
-    return np.array(deviations), np.array(columns).reshape(-1, pair.unknowns), np.array(variances)
+            remedy = "give distances of two sockets that move together"
+            raise FileError(pair.where, problem, remedy, code="pair.distance")
+    return known
 
 
 _NEAR_RAD = (0.6, 1.5)

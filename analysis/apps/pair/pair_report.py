@@ -34,7 +34,7 @@ def answer_of(result: PairResult, texts: Texts) -> list[Block]:
     )  # fmt: skip
     base = (texts("pair_base", first=first, second=second), texts("pair_value"), "± u", "")
     corrections = (*(texts(f"pair_{name}") for name in ("arm", "constant", "correction")), "± u", "")
-    hidden = tuple((one.arm or "–", one.name, one.reason) for one in result.not_testable)
+    hidden = tuple((one.arm or "–", one.what, one.reason) for one in result.not_testable)
     parts: list[Block] = [Sentence(head, tone), Heading(texts("pair_frame_heading"))]
     parts.append(Table(base, tuple(base_rows(result, texts)), frozenset({1, 2})))
     if rows := constant_rows(result):
@@ -65,17 +65,16 @@ def _triple(values: Vector) -> str:
 
 def constant_rows(result: PairResult) -> list[tuple[str, ...]]:
     """Certain corrections: arm, constant, correction, u, unit."""
-    certain = [it for it in result.constants if it.is_shown and abs(it.value) > _CERTAIN * it.u]
+    certain = [it for it in result.constants if it.shown and abs(it.delta) > _CERTAIN * it.u]
     rows: list[tuple[str, ...]] = []
     for constant in sorted(certain, key=lambda constant: (constant.arm, constant.axis, constant.key)):
         digits = 3 if constant.unit == "mm" else 4
-        size, u = f"{constant.value:+.{digits}f}", f"{constant.u:.{digits}f}"
+        size, u = f"{constant.delta:+.{digits}f}", f"{constant.u:.{digits}f}"
         rows.append((constant.arm, constant.symbol, size, u, constant.unit))
     return rows
 
 
 def page_of(result: PairResult, language: Language = "en") -> str:
-    """The page as HTML."""
     texts, (first, second) = texts_of(language), result.names
     return answer_page(texts("pair_title", first=first, second=second), answer_of(result, texts), language)
 
@@ -83,13 +82,13 @@ def page_of(result: PairResult, language: Language = "en") -> str:
 def plan_answer(planned: PlannedTouches) -> list[Block]:
     """The expected uncertainties of planned touches."""
     result = planned.expected
-    shown = sum(constant.is_shown for constant in result.constants)
+    shown = sum(constant.shown for constant in result.constants)
     count = len(planned.table.q)
     first = (
         f"{count} touches show {shown} of {len(result.constants)} constants of both arms, and the frame of "
         f"{result.names[1]} at the work to {_triple(result.base.u_work_mm)} mm in x, y, z."
     )
-    rows = tuple((one.arm or "–", one.name, one.reason) for one in result.not_testable)
+    rows = tuple((one.arm or "–", one.what, one.reason) for one in result.not_testable)
     return [Sentence(first, "strong"), Heading("not testable"), Table(("arm", "constant", "reason"), rows)]
 
 

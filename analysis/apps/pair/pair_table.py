@@ -40,7 +40,6 @@ class PairTable:
 
     @property
     def is_mounted(self) -> Mask:
-        """Touches (n,) with a socket on the second arm."""
         return np.asarray(~np.isnan(self.p).any(axis=1), dtype=bool)
 
     def rows(self, keep: Mask) -> PairTable:
@@ -48,7 +47,6 @@ class PairTable:
 
 
 def read_pair_table(path: Path, first: Rig, second: Rig) -> PairTable:
-    """Read a table of touches of two arms."""
     where = str(path)
     lines, text_layout = text_of(read_whole(path), where)
     raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)

@@ -22,7 +22,6 @@ _SEATED_MM = 1e-3
 _TRIES, _BATCH = 60, 2000
 """Batches of random postures, and postures per batch."""
 _POINTS = 6
-"""Points on each link for the distance between arms."""
 
 
 def common_postures(

@@ -21,15 +21,15 @@ _RIG_DIGITS = 6
 
 @dataclass(frozen=True)
 class PairConstant:
-    """Correction of a constant: nominal + value ± u, in the unit of its key in the rig file."""
+    """Correction of a constant: nominal + delta ± u, in the unit of its key in the rig file."""
 
     arm: str
     axis: int
     key: str
     symbol: str
-    value: float
+    delta: float
     u: float
-    is_shown: bool
+    shown: bool
     """False if u is mostly that of the prior."""
 
     @property
@@ -59,8 +59,8 @@ class Scale:
 
     ppm: float
     u_ppm: float
-    prior_u_ppm: float
-    is_known: bool
+    nominal_u_ppm: float
+    known: bool
 
 
 @dataclass(frozen=True)
@@ -68,20 +68,17 @@ class NotTestable:
     """A quantity that these touches do not determine, with the arm (empty for both) and the reason."""
 
     arm: str
-    name: str
+    what: str
     reason: str
 
 
 @dataclass(frozen=True)
 class PairResult:
-    """Result of a pair."""
-
     names: tuple[str, str]
     touches: int
     before_mm: float
     """Rms of a coordinate of the gap with nominal arms."""
     left_mm: float
-    """The same at touches predicted from all others."""
     scatter_mm: float
     unexplained_mm: tuple[float, float]
     base: BaseTransform
@@ -92,7 +89,6 @@ class PairResult:
     sockets: dict[str, tuple[Vector, Vector]]
     not_testable: tuple[NotTestable, ...]
     odd: tuple[tuple[int, float], ...]
-    """Excluded rows, each with its distance in mm."""
     doubts: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -100,21 +96,11 @@ class PairResult:
             "first": self.names[0], "second": self.names[1], "touches": self.touches, "before_mm": self.before_mm,
             "left_mm": self.left_mm, "scatter_mm": self.scatter_mm,
             "unexplained_mm": dict(zip(self.names, self.unexplained_mm, strict=True)),
-            "base": asdict(self.base),
-            "scale": {
-                "ppm": self.scale.ppm, "u_ppm": self.scale.u_ppm, "nominal_u_ppm": self.scale.prior_u_ppm,
-                "known": self.scale.is_known,
-            },
-            "constants": [
-                {"arm": constant.arm, "axis": constant.axis, "key": constant.key, "symbol": constant.symbol,
-                 "delta": constant.value, "u": constant.u, "shown": constant.is_shown}
-                for constant in self.constants
-            ],
+            "base": asdict(self.base), "scale": asdict(self.scale),
+            "constants": [asdict(constant) for constant in self.constants],
             "ball": {"xyz_mm": list(self.ball_mm), "u_mm": list(self.u_ball_mm)},
             "sockets": {name: {"xyz_mm": list(at), "u_mm": list(u)} for name, (at, u) in self.sockets.items()},
-            "not_testable": [
-                {"arm": hidden.arm, "what": hidden.name, "reason": hidden.reason} for hidden in self.not_testable
-            ],
+            "not_testable": [asdict(hidden) for hidden in self.not_testable],
             "left_out": [{"row": row, "off_mm": off} for row, off in self.odd], "doubts": list(self.doubts),
         }  # fmt: skip
 
@@ -192,7 +178,7 @@ def _scale(fit: FittedPair) -> Scale:
 
 
 def _not_testable(fit: FittedPair, constants: tuple[PairConstant, ...], scale: Scale) -> Iterator[NotTestable]:
-    if not scale.is_known:
+    if not scale.known:
         reason = (
             "all lengths times one factor leave every touch as it is; a known distance of two sockets fixes it "
             "(tests.touch.distances)"
@@ -202,7 +188,7 @@ def _not_testable(fit: FittedPair, constants: tuple[PairConstant, ...], scale: S
         yield NotTestable(arm.rig.name, "constants and zero of axis 1", "they change only the base frame")
         last = f"zero and d of axis {arm.axes}"
         yield NotTestable(arm.rig.name, last, f"they move only the place of the {holds} on the flange")
-        weak = [it.symbol for it in constants if it.arm == arm.rig.name and not it.is_shown]
+        weak = [it.symbol for it in constants if it.arm == arm.rig.name and not it.shown]
         if weak:
             reason = "these postures hardly separate them; their u mostly reflects the usual size in such arms"
             yield NotTestable(arm.rig.name, ", ".join(weak), reason)

@@ -87,7 +87,7 @@ def test_the_columns_are_the_change_of_the_gap() -> None:
     step = np.where(gaps.group >= 0, 0.02, 0.02) * rng.normal(size=pair.unknowns)
     terms = int((gaps.group >= 0).sum())
     step[terms + 3 : terms + 6] *= 1e-3  # rad
-    moved, before = pair.gaps(state.moved(step, gaps.centre_mm))[0], pair.gaps(state)[0]
+    moved, before = pair.gaps(state.moved(step, gaps.centre_mm)), pair.gaps(state)
     change = (moved - before).ravel()
     assert np.abs(change - gaps.columns @ step).max() < 1e-3 * np.abs(change).max()
 
@@ -130,17 +130,17 @@ def test_a_rail_is_refused() -> None:
 
 def test_the_scale_of_both_arms_is_not_testable() -> None:
     found = result()
-    assert not found.scale.is_known
-    assert found.scale.u_ppm == pytest.approx(found.scale.prior_u_ppm, rel=0.3)
-    assert "scale" in found.not_testable[0].name
+    assert not found.scale.known
+    assert found.scale.u_ppm == pytest.approx(found.scale.nominal_u_ppm, rel=0.3)
+    assert "scale" in found.not_testable[0].what
 
 
 def test_a_known_distance_of_fixed_sockets_fixes_the_scale() -> None:
     found = result_of(fit_pair(pair_of(*rigs(more=KNOWN), with_fixed(touches()), "t")))
-    assert found.scale.is_known
+    assert found.scale.known
     assert found.base.u_distance_mm < 0.5 * result().base.u_distance_mm
     assert error_over_u(found).max() < 3.5
-    assert "scale" not in found.not_testable[0].name
+    assert "scale" not in found.not_testable[0].what
 
 
 # ----------------------------------------------------------------------------------------------------------------------
