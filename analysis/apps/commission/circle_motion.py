@@ -353,8 +353,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     for off in (1, 2):
         before[off:] |= on[:-off] & (bins.run[:-off] == bins.run[off:])
         after[:-off] |= on[off:] & (bins.run[off:] == bins.run[:-off])
-    holes: Mask = before & after & ~on
-    t_s, places, stretch = _rows(motions, arm, bins, on | holes)
+    t_s, places, stretch = _rows(motions, arm, bins, on | (before & after))
     largest = deviations(circle, places).largest
     sound = largest < _outlier_from_mm(largest)
     if sound.mean() < 1 - _MOST_OUTLYING:
@@ -381,13 +380,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     readings = mean(np.stack([away.radial, away.axial], axis=1))
     (radial, radial_cov), (axial, axial_cov) = regress(mean(away.design), readings, mean(t_s), count)
     circle = moved(circle, radial, axial)
-    # The longest stretch of the path on the circle. A pause at the turning point of a program does not end it.
-    rows = np.flatnonzero(on)
-    is_off = deviations(circle, bins.places).largest > DRIVEN.at(circle.radius) * NEAR
-    number = np.cumsum(is_off | (np.diff(bins.run, prepend=0) != 0))[rows]
-    pieces = [rows[number == piece] for piece in np.unique(number)]
-    longest = max(pieces, key=lambda piece: float(np.ptp(circle.angle(bins.places[piece]))))
-    outliers = int((~sound).sum())
+    longest, outliers = _longest_stretch(bins, on, circle), int((~sound).sum())
     doubts = [f"{outliers} rows are outliers of the circle and are not used"] if outliers else []
     off_mm = float(np.quantile(deviations(circle, bins.places[on]).largest, 0.95))
     if off_mm > _ROUND_MM:
@@ -397,6 +390,15 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
         circle, radial_cov, axial_cov, bins.T[longest], bins.q[longest], f"{len(t_s)} rows", tuple(doubts),
         int(bins.run[longest][0]),
     )  # fmt: skip
+
+
+def _longest_stretch(bins: Binned, on: Mask, circle: CircleFrame) -> Integers:
+    """Bins on a circle that follow each other over the largest angle. A pause at a turning point does not end them."""
+    rows = np.flatnonzero(on)
+    is_off = deviations(circle, bins.places).largest > DRIVEN.at(circle.radius) * NEAR
+    number = np.cumsum(is_off | (np.diff(bins.run, prepend=0) != 0))[rows]
+    pieces = [rows[number == piece] for piece in np.unique(number)]
+    return max(pieces, key=lambda piece: float(np.ptp(circle.angle(bins.places[piece]))))
 
 
 def _outlier_from_mm(largest: Array) -> float:

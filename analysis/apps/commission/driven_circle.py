@@ -56,7 +56,7 @@ _MISSING_SHARE = 0.01
 """Largest missing share of a turn for a lap to count as complete."""
 _SAME_START_RAD = np.radians(5.0)
 """Largest distance from the start in the rig file: the ends of a program are found to about a degree."""
-_SAME_TOOL_RAD = np.radians(2.0)
+_SAME_TOOL_DEG = 2.0
 """Largest deviation of the tool from its orientation in a circle test."""
 
 
@@ -65,8 +65,6 @@ def start_of(
 ) -> tuple[CircleFrame, Array, Array, float, bool, list[str]]:
     """Start of a fitted circle: the circle with sign and zero direction, the unit vector (3,) to the start, the joint
     angles (6,) there in rad, the driven angle, whether the zero direction of the rig file stays, and doubts.
-
-    direction: label of the run. declared: circle of the rig file.
     """
     circle, T = fit.circle, fit.T
     phi = circle.angle(T[:, :3, 3])
@@ -118,13 +116,12 @@ def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
     nominal = circle.poses(circle.angle(T[:, :3, 3]))[:, :3, :3]
     turn = Rotation.from_matrix(np.swapaxes(T[:, :3, :3], 1, 2) @ nominal)
     mean = turn.mean()
-    off, spread = mean.magnitude(), float(np.degrees((mean.inv() * turn).magnitude().max()))
-    if off < _SAME_TOOL_RAD and spread < np.degrees(_SAME_TOOL_RAD):
+    off_deg, spread_deg = np.degrees(mean.magnitude()), float(np.degrees((mean.inv() * turn).magnitude().max()))
+    if max(off_deg, spread_deg) < _SAME_TOOL_DEG:
         return []
-    fact = f"the tool was {np.degrees(off):.0f}° from the orientation of the test (z to the centre, x along the normal)"
-    if spread < np.degrees(_SAME_TOOL_RAD):
-        return [f"{fact}: the program turns the tool by this angle unless robot.tool.rpy_deg is corrected"]
-    return [f"{fact}, and not evenly (by up to {spread:.0f}°): the program turns the tool by this angle"]
+    uneven = f", and not evenly (by up to {spread_deg:.0f}°)" if spread_deg >= _SAME_TOOL_DEG else ""
+    place = f"{off_deg:.0f}° from the orientation of the test (z to the centre, x along the normal){uneven}"
+    return [f"the tool was {place}: the program turns the tool by this angle unless robot.tool.rpy_deg is corrected"]
 
 
 def _unit(vector: tuple[float, float, float]) -> Array:

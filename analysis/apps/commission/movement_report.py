@@ -28,21 +28,18 @@ _MOST_CAUSES = 8
 def answer_of(moved: MovementResult, texts: Texts) -> list[Block]:
     """The movement, the act, a row for each cause with the likeliest first, remarks, and readings."""
     is_unmoved = moved.named is not None and moved.named.what == "nothing"
-    rows = tuple(
-        (
-            name_of(cause.cause, texts, of_tracker=moved.of_tracker), sure(cause.posterior),
-            size_of(cause, texts, of_tracker=moved.of_tracker) or "–",
-            "–" if cause.point_mm is None else _at(cause.point_mm),
-        )
-        for cause in moved.causes[:_MOST_CAUSES]
-    )  # fmt: skip
+    rows = []
+    for cause in moved.causes[:_MOST_CAUSES]:
+        name = name_of(cause.cause, texts, of_tracker=moved.of_tracker)
+        size = size_of(cause, texts, of_tracker=moved.of_tracker) or "–"
+        rows.append((name, sure(cause.posterior), size, "–" if cause.point_mm is None else _at(cause.point_mm)))
     columns = tuple(texts(f"check_column_{name}") for name in ("cause", "probability", "size", "point"))
     at, scatter = ", ".join(f"{value:z.0f}" for value in moved.centre_mm), f"{moved.scatter_mm:.3f}"
     footer = texts("check_footer", new=moved.readings, old=moved.reference_readings, scatter=scatter, at=at)
     return [
         Sentence(headline(moved, texts), "pass" if is_unmoved else "watch"),
         Sentence(what_to_do(moved, texts)),
-        *([Table(columns, rows, frozenset({1}), key="causes")] if rows else []),
+        *([Table(columns, tuple(rows), frozenset({1}), key="causes")] if rows else []),
         *(Sentence(line, "doubt") for line in remarks(moved, texts)),
         Sentence(f"{texts('check_note')} {footer}", "note"),
     ]

@@ -176,16 +176,5 @@ def study_runs(rig: Rig, runs: Sequence[Measured]) -> Reference:
 def what_moved_in(
     rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False
 ) -> MovementResult:
-    """Movement between reference runs and new runs.
-
-    If all new runs have a different placement name, it is treated as that of the reference.
-    """
-    before, after = study_runs(rig, reference), observed(rig, new)
-    places = {run.run.manifest.placement for run in reference}
-    others = {run.run.manifest.placement for run in new}
-    if len(places) == len(others) == 1 and places != others:
-        old, becomes = (f" at {place}" if place else "" for place in (others.pop(), places.pop()))
-        after = [
-            replace(run, setup=run.table.test + becomes + run.setup.removeprefix(run.table.test + old)) for run in after
-        ]
-    return what_moved(before, after, plan=plan)
+    """Movement between reference runs and new runs."""
+    return what_moved(study_runs(rig, reference), observed(rig, new), plan=plan)
