@@ -111,7 +111,7 @@ class Inference:
         """The answer with its diagnosis. Raises RigError if the diagnosis failed."""
         try:
             outcome: tuple[Answer, Diagnosis] | RigError = self._outcome.recv()
-        except EOFError:
+        except (EOFError, OSError):  # killed before or while it returned the outcome
             problem, remedy = "exited unexpectedly", "close other programs, then repeat the command"
             raise CellError("inference", problem, remedy, code="process.ended") from None
         if isinstance(outcome, RigError):

@@ -1,9 +1,7 @@
-"""Detection of the driven program and the progress from joint angles.
+"""Detection of the driven program and the progress from joint angles, without a clock or a daemon.
 
-The module uses neither a clock nor a daemon, so a test covers an hour of a cell in milliseconds. Each program is
-identified by the joint angles along the path. A robot resting at the start of a path is about to drive that program. A
-robot that leaves the path drives something else. The outward and return paths pass through the same places, so progress
-never decreases.
+A robot resting at the start of a path is about to drive that program. A robot that leaves the path drives something
+else. The outward and return paths pass through the same places, so progress never decreases.
 """
 
 from __future__ import annotations

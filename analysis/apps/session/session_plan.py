@@ -1,10 +1,9 @@
 """Plan of a session: the programs, places and repeats that fit into the available time.
 
-Every session with a correction has the same backbone. It drives the circle of the rig file repeatedly in both
-directions, which measures the scatter between runs. It drives the same circle at a second place, which only judges the
-model. After the correction both circles are driven again, starting at the current place of the ball. The remaining time
-is used for tests that make the most additional parameters testable (`rig plan`). A session that only checks drives
-just the circle.
+Every session with a correction drives the circle of the rig file repeatedly in both directions, which measures the
+scatter between runs, and the same circle at a second place, which only judges the model. After the correction both are
+driven again, starting at the current place of the ball. The remaining time is used for tests that make the most
+additional parameters testable (`rig plan`).
 """
 
 from __future__ import annotations

@@ -58,14 +58,13 @@ def _a_time(text: str) -> str:
 
 
 class Stage(Part):
-    """Set-up for some programs: the place of the ball and the mounting of the gauges.
-
-    words: instructions for the operator. circle: circle of the stage if it differs from the rig file.
-    """
+    """Set-up for some programs: the place of the ball and the mounting of the gauges."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,40}$")]
     words: str
+    """Instructions for the operator."""
     circle: Circle | None = None
+    """Circle of the stage if it differs from the rig file."""
 
 
 class Try(Part):
@@ -80,11 +79,7 @@ class Try(Part):
 
 
 class ProgramStep(Part):
-    """A program to drive.
-
-    program: name of the program and of the file. tries: recorded runs; the last usable run counts. skipped: reason for
-    skipping the step, or empty.
-    """
+    """A program to drive; the last usable run counts. skipped: reason for skipping the step, or empty."""
 
     program: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,60}$")]
     stage: str
@@ -135,11 +130,9 @@ class SessionAct(Part):
 
 
 class Answer(Part):
-    """Result of an inference during a session.
+    """Result of an inference during a session, with the sentences of the answer.
 
-    runs: number of runs used. judges: number of runs that judged at the other place. joined: number of runs used that
-    had judged an earlier answer. condition, standing: as in `rig diagnose`. headline, accuracy, next_step: sentences of
-    the answer. next_test: test that would separate rivals or name a group. runs_to_decide: number of runs of each kind
+    joined: number of the runs used that had judged an earlier answer. runs_to_decide: number of runs of each kind
     needed to decide. found: directory of the result files. noise_um: rms scatter of a run, 0 if not measured.
     """
 
@@ -157,6 +150,7 @@ class Answer(Part):
     acts: tuple[SessionAct, ...] = ()
     """The next step and the remedies with the kind of each act; empty in sessions of earlier versions."""
     next_test: str = ""
+    """Test that would separate rivals or name a group."""
     ground: str = ""
     """Reason to correct or not to correct by the model (`rigs.calibration.Ground`); empty if not assessed."""
     runs_to_decide: int | None = None
@@ -176,12 +170,9 @@ class Answer(Part):
 
 
 class SessionCorrection(Part):
-    """A correction.
+    """A correction, with the error of the readings before it and as expected after it.
 
-    sentence: instruction for the operator. before_um, expected_um: error of the readings before and after the
-    correction. same, elsewhere: expected error and uncertainty, on the circle and at the other place. work: expected
-    error over the work area. directory: directory of the files. entered: whether the values are entered at the
-    controller.
+    entered: whether the values are entered at the controller.
     """
 
     way: Way

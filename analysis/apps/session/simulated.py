@@ -1,9 +1,8 @@
 """Cell of a session in simulated time: 50 minutes pass in one or two.
 
-The daemon, the instruments, the timing of the lines, the robot with its programs and the inference are the same as in
-real time. Only the processes, ports and clock are replaced. Nothing is ever late, regardless of the load of the
-computer, and a seed always produces the same runs. Manual work between programs is planned for but takes no time. An
-inference runs in parallel with the robot and takes a fixed simulated time.
+Only the processes, ports and clock are replaced. Nothing is ever late, regardless of the load of the computer, and a
+seed always produces the same runs. Manual work between programs is planned for but takes no time. An inference runs in
+parallel with the robot and takes a fixed simulated time.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 
 from analysis.apps.emulate.served_cell import CellEvent, Keyboard
+from analysis.apps.session.answer import Inference
 from analysis.apps.session.cell import Machine, ServedCell
 from analysis.apps.session.session_state import Emulated, Session, Stage
 from rigs.errors import CellError
@@ -109,6 +111,17 @@ def test_cell_that_has_ended_ends_the_session(session: Session, tmp_path: Path) 
     cell.runs = False
     with refused("process.ended"):
         cell.check()
+
+
+def test_inference_that_fails_or_is_killed_says_so(tmp_path: Path) -> None:
+    for kill, code in ((False, "run.missing"), (True, "process.ended")):
+        inference = Inference([tmp_path / "none"], [], Path("paper-fanuc"), tmp_path / "found")
+        if kill:
+            inference._process.kill()  # private: as the system does if there is no memory left
+        while not inference.is_done:
+            time.sleep(0.05)
+        with refused(code):
+            inference.result()
 
 
 def test_event_is_a_line_of_json_and_other_lines_are_ignored() -> None:
