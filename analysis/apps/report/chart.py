@@ -1,7 +1,7 @@
 """Contents of a chart, independent of the renderer.
 
-`live_chart` renders the interactive version, `still_chart` the version for paper and for browsers with scripts
-disabled. Both show the same contents.
+The script of the page draws the interactive version (`live_chart`), `still_chart` the version for paper and for
+browsers with scripts disabled.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -25,10 +26,13 @@ from rigs.schema.effect import name_of
 from rigs.text import as_argument
 
 
-def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float]) -> Effect:
+def with_origin(
+    effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float], **more: Any
+) -> Effect:
     """Return an effect with provenance: date, runs, standard uncertainties, and the gap (before, after) it closed.
 
     Values are rounded to nine digits, uncertainties to three and gaps to the nanometre, because people read this file.
+    more: further fields of `EffectProvenance`.
     """
     before, after = gap_um
     origin = EffectProvenance(
@@ -36,17 +40,11 @@ def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], ga
         runs=tuple(runs),
         sd={field: float(f"{value:.3g}") for field, value in sd.items() if math.isfinite(value)},
         gap_um=(round(before, 3), round(after, 3)),
+        **more,
     )
     numbers = {field: value for field, value in effect if isinstance(value, float)}
     rounded = {field: float(f"{value:.9g}") for field, value in numbers.items()}
     return effect.model_copy(update={"found": origin, **rounded})
-
-
-def with_provenance(effect: Effect, **additions: object) -> Effect:
-    """Return an effect with additional provenance: `rivals`, `together`, `correlation` or `joints_deg` of
-    `EffectProvenance`."""
-    origin = effect.found
-    return effect if origin is None else effect.model_copy(update={"found": origin.model_copy(update=additions)})
 
 
 def extended_files(
@@ -149,12 +147,11 @@ def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
 
 
 def _origins(diagnosis: Diagnosis) -> list[Effect]:
+    joints_deg = diagnosis.calibrated.joints_deg if diagnosis.calibrated else None
     return [
-        with_provenance(
-            with_origin(named.effect, diagnosis.runs, named.sd, (named.gap_without_um, diagnosis.train.after_um)),
-            rivals=tuple(rival_names(named)),
-            together=tuple(name_of(twin) for twin in named.twins),
-            joints_deg=diagnosis.calibrated.joints_deg if diagnosis.calibrated else None,
+        with_origin(
+            named.effect, diagnosis.runs, named.sd, (named.gap_without_um, diagnosis.train.after_um),
+            rivals=tuple(rival_names(named)), together=tuple(map(name_of, named.twins)), joints_deg=joints_deg,
         )
         for named in diagnosis.written
-    ]
+    ]  # fmt: skip

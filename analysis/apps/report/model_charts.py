@@ -41,9 +41,13 @@ def simulated_charts(
 
     corrected: the runs compared with the model including the effects; None if no effects exist.
     """
-    before, after = _of_group(simulated, group), _of_group(corrected, group)
-    titles = dict.fromkeys(comparison.result.title for comparison in before)
-    return [compared_chart(_of_title(before, title), _of_title(after, title), texts) for title in titles]
+    paths = {result.measured.path for result in group}
+    by_title: dict[str, tuple[list[Comparison], list[Comparison]]] = {}
+    for place, compared in enumerate((simulated, corrected)):
+        for comparison in compared.runs if compared else ():
+            if comparison.result.measured.path in paths:
+                by_title.setdefault(comparison.result.title, ([], []))[place].append(comparison)
+    return [compared_chart(before, after, texts) for before, after in by_title.values()]
 
 
 def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], texts: Texts) -> Chart:
@@ -63,15 +67,6 @@ def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], te
         tuple(ChartLine(texts(name), role, x, factor * values, points=not is_angle) for name, role, values in drawn),
         ticks=tuple((float(place), name) for place, name in enumerate(places)),
     )  # fmt: skip
-
-
-def _of_group(compared: Compared | None, group: Sequence[Result]) -> list[Comparison]:
-    paths = {result.measured.path for result in group}
-    return [comparison for comparison in compared.runs if comparison.result.measured.path in paths] if compared else []
-
-
-def _of_title(runs: Sequence[Comparison], title: str) -> list[Comparison]:
-    return [comparison for comparison in runs if comparison.result.title == title]
 
 
 def _mean_curves(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:

@@ -15,10 +15,7 @@ from analysis.correction.deviation import Deviation
 
 @dataclass(frozen=True)
 class ErrorChange:
-    """Error before and after in µm rms, each with its label; `after` is empty if unknown.
-
-    `basis` states where both were measured, `standing` compares the present error with its limits.
-    """
+    """Error before and after in µm rms, each with its label; `after` is empty if unknown."""
 
     now_label: str
     now: str
@@ -46,10 +43,8 @@ class ErrorChange:
 class Summary:
     """Headline and three tiles.
 
-    `standing` is the leading condition of the badge; `moved` and `contradicted` come before conditions. `tone` is the
-    colour of the badge on every output.
-    `unknowns` are the limits of the evidence, shown before the next step. `command` carries out the next step; it is
-    empty if no command does.
+    `standing` is the leading condition of the badge; `moved` and `contradicted` come before conditions. `unknowns` are
+    the limits of the evidence, shown before the next step.
     """
 
     badge: str

@@ -1,10 +1,9 @@
 """Search for the unit, registers and byte order of a Modbus gauge with a wrong rig file.
 
-Only the read functions 3 and 4 are used, while the user moves the probe. First every unit number is polled. Then the
-registers around the configured address, and around the address in manual notation (30203, 40203), are read repeatedly.
-A value that moves steadily within the range of a gauge is the reading, or the upper part of it; a wrong decoding jumps
-over the full range of the type or does not move. Among several candidates those with the fewest changes to the rig file
-are chosen.
+While the user moves the probe, every unit number is polled, and then the registers around the configured address, also
+in manual notation (30203, 40203). Only the read functions 3 and 4 are used. A value that moves steadily within the
+range of a gauge is the reading, or the upper part of it; a wrong decoding jumps over the full range of the type or does
+not move. Among several candidates those with the fewest changes to the rig file are chosen.
 """
 
 from __future__ import annotations

@@ -59,11 +59,9 @@ def gather(
     model = rig if rig is not None else runs[0].rig
     # Two robots of one type differ in rig names; the model may come from a separate rig file
     for run in runs:
-        if run.rig.robot.name != model.robot.name:
-            problem = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
-            raise FileError(str(run.path), problem, "make a report for each robot", code="report.other_robot")
-        if run.rig.name != runs[0].rig.name:
-            problem = f"is of rig {run.rig.name}, but the report is about rig {runs[0].rig.name}"
+        if (run.rig.robot.name, run.rig.name) != (model.robot.name, runs[0].rig.name):
+            about = f"the report is about rig {runs[0].rig.name} of {model.robot.name}"
+            problem = f"is of rig {run.rig.name} of {run.rig.robot.name}, but {about}"
             raise FileError(str(run.path), problem, "make a report for each robot", code="report.other_robot")
     undiagnosed = ""
     if diagnosis is None and diagnosed:

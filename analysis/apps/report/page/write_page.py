@@ -1,8 +1,4 @@
-"""The page as a single HTML file, rendered from templates with embedded charts and plotting library. It makes no
-requests.
-
-The head and the end contain the recipients and the traceability: operator, dates, instruments, programs, and file
-hashes.
+"""The page as a single HTML file without requests, rendered from templates.
 
 A Content-Security-Policy allows the two scripts of the page by SHA-256 and blocks all others. The large plotly script
 is embedded as it is packaged, in compressed form (`scripts/dev plotting_script` creates it, with version and licence),

@@ -208,24 +208,6 @@ def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
     assert "also_a_fault" not in keys_of(summarise(replace(found, budget=swapped)).headline)
 
 
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
-        ({"condition": "undecided", "effects": (replace(PLAY, doubt="usual"),)}, "finding_undecided"),
-        ({"condition": "outside_library"}, "finding_unexplained"),
-        ({"condition": "out_of_range"}, "finding_out_of_range"),
-        ({"condition": "not_testable_here"}, "finding_not_testable_here"),
-        ({"condition": "named", "only_commanded": True}, "finding_only_commanded"),
-        ({"condition": "named", "movements": (MOVED,)}, "moved_between"),
-        ({"condition": "ambiguous", "acts": (REMASTER, APART)}, "uncertain"),
-    ],
-)
-def test_unknowns_come_before_the_next_step(changes: dict[str, object], expected: str) -> None:
-    summary = summarise(diagnosis(**changes))  # type: ignore[arg-type]
-    keys = [key for text in (summary.headline, *summary.unknowns) for key in keys_of(text)]
-    assert keys.count(expected) == 1
-
-
 def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
     sound = diagnosis("nothing_unusual", acts=())
     for found in (sound, diagnosis("named")):
