@@ -176,8 +176,7 @@ class Daemon:
 
     def _take_locks(self) -> None:
         """Lock the socket and the gauges."""
-        socket_lock = self._socket_path.with_suffix(".lock")
-        self._locks.callback(InstanceLock.take(self._rig.name, socket_lock).release)
+        self._locks.callback(InstanceLock.take(self._rig.name, self._socket_path).release)
         with suppress(OSError):
             self._runs.mkdir(parents=True, exist_ok=True)
         for stream in self._streams:

@@ -4,14 +4,12 @@ A user who can write to a directory in the path could place a socket there and i
 permissions of each directory are checked. A directory created by the system for a service, such as /run/rigd-cell, is
 trusted with its owner.
 
-Each rig has one daemon, by a lock next to the socket. The port of each gauge is also locked: otherwise two daemons
-could poll the same instruments and record the same lap twice.
+Each socket has one daemon. The port of each gauge is also locked: otherwise two daemons could poll the same instruments
+and record the same lap twice.
 """
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import hashlib
 import os
 import socket
@@ -65,65 +63,46 @@ def require_trusted_owner(path: Path) -> frozenset[int]:
 
 def peer_user(connection: socket.socket) -> int:
     """User id of the peer of a local connection."""
+    return _peer(connection)[1]
+
+
+def _peer(connection: socket.socket) -> tuple[int, int]:
+    """Process and user of the peer of a local connection."""
     size = _CREDENTIALS.size
-    _, user, _ = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
-    return int(user)
-
-
-_LONGEST_ID = 20
-"""Characters of a process id. A file with more content is not a lock file."""
+    process, user, _ = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
+    return process, user
 
 
 class InstanceLock:
-    """Ensures a single daemon per rig, by an flock, which the system releases with the process."""
+    """Lock on a name for the daemons of a user: an abstract socket, which the system releases with the process."""
 
     @classmethod
-    def take(cls, rig: str, path: Path) -> InstanceLock:
-        """Take the lock of a rig."""
+    def take(cls, rig: str, socket_path: Path) -> InstanceLock:
+        """Make this process the only daemon of a socket, in a directory that no other user can change."""
+        directory = socket_path.parent
         try:
-            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            status = path.parent.stat()
-            if status.st_uid not in (os.geteuid(), 0):
-                remedy = "set XDG_RUNTIME_DIR, or choose a different --socket"
-                raise CellError(str(path.parent), "belongs to a different user", remedy, code="lock.untrusted")
-            if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-                problem = "is writable for other users, who could replace the socket of rigd"
-                remedy = "give --socket in a private directory, or chmod go-w this directory"
-                raise CellError(str(path.parent), problem, remedy, code="daemon.untrusted")
-            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
+            directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+            status = directory.stat()
         except OSError as error:
-            problem = "is a symbolic link" if path.is_symlink() else error.strerror or str(error)
-            raise CellError(str(path), problem, "choose a different --socket", code="daemon.socket") from None
-        lock = cls(fd)
-        try:
-            lock._hold(rig, path)
-        except BaseException:
-            lock.release()
-            raise
-        return lock
-
-    def __init__(self, fd: int) -> None:
-        self._fd = fd
-
-    def _hold(self, rig: str, path: Path) -> None:
-        status = os.fstat(self._fd)
-        if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1 or status.st_size > _LONGEST_ID:
-            problem = "already exists and is not a lock file of rigd"
-            raise CellError(str(path), problem, "choose a different --socket", code="lock.foreign_file")
-        try:
-            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            holder = os.pread(self._fd, _LONGEST_ID, 0).decode("ascii", "replace").strip() or "unknown"
-            problem = f"a different rigd (process {holder}) serves this rig"
+            remedy = "choose a different --socket"
+            raise CellError(str(directory), error.strerror or str(error), remedy, code="daemon.socket") from None
+        if status.st_uid not in (os.geteuid(), 0):
+            remedy = "set XDG_RUNTIME_DIR, or choose a different --socket"
+            raise CellError(str(directory), "belongs to a different user", remedy, code="lock.untrusted")
+        if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            problem = "is writable for other users, who could replace the socket of rigd"
+            remedy = "give --socket in a private directory, or chmod go-w this directory"
+            raise CellError(str(directory), problem, remedy, code="daemon.untrusted")
+        lock = cls(str(directory.resolve() / socket_path.name))
+        if lock.holder is not None:
+            problem = f"a different rigd (process {lock.holder}) serves this rig"
             remedy = "stop that daemon, or query it with rig status"
-            raise CellError(rig, problem, remedy, code="daemon.second") from None
-        with contextlib.suppress(OSError):  # informative only: a full disk must not prevent the start
-            os.ftruncate(self._fd, 0)
-            os.write(self._fd, str(os.getpid()).encode())
+            raise CellError(rig, problem, remedy, code="daemon.second")
+        return lock
 
     @classmethod
     def take_gauge(cls, name: str, port: str) -> InstanceLock:
-        """Lock the port of a gauge for the daemons of this user, independent of rig file and name.
+        """Lock the port of a gauge, independent of rig file and name.
 
         Two daemons would receive each other's answers.
         """
@@ -133,31 +112,41 @@ class InstanceLock:
         if port.startswith("/"):
             device = os.path.realpath(port)
             canonical = str(Path(port).absolute()) if device.startswith("/dev/pts/") else device
-        key = hashlib.sha256(canonical.encode()).hexdigest()[:16]
-        address = f"\0rigd-{os.geteuid()}-{key}"
-        lock = socket.socket(socket.AF_UNIX)
+        lock = cls(canonical)
+        if lock.holder is not None:
+            problem = f"a different rigd (process {lock.holder}) reads the gauge at {port}"
+            remedy = "stop that rigd, or correct the port in the rig file"
+            raise CellError(name, problem, remedy, code="gauge.in_use")
+        return lock
+
+    def __init__(self, name: str) -> None:
+        address = f"\0rigd-{os.geteuid()}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:16]}"
+        self.holder: int | None = None
+        """Process of this user or of root that holds the lock; None if this object holds it.
+
+        Other users are ignored, because they could hold it forever.
+        """
+        self._socket = socket.socket(socket.AF_UNIX)
         try:
-            lock.bind(address)
-            lock.listen()
+            self._socket.bind(address)
+            self._socket.listen()
         except OSError:
-            lock.close()
-            if _is_of_this_user(address):  # locks of other users are ignored, because they could hold them forever
-                problem = f"a different rigd reads the gauge at {port}"
-                remedy = "stop that rigd, or correct the port in the rig file"
-                raise CellError(name, problem, remedy, code="gauge.in_use") from None
-            return cls(-1)
-        return cls(lock.detach())
+            self.release()
+            self.holder = _listening_process(address)
 
     def release(self) -> None:
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
+        self._socket.close()
 
 
-def _is_of_this_user(address: str) -> bool:
-    """True if a program of this user or of root listens at an abstract address."""
-    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as probe:
-        probe.settimeout(1.0)
-        probe.connect(address)
-        return peer_user(probe) in (0, os.geteuid())
-    return False
+def _listening_process(address: str) -> int | None:
+    """Process of this user or of root that listens at an abstract address; 0 if its queue is full."""
+    with socket.socket(socket.AF_UNIX) as probe:
+        probe.setblocking(False)
+        try:
+            probe.connect(address)
+            process, user = _peer(probe)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            return None
+    return process if user in (0, os.geteuid()) else None

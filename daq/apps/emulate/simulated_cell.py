@@ -13,8 +13,9 @@ from daq import clock
 from daq.acquisition.streams import streams_of
 from daq.apps.emulate.instruments import MotionSource, instruments_of
 from daq.apps.emulate.simulated_clock import SimulatedClock, close_files_in
-from daq.protocol.conversation import ConversationStep, Device, Fault, Item
+from daq.protocol.conversation import Device, Fault, Item
 from daq.service.daemon import Daemon
+from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import LinkLost
 from rigs.errors import CellError
 from rigs.load import parse
@@ -52,9 +53,23 @@ class SimulatedLine:
         self.connections += 1
         return ours
 
-    def serve(self, make: Callable[[], Device]) -> None:
-        """Serve devices in a thread. make: creates a device for each connection."""
-        clock.Thread(target=_serving(self, make, []), name=f"emulated {self.name}", daemon=True).start()
+    def serve(self, make: Callable[[], Device], made: list[Device]) -> None:
+        """Serve devices in a thread. make: creates a device for each connection, which is appended to `made`."""
+
+        def serve() -> None:
+            while True:
+                if self.ends is None:
+                    clock.sleep(_ROUND_S)
+                    continue
+                end = self.ends[1]
+                made.append(make())
+                with contextlib.suppress(LinkLost):
+                    # An idle instrument does not wake up, which makes quiet hours cheap.
+                    run_conversation(end, made[-1], lambda _: None, lambda: False, longest_s=math.inf)
+                if self.ends and self.ends[1] is end:
+                    self.reset()
+
+        clock.Thread(target=serve, name=f"emulated {self.name}", daemon=True).start()
 
     def unplug(self) -> None:
         """Unplug the cable. Data in transit is lost."""
@@ -130,9 +145,8 @@ class _LineEnd:
 class SimulatedCell:
     """Instruments of a rig measuring a motion, each on a line. `daemon` starts a daemon for them."""
 
-    @classmethod
-    def switched_on(
-        cls,
+    def __init__(
+        self,
         time: SimulatedClock,
         folder: Path,
         text: str,
@@ -141,31 +155,25 @@ class SimulatedCell:
         devices: Mapping[str, Callable[[], Device]] | None = None,
         *,
         paced: bool = True,
-    ) -> SimulatedCell:
+    ) -> None:
         """Start the instruments of a rig.
 
-        devices: factories by stream in place of the default instruments. paced: False if the data already has the pace
-        of the line, as from a capture.
+        text: rig file. The runs are in the subdirectory `runs` of the folder. devices: factories by stream in place of
+        the default instruments. paced: False if the data already has the pace of the line, as from a capture.
         """
-        cell = cls(time, folder, text)
-        devices = devices or instruments_of(cell.rig, motion, signal)
-        with time.process("cell"):
-            for stream in streams_of(cell.rig):
-                pace_ns = 0 if "://" in stream.port or not paced else stream.line.character_ns
-                by_udp = udp_address(stream.port) is not None
-                line = cell.lines[stream.name] = SimulatedLine(stream.name, pace_ns, datagrams=by_udp)
-                made = cell.made[stream.name] = []
-                body = _serving(line, devices[stream.name], made)
-                clock.Thread(target=body, name=f"emulated {stream.name}", daemon=True).start()
-        return cell
-
-    def __init__(self, time: SimulatedClock, folder: Path, text: str) -> None:
-        """text: rig file. The runs are in the subdirectory `runs` of the folder."""
         self.time, self.folder, self.text = time, folder, text
         self.rig = parse(text, "simulated")
         self.lines: dict[str, SimulatedLine] = {}
         self.made: dict[str, list[Device]] = {}
         self.daemons = 0
+        devices = devices or instruments_of(self.rig, motion, signal)
+        with time.process("cell"):
+            for stream in streams_of(self.rig):
+                pace_ns = 0 if "://" in stream.port or not paced else stream.line.character_ns
+                by_udp = udp_address(stream.port) is not None
+                line = self.lines[stream.name] = SimulatedLine(stream.name, pace_ns, datagrams=by_udp)
+                made = self.made[stream.name] = []
+                line.serve(devices[stream.name], made)
 
     def daemon(self, **options: Any) -> Daemon:
         """Start a daemon. options: arguments of its constructor."""
@@ -180,49 +188,14 @@ class SimulatedCell:
     def kill(self, daemon: Daemon) -> None:
         """Kill a daemon. All threads end immediately, and the files and lines are closed."""
         self.time.kill(f"rigd {self.daemons}")
-        daemon._control.close()  # private _control: what a kill closes
+        daemon._control.close()  # private: what a kill closes
+        daemon._locks.close()
         for line in self.lines.values():
             line.reset()
         close_files_in(self.folder)
 
     def _open(self, name: str, *_: object, **__: object) -> Any:
         return self.lines[name].open()
-
-
-def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]) -> Callable[[], None]:
-    def serve() -> None:
-        while True:
-            if line.ends is None:
-                clock.sleep(_ROUND_S)
-            else:
-                made.append(make())
-                _converse(line, line.ends[1], made[-1])
-
-    return serve
-
-
-def _converse(line: SimulatedLine, end: _LineEnd, device: Device) -> None:
-    """Run a conversation like `run_conversation`.
-
-    An idle instrument does not wake up, which makes quiet hours cheap.
-    """
-    with contextlib.suppress(LinkLost):
-        step = device.connected(clock.now_ns())
-        while True:
-            if step.send:
-                end.write(step.send)
-            if step.hang_up:
-                break
-            data = end.read(math.inf if step.wake_ns is None else (step.wake_ns - clock.now_ns()) / 1e9)
-            now_ns = clock.now_ns()
-            if data:
-                step = device.received(data, now_ns)
-            elif step.wake_ns is not None and now_ns >= step.wake_ns:
-                step = device.tick(now_ns)
-            else:
-                step = ConversationStep(wake_ns=step.wake_ns)
-    if line.ends and line.ends[1] is end:
-        line.reset()
 
 
 def _nothing() -> None:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import errno
 import json
 import os
 import socket
@@ -35,20 +34,13 @@ def test_an_error_in_the_program_is_no_mistake_of_who_asked():
     assert "not JSON" in reply(b"{", fails)["what"] and "a JSON object" in reply(b"[]", fails)["what"]
 
 
-def test_lock_works_on_a_full_disk(tmp_path, monkeypatch):
-    def full(fd: int, data: bytes) -> int:
-        raise OSError(errno.ENOSPC, "full")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "write", full)
-        lock = InstanceLock.take("cell", tmp_path / "cell.lock")
+def test_a_socket_has_one_daemon(tmp_path):
+    lock = InstanceLock.take("cell", tmp_path / "cell.sock")
     with refused("daemon.second"):
-        InstanceLock.take("cell", tmp_path / "cell.lock")
+        InstanceLock.take("cell", tmp_path / "cell.sock")
+    InstanceLock.take("cell", tmp_path / "other.sock").release()
     lock.release()
-    lock = InstanceLock.take("cell", tmp_path / "cell.lock")
-    with refused("daemon.second"):
-        InstanceLock.take("cell", tmp_path / "cell.lock")
-    lock.release()
+    InstanceLock.take("cell", tmp_path / "cell.sock").release()
 
 
 def test_hanging_daemon_is_distinguished_from_none(tmp_path, monkeypatch):

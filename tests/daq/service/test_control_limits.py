@@ -72,7 +72,7 @@ def test_silent_connections_block_nobody(tmp_path: Path) -> None:
 def test_where_all_are_busy_a_new_one_is_refused_and_none_is_cut_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # private _MOST, _IDLE_S, _LINE_S: the real limits are many connections and half a minute
+    # private _MOST, _IDLE_S, _SEND_S: the real limits are many connections and half a minute
     monkeypatch.setattr(control, "_MOST", 3)
     begun, may_answer = threading.Semaphore(0), threading.Event()
 
@@ -91,27 +91,23 @@ def test_where_all_are_busy_a_new_one_is_refused_and_none_is_cut_off(
         assert [asked(sock, b"") for sock in busy] == [{"ok": True, "answered": True}] * 3
 
 
-def test_who_asks_nothing_or_never_ends_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_asks_nothing_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(control, "_IDLE_S", 0.2)
-    monkeypatch.setattr(control, "_LINE_S", 0.2)
+    with served(tmp_path / "socket") as path, connected(path) as silent:
+        assert silent.recv(1) == b""
+
+
+def test_who_reads_no_answer_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control, "_SEND_S", 0.2)
     big = "x" * 500_000  # more than a local socket holds for a reader who does not come
-    with served(tmp_path / "socket", lambda _: {"big": big}) as path:
-        with connected(path) as silent:
-            assert silent.recv(1) == b""
-        with connected(path) as endless:
-            for _ in range(100):
-                with contextlib.suppress(BrokenPipeError):
-                    endless.sendall(b" ")
-                time.sleep(0.01)  # each byte in time, and the line never
-            assert endless.recv(1) == b""
-        with connected(path) as reads_nothing:
-            reads_nothing.sendall(b"{}\n" * 3)
-            time.sleep(1.0)
-            received = b""
-            with contextlib.suppress(ConnectionResetError):
-                while piece := reads_nothing.recv(1 << 20):
-                    received += piece
-            assert len(received) < len(big)
+    with served(tmp_path / "socket", lambda _: {"big": big}) as path, connected(path) as reads_nothing:
+        reads_nothing.sendall(b"{}\n" * 3)
+        time.sleep(1.0)
+        received = b""
+        with contextlib.suppress(ConnectionResetError):
+            while piece := reads_nothing.recv(1 << 20):
+                received += piece
+        assert len(received) < len(big)
 
 
 def test_requests_and_answers_have_a_longest_size(tmp_path: Path) -> None:
@@ -130,11 +126,7 @@ def test_several_requests_at_once_are_answered_in_order(tmp_path: Path) -> None:
         assert asked(sock, b": 3}\n") == {"ok": True, "a": 3}
 
 
-def test_exhausted_descriptors_are_reported(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tries, warn = [], ControlServer._warn  # private: each try to accept ends with it
-    monkeypatch.setattr(ControlServer, "_warn", lambda server, problem: (tries.append(problem), warn(server, problem)))
+def test_exhausted_descriptors_are_reported_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     with served(tmp_path / "socket") as path, socket.socket(socket.AF_UNIX) as sock:
         sock.settimeout(PATIENCE_S)
@@ -146,12 +138,10 @@ def test_exhausted_descriptors_are_reported(
             while os.strerror(errno.EMFILE) not in caplog.text and time.monotonic() < until_s:
                 time.sleep(0.01)
             time.sleep(0.5)
-            assert len(tries) < 100  # it waits, and does not spin
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
             for fd in taken:
                 os.close(fd)
-        assert "control socket: limit: " in caplog.text
         assert caplog.text.count(os.strerror(errno.EMFILE)) == 1
         assert asked(sock) == {"ok": True}
 

@@ -86,21 +86,6 @@ def test_a_wrong_request_is_refused_in_one_line(request_):
         recent_samples({"command": "samples", **request_}, {}, "")
 
 
-@pytest.mark.parametrize(
-    "stream",
-    [
-        {"newest": 1, "columns": ["g1_mm"], "rows": [[1]]},
-        {"newest": 1, "columns": ["g1_mm"], "rows": [[None, 1.0]]},
-        {"newest": 1, "columns": ["g1_mm"], "rows": [[1, "x"]]},
-        {"columns": [], "rows": []},
-    ],
-)
-def test_an_answer_of_another_shape_is_not_taken(stream):
-    answer = {"ok": True, "now_ns": 1, "rig_lines": [], "streams": {"g1": stream}}
-    with pytest.raises(ValueError, match="streams"):
-        read_answer("samples", json.dumps(answer).encode())
-
-
 def test_a_running_daemon_hands_on_its_rig_file_and_its_samples(bench):
     bench.start().all_reading()
     with Client(bench.socket) as client:
