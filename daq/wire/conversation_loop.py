@@ -36,11 +36,13 @@ def run_conversation(
     deliver: Callable[[Sequence[Item]], None],
     ended: Callable[[], bool],
     alive: Callable[[], None] = lambda: None,
+    *,
+    longest_s: float = WAIT_S,
 ) -> None:
     """Run the conversation until `ended` returns True or the conversation hangs up. Raises LinkLost.
 
     Stamps are taken immediately before a write and after a read, so the reading of the device always lies between them.
-    `alive` is called at least every 0.2 s plus the gathering time, and at most every 5 ms.
+    `ended` and `alive` are called at least every `longest_s` plus the gathering time, and `alive` at most every 5 ms.
     """
     gathering = conversation if isinstance(conversation, Gathering) else None
     step = conversation.connected(clock.now_ns())
@@ -57,8 +59,8 @@ def run_conversation(
         if now_ns >= alive_ns:
             alive()
             alive_ns = now_ns + _ALIVE_NS
-        due_s = WAIT_S if step.wake_ns is None else max(0.0, (step.wake_ns - clock.now_ns()) / 1e9)
-        data = link.read(min(WAIT_S, due_s))
+        due_s = longest_s if step.wake_ns is None else max(0.0, (step.wake_ns - clock.now_ns()) / 1e9)
+        data = link.read(min(longest_s, due_s))
         now_ns = clock.now_ns()
         if data and gathering:
             arrivals, lost = _gathered(link, (data, now_ns), gathering.gather_ns)

@@ -41,7 +41,7 @@ def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path):
         played = {}
         for name in ON_WIRES:
             text, capture, expected = _case(name)
-            replay = Replay.open(parse(text, name), capture)
+            replay = Replay(parse(text, name), capture)
             (tmp_path / name).mkdir()
             bench = stack.enter_context(Bench(tmp_path / name, text, cell=replay.cell)).start()
             played[name] = bench, replay, expected
@@ -71,7 +71,7 @@ def test_a_rig_of_which_the_capture_knows_nothing_is_refused():
     text, capture, _ = _case(NAMES[0])
     other = Capture(tuple(piece for piece in capture.pieces if piece.stream != "robot"), cut=False)
     with refused("capture.no_data"):
-        Replay.open(parse(text, "x"), other)
+        Replay(parse(text, "x"), other)
 
 
 def test_command_serves_a_capture_to_its_end(tmp_path):

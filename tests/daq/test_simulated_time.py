@@ -30,7 +30,7 @@ def recorded(folder: Path, seed: int) -> tuple[dict[str, np.ndarray], Counter[st
     folder.mkdir()
     hand = ByHand()
     with SimulatedClock(seed).running() as time:
-        cell = SimulatedCell.switched_on(time, folder, slow_rig(), hand, hand.signal)
+        cell = SimulatedCell(time, folder, slow_rig(), hand, hand.signal)
         daemon = cell.daemon()
         clock.sleep(2)
         path = Path(daemon.answer(START)["run"])
@@ -65,7 +65,7 @@ def test_serial_robot_is_read_at_the_pace_of_its_line(line, keeps_up, tmp_path):
     rig, hand = yaml.safe_load(slow_rig()), ByHand()
     rig["feedback"] = {"interface": "line_feed", "port": "/dev/ttyUSB9", "line": line}
     with SimulatedClock(1).running() as time:
-        daemon = SimulatedCell.switched_on(time, tmp_path, yaml.safe_dump(rig), hand, hand.signal).daemon()
+        daemon = SimulatedCell(time, tmp_path, yaml.safe_dump(rig), hand, hand.signal).daemon()
         clock.sleep(3)
         samples = daemon.answer({"command": "status"})["streams"]["robot"]["counters"]["samples"]
         daemon.close("complete", "over")
@@ -75,7 +75,7 @@ def test_serial_robot_is_read_at_the_pace_of_its_line(line, keeps_up, tmp_path):
 def test_synced_rows_of_a_killed_run_are_recovered(tmp_path):
     hand = ByHand()
     with SimulatedClock(3).running() as time:
-        cell = SimulatedCell.switched_on(time, tmp_path, slow_rig(), hand, hand.signal)
+        cell = SimulatedCell(time, tmp_path, slow_rig(), hand, hand.signal)
         daemon = cell.daemon()
         clock.sleep(2)
         path = Path(daemon.answer(START)["run"])

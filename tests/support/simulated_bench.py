@@ -48,7 +48,7 @@ class SimulatedBench(Watched):
         self.motion = ByHand()
         driven = motion or self.motion
         signal = getattr(driven, "signal", self.motion.signal)
-        self._make = partial(SimulatedCell.switched_on, folder=folder, text=self.text, motion=driven, signal=signal)
+        self._make = partial(SimulatedCell, folder=folder, text=self.text, motion=driven, signal=signal)
         self._make = partial(self._make, devices=devices, paced=paced)
         self._seed, self._options = seed, options
         self._ends = ExitStack()

@@ -111,7 +111,7 @@ def ur_rtde() -> str:
         raise Absent("ur_rtde is not installed")
     address = "127.0.0.30"  # its port is fixed
     server = socket.create_server((address, 30004))
-    controller = TcpPort(server, lambda: feedback.device(rtde(), lambda _: ANGLES_DEG), 0.0)
+    controller = TcpPort(lambda: feedback.device(rtde(), lambda _: ANGLES_DEG), server=server)
     with _running(controller.serve):
         command = [sys.executable, "-c", _RTDE_CLIENT, address, str(ENOUGH)]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
@@ -132,7 +132,7 @@ def abb_egm() -> str:
     from rigs.schema.condition import ProgramState  # noqa: PLC0415
     from tests.support.drivers import egm  # noqa: PLC0415
 
-    controller = UdpPort.open(lambda: feedback.device(egm(), lambda _: ANGLES_DEG), calls=True)
+    controller = UdpPort(lambda: feedback.device(egm(), lambda _: ANGLES_DEG), calls=True)
     client = EGM(int(controller.port.rpartition(":")[2]))
     with _running(controller.serve):
         for _ in range(ENOUGH):
@@ -167,7 +167,7 @@ def roslibpy() -> str:
     from tests.support.drivers import PANDA, joint_states  # noqa: PLC0415
 
     heard: list[dict[str, Any]] = []
-    server = TcpPort.open(lambda: feedback.device(joint_states(), lambda _: ANGLES_DEG))
+    server = TcpPort(lambda: feedback.device(joint_states(), lambda _: ANGLES_DEG))
     with _running(server.serve):
         client = roslibpy.Ros("127.0.0.1", int(server.port.rpartition(":")[2]))
         client.run(timeout=PATIENCE_S)
@@ -194,7 +194,7 @@ def minimalmodbus() -> str:
     from tests.support.drivers import PLAIN, modbus  # noqa: PLC0415
 
     gauge = modbus(**PLAIN, line="57600 8E1", word_order="big")
-    line = PtyLine.open(gauge.line)
+    line = PtyLine(gauge.line)
 
     def serve(stop: threading.Event) -> None:
         run_conversation(line, gauges.device([gauge], lambda _: [GAUGE_MM]), lambda _: None, stop.is_set)

@@ -99,7 +99,7 @@ def replay(
     capture = read_capture(log)
     lock = locked_cell(directory)
     try:
-        played = Replay.open(rig, capture, directory / MARKS)
+        played = Replay(rig, capture, directory / MARKS)
         for name, content in rig.companion_files.items():
             durable.replace(directory / name, content)
         durable.replace(path, played.rig_text(text).encode())

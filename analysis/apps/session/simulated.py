@@ -87,7 +87,7 @@ class CellInSimulatedTime(ServedCell):
         write_cell_files(self.directory / "emulated", hidden, robot, text)
         self.simulated.kill("cell")
         devices = instruments_of(parse(text, "cell"), robot, robot.signal, condition=robot.pose)
-        self._cell = SimulatedCell.switched_on(self.simulated, self.directory, text, robot, robot.signal, devices)
+        self._cell = SimulatedCell(self.simulated, self.directory, text, robot, robot.signal, devices)
         machine, pendant = MachineInThisProcess(), Pendant(hidden, programs, self.session.maker)
         machine.keyboard = Keyboard(robot, pendant, lambda _: machine.stop(), hear)
         with self.simulated.process("cell"):

@@ -9,13 +9,13 @@ import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import yaml
 
 from daq import clock
 from daq.acquisition.streams import ROBOT, Stream, streams_of
-from daq.apps.emulate.network_ports import TcpCaller, TcpPort, UdpPort
+from daq.apps.emulate.network_ports import NetworkPort, TcpCaller, TcpPort, UdpPort
 from daq.apps.emulate.pty_line import PtyLine
 from daq.apps.emulate.timed import STEADY, Punctual, Unsteady
 from daq.protocol.conversation import Device
@@ -26,19 +26,6 @@ from rigs.schema.links import tcp_address, udp_address
 from rigs.yaml_text import data_of
 
 _NOTICE_S = 0.05
-
-
-class EmulatedPort(Protocol):
-    port: str
-    """Name for a rig file."""
-    plugged: clock.Event
-    """Cleared while the cable is unplugged."""
-
-    def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set."""
-
-    def hang_up(self) -> None:
-        """End the current conversation and start a new one."""
 
 
 @dataclass(frozen=True)
@@ -65,32 +52,27 @@ class EmulatedInstruments:
     names: directory for permanent names of serial ports, like those of udev.
     """
 
-    @classmethod
-    def open(
-        cls,
+    def __init__(
+        self,
         rig: Rig,
         devices: Mapping[str, Callable[[], Device]],
         adversity: Adversity = NONE,
         names: Path | None = None,
         *,
         paced: bool = True,
-    ) -> EmulatedInstruments:
-        """Open the ports of a cell. The instruments are not started. paced: see `PtyLine.open`."""
-        cell = cls()
-        for stream in streams_of(rig):
-            cell._open_port(stream, devices[stream.name], adversity, names and names / stream.name, paced)
-        return cell
-
-    def __init__(self) -> None:
+    ) -> None:
+        """Open the ports of a cell. The instruments are not started. paced: as for `PtyLine`."""
         self._stop = clock.Event()
         self._threads: list[clock.Thread] = []
         self._devices: dict[str, list[Device]] = {}
         self._lines: list[PtyLine] = []
-        self._servers: dict[str, EmulatedPort] = {}
+        self._servers: dict[str, NetworkPort] = {}
         self._plugged: dict[str, clock.Event] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
         """Ports by section of the rig file: `g1`, `g2`, `feedback`."""
+        for stream in streams_of(rig):
+            self._open_port(stream, devices[stream.name], adversity, names and names / stream.name, paced)
 
     def start(self) -> None:
         for thread in self._threads:
@@ -145,18 +127,18 @@ class EmulatedInstruments:
             return device
 
         if udp_address(stream.port):
-            port = self._serve(name, UdpPort.open(make_device, calls=stream.listens, jitter_ms=late_ms))
+            port = self._serve(name, UdpPort(make_device, calls=stream.listens, jitter_ms=late_ms))
         elif tcp_address(stream.port) and stream.listens:
-            port = self._serve(name, TcpCaller.open(make_device, late_ms))
+            port = self._serve(name, TcpCaller(make_device, late_ms))
         elif tcp_address(stream.port):
-            port = self._serve(name, TcpPort.open(make_device, late_ms if name == ROBOT else 0.0))
+            port = self._serve(name, TcpPort(make_device, late_ms if name == ROBOT else 0.0))
         else:
-            line = PtyLine.open(stream.line, adversity.latency_ms, link, paced=paced)
+            line = PtyLine(stream.line, adversity.latency_ms, link, paced=paced)
             port = self._serve_pty(name, make_device, line, paced)
         called = ["feedback"] if name == ROBOT else name.split("_")
         self.ports.update(dict.fromkeys(called, port))
 
-    def _serve(self, name: str, server: EmulatedPort) -> str:
+    def _serve(self, name: str, server: NetworkPort) -> str:
         self._servers[name] = server
         self._plugged[name] = server.plugged
         self._threads.append(clock.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))

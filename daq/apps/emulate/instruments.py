@@ -71,7 +71,7 @@ def emulated(
     signal: program number of the robot at a time, if the feedback transmits it. condition: values that deviate from the
     normal condition of the robot at a time. For the other arguments see `EmulatedInstruments`.
     """
-    return EmulatedInstruments.open(rig, instruments_of(rig, motion, signal, adversity, condition), adversity, names)
+    return EmulatedInstruments(rig, instruments_of(rig, motion, signal, adversity, condition), adversity, names)
 
 
 def instruments_of(

@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from daq import clock
@@ -27,16 +28,22 @@ _CONNECT_S = 1.0
 _HOST = "127.0.0.1"
 
 
-class _Port:
+class NetworkPort(ABC):
     """Port with a single conversation at a time, each with a new device."""
 
     def __init__(self, port: str, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self.port = port
+        """Name for a rig file."""
         self._device = device
         self._jitter_ms = jitter_ms
         self._hang_up = clock.Event()
         self.plugged = clock.Event()
+        """Cleared while the cable is unplugged."""
         self.plugged.set()
+
+    @abstractmethod
+    def serve(self, stop: clock.Event) -> None:
+        """Serve until `stop` is set."""
 
     def hang_up(self) -> None:
         """End the current conversation. The next starts soon."""
@@ -56,16 +63,14 @@ class _Port:
             run_conversation(late, self._device(), lambda _: None, ended)
 
 
-class TcpPort(_Port):
-    """TCP server at a free loopback port. It serves a single client at a time."""
+class TcpPort(NetworkPort):
+    """TCP server, by default at a free loopback port. It serves a single client at a time."""
 
-    @classmethod
-    def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpPort:
-        return cls(socket.create_server((_HOST, 0)), device, jitter_ms)
-
-    def __init__(self, server: socket.socket, device: Callable[[], Conversation], jitter_ms: float) -> None:
-        self._server = server
-        self._address = server.getsockname()
+    def __init__(
+        self, device: Callable[[], Conversation], jitter_ms: float = 0.0, server: socket.socket | None = None
+    ) -> None:
+        self._server = server or socket.create_server((_HOST, 0))
+        self._address = self._server.getsockname()
         super().__init__(f"tcp://{_HOST}:{self._address[1]}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
@@ -91,20 +96,16 @@ class TcpPort(_Port):
                 self._converse(sock, stop)
 
 
-class TcpCaller(_Port):
+class TcpCaller(NetworkPort):
     """TCP client of a local port, initially free."""
 
-    @classmethod
-    def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpCaller:
+    def __init__(self, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> None:
         with socket.create_server((_HOST, 0)) as server:
-            return cls(int(server.getsockname()[1]), device, jitter_ms)
-
-    def __init__(self, number: int, device: Callable[[], Conversation], jitter_ms: float) -> None:
-        self._number = number
-        super().__init__(f"tcp://{_HOST}:{number}", device, jitter_ms)
+            self._number = int(server.getsockname()[1])
+        super().__init__(f"tcp://{_HOST}:{self._number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Reconnect after the end or refusal of a connection, until `stop` is set."""
+        """Reconnect after the end or refusal of a connection."""
         while not stop.is_set():
             if self.plugged.wait(_AGAIN_S):
                 self._hang_up.clear()
@@ -113,18 +114,14 @@ class TcpCaller(_Port):
             stop.wait(_AGAIN_S)
 
 
-class UdpPort(_Port):
+class UdpPort(NetworkPort):
     """UDP port on loopback; a free port of the host if the controller is active."""
 
-    @classmethod
-    def open(cls, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> UdpPort:
-        with _bound(0) as sock:
-            return cls(int(sock.getsockname()[1]), device, calls, jitter_ms)
-
-    def __init__(self, number: int, device: Callable[[], Conversation], calls: bool, jitter_ms: float) -> None:
+    def __init__(self, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> None:
         self._calls = calls
-        self._number = number
-        super().__init__(f"udp://{_HOST}:{number}", device, jitter_ms)
+        with _bound(0) as sock:
+            self._number = int(sock.getsockname()[1])
+        super().__init__(f"udp://{_HOST}:{self._number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
         while not stop.is_set():

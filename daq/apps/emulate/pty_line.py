@@ -141,19 +141,9 @@ _ISPEED, _OSPEED = 4, 5
 class PtyLine:
     """A pty. The host opens the opposite end as a serial port, by `port` or by `name`."""
 
-    @classmethod
-    def open(cls, line: Line, latency_ms: float = 0.0, name: Path | None = None, *, paced: bool = True) -> PtyLine:
-        """Create a pty that is plugged in.
-
-        paced: False if the data already has the pace of the line, as from a capture.
-        """
-        made = cls(os.openpty(), line, latency_ms, name, paced)
-        made.plug()
-        return made
-
-    def __init__(self, ends: tuple[int, int], line: Line, latency_ms: float, name: Path | None, paced: bool) -> None:
-        """ends: descriptors of the near and the opposite end."""
-        self._master, self._slave = ends
+    def __init__(self, line: Line, latency_ms: float = 0.0, name: Path | None = None, *, paced: bool = True) -> None:
+        """paced: False if the data already has the pace of the line, as from a capture."""
+        self._master, self._slave = os.openpty()
         self.port = str(name or os.ttyname(self._slave))
         self._line = line
         self._adapter = LatencyTimer(latency_ms, clock.now_ns())
@@ -162,6 +152,7 @@ class PtyLine:
         self.free_ns = 0
         """Time at which all data is or will be sent."""
         self._set_out_ns: int | None = None
+        self.plug()
 
     def plug(self) -> None:
         """Create the pty and its name."""

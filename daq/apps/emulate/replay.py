@@ -8,7 +8,7 @@ instrument becomes silent (serial) or hangs up (TCP).
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -38,20 +38,16 @@ Player = StreamingPlayer | AnsweringPlayer
 class Replay:
     """Captured instruments of a rig. Start and stop them with `cell`."""
 
-    @classmethod
-    def open(
-        cls,
+    def __init__(
+        self,
         rig: Rig,
         capture: Capture,
         marks: Path | None = None,
         *,
-        opening: Callable[..., EmulatedInstruments] = EmulatedInstruments.open,
-    ) -> Replay:
-        """Open the ports of a capture.
-
-        marks: file for timing deviations. opening: opens the cell, like `EmulatedInstruments.open`.
-        """
-        streams, timebase = streams_of(rig), Timebase()
+        opening: Callable[..., EmulatedInstruments] = EmulatedInstruments,
+    ) -> None:
+        """Open the ports of a capture. marks: file for timing deviations. opening: opens the cell."""
+        streams, self._time = streams_of(rig), Timebase()
         heard = {stream.name: capture.of(stream.name) for stream in streams}
         for name, pieces in heard.items():
             if not any(piece.mark is CaptureMark.CAME for piece in pieces):
@@ -59,38 +55,25 @@ class Replay:
                     f"the capture contains no data of {name} (it contains {', '.join(capture.streams) or 'nothing'})"
                 )
                 raise FileError(rig.name, problem, "give the rig file used for the capture", code="capture.no_data")
-        may_ns = bearable_ns(
-            [_u_ns(stream, heard[stream.name]) for stream in streams if stream.name != ROBOT],
-            *(_u_ns(stream, heard[stream.name]) for stream in streams if stream.name == ROBOT),
-        )
-        marked = TimingMarks(marks.absolute() if marks else None)
-        marked.begin()
-        steps = {
-            stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(marked.add, stream.name))
+        u_ns = {stream.name: _u_ns(stream, heard[stream.name]) for stream in streams}
+        may_ns = bearable_ns([u for name, u in u_ns.items() if name != ROBOT], u_ns[ROBOT])
+        self._marks = TimingMarks(marks.absolute() if marks else None)
+        self._marks.begin()
+        self.steps = {
+            stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(self._marks.add, stream.name))
             for stream in streams
         }
-        replayed = {
-            stream.name: _replayed(stream, heard[stream.name], timebase, steps[stream.name]) for stream in streams
+        """Timing accuracy of each stream."""
+        self._replayed = {
+            stream.name: _replayed(stream, heard[stream.name], self._time, self.steps[stream.name])
+            for stream in streams
         }
         # A long capture consists of a million permanent objects. Garbage collection among them would occasionally stop
         # all instruments for 0.1 s.
         gc.collect()
         gc.freeze()
-        end_ns = max((piece.at_ns for piece in capture.pieces), default=0)
-        return cls(opening(rig, replayed, paced=False), timebase, end_ns, replayed, steps, marked)
-
-    def __init__(
-        self,
-        cell: EmulatedInstruments,
-        timebase: Timebase,
-        end_ns: int,
-        replayed: Mapping[str, ReplayedStream],
-        steps: Mapping[str, Steps],
-        marks: TimingMarks,
-    ) -> None:
-        """end_ns: time of the last piece. steps: timing accuracy of each stream."""
-        self.cell, self.steps = cell, steps
-        self._time, self._end_ns, self._replayed, self._marks = timebase, end_ns, replayed, marks
+        self._end_ns = max((piece.at_ns for piece in capture.pieces), default=0)
+        self.cell = opening(rig, self._replayed, paced=False)
 
     @property
     def unmarked(self) -> str:

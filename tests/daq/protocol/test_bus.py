@@ -192,7 +192,7 @@ def test_two_probes_of_one_orbit_unit():
 
 
 def _wired(units: Sequence[ModbusMap], served: Sequence[ModbusMap], seconds: float) -> list[Item]:
-    line, stop, items = PtyLine.open(LINE), Event(), list[Item]()
+    line, stop, items = PtyLine(LINE), Event(), list[Item]()
     device = daq.gauges.device(served, lambda now_ns: [unit.unit / 100 for unit in served])
     serve = Thread(target=run_conversation, args=(line, device, lambda _: None, stop.is_set))
     serve.start()

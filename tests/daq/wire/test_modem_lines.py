@@ -149,7 +149,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     ],
 )
 def test_the_lines_are_set_before_the_first_byte(calls, modem, set_first):
-    line = PtyLine.open(LINE)
+    line = PtyLine(LINE)
     link = open_link("g1", line.port, LINE, modem=modem)
     link.write(b"?\r")
     link.set_dtr(False)
@@ -162,7 +162,7 @@ def test_the_lines_are_set_before_the_first_byte(calls, modem, set_first):
 
 
 def test_a_conversation_moves_the_line(calls):
-    line = PtyLine.open(LINE)
+    line = PtyLine(LINE)
     link = open_link("g1", line.port, LINE, modem=sylvac(cable="simplex").modem)
     calls.clear()
     run_conversation(
@@ -174,7 +174,7 @@ def test_a_conversation_moves_the_line(calls):
 
 
 def test_a_pty_without_modem_lines_is_opened_all_the_same():
-    line = PtyLine.open(LINE)
+    line = PtyLine(LINE)
     link = open_link("g1", line.port, LINE, modem=ModemLines(dtr=True, rts=False))
     link.set_dtr(False)
     link.close()

@@ -90,7 +90,7 @@ class Life:
         """What has happened to each stream, and to the computer."""
         rig = parse(world.text, f"storm --seed {world.seed}")
         self.instruments = Instruments.of(rig, [stream.name for stream in streams_of(rig)])
-        self.cell = SimulatedCell.switched_on(time_, folder, world.text, self.instruments, self.instruments.signal)
+        self.cell = SimulatedCell(time_, folder, world.text, self.instruments, self.instruments.signal)
         for line in self.cell.lines.values():
             self.instruments.attach(line)
             self.befell[line.name] = set()

@@ -22,7 +22,7 @@ from tests.support.drivers import rtde
 @contextmanager
 def _robot(condition: Sequence[float]) -> Iterator[Stream]:
     robot, stop = rtde(rate_hz=125), threading.Event()
-    port = TcpPort.open(lambda: daq.feedback.device(robot, lambda now_ns: [1.0] * 6 + [*condition]))
+    port = TcpPort(lambda: daq.feedback.device(robot, lambda now_ns: [1.0] * 6 + [*condition]))
     thread = threading.Thread(target=port.serve, args=(stop,))
     thread.start()
     try:

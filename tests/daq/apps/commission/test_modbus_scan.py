@@ -78,7 +78,7 @@ def _scanned(said: dict[str, Any], true: dict[str, Any] | None = None, *, networ
 
     with SimulatedClock(1).running() as time:
         line = SimulatedLine("g1", 0 if network else gauge.line.character_ns)
-        line.serve(device)
+        line.serve(device, [])
 
         def opened(name: str, port: str, setting: Line, **_: object) -> Any:
             line.change = (lambda data: (data, 0)) if network or setting == gauge.line else (lambda data: (b"", 0))

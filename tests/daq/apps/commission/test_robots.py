@@ -46,7 +46,7 @@ def opc_ua_served(feedback: OPCUARobotics) -> Iterator[None]:
     """A server in a protective stop at port 4840 of 127.0.0.48."""
     shown = [*DEGREES, 0.0, float(SafetyState.PROTECTIVE_STOP), 1.0, 100.0, 0.0, *[30.0] * 6]
     listener = socket.create_server(("127.0.0.48", 4840))
-    server = TcpPort(listener, lambda: daq.feedback.device(feedback, lambda _: shown), 0.0)
+    server = TcpPort(lambda: daq.feedback.device(feedback, lambda _: shown), server=listener)
     stop = threading.Event()
     thread = threading.Thread(target=server.serve, args=(stop,))
     thread.start()
@@ -154,7 +154,7 @@ def test_joints_of_a_robot_that_has_gone():
 
 @contextmanager
 def served(device: Callable[[], Device]) -> Iterator[str]:
-    port, stop = TcpPort.open(device), threading.Event()
+    port, stop = TcpPort(device), threading.Event()
     thread = threading.Thread(target=port.serve, args=(stop,))
     thread.start()
     try:

@@ -71,11 +71,11 @@ def simulated(kind: str, *told: bytes) -> Iterator[Simulated]:
             return device
 
         for stream, word in zip_longest(streams_of(rig)[:-1], told, fillvalue=b""):
-            pty = PtyLine.open(stream.line)
+            pty = PtyLine(stream.line)
             at_the_end.callback(pty.close)
             line, true[pty.port] = SimulatedLine(stream.name, stream.line.character_ns), stream.line
             made.lines[pty.port] = line
-            line.serve(partial(switched_on, stream, word))
+            line.serve(partial(switched_on, stream, word), [])
 
         def opened(name: str, port: str, line: Line, **_: object) -> Any:
             cable = made.lines[port]
@@ -110,7 +110,7 @@ def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch):
     monkeypatch.setattr(SEARCH, "is_built_in", lambda port: True)
     # private: the real limit is 20 s
     monkeypatch.setattr(SEARCH, "_SILENT_S", 0.5)
-    line = PtyLine.open(Line.model_validate("9600 8N1"))
+    line = PtyLine(Line.model_validate("9600 8N1"))
     try:
         (report,) = searched(line.port)
     finally:
@@ -185,7 +185,7 @@ def test_a_port_that_another_program_has_locked():
 
 
 def test_a_silent_port_and_one_that_babbles():
-    silent, babbling = (PtyLine.open(Line.model_validate("9600 8N1"), paced=False) for _ in range(2))
+    silent, babbling = (PtyLine(Line.model_validate("9600 8N1"), paced=False) for _ in range(2))
     stop = threading.Event()
 
     def babble() -> None:
@@ -210,7 +210,7 @@ def test_a_silent_port_and_one_that_babbles():
 
 
 def test_a_request_that_nothing_answers_is_sent_once_at_each_line():
-    silent, said = PtyLine.open(Line.model_validate("9600 8N1"), paced=False), list[str]()
+    silent, said = PtyLine(Line.model_validate("9600 8N1"), paced=False), list[str]()
     tried = [attempt for attempt in attempts(silent.port) if attempt.request == b"?\r"][:4]
     try:
         search(SearchOptions((silent.port,), {silent.port: tried}, LISTEN_S), said.append)

@@ -56,7 +56,7 @@ def test_no_byte_is_lost_or_held_longer_than_the_latency(pieces):
 def test_a_line_with_a_timer_gives_its_bytes_together():
     """At 4800 baud six characters take 14 ms: without a timer they come one by one."""
     line = Line(baud=4800, bits=7, parity="E", stop=2)
-    pty = PtyLine.open(line, latency_ms=400)
+    pty = PtyLine(line, latency_ms=400)
     link = open_link("test", pty.port, line)
     try:
         pty.write(b"+1.23\r")

@@ -62,7 +62,7 @@ def test_a_gauge_of_a_stated_pace_keeps_it():
 
 def test_a_line_makes_up_for_a_late_message_and_no_more():
     """Its last character is through when it would have been; one that nobody scheduled sets out when it is written."""
-    line = PtyLine.open(Line(baud=4800, bits=7, parity="E", stop=2))
+    line = PtyLine(Line(baud=4800, bits=7, parity="E", stop=2))
     character_ns = Line(baud=4800, bits=7, parity="E", stop=2).character_ns
     try:
         for late_ms in (1, 300):

@@ -48,7 +48,7 @@ def _captured(folder: Path, gauges: str, laps: int) -> tuple[str, Path]:
 def _replayed(folder: Path, text: str, log: Path) -> tuple[Path, Replay]:
     folder.mkdir()
     capture, marks = read_capture(log), folder / "out-of-step.txt"
-    replay = Replay.open(parse(text, "quick"), capture, marks, opening=lambda _, devices, **__: devices)
+    replay = Replay(parse(text, "quick"), capture, marks, opening=lambda _, devices, **__: devices)
     played: Any = replay.cell  # what plays each stream, for the lines of a simulated cell
     marked = yaml.safe_dump(yaml.safe_load(text) | {"replay": str(marks)})
     with SimulatedBench(folder, marked, devices=played, paced=False) as bench:
