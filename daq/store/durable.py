@@ -221,6 +221,22 @@ def try_lock(run: Path) -> int | None:
     return fd
 
 
+def lock_directory(directory: Path) -> int | None:
+    """Lock a directory itself, without a file in it. None if it is locked, or if locks are not supported."""
+    if fcntl is None:
+        return None
+    try:
+        fd = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | _AS_IT_IS)
+    except OSError:
+        return None
+    try:
+        _flock(fd)
+    except OSError:
+        os.close(fd)
+        return None
+    return fd
+
+
 def is_locked(run: Path) -> bool:
     """True if a process is writing this run. The disk may be read-only."""
     try:

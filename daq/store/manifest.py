@@ -59,21 +59,13 @@ _MOST_BYTES = 100_000_000
 _RIG_VERSION = version()  # read at import because it opens files; a recording may start when no file can be opened
 
 
-class _OperatorError(ValueError):
-    """An invalid name of an operator, with the remedy."""
-
-    def __init__(self, what: str, remedy: str) -> None:
-        super().__init__(f"{what}; {remedy}")
-        self.what, self.remedy = what, remedy
-
-
 def operator_name(text: str) -> str:
     """Name of an operator in stored form. Raises ValueError for control characters or excessive length."""
     text = storable(text)
     if len(text) > _LONGEST_OPERATOR:
-        raise _OperatorError(f"the name has {len(text)} characters", f"write at most {_LONGEST_OPERATOR}")
+        raise ValueError(f"the name has {len(text)} characters; write at most {_LONGEST_OPERATOR}")
     if not text.isprintable():
-        raise _OperatorError(f"{text!r} contains control characters", "write one line")
+        raise ValueError(f"{text!r} contains control characters; write one line")
     return text
 
 
@@ -81,8 +73,9 @@ def check_operator(name: str) -> str:
     """Name of an operator in stored form."""
     try:
         return operator_name(name)
-    except _OperatorError as error:
-        raise UseError("--operator", error.what, error.remedy, code="request.operator") from None
+    except ValueError as error:
+        problem, _, remedy = str(error).rpartition("; ")
+        raise UseError("--operator", problem, remedy, code="request.operator") from None
 
 
 Operator = Annotated[Text, AfterValidator(operator_name)]
@@ -221,46 +214,21 @@ class Manifest(JsonRecord):
         return self.model_dump_json(indent=1).encode()
 
 
-def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
-    *,
-    name: str,
-    test: TestName,
-    direction: Direction | None,
-    rig_name: str,
-    rig_text: str,
-    operator: str,
-    streams: Mapping[str, tuple[str, ...]],
-    placement: str = "",
-    corrected: DrivenWith = "",
-    view_zero_mm: ViewZero | None = None,
-    follows: str = "",
-    table: ImportedTable | None = None,
-) -> Manifest:
-    """Manifest of a run that starts now on this host.
-
-    streams: value columns of each sample stream. follows: the run that this run continues.
-    """
+def new_manifest(*, rig_text: str, streams: Mapping[str, tuple[str, ...]], **facts: Any) -> Manifest:
+    """Manifest of a run that starts now on this host. facts: the other fields of the manifest."""
     try:
         return Manifest(
-            name=name,
-            test=test,
-            direction=direction,
-            rig_name=rig_name,
+            **facts,
             rig_text=rig_text,
             rig_sha256=sha256(rig_text.encode("utf-8", "surrogatepass")),
-            operator=operator,
-            placement=placement,
-            corrected=corrected,
-            view_zero_mm=view_zero_mm,
-            follows=follows,
             host=socket.gethostname(),
             software={"rig": _RIG_VERSION, "python": platform.python_version(), "pyarrow": pa.__version__},
             clock=clock_now(),
             started=iso_now(),
             streams=dict(streams),
-            table=table,
         )
     except ValidationError as error:
+        name = facts.get("name")
         raise FileError(f"run {name!r}", first_error(error), "choose other names", code="run.newer_version") from None
 
 

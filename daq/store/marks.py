@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from daq.store import durable
-from daq.store.ledger import BEING_RECORDED, Ledger, LedgerEntry, Text, first_error, iso_now, to_recover
+from daq.store.ledger import BEING_RECORDED, JsonRecord, Ledger, LedgerEntry, Text, first_error, iso_now, to_recover
 from daq.store.manifest import PLACEMENT_RULE, Manifest, check_operator, load_manifest, unreadable
 from rigs.errors import CellError, FileError, UseError
 from rigs.files import of_newer_rig, read_bytes
@@ -25,18 +25,14 @@ MARKS = "marks.json"
 _MOST_BYTES = 1_000_000
 
 
-class Export(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
-
+class Export(JsonRecord):
     at: str
     format: str
     file: Text
 
 
-class MovementCheck(BaseModel):
+class MovementCheck(JsonRecord):
     """Answer of a comparison of a run with a reference."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     at: str
     reference: tuple[str, ...]
@@ -51,10 +47,8 @@ class MovementCheck(BaseModel):
     """Sentence for the user, in English."""
 
 
-class RunMarks(BaseModel):
+class RunMarks(JsonRecord):
     """All marks of a run. moved: None if the run was not compared with a reference."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     version: Literal[1] = 1
     kept: bool = False

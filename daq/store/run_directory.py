@@ -142,11 +142,6 @@ def write_beside(path: Path, companions: Mapping[str, bytes]) -> None:
         durable.replace(path / name, content)
 
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
-
 _OURS = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(durable.TEMPORARY)}")
 """Name of a hidden directory created by a command."""
 _TRIES = 3
@@ -235,7 +230,7 @@ def removed_at_signals(directory: str | Path, before: Callable[[], None] = lambd
 def _hidden(parent: Path) -> Iterator[Path]:
     for directory in parent.glob(f".*{durable.TEMPORARY}"):
         if _OURS.fullmatch(directory.name) and not directory.is_symlink():
-            fd = _lock_of(directory)
+            fd = durable.lock_directory(directory)
             if fd is not None:  # left by a killed process
                 shutil.rmtree(directory, ignore_errors=True)
                 os.close(fd)
@@ -243,7 +238,7 @@ def _hidden(parent: Path) -> Iterator[Path]:
     for _ in range(_TRIES):
         made = parent / f".{secrets.token_hex(8)}{durable.TEMPORARY}"
         durable.make_directory(made)
-        fd = _lock_of(made)
+        fd = durable.lock_directory(made)
         if fd is not None and os.path.lexists(made):
             break
         if fd is not None:  # removed by another command just before it was locked
@@ -255,22 +250,6 @@ def _hidden(parent: Path) -> Iterator[Path]:
         surely(lambda: shutil.rmtree(made, ignore_errors=True))
         if fd is not None:
             os.close(fd)
-
-
-def _lock_of(directory: Path) -> int | None:
-    """Descriptor of a directory lock; None if the lock is taken or locks are not supported."""
-    if fcntl is None:
-        return None
-    try:
-        fd = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    except OSError:
-        return None
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(fd)
-        return None
-    return fd
 
 
 def _refuse_existing(path: Path) -> None:
