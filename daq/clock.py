@@ -42,7 +42,6 @@ sleep: Callable[[float], None] = time.sleep
 
 
 def wall_time() -> datetime:
-    """Return the wall time in UTC."""
     return datetime.fromtimestamp(wall_ns() / 1e9, UTC)
 
 
@@ -50,16 +49,16 @@ class ClockSimulation(Protocol):
     """Replacement for the host's clock, which also schedules the threads."""
 
     def now_ns(self) -> int:
-        """Return the simulated monotonic time in ns."""
+        """Monotonic time in ns."""
 
     def wall_ns(self) -> int:
-        """Return the simulated wall time in ns since 1970 UTC."""
+        """Wall time in ns since 1970 UTC."""
 
     def boot_ns(self) -> int:
-        """Return the simulated monotonic time in ns, including suspends."""
+        """Monotonic time in ns, including suspends."""
 
     def runs(self) -> bool:
-        """Return whether the current thread is simulated. Other threads use the host's clock."""
+        """True if the current thread is simulated. Other threads use the host's clock."""
 
     def wait(self, ready: Callable[[], bool], timeout_s: float | None) -> bool:
         """Run other threads until `ready()` or the time-out, then return `ready()`. None means unlimited."""
@@ -68,14 +67,13 @@ class ClockSimulation(Protocol):
         """Register a thread before it starts, and return a replacement for its body."""
 
     def has_ended(self, thread: threading.Thread) -> bool:
-        """Return whether the body of a registered thread has finished."""
+        """True if the body of a registered thread has finished."""
 
 
 _simulation: ClockSimulation | None = None
 
 
 def _simulated() -> ClockSimulation | None:
-    """Return the simulation of the current thread, if any."""
     return _simulation if _simulation is not None and _simulation.runs() else None
 
 
@@ -104,7 +102,6 @@ class Event(threading.Event):
     """Event that waits by this clock."""
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the event is set or the time-out. Returns whether the event is set."""
         if simulation := _simulated():
             return simulation.wait(self.is_set, timeout)
         return super().wait(timeout)
@@ -114,13 +111,11 @@ class Thread(threading.Thread):
     """Thread that waits by this clock."""
 
     def start(self) -> None:
-        """Start the thread."""
         if simulation := _simulated():
             self.run = simulation.begin(self, self.run)  # type: ignore[method-assign]
         super().start()
 
     def join(self, timeout: float | None = None) -> None:
-        """Wait until the thread has ended, or the time-out."""
         simulation = _simulated()
         if simulation is not None and not simulation.wait(partial(simulation.has_ended, self), timeout):
             return
@@ -135,7 +130,7 @@ def result(future: Future[_T]) -> _T:
 
 
 def one_thread(name: str) -> Executor:
-    """Return an executor with a single thread of this name."""
+    """An executor with a single thread."""
     return _OneThread(name) if _simulated() else ThreadPoolExecutor(1, name)
 
 

@@ -35,20 +35,13 @@ def load(feedback: Feedback) -> Any:
 
 
 def host(feedback: Feedback) -> Host:
-    """Return the host side of the protocol. Raises CellError if a required package is not installed.
-
-    Samples contain q1_deg … q6_deg in degrees, followed by signal and condition of the robot.
-    """
+    """Conversation that reads a robot. Raises CellError if a required package is not installed."""
     conversation: Host = load(feedback).host(feedback)
     return conversation
 
 
 def device(feedback: Feedback, read: Read) -> Device:
-    """Return the emulated controller, the device side of the protocol.
-
-    `read(now_ns)` gives the values in the order of the samples.
-    Values that `read` omits at the end are replaced by those of a robot in normal operation.
-    """
+    """Emulated controller. Values that `read` omits at the end are those of a robot in normal operation."""
     usual = [({SIGNAL: 0.0} | UNDISTURBED)[name] for name in columns_beside_joints(feedback)]
 
     def read_values(now_ns: int) -> Sequence[float]:

@@ -21,19 +21,12 @@ Read = Callable[[int], Sequence[float]]
 
 
 def host(gauges: Sequence[Gauge]) -> Host:
-    """Return the host side of the protocol for gauges that share a link. Raises CellError if a required package is
-    missing.
-
-    Samples contain a value in mm for each gauge, in the order given; nan for a gauge in error.
-    """
+    """Conversation that reads gauges on a shared link: mm in the order given; nan for a gauge in error."""
     conversation: Host = import_module(driver_of(gauges[0], _DRIVERS)).host(gauges)
     return conversation
 
 
 def device(gauges: Sequence[Gauge], read: Read) -> Device:
-    """Return the emulated instrument for gauges that share a link, the device side of the protocol.
-
-    `read(now_ns)` gives the measured values in mm, in the order of the gauges; nan for a head in error.
-    """
+    """Emulated instrument with these gauges."""
     conversation: Device = import_module(driver_of(gauges[0], _DRIVERS)).device(gauges, read)
     return conversation

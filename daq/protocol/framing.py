@@ -6,12 +6,13 @@ reported as a single GARBLED fault.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from daq.protocol.conversation import Fault, FaultKind
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 
 LIMIT = 1024
 """Twice the longest known message, an RTDE text of 516 bytes."""
@@ -25,6 +26,16 @@ class Message:
     size: int
     first_byte_ns: int
     last_byte_ns: int
+
+    def sample(
+        self, values: Sequence[float], clock_s: float = math.nan, *, requested_ns: int = NO_TIME, status: int = 0
+    ) -> Sample:
+        """The reading in this message. clock_s: time of the device."""
+        stamps = (requested_ns, self.first_byte_ns, self.last_byte_ns)
+        return Sample(tuple(values), *stamps, self.size, clock_s, status)
+
+    def fault(self, kind: FaultKind, detail: str, count: int = 1) -> Fault:
+        return Fault(kind, self.last_byte_ns, detail, count)
 
 
 class Framer(Protocol):

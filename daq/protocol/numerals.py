@@ -17,7 +17,6 @@ import re
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 from daq.protocol.conversation import FaultKind
 from rigs.schema.part import LONGEST_MM
@@ -112,26 +111,18 @@ class HeldShape:
         return Doubt(FaultKind.MISSHAPEN, f"{detail}; {damage}")
 
 
-@runtime_checkable
-class Shaped(Protocol):
-    """Checks the numbers of gauges, in order, against the formats before."""
-
-    shapes: list[HeldShape]
-
-
 class PassesShapes:
-    """Conversation with the formats of its dialect or inner conversation; empty for binary values."""
+    """Conversation with the formats of its dialect or inner conversation, one per gauge; None for binary values."""
 
     _asked: object
 
     @property
-    def shapes(self) -> list[HeldShape]:
-        return self._asked.shapes if isinstance(self._asked, Shaped) else []
+    def shapes(self) -> list[HeldShape] | None:
+        return getattr(self._asked, "shapes", None)
 
     @shapes.setter
     def shapes(self, shapes: list[HeldShape]) -> None:
-        if isinstance(self._asked, Shaped):
-            self._asked.shapes = shapes
+        self._asked.shapes = shapes  # type: ignore[attr-defined] # checked by `hand_on`
 
 
 def hand_on(earlier: object, later: object) -> None:
@@ -139,7 +130,7 @@ def hand_on(earlier: object, later: object) -> None:
 
     Reconnecting a plug does not change a gauge, and a change of in/mm in the meantime is detected.
     """
-    if isinstance(earlier, Shaped) and isinstance(later, Shaped):
+    if isinstance(earlier, PassesShapes) and isinstance(later, PassesShapes) and earlier.shapes:
         later.shapes = earlier.shapes
 
 

@@ -24,11 +24,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Protocol
 
-from daq.protocol.conversation import NO_TIME, Bursts, ConversationStep, Fault, FaultKind, Item, has_fault
+from daq.protocol.conversation import NO_TIME, Bursts, ConversationStep, Fault, FaultKind, Item
 from daq.protocol.framing import Framer, Message
 from daq.protocol.numerals import PassesShapes
 
@@ -64,25 +64,6 @@ class Stirring:
 PAUSE_NS = 100_000_000
 _BABBLE = 4
 """Time-outs after which a continuing drain is reported and the instrument is reset."""
-
-
-_ECHOED = 3
-"""Minimum length of an echo fragment. Shorter matches may be the start of an answer."""
-
-
-def echoed_part(sent: bytes, heard: bytes) -> int:
-    """Length of an echoed fragment of a request; 0 for none.
-
-    A slow adapter misses the first bytes of the echo; an early answer cuts off the last bytes.
-    """
-    for skipped in range(len(sent) - _ECHOED + 1):
-        tail = sent[skipped:]
-        length = next(
-            (k for k, (a, b) in enumerate(zip(tail, heard, strict=False)) if a != b), min(len(tail), len(heard))
-        )
-        if length >= _ECHOED and (skipped == 0 or length == len(tail)):
-            return length
-    return 0
 
 
 class Then(Enum):
@@ -148,8 +129,6 @@ class Polled(PassesShapes):
         self._discarded = 0
         self._reporting = False
         self._babble_ns = 0
-        self._sent = self._heard = b""
-        """Current request, and the data received after it up to the length of an echo."""
 
     @property
     def asking(self) -> bool:
@@ -161,13 +140,15 @@ class Polled(PassesShapes):
         return self._drain([], now_ns, send=self._dialect.reset)
 
     def received(self, data: bytes, now_ns: int) -> ConversationStep:
-        self._heard = (self._heard + data)[: len(self._sent)]
         messages = self._dialect.frames.feed(data, now_ns)
         if not self.asking:
             return self._discard(len(messages), now_ns)
         items: list[Item] = []
         for position, message in enumerate(messages, 1):
-            reply = self._read(message)
+            if isinstance(message, Fault):
+                reply = Reply((message,), Then.DRAIN)
+            else:
+                reply = self._dialect.read(message, self._requested_ns)
             if reply.items:
                 items += self._bursts.merge(reply.items, now_ns)
             if reply.then is not Then.WAIT:
@@ -189,24 +170,6 @@ class Polled(PassesShapes):
         late = [] if self.asking else self._late(now_ns)
         return (*self._bursts.end(), *late)
 
-    def _read(self, message: Message | Fault) -> Reply:
-        if isinstance(message, Fault):
-            return Reply((self._explained(message),), Then.DRAIN)
-        reply = self._dialect.read(message, self._requested_ns)
-        if not has_fault(reply.items):
-            return reply  # the usual case: a reading
-        return replace(reply, items=tuple(map(self._explained, reply.items)))
-
-    def _explained(self, item: Item) -> Item:
-        """Extend the fault for invalid bytes that are a part of the request."""
-        if not isinstance(item, Fault) or item.kind is not FaultKind.GARBLED:
-            return item
-        if not (part := echoed_part(self._sent, self._heard)):
-            return item
-        echo = f"it starts with {part} of the {len(self._sent)} bytes of the request, which comes back"
-        remedy = "switch off the echo of the adapter or converter; over a network check host and port too"
-        return replace(item, detail=f"{item.detail}; {echo}: {remedy}")
-
     def _go_on(self, then: Then, items: list[Item], surplus: int, now_ns: int) -> ConversationStep:
         if then is Then.DRAIN:
             return self._drain(items, now_ns)
@@ -226,8 +189,7 @@ class Polled(PassesShapes):
         late = now_ns - self._due_ns > self._period_ns
         self._due_ns = (now_ns if late else self._due_ns) + self._period_ns
         self._wake_ns = now_ns + self._timeout_ns
-        self._sent, self._heard = self._dialect.request(), b""
-        return ConversationStep(self._sent, tuple(items), self._wake_ns)
+        return ConversationStep(self._dialect.request(), tuple(items), self._wake_ns)
 
     def _give_up(self, items: list[Item], now_ns: int) -> ConversationStep:
         detail = f"no answer within {self._timeout_s:g} s; {self._dialect.check}"

@@ -1,4 +1,4 @@
-"""Controllers that send joint angles in datagrams, each with a number and a timestamp of the controller.
+"""Controllers that send joint angles, most of them in datagrams with a number and a timestamp of the controller.
 
 The numbers reveal lost, repeated and reordered datagrams. A repeated or overtaken sample is ignored and reported as
 LATE, because a decreasing clock would look like a restarted controller. Missing samples are a SKIPPED fault with the
@@ -17,10 +17,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-from daq.protocol.conversation import NO_TIME, ConversationStep, Fault, FaultKind, Item, Sample
-from daq.protocol.framing import Message
+from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Item, Sample
+from daq.protocol.framing import Framer, Message
 from daq.protocol.numerals import are_angles
-from daq.protocol.streamed import Reaction
+from daq.protocol.streamed import Reaction, StreamedDialect
 
 LIMIT = 4096
 """Several times the longest known message, an RSI text with all possible elements."""
@@ -99,17 +99,39 @@ class Order:
         return Fault(FaultKind.SKIPPED, at_ns, detail, passed - 1), sample
 
 
+class ClockOrder:
+    """Checks the clocks of successive messages without a number. repeats: several may have the same clock."""
+
+    def __init__(self, *, repeats: bool = False) -> None:
+        self._least_s = 1e-9 if repeats else 0.0
+        self._last_s = math.nan
+
+    def reset(self) -> None:
+        self._last_s = math.nan
+
+    def admit(self, sample: Sample, number: int) -> tuple[Item, ...]:
+        """Sample unless it is late."""
+        if self._least_s <= self._last_s - sample.device_time_s < _BEHIND_S:
+            detail = f"clock {sample.device_time_s:.6f} s, no later than the one before; ignored"
+            remedy = "check the network, and for a second sender"
+            return (Fault(FaultKind.LATE, sample.last_byte_ns, f"{detail}; {remedy}"),)
+        self._last_s = sample.device_time_s
+        return (sample,)
+
+
+_BEHIND_S = 1.0
+"""Smallest backward step of the clock after a restart. Network delays are shorter."""
 _MAX_CLOCK_S = 1e11
 """Three thousand years since 1970 or since power-on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Six joint angles, controller clock, number, and the condition columns of a datagram."""
+    """Six joint angles, controller clock (nan if unknown), number, and the columns beside the joints."""
 
-    angles_deg: tuple[float, ...]
+    angles_deg: Sequence[float]
     clock_s: float
-    number: int
+    number: int = 0
     condition: tuple[float, ...] = ()
 
 
@@ -119,13 +141,19 @@ class UnusableDatagram:
     detail: str
 
 
-class Positions:
-    """Receives positions. Sends `start` initially and after each silence of the controller."""
+class Positions(StreamedDialect):
+    """Receives a position per message. Sends `start` initially and after each silence of the controller."""
 
     def __init__(
-        self, decode: Callable[[bytes], Position | UnusableDatagram], check: str, order: Order, start: bytes = b""
+        self,
+        decode: Callable[[bytes], Position | UnusableDatagram | None],
+        check: str,
+        order: Order | ClockOrder | None,
+        start: bytes = b"",
+        frames: Framer | None = None,
     ) -> None:
-        self.frames = Datagrams()
+        """decode: returns None for a message that is ignored. frames: one message per datagram by default."""
+        self.frames = frames or Datagrams()
         self.check = check
         self._decode = decode
         self._order = order
@@ -135,25 +163,21 @@ class Positions:
         return self._start
 
     def silent(self) -> Reaction:
-        self._order.reset()
+        if self._order:
+            self._order.reset()
         return Reaction(send=self._start)
 
-    def read(self, message: Message | Fault) -> Reaction:
-        if isinstance(message, Fault):
-            return Reaction((message,))
-        position, at_ns = self._decode(message.data), message.last_byte_ns
-        if isinstance(position, Position) and not (
-            0 <= position.clock_s < _MAX_CLOCK_S and are_angles(position.angles_deg)
-        ):
-            detail = f"time {position.clock_s:g} s and angles {position.angles_deg}; ignored"
-            position = UnusableDatagram(FaultKind.GARBLED, detail)
+    def read(self, message: Message) -> Reaction:
+        position = self._decode(message.data)
+        if position is None:
+            return Reaction()
         if isinstance(position, UnusableDatagram):
-            detail = f"datagram of {message.size} bytes: {position.detail}"
-            return Reaction((Fault(position.kind, at_ns, detail),))
-        stamps = (NO_TIME, message.first_byte_ns, at_ns)
-        values = (*position.angles_deg, *position.condition)
-        sample = Sample(values, *stamps, message.size, position.clock_s)
-        return Reaction(self._order.admit(sample, position.number))
+            return Reaction((message.fault(position.kind, position.detail),))
+        if abs(position.clock_s) >= _MAX_CLOCK_S or not are_angles(position.angles_deg):
+            detail = f"time {position.clock_s:g} s and angles {tuple(position.angles_deg)}; ignored"
+            return Reaction((message.fault(FaultKind.GARBLED, detail),))
+        sample = message.sample((*position.angles_deg, *position.condition), position.clock_s)
+        return Reaction(self._order.admit(sample, position.number) if self._order else (sample,))
 
 
 class SteadyRate:

@@ -120,10 +120,10 @@ class RegisterDialect:
         unit, number, content = self._wire.open(message.data)
         expected = int.from_bytes(self._sent[:2], "big") if self._wire.numbered else number
         if not content:
-            return _garbled(_DAMAGED, message.last_byte_ns)
+            return _garbled(_DAMAGED, message)
         if number != expected:
             detail = f"answer {number} arrived instead of {expected}; increase timeout_s"
-            return Reply((Fault(FaultKind.LATE, message.last_byte_ns, detail),), Then.WAIT)
+            return Reply((message.fault(FaultKind.LATE, detail),), Then.WAIT)
         if (unit, content[0] & 0x7F) != (self._block.unit, self._block.function):
             return self._of_another(unit, content[0] & 0x7F, message)
         return self._answer(content, message, requested_ns)
@@ -134,33 +134,33 @@ class RegisterDialect:
         asked = f"unit {self._block.unit}, function {self._block.function}"
         detail = f"unit {unit}, function {function} answered instead of {asked}"
         remedy = "check `unit`, and the unit table of the gateway"
-        return _garbled(f"{detail}; {remedy}", message.last_byte_ns)
+        return _garbled(f"{detail}; {remedy}", message)
 
     def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
         """Interpret a valid answer of this instrument, possibly to an earlier request."""
-        at_ns, resync = message.last_byte_ns, self._resync
+        resync = self._resync
         refusal, registers = exception_of(content), registers_of(content)
         mismatched = refusal is None and (registers is None or len(registers) != self._count)
         if mismatched and (
             self._wire.numbered or registers is None or len(registers) not in (*resync.usual, *resync.counts)
         ):
-            return _garbled(f"{message.size} bytes in answer to a read of {self._count} registers", at_ns)
+            return _garbled(f"{message.size} bytes in answer to a read of {self._count} registers", message)
         if mismatched:
             detail = "a late answer, recognised by the length, was ignored; increase timeout_s"
-            return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
+            return Reply((message.fault(FaultKind.LATE, detail),), Then.WAIT)
         resync.answered()
         if resync.probing:
             return Reply(())
         if resync.doubtful:
             detail = "an answer, possibly to an earlier request, was ignored; increase timeout_s"
-            return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
+            return Reply((message.fault(FaultKind.LATE, detail),), Then.DRAIN)
         if registers is None:
             code = refusal or 0
             detail = f"unknown Modbus exception {code}; see the instrument's manual"
             if code in list(ExcCodes):
                 remedy = _REMEDY.get(ExcCodes(code), "see the instrument's manual")
                 detail = f"exception {code} {ExcCodes(code).name}: {remedy}"
-            return Reply((Fault(FaultKind.DEVICE_ERROR, at_ns, detail),), Then.PAUSE)
+            return Reply((message.fault(FaultKind.DEVICE_ERROR, detail),), Then.PAUSE)
         return self._meant(registers, message, requested_ns)
 
     def _meant(self, registers: Registers, message: Message, requested_ns: int) -> Reply:
@@ -170,21 +170,22 @@ class RegisterDialect:
 
 def unasked(wire: Wire, message: Message) -> Fault:
     """Fault for a message that does not answer the current request."""
-    at_ns = message.last_byte_ns
     if (asked := wire.asks(message.data)) is not None:
         detail = f"another master polls unit {asked} on this line; disconnect it, or let it read for both"
-        return Fault(FaultKind.STRANGER, at_ns, detail)
+        return message.fault(FaultKind.STRANGER, detail)
     unit, _, content = wire.open(message.data)
     if not content:
-        return Fault(FaultKind.GARBLED, at_ns, _DAMAGED)
+        return message.fault(FaultKind.GARBLED, _DAMAGED)
     if wire.owes(unit):
         detail = f"a late answer of unit {unit} was ignored; increase the timeout_s of that gauge"
-        return Fault(FaultKind.LATE, at_ns, detail)
+        return message.fault(FaultKind.LATE, detail)
     detail = f"unit {unit} answers, and was not asked from here; is there a different master?"
-    return Fault(FaultKind.STRANGER, at_ns, detail)
+    return message.fault(FaultKind.STRANGER, detail)
 
 
-def verdict(registers: Registers, status: StatusRegister | None, layout: RegisterLayout, at_ns: int) -> int | Fault:
+def verdict(
+    registers: Registers, status: StatusRegister | None, layout: RegisterLayout, message: Message
+) -> int | Fault:
     """Status of the instrument: 0 for good, a code for doubtful, or a fault."""
     if status is None:
         return 0
@@ -194,7 +195,7 @@ def verdict(registers: Registers, status: StatusRegister | None, layout: Registe
     if code in status.doubtful:
         return int(code)
     detail = f"status {code:g} is an error of the instrument; see the manual, or list it in `status`"
-    return Fault(FaultKind.DEVICE_ERROR, at_ns, detail)
+    return message.fault(FaultKind.DEVICE_ERROR, detail)
 
 
 def pack_verdict(registers: list[int], status: StatusRegister | None, layout: RegisterLayout, *, good: bool) -> None:
@@ -204,8 +205,8 @@ def pack_verdict(registers: list[int], status: StatusRegister | None, layout: Re
         pack(registers, status, layout, listed[0] if good else min(set(range(len(listed) + 1)) - set(listed)))
 
 
-def _garbled(detail: str, at_ns: int) -> Reply:
-    return Reply((Fault(FaultKind.GARBLED, at_ns, detail),), Then.DRAIN)
+def _garbled(detail: str, message: Message) -> Reply:
+    return Reply((message.fault(FaultKind.GARBLED, detail),), Then.DRAIN)
 
 
 class RegisterDevice:

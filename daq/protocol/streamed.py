@@ -6,9 +6,9 @@ that form no message do not end a silence.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from daq.protocol.conversation import Arrival, Bursts, ConversationStep, Fault, FaultKind, Item, SampleBlock
 from daq.protocol.framing import Framer, Message
@@ -24,22 +24,28 @@ class Reaction:
     hang_up: bool = False
 
 
-class StreamedDialect(Protocol):
-    @property
-    def frames(self) -> Framer:
-        """Framer of the messages."""
+class StreamedDialect(ABC):
+    """Device-specific part. By default the host only listens."""
 
+    frames: Framer
     check: str
     """Advice for a silent device."""
 
     def start(self) -> bytes:
         """Bytes that start the stream."""
+        return b""
 
-    def read(self, message: Message | Fault) -> Reaction:
-        """Interpret a message or a framing fault."""
+    @abstractmethod
+    def read(self, message: Message) -> Reaction:
+        """Interpret a message."""
+
+    def garbled(self, fault: Fault) -> Reaction:
+        """Reaction to bytes that form no message."""
+        return Reaction((fault,))
 
     def silent(self) -> Reaction:
         """Reaction to a silence."""
+        return Reaction()
 
 
 class Streamed(PassesShapes):
@@ -59,11 +65,13 @@ class Streamed(PassesShapes):
         send, items = b"", list[Item]()
         if not self._over:
             for message in self._dialect.frames.feed(data, now_ns):
-                reaction = self._dialect.read(message)
+                if isinstance(message, Fault):
+                    reaction = self._dialect.garbled(message)
+                else:
+                    reaction = self._dialect.read(message)
+                    self._wake_ns = now_ns + self._timeout_ns
                 items += self._bursts.merge(reaction.items, now_ns)
                 send += reaction.send
-                if not isinstance(message, Fault):
-                    self._wake_ns = now_ns + self._timeout_ns
                 if reaction.hang_up:
                     return self._finish(send, items)
         return self._watch(send, items, now_ns)
@@ -124,9 +132,10 @@ They are doubled each time to limit the attempts on a garbled stream.
 """
 
 
-class QuickDialect(StreamedDialect, Protocol):
+class QuickDialect(StreamedDialect):
     """Device-specific part of a stream with thousands of messages per second."""
 
+    @abstractmethod
     def read_run(self, arrivals: Sequence[Arrival]) -> tuple[SampleBlock, Sequence[Arrival]]:
         """Plain readings at the start of the arrivals, and the remaining arrivals."""
 

@@ -16,10 +16,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Item, Sample
+from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Item, Sample
 from daq.protocol.framing import DelimitedLines, Framer, Message
 from daq.protocol.numerals import HeldShape, Written, refusal
-from daq.protocol.polled import Reply, Then
+from daq.protocol.polled import Polled, Reply, Then
 from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, the power supply of the gauge, and the line settings"
@@ -81,16 +81,15 @@ def wrong_unit(sent: str, units: Units) -> Trouble:
 
 def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -> tuple[Item, ...]:
     """A sample of the good readings, and a fault for each trouble."""
-    at_ns = message.last_byte_ns
     troubles = dict.fromkeys(reading for reading in readings if isinstance(reading, Trouble))
-    faults = tuple(Fault(trouble.kind, at_ns, trouble.detail) for trouble in troubles)
+    faults = tuple(message.fault(trouble.kind, trouble.detail) for trouble in troubles)
     if all(isinstance(reading, Trouble) for reading in readings):
         return faults
     values_mm = tuple(
         math.nan if isinstance(reading, Trouble) else reading.value_mm if isinstance(reading, Written) else reading
         for reading in readings
     )
-    return (Sample(values_mm, requested_ns, message.first_byte_ns, at_ns, message.size), *faults)
+    return (message.sample(values_mm, requested_ns=requested_ns), *faults)
 
 
 def check_formats(
@@ -105,7 +104,7 @@ def check_formats(
         good, doubt = shape.check(reading)
         if good:
             checked.append(reading.value_mm)
-            faults += [Fault(doubt.kind, message.last_byte_ns, doubt.detail, doubt.count)] if doubt else []
+            faults += [message.fault(doubt.kind, doubt.detail, doubt.count)] if doubt else []
         elif doubt:
             checked.append(Trouble(doubt.detail, doubt.kind, Then.ASK))  # the message was complete
     return checked, tuple(faults)
@@ -150,6 +149,21 @@ class TextDialect(Generic[ProbeT]):
         return Reply(items, next(then for then in (Then.DRAIN, Then.PAUSE, Then.ASK) if then in thens))
 
 
+def polled_text(
+    gauges: Sequence[ProbeT],
+    request: bytes,
+    end: bytes,
+    read: Callable[[bytes, ProbeT], Reading],
+    check: str = CHECK,
+    reset: bytes = b"",
+    *,
+    may_echo: bool = True,
+) -> Host:
+    """Host side of an instrument that answers a constant request. end: delimiter of the answers."""
+    dialect = TextDialect(gauges, request, DelimitedLines(end), read, check, reset, may_echo=may_echo)
+    return Polled(dialect, gauges[0].timeout_s)
+
+
 class TextDevice:
     """Device side of an instrument that answers requests.
 
@@ -160,13 +174,14 @@ class TextDevice:
         self,
         gauges: Sequence[Probe],
         read: Callable[[int], Sequence[float]],
-        frames: Framer,
+        end: bytes | Framer,
         answer: Callable[[bytes, Show], bytes],
     ) -> None:
+        """end: delimiter of the commands, or their framer."""
         self.sent = 0
         self._gauges = gauges
         self._read = read
-        self._frames = frames
+        self._frames = DelimitedLines(end) if isinstance(end, bytes) else end
         self._answer = answer
 
     def connected(self, now_ns: int) -> ConversationStep:

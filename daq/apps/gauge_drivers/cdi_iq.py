@@ -12,9 +12,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled
-from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
+from daq.protocol.texts import Reading, Show, TextDevice, Trouble, garbled, in_mm, polled_text
 from rigs.schema.gauges import CDIIQ
 
 _END = b"\r\n"
@@ -30,7 +28,7 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[CDIIQ]) -> Host:
-    return Polled(TextDialect(gauges, b"R\r", DelimitedLines(_END), _read), gauges[0].timeout_s)
+    return polled_text(gauges, b"R\r", _END, _read)
 
 
 def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
@@ -45,7 +43,7 @@ def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
             return b"OUT OF BOUNDS" + _END
         return f"{'-' if value < 0 else '+'}{number}, {'MM' if units == 'mm' else 'IN'}".encode() + _END
 
-    return TextDevice(gauges, read, DelimitedLines(b"\r"), answer)
+    return TextDevice(gauges, read, b"\r", answer)
 
 
 def _read(data: bytes, gauge: CDIIQ) -> Reading:

@@ -16,9 +16,8 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import DelimitedLines, Sized
-from daq.protocol.polled import Polled
-from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
+from daq.protocol.framing import Sized
+from daq.protocol.texts import Reading, Show, TextDevice, Trouble, garbled, in_mm, polled_text
 from rigs.schema.gauges import HeidenhainND281B
 
 _STX, _ENQ, _END = b"\x02", b"\x05", b"\r\n"
@@ -31,7 +30,7 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[HeidenhainND281B]) -> Host:
-    return Polled(TextDialect(gauges, _STX, DelimitedLines(_END), _read), gauges[0].timeout_s)
+    return polled_text(gauges, _STX, _END, _read)
 
 
 def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:

@@ -46,7 +46,6 @@ STATUS_EVERY = 50
 
 
 def host(gauges: Sequence[HeidenhainND287]) -> Host:
-    """Host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
     return Polled(_Dialect(gauges), gauges[0].timeout_s)
 
 
@@ -72,7 +71,7 @@ def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
             return _STX + f"{round(value * 10**decimals):+010d}".encode() + _END
         return _STX + f"{'-' if value < 0 else ' '}{abs(value):10.{decimals}f}".encode() + _END
 
-    return TextDevice(gauges, read, DelimitedLines(b"\r"), answer)
+    return TextDevice(gauges, read, b"\r", answer)
 
 
 class _Dialect(TextDialect[HeidenhainND287]):
@@ -102,7 +101,7 @@ class _Dialect(TextDialect[HeidenhainND287]):
         else:
             return Reply(())
         self._questions = 0
-        return Reply((Fault(trouble.kind, message.last_byte_ns, trouble.detail),), trouble.then)
+        return Reply((message.fault(trouble.kind, trouble.detail),), trouble.then)
 
 
 class _Replies(DelimitedLines):

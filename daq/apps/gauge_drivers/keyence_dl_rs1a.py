@@ -18,9 +18,8 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled, Then
-from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, mm, printable_message
+from daq.protocol.polled import Then
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, Trouble, mm, polled_text, printable_message
 from rigs.schema.gauges import KeyenceDLRS1A
 
 _END = b"\r\n"
@@ -42,10 +41,8 @@ _CHECK = "check the cable and the power supply, and compare the line settings wi
 
 
 def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
-    """Host side of the protocol, which reads the gauges on a cable in mm."""
     # A unit with no heads returns the request.
-    dialect = TextDialect(gauges, b"M0" + _END, DelimitedLines(_END), _read, _CHECK, may_echo=False)
-    return Polled(dialect, gauges[0].timeout_s)
+    return polled_text(gauges, b"M0" + _END, _END, _read, _CHECK, may_echo=False)
 
 
 def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
@@ -62,7 +59,7 @@ def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
             fields[gauge.channel - 1] = format(value, form) if math.isfinite(value) else "+EE.EEE"
         return b"M0," + ",".join(fields).encode() + _END
 
-    return TextDevice(gauges, read, DelimitedLines(_END), answer)
+    return TextDevice(gauges, read, _END, answer)
 
 
 def _read(data: bytes, gauge: KeyenceDLRS1A) -> Reading:

@@ -15,9 +15,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled
-from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm, mm
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, Trouble, garbled, in_mm, mm, polled_text
 from rigs.schema.gauges import MagnescaleLT
 from rigs.schema.probe import Probe
 
@@ -33,8 +31,7 @@ _CHECK = f"{CHECK}, and that the delimiter is CR LF"
 
 
 def host(gauges: Sequence[MagnescaleLT]) -> Host:
-    """Host side of the protocol, which reads the gauges on a cable in mm."""
-    return Polled(TextDialect(gauges, _REQUEST + _END, DelimitedLines(_END), _read, _CHECK), gauges[0].timeout_s)
+    return polled_text(gauges, _REQUEST + _END, _END, _read, _CHECK)
 
 
 def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
@@ -47,7 +44,7 @@ def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
         channels = range(1, max(values) + 1)
         return b" ".join(_name(k) + written(values.get(k, 0.0)) for k in channels) + _END
 
-    return TextDevice(gauges, read, DelimitedLines(_END), answer)
+    return TextDevice(gauges, read, _END, answer)
 
 
 def _read(data: bytes, gauge: MagnescaleLT) -> Reading:

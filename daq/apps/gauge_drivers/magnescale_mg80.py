@@ -14,9 +14,7 @@ from collections.abc import Sequence
 from daq.apps.gauge_drivers.magnescale_lt import value_of, written
 from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled
-from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, Trouble, garbled, polled_text
 from rigs.schema.gauges import MagnescaleMG80
 
 _END = b"\r\n"
@@ -25,8 +23,7 @@ _LENGTH = 13
 
 def host(gauges: Sequence[MagnescaleMG80]) -> Host:
     request = gauges[0].request.encode() + _END
-    dialect = TextDialect(gauges, request, DelimitedLines(_END), _read, f"{CHECK}, and `request`")
-    return Polled(dialect, gauges[0].timeout_s)
+    return polled_text(gauges, request, _END, _read, f"{CHECK}, and `request`")
 
 
 def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
@@ -41,7 +38,7 @@ def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
         header = f"{gauge.address}N{unit}{'G' if good else 'E'}".encode()
         return header + (written(value) if good else b"  Error ") + _END
 
-    return TextDevice(gauges, read, DelimitedLines(_END), answer)
+    return TextDevice(gauges, read, _END, answer)
 
 
 def _read(data: bytes, gauge: MagnescaleMG80) -> Reading:

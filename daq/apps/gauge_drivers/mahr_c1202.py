@@ -12,9 +12,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled
-from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, Trouble, garbled, in_mm, polled_text
 from rigs.schema.gauges import MahrC1202
 
 _END = b"\r"
@@ -23,9 +21,8 @@ _FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
 
 
 def host(gauges: Sequence[MahrC1202]) -> Host:
-    """Host side of the protocol, which reads the gauges on a cable in mm."""
     request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
-    return Polled(TextDialect(gauges, request + _END, DelimitedLines(_END), _read), gauges[0].timeout_s)
+    return polled_text(gauges, request + _END, _END, _read)
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
@@ -45,7 +42,7 @@ def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
             written.append(f"{feature} {text}".encode())
         return b";".join(written) + _END
 
-    return TextDevice(gauges, read, DelimitedLines(_END), answer)
+    return TextDevice(gauges, read, _END, answer)
 
 
 def _read(data: bytes, gauge: MahrC1202) -> Reading:

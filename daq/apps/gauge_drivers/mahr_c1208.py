@@ -14,9 +14,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled
-from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, garbled, in_mm, mm
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, garbled, in_mm, mm, polled_text
 from rigs.schema.gauges import MahrC1208
 
 _NUMBER = rb"([+-]? *\d{1,7}\.\d{1,7})"
@@ -31,8 +29,7 @@ _CHECK = f"close the menu and end any master measurement, during which it is sil
 def host(gauges: Sequence[MahrC1208]) -> Host:
     """Host's side of the protocol. A cable carries a single gauge."""
     protocol = gauges[0].protocol
-    dialect = TextDialect(gauges, _REQUEST[protocol] + b"\r", DelimitedLines(_END[protocol]), _read, _CHECK)
-    return Polled(dialect, gauges[0].timeout_s)
+    return polled_text(gauges, _REQUEST[protocol] + b"\r", _END[protocol], _read, _CHECK)
 
 
 def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
@@ -49,7 +46,7 @@ def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
         text = f"M1, {text}" if gauge.protocol == "m1240" else text + _WORD[gauge.units]
         return text.encode() + _END[gauge.protocol]
 
-    return TextDevice(gauges, read, DelimitedLines(b"\r"), answer)
+    return TextDevice(gauges, read, b"\r", answer)
 
 
 def _read(data: bytes, gauge: MahrC1208) -> Reading:

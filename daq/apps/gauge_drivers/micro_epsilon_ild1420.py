@@ -35,7 +35,7 @@ from daq.protocol.conversation import (
 )
 from daq.protocol.framing import DelimitedLines, Message
 from daq.protocol.positions import SteadyDevice, SteadyRate
-from daq.protocol.streamed import QuicklyStreamed, Reaction, split
+from daq.protocol.streamed import QuickDialect, QuicklyStreamed, Reaction, split
 from daq.protocol.texts import Reading, Trouble, items_of
 from rigs.schema.gauges import MicroEpsilonILD1420
 
@@ -48,13 +48,11 @@ _MORE = Trouble("the sensor sends further values; select only the distance for R
 
 
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
-    """Host side of the protocol, which reads the sensor in mm. A line carries a single sensor."""
     (gauge,) = gauges
     return QuicklyStreamed(_ILD1420Dialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
-    """Emulated sensor, the device side of the protocol. `read` gives its reading in mm."""
     (gauge,) = gauges
     return _Sensor(gauge, read)
 
@@ -104,13 +102,13 @@ class _Values:
         return messages
 
 
-class _ILD1420Dialect:
+class _ILD1420Dialect(QuickDialect):
     """Sends `OUTPUT RS422`, and repeats it after a silence."""
 
     check = "check the cable, the power supply and the line settings, and that the sensor is not in web interface mode"
 
     def __init__(self, gauge: MicroEpsilonILD1420) -> None:
-        self.frames = _Values()
+        self.frames: _Values = _Values()
         self._gauge = gauge
         self._alone = True
         """True if the last message is the only value of a block, as far as known."""
@@ -118,10 +116,11 @@ class _ILD1420Dialect:
     def start(self) -> bytes:
         return _START
 
-    def read(self, message: Message | Fault) -> Reaction:
-        if isinstance(message, Fault):
-            self._alone = True
-            return Reaction((message,))
+    def garbled(self, fault: Fault) -> Reaction:
+        self._alone = True
+        return super().garbled(fault)
+
+    def read(self, message: Message) -> Reaction:
         before, self._alone = self._alone, message.data[2] >> 6 == _HIGH
         low, middle, high = (byte & 0x3F for byte in message.data)
         x = low | middle << 6 | high << 12

@@ -11,9 +11,7 @@ from collections.abc import Sequence
 from daq.apps.gauge_drivers import mitutoyo_usb
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled
-from daq.protocol.texts import Reading, TextDialect, Trouble, garbled, in_mm
+from daq.protocol.texts import Reading, Trouble, garbled, in_mm, polled_text
 from rigs.schema.gauges import MitutoyoQMHeight
 
 _LENGTH = 12
@@ -21,7 +19,7 @@ _UNIT = {3: b"mm", 4: b"inch", 5: b"inch"}
 
 
 def host(gauges: Sequence[MitutoyoQMHeight]) -> Host:
-    return Polled(TextDialect(gauges, b"1\r", DelimitedLines(b"\r"), _read), gauges[0].timeout_s)
+    return polled_text(gauges, b"1\r", b"\r", _read)
 
 
 def device(gauges: Sequence[MitutoyoQMHeight], read: Read) -> Device:

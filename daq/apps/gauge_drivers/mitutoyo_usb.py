@@ -12,9 +12,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled
-from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, printable_message
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, Trouble, garbled, mm, polled_text, printable_message
 from rigs.schema.probe import Probe
 
 _END = b"\r"
@@ -24,13 +22,10 @@ _LONGEST = 9
 
 
 def host(gauges: Sequence[Probe]) -> Host:
-    """Host side of the protocol, which reads the gauge in mm. A cable carries a single gauge."""
-    return Polled(TextDialect(gauges, b"1" + _END, DelimitedLines(_END), read_reply), gauges[0].timeout_s)
+    return polled_text(gauges, b"1" + _END, _END, read_reply)
 
 
 def device(gauges: Sequence[Probe], read: Read) -> Device:
-    """Emulated gauge, the device side of the protocol. `read` gives its reading in mm."""
-
     def answer(command: bytes, show: Show) -> bytes:
         if command == b"V":
             return b"V1.000" + _END
@@ -41,7 +36,7 @@ def device(gauges: Sequence[Probe], read: Read) -> Device:
         good = math.isfinite(value) and len(text) == _LONGEST
         return (f"01A{text}".encode() if good else b"911") + _END
 
-    return TextDevice(gauges, read, DelimitedLines(_END), answer)
+    return TextDevice(gauges, read, _END, answer)
 
 
 def read_reply(data: bytes, gauge: Probe) -> Reading:

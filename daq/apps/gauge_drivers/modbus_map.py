@@ -31,8 +31,6 @@ _FINE_MM = 1e-6
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
-    """Host side of the protocol, which polls one or several gauges in turn, in mm."""
-
     def exchange(gauge: ModbusMap, wire: Wire, shared: bool) -> Polled:
         return Polled(dialect(gauge, wire), gauge.timeout_s, gauge.rate_hz, shared=shared)
 
@@ -40,7 +38,6 @@ def host(gauges: Sequence[ModbusMap]) -> Host:
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
-    """Emulated gauges on a line, the device side of the protocol. `read` gives their readings in mm."""
     return RegisterDevice([(gauge, registers_over_time(gauge, read, place)) for place, gauge in enumerate(gauges)])
 
 
@@ -62,26 +59,25 @@ class _Readings:
         """True if the last number was below _FINE_MM, and initially."""
 
     def __call__(self, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
-        gauge, at_ns = self._gauge, message.last_byte_ns
-        code = verdict(registers, gauge.status, gauge, at_ns)
+        gauge = self._gauge
+        code = verdict(registers, gauge.status, gauge, message)
         if isinstance(code, Fault):
             return code
         raw = unpack(registers, gauge.value, gauge)
         if not math.isfinite(raw):
-            return Fault(FaultKind.DEVICE_ERROR, at_ns, f"the gauge reads {raw}; check the head and `value`")
+            return message.fault(FaultKind.DEVICE_ERROR, f"the gauge reads {raw}; check the head and `value`")
         value_mm = _mm(raw, gauge)
         refused = self._refusal(value_mm, registers)
         if refused and refused[0] is FaultKind.GARBLED:
             self._mistrusted = max(_BELIEVED, self._mistrusted + 1)
-            return Fault(FaultKind.GARBLED, at_ns, refused[1])
+            return message.fault(FaultKind.GARBLED, refused[1])
         if self._mistrusted:
             self._mistrusted -= 1
             detail = f"{value_mm:.4g} mm is ignored after an impossible number; check `word_order` and `byte_order`"
-            return Fault(FaultKind.GARBLED, at_ns, detail)
+            return message.fault(FaultKind.GARBLED, detail)
         if refused:
-            return Fault(refused[0], at_ns, refused[1])
-        clock_s = _clock_s(gauge, registers)
-        return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
+            return message.fault(*refused)
+        return message.sample((value_mm,), _clock_s(gauge, registers), requested_ns=requested_ns, status=code)
 
     def _refusal(self, value_mm: float, registers: Registers) -> tuple[FaultKind, str] | None:
         """Why the number is rejected, by itself or as a repeated value below a nanometre.

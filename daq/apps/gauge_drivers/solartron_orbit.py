@@ -35,8 +35,6 @@ _STATUS = {
 
 
 def host(gauges: Sequence[SolartronOrbit]) -> Host:
-    """Host side of the protocol, which polls one or several probes in turn, in mm."""
-
     def exchange(gauge: SolartronOrbit, wire: Wire, shared: bool) -> Polled:
         return Polled(_OrbitDialect(gauge, wire), gauge.timeout_s, shared=shared)
 
@@ -44,8 +42,6 @@ def host(gauges: Sequence[SolartronOrbit]) -> Host:
 
 
 def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
-    """Emulated units on a line, the device side of the protocol. `read` gives their readings in mm."""
-
     def value(now_ns: int) -> Sequence[float]:
         return [0.0 if math.isnan(value) else value for value in read(now_ns)]
 

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol import polled, streamed
-from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Host
+from daq.protocol.conversation import NO_TIME, ConversationStep, Device, FaultKind, Host
 from daq.protocol.framing import DelimitedLines, Message
 from daq.protocol.numerals import HeldShape
 from daq.protocol.polled import AskedByLine
@@ -35,6 +35,7 @@ from daq.protocol.texts import (
     garbled,
     items_of,
     mm,
+    polled_text,
     printable_message,
 )
 from rigs.schema.gauges import SylvacOptoRS
@@ -66,7 +67,7 @@ def host(gauges: Sequence[SylvacOptoRS]) -> Host:
         dialect = TextDialect(gauges, _BY_LINE, DelimitedLines(_END), _read)
         return AskedByLine(polled.Polled(dialect, gauge.timeout_s, shared=True), _OFF_NS)
     # The cable may still be in continuous mode.
-    return polled.Polled(TextDialect(gauges, b"?\r", DelimitedLines(_END), _read, reset=b"OUT0\r"), gauge.timeout_s)
+    return polled_text(gauges, b"?\r", _END, _read, reset=b"OUT0\r")
 
 
 def device(gauges: Sequence[SylvacOptoRS], read: Read) -> Device:
@@ -89,7 +90,7 @@ def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
     return garbled(data)
 
 
-class _Continuous:
+class _Continuous(streamed.StreamedDialect):
     """Sends `OUT1`, and repeats it whenever the cable may have left this mode."""
 
     check = CHECK
@@ -102,9 +103,7 @@ class _Continuous:
     def start(self) -> bytes:
         return b"OUT1\r"
 
-    def read(self, message: Message | Fault) -> streamed.Reaction:
-        if isinstance(message, Fault):
-            return streamed.Reaction((message,))
+    def read(self, message: Message) -> streamed.Reaction:
         readings, doubts = check_formats([_read(message.data, self._gauge)], self.shapes, message)
         items = items_of(message, NO_TIME, readings)
         return streamed.Reaction((*items, *doubts), send=self.start() if message.data.startswith(b"SY") else b"")
@@ -117,7 +116,7 @@ class _Cable(TextDevice):
     """The instrument. In continuous mode it sends whenever the line is free, so it requests an immediate wake-up."""
 
     def __init__(self, gauge: SylvacOptoRS, read: Read) -> None:
-        super().__init__([gauge], read, DelimitedLines(_END), self._reply)
+        super().__init__([gauge], read, _END, self._reply)
         self._units = gauge.units
         self._continuous = False
 

@@ -12,9 +12,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled
-from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm, mm
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, Trouble, garbled, in_mm, mm, polled_text
 from rigs.schema.gauges import TesaTT
 
 _END = b"\r\n"
@@ -23,7 +21,7 @@ _FORMAT = {"mm": "+08.2f", "um": "+08.3f"}
 
 
 def host(gauges: Sequence[TesaTT]) -> Host:
-    return Polled(TextDialect(gauges, b"?\r", DelimitedLines(_END), _read), gauges[0].timeout_s)
+    return polled_text(gauges, b"?\r", _END, _read)
 
 
 def device(gauges: Sequence[TesaTT], read: Read) -> Device:
@@ -36,7 +34,7 @@ def device(gauges: Sequence[TesaTT], read: Read) -> Device:
         (value,) = show()
         return (format(value, _FORMAT[units]).encode() if math.isfinite(value) else b"ERR23") + _END
 
-    return TextDevice(gauges, read, DelimitedLines(b"\r"), answer)
+    return TextDevice(gauges, read, b"\r", answer)
 
 
 def _read(data: bytes, gauge: TesaTT) -> Reading:

@@ -123,42 +123,67 @@ class RobotNodes:
         return [*self.axes, *self.condition.values()]
 
 
+class _Browser:
+    """Searches for nodes by path. Each node is browsed once."""
+
+    def __init__(self) -> None:
+        self._known: dict[Any, Children] = {}
+
+    def find(self, node: Any, path: str) -> Talk[list[tuple[list[str], list[Any]]]]:
+        """Names and nodes on each way below a node that matches the path; `*` is a name chosen by the maker."""
+        found = [(list[str](), [node])]
+        for wanted in path.split("/"):
+            parents = [nodes[-1] for _, nodes in found if nodes[-1] not in self._known]
+            self._known |= dict(zip(parents, (yield from children(parents)), strict=True))
+            found = [
+                ([*names, name], [*nodes, child])
+                for names, nodes in found
+                for name, child in self._known[nodes[-1]].items()
+                if wanted in ("*", name)
+            ]
+        return found
+
+    def find_only(self, node: Any, path: str) -> Talk[Any | None]:
+        """The node at a path; None if there is none or several."""
+        found = yield from self.find(node, path)
+        return found[0][1][-1] if len(found) == 1 else None
+
+
 def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
     """Find the robot."""
     if feedback.axes and are_nodes(feedback.axes):
         positions = [ua.NodeId.from_string(axis) for axis in feedback.axes]
         deg_per_unit = yield from _deg_per_unit(feedback.axes, positions, feedback)
         return RobotNodes(tuple(positions), deg_per_unit, {})
-    system, robot = yield from _system_and_robot(feedback)
-    axes = _in_order((yield from _children_of(robot.get("Axes"))), feedback)
-    parameters = yield from _parameters(list(axes.values()))
-    if missing := [name for name, below in zip(axes, parameters, strict=True) if "ActualPosition" not in below]:
+    browser = _Browser()
+    system, robot = yield from _system_and_robot(browser, feedback)
+    found = yield from browser.find(robot, "Axes/*")
+    axes = _in_order({names[-1]: nodes[-1] for names, nodes in found}, feedback)
+    found = yield from browser.find(robot, "Axes/*/ParameterSet/ActualPosition")
+    measured = {names[1]: nodes[-1] for names, nodes in found}
+    if missing := [name for name in axes if name not in measured]:
         raise Unfit(f"axis {missing[0]!r} has no ActualPosition; give `axes` as node ids")
-    positions = [below["ActualPosition"] for below in parameters]
+    positions = [measured[name] for name in axes]
     deg_per_unit = yield from _deg_per_unit(tuple(axes), positions, feedback)
-    shown = (yield from _condition_nodes(system, robot, list(axes.values()))) if feedback.condition else {}
+    shown: Mapping[str, Any] = {}
+    if feedback.condition:
+        shown = yield from _condition_nodes(browser, system, robot, list(axes.values()))
     return RobotNodes(tuple(positions), deg_per_unit, shown)
 
 
-def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]]:
-    """Children of the motion device system and those of the robot."""
-    objects = yield from _children_of(OBJECTS)
-    devices = yield from children(list((yield from _children_of(objects.get("DeviceSet"))).values()))
-    systems = [below for below in devices if "MotionDevices" in below]
-    folders = yield from children([system["MotionDevices"] for system in systems])
-    robots = [
-        (name, node, system) for system, in_it in zip(systems, folders, strict=True) for name, node in in_it.items()
-    ]
-    chosen = [robot for robot in robots if feedback.device in (None, robot[0])]
+def _system_and_robot(browser: _Browser, feedback: OPCUARobotics) -> Talk[tuple[Any, Any]]:
+    """Nodes of the motion device system and of the robot."""
+    robots = yield from browser.find(OBJECTS, "DeviceSet/*/MotionDevices/*")
+    chosen = [nodes for names, nodes in robots if feedback.device in (None, names[-1])]
     if not robots:
         raise Unfit(
             "the DeviceSet of the server contains no MotionDeviceSystem; give `axes` as node ids, or a different port"
         )
     if len(chosen) != 1:
-        names = ", ".join(name for name, _, _ in robots)[:300]
-        raise Unfit(f"the server shows the robots {names}; name one of them as `device`")
-    (_, node, system) = chosen[0]
-    return system, (yield from _children_of(node))
+        shown = ", ".join(names[-1] for names, _ in robots)[:300]
+        raise Unfit(f"the server shows the robots {shown}; name one of them as `device`")
+    _, _, system, _, robot = chosen[0]
+    return system, robot
 
 
 def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
@@ -194,65 +219,42 @@ def _name(unit: Any) -> str:
     return (unit.DisplayName.Text or "").strip()[:40]
 
 
-def _condition_nodes(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mapping[str, Any]]:
+_OF_ROBOT = {**{name: f"ParameterSet/{name}" for name in FRONT}, MASS: "FlangeLoad/Mass"}
+_MACHINE = "Controllers/*/TaskControls/*/TaskControlOperation/TaskControlStateMachine"
+_OF_SYSTEM = {
+    **{name: f"SafetyStates/*/ParameterSet/{name}" for name in FRONT},
+    STATE: f"{_MACHINE}/CurrentState",
+    READY: f"{_MACHINE}/ReadySubstateMachine/CurrentState",
+}
+"""Paths of the condition below the robot and below the system. Values of the system have precedence."""
+
+
+def _condition_nodes(browser: _Browser, system: Any, robot: Any, axes: Sequence[Any]) -> Talk[Mapping[str, Any]]:
     """Available condition nodes; none if there are several safety states or tasks."""
     nodes: dict[str, Any] = {}
-    (parameters,) = yield from _parameters_of_children([robot])
-    safety = (yield from _children_of(system.get("SafetyStates"))).values()
-    safe = (yield from _parameters(list(safety)))[0] if len(safety) == 1 else {}
-    nodes |= {name: below[name] for below in (parameters, safe) for name in FRONT if name in below}
-    load = yield from _children_of(robot.get("FlangeLoad"))
-    motors = yield from _motors(robot, axes)
-    measured = {name: node for name, node in {"Mass": load.get("Mass"), **motors}.items() if node is not None}
+    for root, paths in ((robot, _OF_ROBOT), (system, _OF_SYSTEM)):
+        for name, path in paths.items():
+            if (node := (yield from browser.find_only(root, path))) is not None:
+                nodes[name] = node
+    nodes |= yield from _motors(browser, robot, axes)
+    measured = {name: nodes[name] for name in (MASS, *TEMPERATURES) if name in nodes}
     units = yield from engineering_units(list(measured.values()))
-    for (name, node), unit in zip(measured.items(), units, strict=True):
-        if unit is not None and unit.UnitId == (KILOGRAM if name == "Mass" else CELSIUS):
-            nodes[name] = node
-    return nodes | (yield from _task(system))
+    for name, unit in zip(measured, units, strict=True):
+        if unit is None or unit.UnitId != (KILOGRAM if name == MASS else CELSIUS):
+            del nodes[name]
+    return nodes
 
 
-def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
+def _motors(browser: _Browser, robot: Any, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
     """Motor temperature nodes by column. A power train lists the motors and the driven axis."""
-    trains = yield from children(list((yield from _children_of(robot.get("PowerTrains"))).values()))
+    moved: dict[str, list[int]] = {}
+    for names, nodes in (yield from browser.find(robot, "PowerTrains/*/*")):
+        moved.setdefault(names[1], []).extend(place for place, axis in enumerate(axes) if axis == nodes[-1])
     temperatures: dict[str, Any] = {}
-    for train in trains:
-        moved = [axes.index(node) for node in train.values() if node in axes]
-        parameters = yield from _parameters([node for node in train.values() if node not in axes])
-        warm = [below["MotorTemperature"] for below in parameters if "MotorTemperature" in below]
-        if len(moved) == 1 and warm:
-            temperatures[TEMPERATURES[moved[0]]] = warm[0]
+    for names, nodes in (yield from browser.find(robot, "PowerTrains/*/*/ParameterSet/MotorTemperature")):
+        if len(driven := moved[names[1]]) == 1:
+            temperatures.setdefault(TEMPERATURES[driven[0]], nodes[-1])
     return temperatures
-
-
-def _task(system: Children) -> Talk[dict[str, Any]]:
-    """State nodes of the only task and of the ready substate."""
-    controllers = yield from children(list((yield from _children_of(system.get("Controllers"))).values()))
-    folders = yield from children([below["TaskControls"] for below in controllers if "TaskControls" in below])
-    tasks = [task for folder in folders for task in folder.values()]
-    if len(tasks) != 1:
-        return {}
-    operation = yield from _children_of((yield from _children_of(tasks[0])).get("TaskControlOperation"))
-    machine = yield from _children_of(operation.get("TaskControlStateMachine"))
-    ready = yield from _children_of(machine.get("ReadySubstateMachine"))
-    states = {STATE: machine.get("CurrentState"), READY: ready.get("CurrentState")}
-    return {name: node for name, node in states.items() if node is not None}
-
-
-def _children_of(node: Any | None) -> Talk[Children]:
-    if node is None:
-        return {}
-    return (yield from children([node]))[0]
-
-
-def _parameters(nodes: Sequence[Any]) -> Talk[list[Children]]:
-    """Content of the ParameterSet of each node."""
-    return (yield from _parameters_of_children((yield from children(nodes))))
-
-
-def _parameters_of_children(below: Sequence[Children]) -> Talk[list[Children]]:
-    sets = yield from children([node["ParameterSet"] for node in below if "ParameterSet" in node])
-    remaining = iter(sets)
-    return [next(remaining) if "ParameterSet" in node else {} for node in below]
 
 
 def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:

@@ -44,7 +44,7 @@ from daq.apps.opc_ua.values import RobotValues
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Host
 from daq.protocol.framing import Message
-from daq.protocol.streamed import Reaction, Streamed
+from daq.protocol.streamed import Reaction, Streamed, StreamedDialect
 from rigs.schema.feedback import OPCUARobotics
 
 _PUBLISH = 3
@@ -84,7 +84,7 @@ class _Host(Streamed):
         return replace(step, wake_ns=min(self._client.due_ns, step.wake_ns or self._client.due_ns))
 
 
-class _Client:
+class _Client(StreamedDialect):
     """Requests and interpretation of the answers. due_ns: next poll; None if not polling."""
 
     def __init__(self, feedback: OPCUARobotics) -> None:
@@ -111,9 +111,10 @@ class _Client:
         self.due_ns = None
         return self._request(self._values.request(), asked_ns=now_ns) if self._values else b""
 
-    def read(self, message: Message | Fault) -> Reaction:
-        if isinstance(message, Fault):
-            return Reaction((replace(message, detail=f"{message.detail}; {self.check}"),), hang_up=True)
+    def garbled(self, fault: Fault) -> Reaction:
+        return Reaction((replace(fault, detail=f"{fault.detail}; {self.check}"),), hang_up=True)
+
+    def read(self, message: Message) -> Reaction:
         try:
             received = self._channel.read(message.data)
             reaction = Reaction() if received is None else self._meaning(received, message)
@@ -228,4 +229,4 @@ def _name(fault: Any) -> str:
 
 
 def _hang_up(kind: FaultKind, detail: str, message: Message) -> Reaction:
-    return Reaction((Fault(kind, message.last_byte_ns, detail),), hang_up=True)
+    return Reaction((message.fault(kind, detail),), hang_up=True)

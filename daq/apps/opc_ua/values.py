@@ -15,7 +15,7 @@ from asyncua import ua
 
 from daq.apps.opc_ua.channel import NO_STAMP
 from daq.apps.opc_ua.nodes import RobotNodes, condition_of, read_request
-from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
 from rigs.schema.feedback import OPCUARobotics, condition_columns
@@ -110,32 +110,31 @@ class RobotValues:
         return bool(self._notes) and self._positions < 2 and not note.NotificationData
 
     def published(self, note: Any, message: Message) -> Iterator[Item]:
-        at_ns = message.last_byte_ns
         if not note.NotificationData:
             yield from self._samples(self._together.end(), NO_TIME, message)
             return
         # A message with data has the next sequence number. A keep-alive repeats the number of the following message.
         missing, self._last_number = note.SequenceNumber - self._last_number - 1, note.SequenceNumber
         if missing > 0 and self._notes:
-            yield Fault(FaultKind.SKIPPED, at_ns, "messages of the subscription are missing", missing)
+            yield message.fault(FaultKind.SKIPPED, "messages of the subscription are missing", missing)
         self._notes += 1
         values = list[AxisValue]()
         for data in note.NotificationData:
             if isinstance(data, ua.DataChangeNotification):
                 for item in data.MonitoredItems or ():
-                    yield from self._take(item.ClientHandle, item.Value, values, at_ns)
+                    yield from self._take(item.ClientHandle, item.Value, values, message)
         yield from self._samples(self._together.take(values), NO_TIME, message)
 
     def polled(self, results: Sequence[Any], asked_ns: int, message: Message) -> Iterator[Item]:
         """Items of an answer to `request`, without stamps, because those of the server may be old."""
         values = list[AxisValue]()
         for place, value in enumerate(results):
-            yield from self._take(place, value, values, message.last_byte_ns)
+            yield from self._take(place, value, values, message)
         together = Together(math.inf)
         unstamped = (replace(value, clock_s=math.nan) for value in values)
         yield from self._samples(together.take(unstamped), asked_ns, message)
 
-    def _take(self, place: int, value: Any, values: list[AxisValue], at_ns: int) -> Iterator[Fault]:
+    def _take(self, place: int, value: Any, values: list[AxisValue], message: Message) -> Iterator[Fault]:
         """Store an axis value or a condition value, and yield faults."""
         code = value.StatusCode.value if value.StatusCode else 0
         severity, plain = code >> _SEVERITY, None if value.Value is None else value.Value.Value
@@ -149,11 +148,10 @@ class RobotValues:
                 angle = float(plain)
             if math.isnan(angle):
                 why = ua.StatusCode(code).name if severity > _UNCERTAIN else f"{plain!r}"[:60]
-                yield Fault(FaultKind.DEVICE_ERROR, at_ns, f"axis {place + 1}: {why} instead of an angle")
+                yield message.fault(FaultKind.DEVICE_ERROR, f"axis {place + 1}: {why} instead of an angle")
             if code & _OVERFLOW == _OVERFLOW:
-                yield Fault(
-                    FaultKind.SKIPPED, at_ns, f"axis {place + 1}: values were lost because the server's queue was full"
-                )
+                detail = f"axis {place + 1}: values were lost because the server's queue was full"
+                yield message.fault(FaultKind.SKIPPED, detail)
             status = code & _CODE if severity == _UNCERTAIN else 0
             stamps = [
                 stamp for stamp in (value.SourceTimestamp, value.ServerTimestamp) if stamp not in (None, NO_STAMP)
@@ -162,17 +160,16 @@ class RobotValues:
             values.append(AxisValue(place, angle * self._nodes.deg_per_unit[place], clock_s, status))
 
     def _samples(self, positions: Iterable[ArmPosition], asked_ns: int, message: Message) -> Iterator[Item]:
-        shown, at_ns = condition_of(self._shown), message.last_byte_ns
+        shown = condition_of(self._shown)
         condition = tuple(shown[name] for name in self._columns)
-        stamps = (asked_ns, message.first_byte_ns, at_ns)
         for position in positions:
             self._positions += 1
             if not are_angles(position.angles_deg):
-                yield Fault(FaultKind.GARBLED, at_ns, f"angles {position.angles_deg} deg; ignored")
+                yield message.fault(FaultKind.GARBLED, f"angles {position.angles_deg} deg; ignored")
                 continue
             if position.apart_s > _APART_S and not self._apart_reported:
                 self._apart_reported = True
                 detail = f"the server stamps the axes of a position up to {1e3 * position.apart_s:.1f} ms apart"
-                yield Fault(FaultKind.DOUBTFUL, at_ns, f"{detail}; the midpoint is used")
+                yield message.fault(FaultKind.DOUBTFUL, f"{detail}; the midpoint is used")
             values = (*position.angles_deg, *condition)
-            yield Sample(values, *stamps, message.size, position.clock_s, position.status)
+            yield message.sample(values, position.clock_s, requested_ns=asked_ns, status=position.status)

@@ -116,13 +116,11 @@ _STATE_OF_RAPID = {1: ProgramState.STOPPED, 2: ProgramState.RUNNING}
 
 
 def host(feedback: ABBEGM) -> Host:
-    """Host side of the protocol, which reads the joint angles in degrees."""
     check = "check that the RAPID program is streaming (EGMStreamStart), and that the controller sends to this address"
     return Streamed(Positions(_decode, check, Order()), feedback.timeout_s)
 
 
 def device(feedback: ABBEGM, read: Read) -> Device:
-    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _EGMController(read, RATE_HZ)
 
 

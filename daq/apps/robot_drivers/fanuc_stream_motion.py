@@ -29,7 +29,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from daq.feedback import Read
-from daq.protocol.conversation import ConversationStep, Device, Fault, FaultKind, Host
+from daq.protocol.conversation import ConversationStep, Device, FaultKind, Host
 from daq.protocol.framing import Message
 from daq.protocol.numerals import plausible
 from daq.protocol.positions import Order, Position, Positions, SteadyDevice, SteadyRate, UnusableDatagram
@@ -67,12 +67,10 @@ def start_packet(version: int) -> bytes:
 
 
 def host(feedback: FANUCStreamMotion) -> Host:
-    """Host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_StreamMotionClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: FANUCStreamMotion, read: Read) -> Device:
-    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _StreamMotionController(feedback.version or _ASKED_AS, read)
 
 
@@ -100,17 +98,14 @@ def _nine(values: Sequence[float]) -> list[float]:
     return [*values, *[0.0] * (9 - len(values))]
 
 
-class _StreamMotionClient:
+class _StreamMotionClient(Positions):
     """Requests the version, unless the rig file states it, and then the status."""
 
-    check = (
-        "check the address, the cable and that option J519 is there; another client may have the stream; or state "
-        "the controller's `version`"
-    )
-
     def __init__(self, feedback: FANUCStreamMotion) -> None:
-        self._positions = Positions(partial(_decode, feedback.currents), self.check, Order())
-        self.frames = self._positions.frames
+        check = (
+            "check the address, the cable and that option J519 is there; another client may have the stream; or state"
+        )
+        super().__init__(partial(_decode, feedback.currents), f"{check} the controller's `version`", Order())
         self._version = feedback.version
         self._answered = False
         """True once the controller has stated the version."""
@@ -125,15 +120,15 @@ class _StreamMotionClient:
         return ASK_VERSION if self._asked else start_packet(1)
 
     def silent(self) -> Reaction:
-        self._positions.silent()
+        super().silent()
         return Reaction(send=self.start())
 
-    def read(self, message: Message | Fault) -> Reaction:
-        if isinstance(message, Fault) or message.data[:4] != ASK_VERSION[:4]:
-            return self._positions.read(message)
+    def read(self, message: Message) -> Reaction:
+        if message.data[:4] != ASK_VERSION[:4]:
+            return super().read(message)
         if len(message.data) not in (_CAPABILITY.size, _SHORT_CAPABILITY):
             detail = f"datagram of {message.size} bytes; a version answer has {_CAPABILITY.size}"
-            return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
+            return Reaction((message.fault(FaultKind.GARBLED, detail),))
         self._answered = True
         available = int.from_bytes(message.data[20:24], "big")
         return Reaction(send=start_packet(max(1, min(available, NEWEST))))

@@ -36,12 +36,10 @@ _IPOC_WRAP = 2**63
 
 
 def host(feedback: KUKARSI) -> Host:
-    """Host side of the protocol, which reads the joint angles in degrees."""
     return Streamed(_RSIDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: KUKARSI, read: Read) -> Device:
-    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _RSIController(feedback, read)
 
 
@@ -93,9 +91,9 @@ class _RSIDialect(Positions):
         self._sentype = feedback.sentype
         self._delays = 0
 
-    def read(self, message: Message | Fault) -> Reaction:
+    def read(self, message: Message) -> Reaction:
         reaction = super().read(message)
-        if isinstance(message, Fault) or self._onlysend:
+        if self._onlysend:
             return reaction
         ipoc = _IPOC.search(message.data)
         answer = _answer(self._sentype, ipoc[1].decode("ascii")) if ipoc else b""
@@ -104,7 +102,7 @@ class _RSIDialect(Positions):
         before, self._delays = self._delays, int(counted[1]) if counted else 0
         if self._delays > before:
             detail = "the controller found answers late, and stops its program after too many; lower this host's load"
-            late = [Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail, self._delays - before)]
+            late = [message.fault(FaultKind.DEVICE_ERROR, detail, self._delays - before)]
         return Reaction((*reaction.items, *late), answer)
 
 

@@ -13,95 +13,61 @@ joints and writes to a socket in a loop. The host assumes no rate.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import partial
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample
-from daq.protocol.framing import DelimitedLines, Framer, Message
-from daq.protocol.numerals import are_angles, number, plausible
-from daq.protocol.positions import DatagramLines, SteadyDevice
-from daq.protocol.streamed import Reaction, Streamed
+from daq.protocol.conversation import Device, FaultKind, Host
+from daq.protocol.framing import DelimitedLines
+from daq.protocol.numerals import number, plausible
+from daq.protocol.positions import ClockOrder, DatagramLines, Position, Positions, SteadyDevice, UnusableDatagram
+from daq.protocol.streamed import Streamed
 from rigs.schema.condition import CONDITION
 from rigs.schema.feedback import ASKED_INSTEAD, CLOCK_FIELDS, SIGNAL, LineFeed, columns_beside_joints
 from rigs.schema.links import tcp_address, udp_address
 
 RATE_HZ = 100.0
-_BEHIND_S = 1.0
-"""Smallest backward step of the clock after a restart of the program. Network delays are shorter."""
 _LEFT_OUT = {"_": 0.0} | dict.fromkeys((SIGNAL, *CONDITION), math.nan)
 _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
 
 def host(feedback: LineFeed) -> Host:
-    """Host side of the protocol, which reads the joint angles in degrees."""
-    return Streamed(_LineFeedDialect(feedback), feedback.timeout_s)
+    by_tcp, by_udp = tcp_address(feedback.port) is not None, udp_address(feedback.port) is not None
+    calls = f", and that the program connects to {feedback.port}" if feedback.listens else ""
+    asked = ASKED_INSTEAD if by_tcp and not feedback.listens else ""
+    check = f"check that the program on the controller is running{calls}{asked}"
+    frames = DatagramLines() if by_udp else DelimitedLines(b"\n", joined_midway=not by_tcp)
+    order = ClockOrder(repeats=True) if by_udp else None
+    decode = partial(_decode, feedback, columns_beside_joints(feedback))
+    return Streamed(Positions(decode, check, order, frames=frames), feedback.timeout_s)
 
 
 def device(feedback: LineFeed, read: Read) -> Device:
-    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _ControllerProgram(feedback, read)
 
 
-class _LineFeedDialect:
-    def __init__(self, feedback: LineFeed) -> None:
-        calls = f", and that the program connects to {feedback.port}" if feedback.listens else ""
-        asked = ASKED_INSTEAD if tcp_address(feedback.port) and not feedback.listens else ""
-        self.check = f"check that the program on the controller is running{calls}{asked}"
-        self._last_clock_s = -math.inf
-        self._may_be_late = udp_address(feedback.port) is not None
-        self.frames: Framer = (
-            DatagramLines()
-            if self._may_be_late
-            else DelimitedLines(b"\n", joined_midway=tcp_address(feedback.port) is None)
-        )
-        self._fields = feedback.fields
-        self._beside = columns_beside_joints(feedback)
-        # Repeated blanks count as a single separator.
-        self._separator = None if feedback.separator.isspace() else feedback.separator
-
-    def start(self) -> bytes:
-        return b""
-
-    def silent(self) -> Reaction:
-        return Reaction()
-
-    def read(self, message: Message | Fault) -> Reaction:
-        if isinstance(message, Fault):
-            return Reaction((message,))
-        parts = message.data.decode("ascii", "replace").strip().split(self._separator)
-        if len(parts) != len(self._fields):
-            return _garbled(message, f"has {len(parts)} fields instead of {len(self._fields)}")
-        read: dict[str, float] = {}
-        for name, part in zip(self._fields, map(str.strip, parts), strict=True):
-            value = _LEFT_OUT.get(name) if not part or name == "_" else number(part)
-            if value is None:
-                return _garbled(message, f"has an invalid number {name} = {part[:40]!r}")
-            read[name] = value
-        angles_deg = (
-            read[f"q{axis}_deg"] if f"q{axis}_deg" in read else math.degrees(read[f"q{axis}_rad"])
-            for axis in range(1, 7)
-        )
-        clock_s = [read[name] * _CLOCK_S[name] for name in read if name in CLOCK_FIELDS]
-        sample = Sample(
-            (*angles_deg, *(plausible(read[name]) for name in self._beside)),
-            NO_TIME,
-            message.first_byte_ns,
-            message.last_byte_ns,
-            message.size,
-            clock_s[0] if clock_s else math.nan,
-        )
-        if not are_angles(sample.values[:6]):
-            return _garbled(message, "has an impossible angle")
-        if self._may_be_late and 0 < self._last_clock_s - sample.device_time_s < _BEHIND_S:
-            detail = f"line with clock {sample.device_time_s:g} s came after a later one; ignored; check the network"
-            return Reaction((Fault(FaultKind.LATE, message.last_byte_ns, detail),))
-        self._last_clock_s = sample.device_time_s
-        return Reaction((sample,))
+def _decode(feedback: LineFeed, beside: Sequence[str], data: bytes) -> Position | UnusableDatagram:
+    # Repeated blanks count as a single separator.
+    separator = None if feedback.separator.isspace() else feedback.separator
+    parts = data.decode("ascii", "replace").strip().split(separator)
+    if len(parts) != len(feedback.fields):
+        return _garbled(data, f"has {len(parts)} fields instead of {len(feedback.fields)}")
+    read: dict[str, float] = {}
+    for name, part in zip(feedback.fields, map(str.strip, parts), strict=True):
+        value = _LEFT_OUT.get(name) if not part or name == "_" else number(part)
+        if value is None:
+            return _garbled(data, f"has an invalid number {name} = {part[:40]!r}")
+        read[name] = value
+    angles_deg = [
+        read[f"q{axis}_deg"] if f"q{axis}_deg" in read else math.degrees(read[f"q{axis}_rad"]) for axis in range(1, 7)
+    ]
+    clock_s = next((read[name] * _CLOCK_S[name] for name in read if name in CLOCK_FIELDS), math.nan)
+    return Position(angles_deg, clock_s, condition=tuple(plausible(read[name]) for name in beside))
 
 
-def _garbled(message: Message, why: str) -> Reaction:
-    detail = f"line {message.data[:80]!r} {why}; check `fields` and `separator`"
-    return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
+def _garbled(data: bytes, why: str) -> UnusableDatagram:
+    return UnusableDatagram(FaultKind.GARBLED, f"line {data[:80]!r} {why}; check `fields` and `separator`")
 
 
 class _ControllerProgram(SteadyDevice):

@@ -14,15 +14,15 @@ Before homing the positions have no reference, so these samples are faults. The 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from functools import partial
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample
-from daq.protocol.framing import DelimitedLines, Message
-from daq.protocol.numerals import are_angles, number, plausible
-from daq.protocol.positions import Order, SteadyDevice
-from daq.protocol.streamed import Reaction, Streamed
+from daq.protocol.conversation import Device, FaultKind, Host
+from daq.protocol.framing import DelimitedLines
+from daq.protocol.numerals import number, plausible
+from daq.protocol.positions import Order, Position, Positions, SteadyDevice, UnusableDatagram
+from daq.protocol.streamed import Streamed
 from rigs.schema.feedback import LinuxCNC
 
 _FIELDS = 10
@@ -31,49 +31,28 @@ _OVERRUN = b"overrun"
 
 
 def host(feedback: LinuxCNC) -> Host:
-    """Host side of the protocol, which reads the joint angles in degrees."""
-    return Streamed(_Samples(feedback), feedback.timeout_s)
+    decode = partial(_decode, feedback.servo_period_ms / 1e3)
+    check = "check that LinuxCNC runs and loads rig.hal"
+    return Streamed(Positions(decode, check, Order(), frames=DelimitedLines(b"\n")), feedback.timeout_s)
 
 
 def device(feedback: LinuxCNC, read: Read) -> Device:
-    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _Sampler(feedback, read)
 
 
-class _Samples:
-    check = "check that LinuxCNC runs and loads rig.hal"
-
-    def __init__(self, feedback: LinuxCNC) -> None:
-        self.frames = DelimitedLines(b"\n")
-        self._period_s = feedback.servo_period_ms / 1e3
-        self._order = Order()
-
-    def start(self) -> bytes:
-        return b""
-
-    def silent(self) -> Reaction:
-        return Reaction()
-
-    def read(self, message: Message | Fault) -> Reaction:
-        if isinstance(message, Fault):
-            return Reaction((message,))
-        if message.data.strip() == _OVERRUN:
-            return Reaction()
-        at_ns = message.last_byte_ns
-        values = [number(part) for part in message.data.decode("ascii", "replace").split()]
-        if len(values) != _FIELDS or None in values:
-            detail = f"line {message.data[:80]!r} is not a sample of rig.hal; load the rig.hal that rig init wrote"
-            return Reaction((Fault(FaultKind.GARBLED, at_ns, detail),))
-        count, *joints, homed, signal, lost = (math.nan if value is None else value for value in values)
-        if not homed:
-            detail = "the joints are not homed, so their positions are unknown; home all joints"
-            return Reaction((Fault(FaultKind.DEVICE_ERROR, at_ns, detail),))
-        if not are_angles(joints):
-            return Reaction((Fault(FaultKind.GARBLED, at_ns, f"impossible joint angles {joints}; ignored"),))
-        period = round(count + lost)
-        stamps = (NO_TIME, message.first_byte_ns, at_ns)
-        sample = Sample((*joints, plausible(signal)), *stamps, message.size, period * self._period_s)
-        return Reaction(self._order.admit(sample, period))
+def _decode(period_s: float, data: bytes) -> Position | UnusableDatagram | None:
+    if data.strip() == _OVERRUN:
+        return None
+    values = [value for part in data.decode("ascii", "replace").split() if (value := number(part)) is not None]
+    if len(values) != _FIELDS or len(data.split()) != _FIELDS:
+        detail = f"line {data[:80]!r} is not a sample of rig.hal; load the rig.hal that rig init wrote"
+        return UnusableDatagram(FaultKind.GARBLED, detail)
+    count, *joints, homed, signal, lost = values
+    if not homed:
+        detail = "the joints are not homed, so their positions are unknown; home all joints"
+        return UnusableDatagram(FaultKind.DEVICE_ERROR, detail)
+    period = round(count + lost)
+    return Position(joints, period * period_s, period, (plausible(signal),))
 
 
 class _Sampler(SteadyDevice):

@@ -22,16 +22,15 @@ _DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
 
 def host(feedback: ModbusJoints) -> Host:
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
-        at_ns = message.last_byte_ns
-        code = verdict(registers, feedback.status, feedback, at_ns)
+        code = verdict(registers, feedback.status, feedback, message)
         if isinstance(code, Fault):
             return code
         read = [unpack(registers, joint, feedback) * joint.scale + joint.offset for joint in feedback.joints]
         angles_deg = tuple(value * _DEG_PER_UNIT[feedback.units] for value in read)
         if not are_angles(angles_deg):
             detail = f"angles {angles_deg}; ignored; check `joints`, `word_order` and `byte_order`"
-            return Fault(FaultKind.GARBLED, at_ns, detail)
-        return Sample(angles_deg, requested_ns, message.first_byte_ns, at_ns, message.size, math.nan, code)
+            return message.fault(FaultKind.GARBLED, detail)
+        return message.sample(angles_deg, requested_ns=requested_ns, status=code)
 
     wire = Wire(feedback.port, feedback.framing, serving=False)
     return Polled(RegisterDialect(feedback, reading, wire), feedback.timeout_s, feedback.rate_hz)

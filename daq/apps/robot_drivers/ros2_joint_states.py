@@ -18,10 +18,16 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Host, Sample
-from daq.protocol.framing import Message
-from daq.protocol.numerals import are_angles
-from daq.protocol.positions import Datagrams, SteadyDevice, SteadyRate
+from daq.protocol.conversation import ConversationStep, Device, FaultKind, Host
+from daq.protocol.positions import (
+    ClockOrder,
+    Datagrams,
+    Position,
+    Positions,
+    SteadyDevice,
+    SteadyRate,
+    UnusableDatagram,
+)
 from daq.protocol.streamed import Reaction, Streamed
 from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
 from rigs.schema.feedback import ROS2JointStates
@@ -29,8 +35,6 @@ from rigs.schema.feedback import ROS2JointStates
 RATE_HZ = 100.0
 """Rate of the emulated driver: the default update rate of ros2_control. The host assumes no rate."""
 _TYPE = "sensor_msgs/msg/JointState"
-_BEHIND_S = 1.0
-"""Smallest backward step of the clock after it was changed, or after a simulation was restarted."""
 
 
 class _Part(BaseModel):
@@ -73,74 +77,53 @@ _MESSAGE: TypeAdapter[_Published | _Status] = TypeAdapter(Annotated[_Published |
 
 
 def host(feedback: ROS2JointStates) -> Host:
-    """Host side of the protocol, which reads the joint angles in degrees."""
     address = feedback.port.removeprefix("tcp://")
     return WebSocketHost(Streamed(_JointStates(feedback), feedback.timeout_s), address, feedback.timeout_s)
 
 
 def device(feedback: ROS2JointStates, read: Read) -> Device:
-    """Emulated server and driver, the device side of the protocol. `read` gives joint angles in
-    degrees.
-    """
     return WebSocketDevice(_Bridge(feedback, read))
 
 
-class _JointStates:
+class _JointStates(Positions):
     def __init__(self, feedback: ROS2JointStates) -> None:
-        self.frames = Datagrams(LIMIT)
-        self.check = f"check that the robot's driver publishes on {feedback.topic}"
+        subscription = json.dumps({"op": "subscribe", "topic": feedback.topic, "type": _TYPE}).encode()
+        check = f"check that the robot's driver publishes on {feedback.topic}"
+        super().__init__(self._message, check, ClockOrder(), subscription, Datagrams(LIMIT))
         self._topic = feedback.topic
         self._joints = feedback.joints
         self._found = False
-        self._last_s = -math.inf
-
-    def start(self) -> bytes:
-        return json.dumps({"op": "subscribe", "topic": self._topic, "type": _TYPE}).encode()
 
     def silent(self) -> Reaction:
         return Reaction()
 
-    def read(self, message: Message | Fault) -> Reaction:
-        if isinstance(message, Fault):
-            return Reaction((message,))
+    def _message(self, data: bytes) -> Position | UnusableDatagram | None:
         try:
-            received = _MESSAGE.validate_json(message.data)
+            received = _MESSAGE.validate_json(data)
         except ValidationError as error:
             problem = error.errors(include_url=False, include_input=False)[0]["msg"]
-            return _fault(message, FaultKind.GARBLED, f"message {message.data[:60]!r} is not a joint state: {problem}")
+            return UnusableDatagram(FaultKind.GARBLED, f"message {data[:60]!r} is not a joint state: {problem}")
         if isinstance(received, _Published):
-            return self._state(received.msg, message) if received.topic == self._topic else Reaction()
+            return self._state(received.msg) if received.topic == self._topic else None
         if received.level not in {"error", "warning"}:
-            return Reaction()
-        return _fault(message, FaultKind.DEVICE_ERROR, f"{received.level} of rosbridge: {received.msg[:200]}")
+            return None
+        return UnusableDatagram(FaultKind.DEVICE_ERROR, f"{received.level} of rosbridge: {received.msg[:200]}")
 
-    def _state(self, state: _JointState, message: Message) -> Reaction:
+    def _state(self, state: _JointState) -> Position | UnusableDatagram | None:
         placed = dict(zip(state.name, state.position, strict=False))
         angles_rad = [placed.get(joint) for joint in self._joints]
         known_rad = [angle for angle in angles_rad if angle is not None]
         if len(known_rad) < len(self._joints):
             if self._found and not set(self._joints) & set(state.name):
-                return Reaction()
+                return None
             missing = self._joints[angles_rad.index(None)]
             has = ", ".join(state.name)[:200] or "no joints"
             detail = f"message without an angle of {missing}; available: {has}; check `joints`"
-            return _fault(message, FaultKind.MISSING, detail)
-        angles_deg = tuple(map(math.degrees, known_rad))
-        if not are_angles(angles_deg):
-            return _fault(message, FaultKind.GARBLED, f"angles {angles_deg}; ignored")
+            return UnusableDatagram(FaultKind.MISSING, detail)
         self._found = True
         stamp = state.header.stamp
         clock_s = stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else math.nan
-        if 0 <= self._last_s - clock_s < _BEHIND_S:
-            detail = f"stamp {clock_s:.6f} s, no later than the one before; ignored; check for a second publisher"
-            return _fault(message, FaultKind.LATE, detail)
-        self._last_s = clock_s
-        stamps = (NO_TIME, message.first_byte_ns, message.last_byte_ns)
-        return Reaction((Sample(angles_deg, *stamps, message.size, clock_s),))
-
-
-def _fault(message: Message, kind: FaultKind, detail: str) -> Reaction:
-    return Reaction((Fault(kind, message.last_byte_ns, detail),))
+        return Position(tuple(map(math.degrees, known_rad)), clock_s)
 
 
 class _Bridge(SteadyDevice):

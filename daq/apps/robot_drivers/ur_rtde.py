@@ -36,12 +36,12 @@ from functools import cached_property
 from itertools import islice
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, ConversationStep, Device, Fault, FaultKind, Host, Sample
+from daq.protocol.conversation import ConversationStep, Device, Fault, FaultKind, Host
 from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles, plausible
 from daq.protocol.poses import flange_pose, tool_fields
 from daq.protocol.positions import SteadyDevice, SteadyRate, SteadySteps
-from daq.protocol.streamed import GatheredStream, Reaction
+from daq.protocol.streamed import GatheredStream, Reaction, StreamedDialect
 from rigs.schema.condition import (
     CURRENTS,
     PAYLOAD,
@@ -199,12 +199,10 @@ _MAX_CLOCK_S = 1e9
 
 
 def host(feedback: URRTDE) -> Host:
-    """Host side of the protocol, which reads the joint angles in degrees."""
     return GatheredStream(_RTDEClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: URRTDE, read: Read) -> Device:
-    """Emulated controller, the device side of the protocol. `read` gives joint angles in degrees."""
     return _RTDEController(feedback, read)
 
 
@@ -227,7 +225,7 @@ def _signal(place: RTDESignal, raw: int) -> float:
     return float(sum((raw >> output & 1) << bit for bit, output in enumerate(place.outputs)))
 
 
-class _RTDEClient:
+class _RTDEClient(StreamedDialect):
     """Handshake, then data."""
 
     check = "check that the controller is on and RTDE is not disabled under Settings › Security › Services"
@@ -252,16 +250,17 @@ class _RTDEClient:
     def silent(self) -> Reaction:
         return Reaction(hang_up=True)
 
-    def read(self, message: Message | Fault) -> Reaction:
-        if isinstance(message, Fault):
-            return Reaction((message,), hang_up=True)
+    def garbled(self, fault: Fault) -> Reaction:
+        return Reaction((fault,), hang_up=True)
+
+    def read(self, message: Message) -> Reaction:
         kind, payload = message.data[2:3], message.data[3:]
         if kind not in b"VOSPUM":
             self._unknown += 1
             if self._unknown > _MOST_UNKNOWN:
                 return _out_of_step(message)
             detail = f"packet of type {kind.decode('latin-1')}, which is unknown; ignored"
-            return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
+            return Reaction((message.fault(FaultKind.GARBLED, detail),))
         self._unknown = 0
         if kind not in (b"M", self._awaited):
             return _out_of_step(message)
@@ -315,15 +314,8 @@ class _RTDEClient:
         angles_deg = tuple(map(math.degrees, angles_rad))
         if not (0 <= clock_s < _MAX_CLOCK_S and are_angles(angles_deg)):
             detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; ignored"
-            return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
-        sample = Sample(
-            (*angles_deg, *signal, *condition, *currents, *pose),
-            NO_TIME,
-            message.first_byte_ns,
-            message.last_byte_ns,
-            message.size,
-            clock_s,
-        )
+            return Reaction((message.fault(FaultKind.GARBLED, detail),))
+        sample = message.sample((*angles_deg, *signal, *condition, *currents, *pose), clock_s)
         return Reaction((*self._steps.check_stamp(clock_s, message.last_byte_ns), sample))
 
     def _text(self, payload: bytes, message: Message) -> Reaction:
@@ -336,7 +328,7 @@ class _RTDEClient:
             return Reaction()
         name = ("exception", "error", "warning")[level[0]]
         detail = f"{name} from {source.decode('utf-8', 'replace')}: {text.decode('utf-8', 'replace')}"
-        return Reaction((Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail),))
+        return Reaction((message.fault(FaultKind.DEVICE_ERROR, detail),))
 
 
 def _counted(data: bytes) -> tuple[bytes, bytes]:
@@ -347,11 +339,11 @@ def _counted(data: bytes) -> tuple[bytes, bytes]:
 
 def _out_of_step(message: Message) -> Reaction:
     detail = f"unexpected packet {message.data[:16].hex(' ')} ({message.size} bytes); reconnecting"
-    return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),), hang_up=True)
+    return Reaction((message.fault(FaultKind.GARBLED, detail),), hang_up=True)
 
 
 def _refused(detail: str, message: Message) -> Reaction:
-    return Reaction((Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail),), hang_up=True)
+    return Reaction((message.fault(FaultKind.DEVICE_ERROR, detail),), hang_up=True)
 
 
 class _RTDEController(SteadyDevice):

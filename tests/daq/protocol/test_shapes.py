@@ -12,7 +12,6 @@ import pytest
 import daq.gauges
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.protocol.numerals import hand_on
-from daq.protocol.polled import echoed_part
 from tests.support.drivers import gauge, sylvac
 from tests.support.simulated_conversation import S, Script, asked
 
@@ -111,11 +110,6 @@ def test_pulled_plug_does_not_hide_a_changed_unit():
         script.receive(b"-0.02169\r", script.now_ns + S // 10)
     faults = [item.kind for item in script.taken() if isinstance(item, Fault)]
     assert set(faults) == {FaultKind.MISSHAPEN, FaultKind.UNIT_CHANGED}
-
-
-def test_other_bytes_are_no_echo():
-    assert echoed_part(b"?\r", b"?\r") == 0
-    assert echoed_part(b"\x1bA0100\r", b"\x02-    1.5") == 0
 
 
 @pytest.mark.parametrize("sigma_mm", [0.0002, 0.001, 0.02])

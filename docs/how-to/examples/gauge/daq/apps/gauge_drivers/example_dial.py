@@ -12,9 +12,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
-from daq.protocol.framing import DelimitedLines
-from daq.protocol.polled import Polled
-from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
+from daq.protocol.texts import Reading, Show, TextDevice, Trouble, garbled, in_mm, polled_text
 from rigs.schema.example_dial import ExampleDial
 
 _END = b"\r\n"
@@ -27,7 +25,7 @@ _ERRORS = {
 
 def host(gauges: Sequence[ExampleDial]) -> Host:
     """Return our side of the conversation; a cable carries one gauge."""
-    return Polled(TextDialect(gauges, b"D\r", DelimitedLines(_END), _read), gauges[0].timeout_s)
+    return polled_text(gauges, b"D\r", _END, _read)
 
 
 def device(gauges: Sequence[ExampleDial], read: Read) -> Device:
@@ -40,7 +38,7 @@ def device(gauges: Sequence[ExampleDial], read: Read) -> Device:
         (value,) = show()
         return (f"D={value:+09.4f} {unit}" if math.isfinite(value) else "D!1").encode() + _END
 
-    return TextDevice(gauges, read, DelimitedLines(b"\r"), answer)
+    return TextDevice(gauges, read, b"\r", answer)
 
 
 def _read(data: bytes, gauge: ExampleDial) -> Reading:

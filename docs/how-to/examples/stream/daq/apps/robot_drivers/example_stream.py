@@ -9,10 +9,9 @@ from __future__ import annotations
 import struct
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample
-from daq.protocol.framing import Message, Sized
-from daq.protocol.numerals import are_angles
-from daq.protocol.positions import SteadyDevice
+from daq.protocol.conversation import Device, Fault, Host
+from daq.protocol.framing import Sized
+from daq.protocol.positions import Position, Positions, SteadyDevice
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.example_stream import ExampleStream
 
@@ -38,27 +37,21 @@ def _length(header: bytes) -> int | None:
     return length if (magic, length) == (_MAGIC, _POSITION.size) else None
 
 
-class _Stream:
-    check = "check that the controller is on and that its server runs"
-
+class _Stream(Positions):
     def __init__(self) -> None:
-        self.frames = Sized(_HEADER.size, _length)
-
-    def start(self) -> bytes:
-        return b""
+        check = "check that the controller is on and that its server runs"
+        super().__init__(_decode, check, order=None, frames=Sized(_HEADER.size, _length))
 
     def silent(self) -> Reaction:
         return Reaction(hang_up=True)
 
-    def read(self, message: Message | Fault) -> Reaction:
-        if isinstance(message, Fault):
-            return Reaction((message,), hang_up=True)
-        _, _, clock_us, *angles_deg = _POSITION.unpack(message.data)
-        at_ns = message.last_byte_ns
-        if not are_angles(angles_deg):
-            return Reaction((Fault(FaultKind.GARBLED, at_ns, f"angles {angles_deg}; left out"),))
-        sample = Sample(tuple(angles_deg), NO_TIME, message.first_byte_ns, at_ns, message.size, clock_us * 1e-6)
-        return Reaction((sample,))
+    def garbled(self, fault: Fault) -> Reaction:
+        return Reaction((fault,), hang_up=True)
+
+
+def _decode(data: bytes) -> Position:
+    _, _, clock_us, *angles_deg = _POSITION.unpack(data)
+    return Position(angles_deg, clock_us * 1e-6)
 
 
 class _Controller(SteadyDevice):
