@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -15,11 +16,13 @@ from rigs.text import plain_lines
 
 class PlainConsole(Console):
     """Console of rich with markup disabled: `[/]` in a name is text. Control sequences for the cursor stay
-    unchanged.
+    unchanged. With `follows_window` it keeps to the size of the window, whatever COLUMNS and LINES say.
     """
 
-    def __init__(self, *, width: int | None = None, stderr: bool = False) -> None:
-        super().__init__(width=width, stderr=stderr, markup=False, emoji=False)
+    def __init__(self, *, width: int | None = None, stderr: bool = False, follows_window: bool = False) -> None:
+        fixed = ("COLUMNS", "LINES") if follows_window else ()
+        environ = {name: value for name, value in os.environ.items() if name not in fixed}
+        super().__init__(width=width, stderr=stderr, markup=False, emoji=False, _environ=environ)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Text in the layout of rich. It is made plain before, so that the column widths fit."""

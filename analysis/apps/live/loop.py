@@ -71,7 +71,7 @@ class RunPlayer:
 
 def watch(source: LiveSource, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> None:
     controls = LiveControls(zero_mm=zero_mm)
-    shown = Live(console=PlainConsole(), screen=True, auto_refresh=False)
+    shown = Live(console=PlainConsole(follows_window=True), screen=True, auto_refresh=False)
     with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, shown:
         while True:
             before, (view, notice) = view, _advanced(view, source)

@@ -19,7 +19,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def playing(run: Path) -> Iterator[Terminal]:
     command = [BIN / "rig", "live", "--run", run, "--speed", "64"]
-    with Terminal(command, 120, 40, {}) as terminal:
+    with Terminal(command, 120, 40, {"COLUMNS": "80", "LINES": "24"}) as terminal:
         terminal.until(lambda text: "ended" in text and "yaw" in text)
         yield terminal
 
