@@ -21,8 +21,8 @@ from rigs.signals import COMPLETED, REPLACED, ignore_interrupts
 from rigs.text import forget_width_of_0
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-_OF_A_CELL = ("fcntl", "grp", "resource", "termios", "tty")
-"""Modules missing on Windows, used for serial lines and for the socket of a running daemon."""
+_OF_A_CELL = ("fcntl", "grp", "os.getuid", "resource", "termios", "tty")
+"""Modules and a function missing on Windows, used for serial lines and for the socket of a running daemon."""
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """Variables that the libraries of numpy and scipy read on import. Extra threads slow a diagnosis down because the

@@ -19,6 +19,8 @@ from pathlib import Path
 
 from rigs.errors import CellError
 
+if not hasattr(os, "getuid"):  # as `import fcntl` would end elsewhere
+    raise ModuleNotFoundError("owners of files are those of POSIX", name="os.getuid")
 _CREDENTIALS = struct.Struct("3i")
 """Process, user and group of a peer: struct ucred of unix(7)."""
 _REMEDY = "remove the directory, or set XDG_RUNTIME_DIR to a private directory"

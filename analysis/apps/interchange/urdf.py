@@ -27,6 +27,8 @@ from rigs.text import first_of
 
 _MOST_BYTES = 10_000_000
 """Size limit; the URDF of a humanoid has half a megabyte, and meshes are separate files."""
+_MOST_PARTS = 2000
+"""Limit of links and joints; a humanoid with both hands has about a hundred."""
 _LARGEST = 1e6
 """Limit in metres, radians or kilograms."""
 _TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -113,6 +115,9 @@ def _xml_root(path: Path) -> ElementTree.Element:
         raise FileError(
             where, "is xacro, not URDF", "expand the macros first: xacro FILE > arm.urdf", code="urdf.xacro"
         )
+    if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
+        problem = f"has {count} links and joints, more than {_MOST_PARTS}"
+        raise FileError(where, problem, "give the URDF of a single arm", code="urdf.too_large")
     return root
 
 

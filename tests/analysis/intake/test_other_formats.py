@@ -47,11 +47,18 @@ def test_other_formats_are_named(data, told):
     assert "UTF-8" not in str(error.value)
 
 
-def test_an_element_of_many_attributes_is_refused_at_once(tmp_path):
-    attributes = " ".join(f'a{number}="1"' for number in range(200_000))
-    (tmp_path / "arm.urdf").write_text(f'<robot name="a"><link name="b" {attributes}/></robot>')
+@pytest.mark.parametrize(
+    ("inside", "code"),
+    [
+        ("<link name='b' " + " ".join(f"a{number}='1'" for number in range(200_000)) + "/>", "urdf.no_joints"),
+        ("".join(f"<link name='l{number}'/>" for number in range(20_000)), "urdf.too_large"),
+    ],
+    ids=["attributes", "links"],
+)
+def test_large_urdf_is_refused_at_once(tmp_path, inside, code):
+    (tmp_path / "arm.urdf").write_text(f'<robot name="a">{inside}</robot>')
     begun = time.process_time()
-    with refused("urdf.too_large"):
+    with refused(code):
         import_urdf(tmp_path / "arm.urdf")
     assert time.process_time() - begun < 10
 

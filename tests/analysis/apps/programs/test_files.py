@@ -120,7 +120,7 @@ def test_a_directory_that_cannot_be_made_is_one_line(tmp_path, capsys):
     for output in (tmp_path / "file", tmp_path / "file" / "below"):
         assert ended("program", "ur10e", "--for", "ur", "--test", "repeatability", "-o", output) == 3
         (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith(f"error: {output}: ") and line.endswith("; choose a different --output")
+        assert line.startswith(f"error: {output}") and line.endswith("; choose a different --output")
 
 
 def test_missing_or_unreachable_test_writes_nothing(tmp_path, capsys):
