@@ -39,6 +39,8 @@ class HeldUpError(Exception):
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # What a shell script leaves in the background, a night say, begins without Ctrl-C, and so would what tests start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # as by nohup
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
