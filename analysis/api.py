@@ -25,9 +25,9 @@ from analysis.diagnosis.judge.result import Gap as Gap
 from analysis.diagnosis.judge.result import Named as Named
 from analysis.procedures import results
 from analysis.procedures.results import Result as Result
+from analysis.procedures.shared.joint_reversals import JointReversal as JointReversal
 from analysis.procedures.shared.quantity import Quantity as Quantity
 from analysis.procedures.shared.result_curves import CircleCurve as CircleCurve
-from analysis.procedures.shared.result_curves import JointReversal as JointReversal
 from analysis.procedures.shared.result_curves import PathCurve as PathCurve
 from analysis.procedures.shared.result_curves import PoseCurve as PoseCurve
 from analysis.procedures.shared.result_curves import RadialCurve as RadialCurve
@@ -104,12 +104,12 @@ def read_table(
 
     Source: docs/tables.md.
     """
-    from analysis.intake.imports import Labels, read_any_table  # noqa: PLC0415 - what it needs is slow to import
+    from analysis.intake.imports import RunLabels, read_any_table  # noqa: PLC0415 - what it needs is slow to import
 
     _require("operator", operator, "a text", fits=isinstance(operator, str))
     _require("placement", placement, "a text", fits=isinstance(placement, str))
     _require("joints", joints, " or ".join(get_args(JointSource)), fits=joints in get_args(JointSource))
-    labels = Labels(_direction(direction), operator, placement, joints)
+    labels = RunLabels(_direction(direction), operator, placement, joints)
     return read_any_table(_path(path, "path"), _path(rig, "rig"), None if test is None else _test(test), labels)
 
 

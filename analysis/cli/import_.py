@@ -7,7 +7,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,7 +18,7 @@ from analysis.cli.dialogue import Dialogue, has_keyboard
 from analysis.cli.options import Calibration, Operator, direction_option, operator_or_user, rig_option
 from analysis.cli.several import for_each, with_controller
 from analysis.intake.imports import (
-    Labels,
+    RunLabels,
     is_plain,
     needs_touch_map,
     propose_map,
@@ -62,7 +62,7 @@ def mapped_run(
     rig_file: str,
     test: TestName,
     run: Path,
-    labels: Labels,
+    labels: RunLabels,
     *,
     map_file: Path | None,
     join: str,
@@ -208,7 +208,7 @@ def import_(
     in the run. You answer open questions at the terminal. If there is none, rig
     writes the map for you to complete and imports nothing.
     """
-    labels = Labels(direction, operator_or_user(operator), placement, joints)
+    labels = RunLabels(direction, operator_or_user(operator), placement, joints)
     rig_file = with_controller(rig_file, calibration)
     if test:
         _refuse_other_options(test, direction, topic, socket)
@@ -223,8 +223,9 @@ def import_(
         _refuse_other_options(kind, direction, topic, socket)
         refuse_two_arms(files[0], kind)
         if join or map_file or needs_map(files[0], kind, socket):
-            asked: Any = {"map_file": map_file, "join": join, "yes": yes, "topic": topic, "socket": socket}
-            measured = mapped_run(files, rig_file, kind, run, labels, **asked)
+            measured = mapped_run(
+                files, rig_file, kind, run, labels, map_file=map_file, join=join, yes=yes, topic=topic, socket=socket
+            )
         else:
             with progress_of(f"reading {table}"):
                 measured = read_table(files[0], rig_file, kind, labels)

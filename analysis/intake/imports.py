@@ -119,7 +119,7 @@ def _only(rig: Rig, where: str) -> str:
 
 
 @dataclass(frozen=True)
-class Labels:
+class RunLabels:
     """Labels of a run that its table does not state, and the joint columns to use."""
 
     direction: Direction | None = None
@@ -128,7 +128,7 @@ class Labels:
     joints: JointSource = "measured"
 
 
-def read_table(source: Path, rig_file: str | Path, test: TestName, labels: Labels) -> Measured:
+def read_table(source: Path, rig_file: str | Path, test: TestName, labels: RunLabels) -> Measured:
     """Run of a table file, not written to disk. The doubts include reasons for which an evaluation would
     reject it.
 
@@ -247,7 +247,7 @@ def _refuse_rail(rig: Rig, where: str) -> None:
 
 
 def read_mapped(
-    files: Sequence[Path], table_map: TableMap, rig_file: str | Path, test: TestName, labels: Labels
+    files: Sequence[Path], table_map: TableMap, rig_file: str | Path, test: TestName, labels: RunLabels
 ) -> Measured:
     """Run of the files of a measurement read with their map, not written to disk; see `read_table`.
 
@@ -333,7 +333,7 @@ _FEW_MISSING = 2
 """Largest number of missing columns that are named. Chosen: with more, the table is of a different kind."""
 
 
-def read_any_table(source: Path, rig_file: str | Path, test: TestName | None, labels: Labels) -> Measured:
+def read_any_table(source: Path, rig_file: str | Path, test: TestName | None, labels: RunLabels) -> Measured:
     """Run of any table, not written to disk. test: inferred from the columns if None.
 
     Raises FileError, also if only an operator could interpret the columns.

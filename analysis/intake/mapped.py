@@ -1,9 +1,5 @@
 """Conversion of a mapped table to the columns of docs/tables.md, in degrees, mm and seconds.
 
-It also tests alternative interpretations of columns: the hypotheses of `analysis.procedures.checks.columns` and a
-left-handed frame. Alternatives that a map can express (column order, reversed axis, mirror) become questions. Zeros and
-couplings belong to the rig file, and are reported.
-
 A tracker triggered at each stop of the ISO 9283 cube writes only places, and sometimes misses a stop. The rows form
 five clusters. Several assignments to P1 … P5 fit the cube, a rectangle with a centre; the one in the order of the
 standard is selected, and gives the joint angles.

@@ -1,8 +1,12 @@
 """Interpretations of the columns of joints and places, each compared with the arm, and the places that the controller
 computed.
 
-The names of the columns decide if they state an instrument or a command. Otherwise the places decide: no instrument
-measures as closely as the controller computes, and the controller computes in the base of its arm.
+Alternatives are the hypotheses of `analysis.procedures.checks.columns` and a left-handed frame. Those that a map can
+express (column order, reversed axis, mirror) become questions. Zeros and couplings belong to the rig file, and are
+reported.
+
+The names of the columns decide whether an instrument or a command gave a place. Otherwise the places decide: no
+instrument measures as closely as the controller computes, and the controller computes in the base of its arm.
 """
 
 from __future__ import annotations

@@ -75,7 +75,8 @@ from rigs.readiness import require_test
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CircleTest, Direction
 
-_DISTANCE_RANGES = frozenset({"circular_deviation_mm"})
+DISTANCE_RANGES = frozenset({"circular_deviation_mm"})
+"""Figures of the distance that noise increases."""
 _ROUNDS = 4
 """Rounds of Gauss-Newton; an eccentricity of a tenth of the radius needs three to reach 1 nm."""
 
@@ -107,7 +108,7 @@ def evaluate_distance(run: Reduced, radius: float, u_lag_s: float, like: LapNois
         return [curve.draw_noise(curves[0], turned, np.ones(DRAWS))]
 
     of_distance = figures(
-        lambda d: distance_figures_at(d[0], radius), [curve], draw_noise, run.samples, _DISTANCE_RANGES
+        lambda d: distance_figures_at(d[0], radius), [curve], draw_noise, run.samples, DISTANCE_RANGES
     )
     fit = fit_circle(curve.y, radius)
     return Circularity(at_resolution(curve.y - circle_at(fit, radius)), curve, fit[:2], of_distance)
@@ -319,14 +320,14 @@ class Circle(TestKind[CircleTable]):
         return ()
 
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> CircleTable:
-        direction = _known(direction, where, "import the table with --direction cw or acw")
+        direction = _require_direction(direction, where, "import the table with --direction cw or acw")
         t_s, q, g_mm = (self.read_field(field, rows) for field in ("t_s", "q", "g_mm"))
         return CircleTable(self.test, direction, t_s, q, g_mm, self.read_field("u_t_s", rows))
 
     def recorded(
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[CircleTable, list[str]]:
-        direction = _known(direction, where, "add the direction: rig relabel RUN --direction acw or cw")
+        direction = _require_direction(direction, where, "add the direction: rig relabel RUN --direction acw or cw")
         return CircleTable(self.test, direction, data.t_s, data.q, data.g_mm, data.u_t_s), []
 
     def evaluate(self, table: CircleTable, rig: Rig, where: str, instruments: Instruments) -> CircleResult:
@@ -334,9 +335,9 @@ class Circle(TestKind[CircleTable]):
         if gauges.g2 is None:
             problem = "has a single gauge, but an angle needs two"
             raise FileError(where, problem, "add gauges.g2 to the rig file", code="circle.one_gauge")
-        baseline_mm = gauges.baseline_mm, gauges.baseline_u_mm
+        baseline = gauges.baseline_mm, gauges.baseline_u_mm
         laps = laps_of(table, rig, where)
-        return self.evaluate_laps(laps, *baseline_mm, instruments.u_lag_s, where, instruments.like)
+        return self.evaluate_laps(laps, *baseline, instruments.u_lag_s, where, instruments.like)
 
     def evaluate_laps(
         self,
@@ -429,14 +430,9 @@ class Yaw(Circle):
     """Orientation error about the circle's normal."""
 
     test = "yaw"
-    finders: ClassVar[Finders] = {
-        STAMPS: stamp_findings,
-        ORDER: order_findings,
-    }  # an eccentric ball reveals the order of the gauges
-    measures = (
-        sine_figures,
-        eccentricity_figures,
-    )
+    finders: ClassVar[Finders] = {STAMPS: stamp_findings, ORDER: order_findings}
+    """An eccentric ball reveals the order of the gauges."""
+    measures = (sine_figures, eccentricity_figures)
 
     def notes_of(self, result: CircleResult) -> tuple[str, ...]:
         by_angle, by_distance = result.eccentricities_mm
@@ -453,10 +449,7 @@ class Roll(Circle):
     """Orientation error about the circle's tangent."""
 
     test = "roll"
-    measures = (
-        sine_figures,
-        range_figures,
-    )
+    measures = (sine_figures, range_figures)
     ranges = frozenset({"band_deg", "range_deg"})
 
     def notes_of(self, result: CircleResult) -> tuple[str, ...]:
@@ -484,7 +477,7 @@ def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
     return link_angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
 
 
-def _known(direction: Direction | None, where: str, remedy: str) -> Direction:
+def _require_direction(direction: Direction | None, where: str, remedy: str) -> Direction:
     if direction is None:
         raise FileError(where, "lacks a direction, which a circle needs", remedy, code="run.no_direction")
     return direction

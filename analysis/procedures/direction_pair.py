@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.circle import CircleResult, circle_at, fit_circle
+from analysis.procedures.circle import DISTANCE_RANGES, CircleResult, circle_at, fit_circle
 from analysis.procedures.shared.lap_curve import (
     PHI,
     RANGE_U,
@@ -135,7 +135,6 @@ def _harmonics(y: Array) -> Complex:
     return both
 
 
-RANGES = frozenset({"circular_deviation_mm"})
 _ALIKE = 0.5
 """Permitted relative difference between ball motions from angle and distance; the latter also contains backlash."""
 _ALONE, _MOSTLY = 0.9, 0.5
@@ -158,7 +157,7 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
     hysteresis_mean_mm, hysteresis_max_mm (H) and circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises
     FileError if the runs are not a pair.
     """
-    _hold(acw, cw, where)
+    _require_pair(acw, cw, where)
     curves = [acw.curve, cw.curve, acw.distance.curve, cw.distance.curve]
     radius = acw.laps.frame.radius
     rng = np.random.default_rng(SEED)
@@ -172,7 +171,7 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
 
     samples = acw.samples + cw.samples
     calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
-    of_pair = figures(lambda y: figures_at(y, radius), curves, draw_noise, samples, RANGES, calm)
+    of_pair = figures(lambda y: figures_at(y, radius), curves, draw_noise, samples, DISTANCE_RANGES, calm)
     # Largest hysteresis of angle and distance, and its position for the angle.
     draws, noise = draw_noise([curve.y for curve in curves]), of_pair["hysteresis_mean_deg"].noise
     sizes = []
@@ -227,7 +226,7 @@ def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
     return size if size > BALL_ELSEWHERE_MM and first_share > _ALONE and seen < 0.1 * size else 0.0
 
 
-def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
+def _require_pair(acw: CircleResult, cw: CircleResult, where: str) -> None:
     directions = (acw.laps.direction, cw.laps.direction)
     if directions != ("acw", "cw"):
         problem = f"are {directions[0]} and {directions[1]}"

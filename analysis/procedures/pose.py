@@ -44,9 +44,10 @@ from analysis.procedures.checks.places import (
     source_findings,
     without_lost,
 )
+from analysis.procedures.shared.axis_curves import AxisCurve, axis_curves
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
-from analysis.procedures.shared.result_curves import AxisCurve, PoseCurve, axis_curves
+from analysis.procedures.shared.result_curves import PoseCurve
 from analysis.procedures.shared.scatter_figures import (
     RP_VISITS,
     by_pose,
@@ -147,10 +148,10 @@ def evaluate(
     repeated poses repeat_mm (pooled scatter of a coordinate), ap_mm and ap_mean_mm and, from three visits on, rp_mm and
     rp_mean_mm (largest and mean over the groups), ap_a_deg, rp_a_deg … of the rotations about the arm's x, y, z (a, b,
     c in the standard); for joints driven one at a time, in both directions, axis3_reversal_deg …
-    (`analysis.procedures.shared.result_curves`). Unmeasured poses are left out (`analysis.procedures.checks.places`).
+    (`analysis.procedures.shared.axis_curves`). Unmeasured poses are left out (`analysis.procedures.checks.places`).
     Raises FileError.
     """
-    _hold(table, where)
+    _require_enough(table, where)
     order, table = content_order(table), table.in_content_order()
     bare = without_setup(arm)
     table, rows, notes_of_lost = without_lost(table, bare, partial(_errors, bare))
@@ -414,7 +415,7 @@ def _doubts(rms: Quantity, setup: PoseSetUp) -> list[str]:
     return doubts
 
 
-def _hold(table: PoseTable, where: str) -> None:
+def _require_enough(table: PoseTable, where: str) -> None:
     if len(table.q) < _FEWEST:
         raise FileError(
             where,

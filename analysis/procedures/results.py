@@ -16,8 +16,9 @@ import pyarrow as pa
 
 from analysis.procedures.checks.check_runs import doubts_of, why_no_measurement
 from analysis.procedures.circle import CircleResult
+from analysis.procedures.shared.joint_reversals import JointReversal, reversals_of_rig
 from analysis.procedures.shared.quantity import PLACE, Quantity
-from analysis.procedures.shared.result_curves import JointReversal, ResultCurve, reversals_of_rig
+from analysis.procedures.shared.result_curves import ResultCurve
 from analysis.procedures.shared.test_kind import Evaluated, Instruments, kind_of, labels_of
 from analysis.runs.align import robot_only
 from analysis.runs.loading import Measured, load_measured, measured_of
@@ -150,15 +151,18 @@ def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
 def evaluate_path(path: Path, like: Mapping[Path, BothNoises] | None = None, *, with_rows: bool = True) -> Result:
     """Read and evaluate a run. Raises FileError.
 
-    like: noise for runs of a single lap. with_rows: keep the rows, which take most of the memory of a result; figures
-    and remarks take some 0.2 MB.
+    like: noise of a different run by path, for runs of a single lap. with_rows: keep the rows, which take most of the
+    memory of a result; figures and remarks take some 0.2 MB.
     """
     result = result_of(load_measured(path), like[path] if like else None)
     return result if with_rows else result.without_rows
 
 
 def borrowed_noise(results: Sequence[Result]) -> dict[int, BothNoises]:
-    """Noise for each run of a single lap, by its index: that of the first longer run of its test, if there is one."""
+    """Noise for runs of a single lap, taken from the first longer run of the same test in the same cell.
+
+    The keys are indices into `results`. Runs without such a longer run are absent.
+    """
     places = {id(result): place for place, result in enumerate(results)}
     noises: dict[int, BothNoises] = {}
     for group in by_test(results):

@@ -46,9 +46,7 @@ from analysis.robot.model.predict import Model, SetUp, model_of, moved
 from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
 from analysis.runs.noise.readings import rms
 from analysis.runs.noise.spectrum import DRAWS
-from analysis.runs.tables import (
-    TouchTable,
-)
+from analysis.runs.tables import TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction

@@ -19,6 +19,7 @@ from analysis.runs.controller_poses import (
     controller_poses,
     rig_as_recorded,
 )
+from analysis.runs.joint_turns import beyond_limits, without_whole_turns
 from analysis.runs.noise.certificate import (
     NO_CERTIFICATE,
     Systematic,
@@ -30,7 +31,7 @@ from analysis.runs.noise.certificate import (
 from analysis.runs.noise.certificate import doubts_of as certificate_doubts
 from analysis.runs.remote import fetched
 from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
-from analysis.runs.stands import average_standstills, beyond_limits, without_whole_turns
+from analysis.runs.stands import average_standstills
 from analysis.runs.tables import RAIL, CircleTable, PoseTable, Table, columns_of, format_of, table_from, u_lag_s_of
 from analysis.runs.tabular import Tabular
 from daq.store import Run, read_run

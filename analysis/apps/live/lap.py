@@ -17,8 +17,8 @@ import numpy as np
 
 from analysis.apps.live.live_rows import LiveRows
 from analysis.procedures.circle import fit_sine
+from analysis.procedures.shared.joint_reversals import PROMINENCE_RAD
 from analysis.procedures.shared.lap_curve import PHI, at_resolution
-from analysis.procedures.shared.result_curves import PROMINENCE_RAD
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.runs.noise.spectrum import NODES
 

@@ -20,9 +20,9 @@ import numpy as np
 
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.results import Result
+from analysis.procedures.shared.joint_reversals import turns
 from analysis.procedures.shared.lap_curve import PHI
 from analysis.procedures.shared.quantity import Quantity
-from analysis.procedures.shared.result_curves import turns
 from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.geometry.circle import link_angle
 from analysis.robot.kinematics.arm import Array, Mask, arm_of, drive_angles

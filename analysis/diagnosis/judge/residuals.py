@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from analysis.diagnosis.evidence.blocks import BAND_EDGES, Block
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF, curve
-from analysis.procedures.shared.result_curves import turns
+from analysis.procedures.shared.joint_reversals import turns
 from analysis.procedures.shared.test_kind import kind_of, labels_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.laps import laps_of

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from analysis.procedures.checks.columns import JOINTS, UNITS, joint_findings, unit_findings, unsigned_findings
-from analysis.procedures.checks.gauges import DISPLAY, ORDER, SIGN, display_findings, repeat_findings, sign_findings
+from analysis.procedures.checks.gauge_display import DISPLAY, display_findings
+from analysis.procedures.checks.gauges import ORDER, SIGN, repeat_findings, sign_findings
 from analysis.procedures.checks.places import DUPLICATES, PLACE, SOURCE, STAMPS, STANDS, WILDNESS, stand_findings
 from analysis.procedures.shared.test_kind import Finding, findings_against, kind_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, arm_of
@@ -151,8 +152,8 @@ def check_runs(runs: Runs) -> list[Checked]:
     def cannot(convention: Convention) -> str:
         if with_joints:
             return convention.cannot(with_joints)
-        is_shown = convention.name in (WILDNESS, DUPLICATES)
-        return "" if is_shown else f"the table {labels_of(runs[0].table.test).unsupported_reason}"
+        why = f"the table {labels_of(runs[0].table.test).unsupported_reason}"
+        return "" if convention.name in _SHOWN_BY_PATHS else why
 
     return [
         Checked(
@@ -180,7 +181,11 @@ def findings_of(runs: Runs) -> list[Finding]:
     ):
         named = {name for finding in about_gauges for name in finding.runs}
         about_gauges += find_in([run for run in with_joints if run.run.manifest.name not in named])
-    return findings + about_gauges + [finding for run in runs for finding in _found("rows", run)]
+    findings += about_gauges
+    for run in runs:
+        groups = ("rows", "places") if shows_joints(run.table.test) else ("places",)
+        findings += [finding for group in groups for finding in _found(group, run)]
+    return findings
 
 
 def doubts_of(run: Measured, *, with_refusals: bool = True) -> tuple[str, ...]:
@@ -235,6 +240,8 @@ def _of_source(run: Measured) -> Iterable[Finding]:
     return () if run.is_simulated else findings_against(SOURCE, run.table, run.rig)
 
 
+_SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
+"""Conventions that a recording of positions alone can contradict."""
 _FINDERS: dict[str, tuple[Find, ...]] = {
     "columns": (
         lambda run: unit_findings(run.table, run.rig),
@@ -248,10 +255,12 @@ _FINDERS: dict[str, tuple[Find, ...]] = {
         *(_against(convention) for convention in (STAMPS, PLACE)),
         stand_findings,
         command_findings,
-        *(_against(convention) for convention in (WILDNESS, DUPLICATES)),
     ),
+    "places": tuple(_against(convention) for convention in _SHOWN_BY_PATHS),
 }
-"""Functions that check one run: the columns of a run whose joints are known, the order of its gauges, and its rows."""
+"""Functions that check one run: the columns, the order of the gauges and the rows of a run with joints, and the
+positions of any run.
+"""
 
 
 def _joints_hidden(runs: Runs) -> str:

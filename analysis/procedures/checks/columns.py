@@ -18,7 +18,6 @@ from an export with an inverted axis, which no rigid frame corrects.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -234,9 +233,7 @@ PLACE_UNKNOWN = "the rig file lacks the place of the test"
 def judged_by_path(table: Table, rig: Rig) -> Verdict:
     """Meaning of the joints that puts the tool on the path of the rig file, a circle or targets."""
     arm = arm_of(rig.robot)
-    rows = slice(None, None, max(1, len(table.q) // _ROWS))
-    columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
-    part = replace(table, **{name: column[rows] for name, column in columns.items()})
+    part = table.thinned(_ROWS)
 
     def path_deviation(read: Callable[[Array], Array]) -> tuple[float, bool]:
         path = kind_of(part.test).off_path(part, rig, forward(arm, read(part.q)))

@@ -48,12 +48,12 @@ def rms(values: NDArray[Any]) -> float:
 
 
 def robust_sd(distances: Array) -> float:
-    """Standard deviation of normal values by their distances (n,) from the middle, hardly affected by outliers."""
+    """Standard deviation that outliers hardly affect: the scaled median of absolute deviations (n,)."""
     return 1.4826 * float(np.median(distances))
 
 
 def evenly(count: int, most: int) -> Integers:
-    """Numbers (m,) of at most `most` rows, spread evenly over `count` rows."""
+    """Indices (m,) of at most `most` rows, evenly spaced among `count` rows."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
 

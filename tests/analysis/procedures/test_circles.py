@@ -7,8 +7,8 @@ import pytest
 from analysis.procedures import direction_pair
 from analysis.procedures.checks.places import place_findings, stamp_findings
 from analysis.procedures.circle import CircleResult, Circularity, Roll, Yaw, evaluate_distance
+from analysis.procedures.shared.joint_reversals import MeasuredReversal, angle_difference, turns
 from analysis.procedures.shared.lap_curve import reduced
-from analysis.procedures.shared.result_curves import MeasuredReversal, angle_difference, turns
 from analysis.procedures.shared.test_kind import evaluate
 from analysis.procedures.simulate import simulate
 from analysis.robot.geometry.circle import CircleFrame, Reversal, frame_of, link_readings, reversals

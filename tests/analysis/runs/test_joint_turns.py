@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from analysis.runs.stands import beyond_limits, turns_further, without_whole_turns
+from analysis.runs.joint_turns import beyond_limits, turns_further, without_whole_turns
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 

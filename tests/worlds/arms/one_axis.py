@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.apps.planning.pose_pool import axes_in_turn
-from analysis.procedures.shared.result_curves import AxisCurve
+from analysis.procedures.shared.axis_curves import AxisCurve
 from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm

@@ -16,7 +16,7 @@ from analysis.apps.report.run_charts import circle_charts, joint_chart, target_c
 from analysis.apps.report.texts import Texts, capital
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.results import Result, by_test
-from analysis.procedures.shared.result_curves import angle_difference, turns
+from analysis.procedures.shared.joint_reversals import angle_difference, turns
 from rigs.schema.vocabulary import TestName
 
 _ORDER = get_args(TestName)

@@ -13,7 +13,7 @@ from analysis.apps.live.live_rows import LiveRows, cell_of
 from analysis.apps.live.played_run import played_run
 from analysis.apps.live.screen import LiveScreen
 from analysis.apps.live.view import GaugeReading, LiveEvent, LiveView, Update
-from analysis.procedures.shared.result_curves import turns
+from analysis.procedures.shared.joint_reversals import turns
 from analysis.runs.laps import laps_of
 from analysis.runs.tables import CircleTable
 from rigs.load import load

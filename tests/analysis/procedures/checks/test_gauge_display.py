@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from analysis import Measured, simulate
-from analysis.procedures.checks.gauges import display_findings
+from analysis.procedures.checks.gauge_display import display_findings
 from analysis.robot.kinematics.arm import Array
 from tests.support.made_once import made_once
 
