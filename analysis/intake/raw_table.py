@@ -237,7 +237,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
         raise FileError(
             where, "has non-numeric cells in every row", "give a table of measurements", code="table.no_numbers"
         )
-    header, units = _header(lines, first, rows, comment, mark, fields, numeric)
+    header, units = _header(lines, first, rows, comment, mark, fields)
     return FileLayout(
         encoding=encoding,
         separator=separator,
@@ -249,9 +249,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
     )
 
 
-def _header(
-    lines: Sequence[str], first: int, rows: list[int], comment: str, mark: str, fields: int, numeric: Array
-) -> tuple[int, int]:
+def _header(lines: Sequence[str], first: int, rows: list[int], comment: str, mark: str, fields: int) -> tuple[int, int]:
     """Line numbers of header and units before the first row of data, from 1; 0 for none. The header may
     be a comment.
     """

@@ -432,7 +432,10 @@ class Yaw(Circle):
     test = "yaw"
     finders: ClassVar[Finders] = {STAMPS: stamp_findings, ORDER: order_findings}
     """An eccentric ball reveals the order of the gauges."""
-    measures = (sine_figures, eccentricity_figures)
+    measures = (
+        sine_figures,
+        eccentricity_figures,
+    )
 
     def notes_of(self, result: CircleResult) -> tuple[str, ...]:
         by_angle, by_distance = result.eccentricities_mm
@@ -449,7 +452,10 @@ class Roll(Circle):
     """Orientation error about the circle's tangent."""
 
     test = "roll"
-    measures = (sine_figures, range_figures)
+    measures = (
+        sine_figures,
+        range_figures,
+    )
     ranges = frozenset({"band_deg", "range_deg"})
 
     def notes_of(self, result: CircleResult) -> tuple[str, ...]:

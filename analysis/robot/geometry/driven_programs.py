@@ -15,7 +15,7 @@ import numpy as np
 
 from analysis.robot.geometry.circle import SENSE, CircleFrame, frame_of, reversals
 from analysis.robot.geometry.iso_cube import cube_of
-from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of
+from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward
 from analysis.robot.kinematics.follow import follow
 from analysis.robot.kinematics.newton import newton
 from rigs.errors import FileError, PathError, RigPlace
@@ -331,8 +331,6 @@ def repeatability_stops(rig: Rig) -> Array:
 def displace_tool(arm: Arm, q: Array, offset_mm: Array) -> Array:
     """Joint angles (n, 6) rad with the tool displaced by offset_mm (n, 3) from its position at q (n, 6), same
     orientation."""
-    from analysis.robot.kinematics.arm import forward  # noqa: PLC0415
-
     poses = forward(arm, q)
     poses[:, :3, 3] += offset_mm
     return newton(arm, poses, q)[0]
