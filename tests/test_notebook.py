@@ -13,7 +13,7 @@ def _code(notebook: Path) -> list[str]:
 
 
 def _run(code: str, directory: Path) -> str:
-    """What a script prints that is run as a user of the package would; a warning is an error."""
+    """Output of a script run as by a user of the package, with warnings as errors."""
     environment = os.environ | {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"}
     environment |= {"TMPDIR": str(directory)}
     command = [sys.executable, "-W", "error", "-c", code]

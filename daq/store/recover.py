@@ -203,11 +203,9 @@ class _Repair:
             chunk = store_chunk(self.path, stream, number, salvaged, schema)
         if chunk:
             self._list(chunk)
-        if salvaged.damage or salvaged.unread:
-            damage = salvaged.damage or "cut off"
-            self._set_aside(
-                file, f"{salvaged.unread} bytes could not be read, {damage}; {salvaged.rows} rows before them are safe"
-            )
+        if salvaged.damage:
+            unread = f"{salvaged.unread} bytes could not be read, {salvaged.damage}"
+            self._set_aside(file, f"{unread}; {salvaged.rows} rows before them are safe")
         else:
             durable.remove(file)
             durable.sync_directory(self.path)

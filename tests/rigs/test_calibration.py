@@ -249,7 +249,7 @@ def test_a_second_calibration_takes_the_place_of_the_first(tmp_path):
         assert rig.calibration == later and len(rig.effects) == 2
 
 
-def test_constants_of_a_seat_sum_whatever_their_reference_sizes():
+def test_constants_of_a_seat_sum_for_any_reference_sizes():
     deltas = (0.2, 0.01, -0.05, *np.random.default_rng(4).normal(0.0, 0.1, 50).tolist())
     terms = [(LinkGeometry(axis=3, field="a", delta=delta), 0.7 * k + 0.1) for k, delta in enumerate(deltas)]
     own = effects_of([*terms, (LinkGeometry(axis=3, field="d", delta=0.1), 2.0)])

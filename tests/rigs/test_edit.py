@@ -111,7 +111,7 @@ def test_only_the_lines_of_the_values_change():
 
 
 @pytest.mark.parametrize("flow", [False, True])
-def test_a_key_that_was_not_there_is_added(flow):
+def test_missing_key_is_added(flow):
     bare = FANUC.replace("    speed_mm_s: 25\n", "")
     if flow:
         begin, end = bare.index("  circle:\n"), bare.index("  hemisphere:\n")
@@ -122,7 +122,7 @@ def test_a_key_that_was_not_there_is_added(flow):
     assert text.count("speed_mm_s: 100") == 1
 
 
-def test_a_whole_branch_that_was_not_there_is_added():
+def test_missing_branch_is_added():
     bare = re.sub(r"  tool: \{xyz_mm: .*\n", "", FANUC)
     rig = parse(bare, "cell")
     tool = rig.robot.tool.model_copy(update={"xyz_mm": (40.0, 0.0, 0.0)})

@@ -1,4 +1,4 @@
-"""Which tests a rig file is ready for, by one predicate that commands and kinds of test share."""
+"""Tests for which a rig file is ready, by the predicate that commands and test kinds share."""
 
 from __future__ import annotations
 

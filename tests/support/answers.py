@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from analysis.apps.report.act_words import ActWords, without_idle_mounts
 from analysis.apps.report.blocks import Block, Figure, Heading, Segments, Table
-from analysis.apps.report.texts import Texts
-from analysis.diagnosis.judge.result import Diagnosis
 
 
 def words_of(blocks: Sequence[Block]) -> list[str]:
@@ -24,9 +21,3 @@ def words_of(blocks: Sequence[Block]) -> list[str]:
             case _:
                 words.append(block.words)
     return words
-
-
-def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
-    """Return the acts of a diagnosis as sentences in order of priority."""
-    words = ActWords(diagnosis, texts)
-    return [words.sentence(act) for act in without_idle_mounts(diagnosis.acts)]

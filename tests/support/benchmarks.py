@@ -42,7 +42,7 @@ class Line:
 
     @property
     def reached(self) -> bool:
-        """Whether the result is within the limit."""
+        """True if the result is within the limit."""
         return self.figure <= self.goal
 
     def cells(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What the drivers make of a captured cell.
+"""Readings and faults of the drivers for a captured cell.
 
 The captures in `tests/corpus` are of emulated cells with noisy cables and a gauge head that was off for a while; each
 folder has a rig file, `cell.log` and the result of `heard`. A capture of a real cell may be added.

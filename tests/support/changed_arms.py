@@ -49,3 +49,9 @@ def within_limits(rig: Rig, n: int = 20) -> np.ndarray:
         limits = np.vstack([limits, np.array(rig.robot.rail.limits_mm) / 1000])
     low, high = limits.T
     return np.random.default_rng(5).uniform(low, high, (n, len(low)))
+
+
+def require_equal(found: np.ndarray, expected: np.ndarray) -> None:
+    """Compare poses (n, 4, 4) to 1 pm and 1e-12 rad."""
+    np.testing.assert_allclose(found[:, :3, 3], expected[:, :3, 3], atol=1e-9, rtol=0)
+    np.testing.assert_allclose(found[:, :3, :3], expected[:, :3, :3], atol=1e-12, rtol=0)

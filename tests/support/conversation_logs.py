@@ -3,16 +3,17 @@
 `NAME.log` has a section for each conversation: a title, the peers, and both sides.
 
     # a silence ends the counting
-    gauge INTERFACE {KEYS}    rig reads this gauge, or this `robot`; `emulated gauge`, `emulated robot`: it plays it
+    gauge INTERFACE {KEYS}    rig reads this gauge, or this `robot`; rig plays an `emulated gauge` or `emulated robot`
     = 1.5 nan                 the next values that an emulated instrument measures
     500 < BYTES               bytes come after 500 ms
-    500 .                     nothing has come until the time for which the conversation asked
-    > BYTES                   what it sends thereupon
-    ~ 750                     when it wants to go on if nothing comes; `x`: it hangs up
-    ? BYTES                   a reply in place of all that follows, each in a conversation of its own
+    500 .                     no byte arrives until 500 ms, when the driver had asked to be called
+    > BYTES                   the driver sends these bytes
+    ~ 750                     the driver asks to be called at 750 ms if no byte arrives; `x`: it closes the connection
+    ? BYTES                   an alternative reply after the inputs so far, in a conversation of its own
 
-`NAME.readings` has what comes of each section: the values of a sample with its times in ms, or a fault.
-`python -m tests.support.conversation_logs` writes both from the inputs; look at the difference in git.
+`NAME.readings` lists the results of each section: the values of a sample with its times in ms, or a fault.
+`python -m tests.support.conversation_logs` writes both files from the inputs with the present drivers. Compare each
+changed reading with the manual of the instrument before you commit it: the test only shows that nothing changed.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class Section:
 
     @property
     def is_stream(self) -> bool:
-        """Whether bytes come to a host, in whatever pieces."""
+        """True if rig reads a byte stream, whose messages may arrive in any pieces."""
         return not self.peers[0].startswith("emulated") and "udp://" not in self.peers[0]
 
     def begun(self) -> Script:
@@ -103,7 +104,7 @@ class Section:
             yield from _answer(script)
 
     def transcript(self) -> tuple[str, str]:
-        """The section as it stands in the log, and in the readings, by what the drivers do now."""
+        """Log and readings of the section by the present drivers."""
         script = Script(self.conversation())
         log = [f"# {self.title}", *self.peers, *(f"= {' '.join(map(_number, one))}" for one in self.measured)]
         log += self._played(script)
@@ -149,7 +150,7 @@ def _ms(time_ns: int) -> str:
 
 
 def _text(data: bytes) -> str:
-    """Bytes as Python writes them, on one line without a quote; in hexadecimal where few of them are text."""
+    """Bytes as in Python source, without quotes; in hexadecimal if few of them are printable."""
     text = data.decode("latin1").encode("unicode_escape").decode("ascii")
     return text if len(text) <= 2 * len(data) + 2 else f"0x{data.hex()}"
 
@@ -183,7 +184,7 @@ LOGS = {log.stem: sections_of(log) for log in sorted(FOLDER.glob("*.log"))}
 
 
 def written(sections: Sequence[Section]) -> tuple[str, str]:
-    """Both files of an interface; random keys and masks of WebSockets are zero."""
+    """Contents of both files of an interface. Random keys and masks of WebSockets are zero."""
     with patch("os.urandom", bytes):
         logs, readings = zip(*(one.transcript() for one in sections), strict=True)
     return "\n".join(logs), "\n".join(readings)

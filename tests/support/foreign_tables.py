@@ -73,7 +73,7 @@ class Foreign:
 
     @property
     def is_here(self) -> bool:
-        """Whether the files exist on this computer."""
+        """True if the files exist on this computer."""
         return all(not isinstance(one, Path) or one.is_file() for one in self.files.values())
 
     def written(self, folder: Path) -> list[Path]:

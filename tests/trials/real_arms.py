@@ -54,7 +54,7 @@ def arms() -> Iterator[Arm]:
 
 
 def row_of(case: tuple[Arm, Path]) -> list[str]:
-    """What the commands say of an arm, as a row of the table."""
+    """Row of the table with the answers of the commands about an arm."""
     arm, data = case
     with tempfile.TemporaryDirectory() as scratch:
         directory = Path(scratch)

@@ -108,7 +108,7 @@ def test_interrupted_output_is_complete_or_absent(name, given, tmp_path):
         assert all(left[path] > 0 for path in left)
 
 
-def test_a_directory_that_is_there_has_all_new_files_or_none(tmp_path):
+def test_existing_directory_gets_all_new_files_or_none(tmp_path):
     def write(out: Path) -> None:
         diagnosis_report.write(_DIAGNOSED, RIG.read_text(), out)
 

@@ -58,7 +58,7 @@ def test_the_uncertainty_is_that_of_the_calibration_and_of_the_play(tmp_path):
     assert (found.u_mm < play.u_mm).all()
 
 
-def test_where_no_run_measured_there_is_no_uncertainty(tmp_path):
+def test_uncertainty_is_unknown_in_unmeasured_regions(tmp_path):
     """Outside the joint angles of the runs, farther from the socket than was judged, and of a model to correct nothing
     by."""
     ball = forward(arm_of(load("paper-fanuc")[0].robot), np.radians([[0.0, 0, 0, 0, -30, 0]]))[0, :3, 3]

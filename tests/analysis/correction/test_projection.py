@@ -12,6 +12,7 @@ from typer.testing import CliRunner, Result
 
 from analysis.apps.correct.controller_entries import ControllerEntries, controller_entries
 from analysis.apps.correct.correct_rig import correct_rig
+from analysis.apps.programs.target_path import compensated_plans
 from analysis.cli import app
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import supports
@@ -22,6 +23,7 @@ from rigs.edit import extended
 from rigs.effects import Compliance, Effect, EffectProvenance, JointOffset, LinkGeometry, TransmissionError, size_field
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
+from tests.support.refusals import refused
 from tests.support.stated_controller import load
 from tests.worlds.arms.independent_arm import Wrong, constants_of, flange
 
@@ -129,7 +131,7 @@ def test_residual_of_entries_agrees_with_independent_kinematics(name, maker):
 
 
 @pytest.mark.parametrize(("name", "maker"), [("ur10e", "ur"), ("paper-fanuc", "kuka")])
-def test_with_entries_targets_hold_the_rest_whatever_path_is_given(tmp_path, name, maker):
+def test_targets_contain_the_error_that_entries_leave_for_any_path(tmp_path, name, maker):
     """The controller computes with its new constants, so it is sent where these and the posture say; the arm then
     stands where it should, with the wave that only targets hold."""
     rig, wrong = _faulty(name)
@@ -198,7 +200,7 @@ def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path):
     assert found["work"]["after_um"] < 0.1 * found["work"]["before_um"]
 
 
-def test_unmeasured_work_area_has_unknown_error(tmp_path):
+def test_correction_of_an_unmeasured_work_area_needs_anyway(tmp_path):
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002, ((0.0, 1.0),) * 6)
     done = _command(tmp_path / "refused", "ur10e", zero, ["0,-80,100,-20,80,0"])
     assert done.exit_code == 3 and not (tmp_path / "refused" / "out" / "corrected-path.csv").exists()
@@ -206,6 +208,9 @@ def test_unmeasured_work_area_has_unknown_error(tmp_path):
     found = json.loads(done.stdout)
     assert found["work"]["unknown_share"] == 1.0
     assert found["path"]["largest_mm"]["u"] is None and found["path"]["u_frame_um"] == [None]
+    with refused("targets.against_verdict"):
+        table = tmp_path / "anyway" / "out" / "corrected-path.csv"
+        compensated_plans([], table, _rig("ur10e", []), "rig", anyway=False)
 
 
 @pytest.mark.parametrize(("q1", "status"), [(0, 3), (30, 0)])

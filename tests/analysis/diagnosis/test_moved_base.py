@@ -56,7 +56,7 @@ def test_a_diagnosis_after_a_moved_base_begins_with_it(monkeypatch):
     assert [act.why for act in found.acts] == ["moved"] and any("separate placement" in doubt for doubt in found.doubts)
 
 
-def test_a_zero_of_the_first_axis_is_not_told_from_a_base_that_turned():
+def test_zero_of_axis_1_and_rotated_base_are_indistinguishable():
     """The readings of both are equal, and re-mastering a sound axis makes an arm worse."""
     _, (movement,), _ = without_moved(RIG, [_run("before", 40), _run("after", 20, turn_deg=0.1)])
     assert (movement.what, movement.axis, movement.alike, movement.odds) == ("zero", 1, "base", MOST_ODDS)

@@ -74,7 +74,7 @@ def _moved_by(way_mm: list[float]) -> Array:
 
 
 @pytest.mark.parametrize(("way", "moved"), [("along", [0.6, 0, 0]), ("across", [0, 0.6, 0]), ("up", [0, 0, 0.6])])
-def test_each_error_of_the_line_grows_with_where_the_rail_stands(rig, way, moved):
+def test_errors_of_the_line_grow_with_the_rail_position(rig, way, moved):
     effect = RailLine.model_validate({"way": way, "mm_per_m": 0.3})
     q = np.column_stack([draw_postures(rig.robot, np.random.default_rng(2), 2), [0.0, 2.0]])
     table = PoseTable(q, np.zeros((2, 3)), None, rail=True)
@@ -88,7 +88,7 @@ def _places(rig: Rig, effects: list[Effect], table: PoseTable) -> Array:
     return np.asarray(path.at_readings(moved(model, path).T)[:, :3, 3])
 
 
-def test_tables_keep_where_the_rail_stands():
+def test_tables_keep_the_rail_position():
     q = np.column_stack([np.zeros((3, 6)), [0.0, 1.5, 3.0]])
     touches = TouchTable(np.array(["A", "B", "A"]), q, q - 0.1, rail=True)
     columns = columns_of(touches)
@@ -99,7 +99,7 @@ def test_tables_keep_where_the_rail_stands():
     np.testing.assert_allclose(again.came_from, q - 0.1)
 
 
-def test_a_rail_that_one_of_rig_file_and_table_does_not_know_is_told(case, rig):
+def test_rail_missing_in_rig_file_or_table_is_reported(case, rig):
     standing = parse(CELL.replace("  rail:", "  # rail:"), "standing.yaml")
     run = run_of(rig, case.table).run
     with pytest.raises(FileError, match="no rail"):
@@ -109,7 +109,7 @@ def test_a_rail_that_one_of_rig_file_and_table_does_not_know_is_told(case, rig):
         measured_of(bare, rig)
 
 
-def test_what_stands_is_refused_on_a_rail():
+def test_standing_tests_are_refused_on_a_rail():
     circle = "tests: {circle: {centre_mm: [700, 0, 400], posture_deg: [0, -90, 90, 0, 90, 0]}}\n"
     with pytest.raises(RigFileError, match="rail"):
         parse(CELL + circle, "cell.yaml")

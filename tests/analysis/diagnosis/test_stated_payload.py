@@ -15,7 +15,7 @@ from tests.worlds.arms.seven_axes import Fault, draw_truth, pose_table, run_of
 BALL_MM = np.array([10.0, -5.0, 120.0])
 
 
-def test_what_is_stated_is_known_to_a_few_percent_and_may_be_as_far_off_as_a_fit_begins():
+def test_stated_payload_has_a_few_percent_and_may_be_as_wrong_as_a_fit_allows():
     (unknown,), (stated,) = Compliance.free(0.0), Compliance.free(8.0)
     assert unknown.spread_from(5.0) == unknown.spread > 5
     assert stated.expected == 0 and stated.spread_from(0.0) == pytest.approx(0.24)
@@ -27,7 +27,7 @@ def _rig(payload_kg: float) -> Rig:
 
 
 def _found(stated: Rig, really: Rig, seed: int, fault: Fault) -> tuple[Named, float]:
-    """What is named as the fault by the rig file as it is stated, and how large it really is."""
+    """Fault named with the stated rig file, and its true size."""
     rng = np.random.default_rng(seed)
     truth = draw_truth(really.robot, rng, (fault,))
     table = pose_table(really.robot, truth, rng, BALL_MM, 150)
@@ -36,7 +36,7 @@ def _found(stated: Rig, really: Rig, seed: int, fault: Fault) -> tuple[Named, fl
 
 
 @pytest.mark.nightly  # 7 s
-def test_another_payload_is_seen_where_the_links_have_masses():
+def test_wrong_payload_is_found_if_links_have_masses():
     named, true = _found(_rig(2), _rig(12), 54, Fault("compliance", 2, 0.004))
     assert named.effect.payload_kg == pytest.approx(10, abs=1)
     assert abs(named.effect.deg_per_Nm - true) < 3 * named.sd["deg_per_Nm"] < 0.2 * true

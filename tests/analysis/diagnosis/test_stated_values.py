@@ -52,7 +52,7 @@ def test_a_wrong_distance_is_named_first_with_the_distance_that_the_readings_giv
     assert found.to_dict()["contradictions"][0]["stated"]["value"] == made.stated.value
 
 
-def test_a_right_distance_is_not_doubted_beside_a_fault_of_the_arm():
+def test_correct_distance_is_not_doubted_despite_a_fault_of_the_arm():
     assert not _found(_TRUE_MM, Fault("zero", 3, 4.0)).contradictions
 
 
@@ -104,7 +104,7 @@ def test_a_known_distance_gives_the_scale_with_its_uncertainty(case):
     assert u < 0.4 * SCALE and abs(too_small[1]) < 3 * u
 
 
-def test_each_placement_has_the_distance_and_all_share_what_is_not_known_of_it(case):
+def test_all_placements_share_the_error_of_a_known_distance(case):
     runs = [run_of(RIG, case[1], name, place) for name, place in (("one", "left"), ("two", "right"))]
     (seen,), _ = prepare_runs(RIG, runs)
     setups, _ = fit_run_setups(seen)

@@ -49,7 +49,7 @@ def test_the_calibrated_model_leaves_the_scatter(found):
     assert set(found.calibrated.setups) == {"touch, socket A", "touch, socket B"}
 
 
-def test_what_no_size_makes_visible_is_no_likely_member(found):
+def test_invisible_effect_is_no_likely_member(found):
     members = [name_of(member.effect) for part in found.budget for member in part.members]
     assert members and not {*members} & {*found.not_testable}
 

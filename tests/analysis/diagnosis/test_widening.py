@@ -28,7 +28,7 @@ def missed(variance: np.ndarray) -> _Neighbourhoods:
     return _Neighbourhoods(squares, NOISE, STATED, np.full(60, 30.0))
 
 
-def test_misses_that_grow_with_what_is_stated_are_a_factor():
+def test_misses_proportional_to_the_stated_u_are_a_factor():
     wider = missed(4 * STATED).parted()
     assert 1.6 < wider.factor < 2.7
     assert wider.unexplained_mm is not None and wider.unexplained_mm < 0.12
@@ -54,7 +54,7 @@ def test_one_place_far_off_does_not_decide():
     assert _Neighbourhoods(squares, NOISE, STATED, sound.weight).ratio < 2 * max(sound.ratio, 1.0)
 
 
-def test_the_reach_of_what_was_judged_is_that_of_the_farthest_placement():
+def test_reach_of_a_validation_is_that_of_the_farthest_placement():
     def at(x_mm: float) -> SetUp:
         return SetUp(np.zeros(3), np.zeros(1), transform(Pose(xyz_mm=(x_mm, 0, 0))), np.eye(4))
 

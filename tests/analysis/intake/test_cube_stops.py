@@ -27,7 +27,7 @@ def stops(seed: int = 0) -> Array:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_each_row_is_known_whatever_was_missed(seed):
+def test_each_row_is_identified_despite_missing_stops(seed):
     places = stops(seed)
     kept = np.random.default_rng(seed).uniform(size=150) > 0.08
     pose = poses_of_stops(places[kept], CUBE)

@@ -46,7 +46,7 @@ def measured(rig: Rig) -> tuple[PoseTable, Array, Array]:
 
 
 @pytest.mark.parametrize("name", ["ur10e", "paper-fanuc"])
-def test_the_cube_has_its_poses_where_the_standard_puts_them(name):
+def test_cube_has_the_poses_of_the_standard(name):
     rig = rig_with(Iso9283(), name)
     cube = cube_of(rig)
     placed = tool_places(rig, cube.q, wrong=False)
@@ -55,7 +55,7 @@ def test_the_cube_has_its_poses_where_the_standard_puts_them(name):
     assert (np.degrees(cube.q) > low).all() and (np.degrees(cube.q) < high).all()
 
 
-def test_figures_are_those_of_the_standard_where_the_frame_is_known():
+def test_figures_are_those_of_the_standard_with_a_known_frame():
     rig = rig_with(Iso9283(instrument=INSTRUMENT))
     table, attained, nominal = measured(rig)
     figures = evaluate(table, rig, 0.0, "cube").figures

@@ -16,7 +16,7 @@ def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Eff
 
 
 @pytest.mark.parametrize("lag_s", [0.005, -0.02, 0.0])
-def test_a_lag_is_found_where_nothing_else_reverses(lag_s):
+def test_lag_is_found_without_other_reversals(lag_s):
     rig = load_hidden("ur10e").apply_to(load("ur10e")[0])
     effects: list[Effect] = [TimeLag(effect="time_lag", lag_s=lag_s)] if lag_s else []
     acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))

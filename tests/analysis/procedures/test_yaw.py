@@ -25,7 +25,7 @@ def test_the_papers_example_of_eccentricity():
     assert np.degrees(np.hypot(sine.a, sine.b)) == pytest.approx(206.26481 * 14142.136 / 70 / 3600)
 
 
-def test_readings_give_back_the_angle_whatever_the_eccentricity():
+def test_readings_give_the_angle_at_any_eccentricity():
     """angle = atan((g2 - g1)/b) is exact, and both gauges together follow the distance."""
     ball = np.array([3.0, -2.0, 5.0])
     T = FRAME.poses(PHI)
@@ -44,7 +44,7 @@ def test_the_sine_is_the_papers_and_its_shift_keeps_the_quadrant():
         assert (sine.A, np.hypot(sine.a, sine.b), np.arctan2(sine.b, sine.a)) == pytest.approx((0.1, 0.2, shift))
 
 
-def test_a_sine_is_not_pulled_to_where_rows_are_dense():
+def test_dense_rows_do_not_bias_a_sine():
     """Half of the lap has ten times the density; the residual there must not bias the sine."""
     phi = np.concatenate(
         [np.linspace(0, np.pi, 2000, endpoint=False), np.linspace(np.pi, 2 * np.pi, 200, endpoint=False)]

@@ -61,7 +61,7 @@ def test_restarted_clock_is_fitted_in_pieces():
 
 @pytest.mark.parametrize("wrap_s", [2**32 * 1e-3, 2**32 * 1e-6])
 @pytest.mark.parametrize("signed", [False, True])
-def test_a_counter_of_32_bits_goes_on_where_it_wraps(wrap_s, signed):
+def test_wrapped_32_bit_counter_continues(wrap_s, signed):
     taken_s, clock_s, host_ns = run()
     wrapped = (clock_s - clock_s[0] + wrap_s - 20) % wrap_s - (wrap_s / 2 if signed else 0)
     fitted = through_clock(wrapped, host_ns)

@@ -77,7 +77,7 @@ def signs_in_and_waits(item: Path) -> int:
     return os.getpid()
 
 
-def test_no_process_is_left_where_the_iteration_is_left(tmp_path):
+def test_abandoned_iteration_leaves_no_process(tmp_path):
     outcomes = each(signs_in_and_waits, [tmp_path] * 4, jobs=2)
     next(outcomes)
     outcomes.close()
@@ -101,7 +101,7 @@ def test_ctrl_c_just_before_a_wait_is_noticed(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
-def test_no_process_is_left_where_the_program_ends(end, tmp_path):
+def test_ended_program_leaves_no_process(end, tmp_path):
     program = f"""
 import sys, pathlib, analysis.runs.batch as batch, {__name__} as here
 list(batch.each(here.waits, [pathlib.Path(sys.argv[1])] * 4, jobs=2))

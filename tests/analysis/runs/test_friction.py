@@ -30,7 +30,7 @@ def robot(rng: np.random.Generator, *, ripple_a: float = 0.015) -> dict[str, np.
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_friction_is_half_the_jump_where_a_joint_turns_back(seed):
+def test_friction_is_half_the_jump_at_a_reversal(seed):
     columns = robot(np.random.default_rng(seed))
     found = condition_of(columns).friction
     assert found is not None and sorted(found) == [1, 2, 3, 4, 5]  # the sixth never turns back
@@ -40,7 +40,7 @@ def test_friction_is_half_the_jump_where_a_joint_turns_back(seed):
         assert one.turns >= 2
 
 
-def test_a_joint_that_waits_where_it_turns_back_has_none():
+def test_joint_that_waits_at_its_reversal_has_no_friction():
     columns = robot(np.random.default_rng(1))
     t_s = np.arange(0, 60, 1 / 40)
     q_deg = np.interp(t_s, [0, 20, 24, 44], [0, 20, 20, 0])

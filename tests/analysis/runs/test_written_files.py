@@ -40,8 +40,7 @@ def test_invalid_file_name_counts_as_existing(path):
         write_new(Path(path), holding(b"x"))
 
 
-def test_a_file_of_another_program_is_never_replaced(tmp_path):
-    """Not even one that comes while ours is being written."""
+def test_file_that_another_program_writes_meanwhile_is_not_replaced(tmp_path):
     path = tmp_path / "table.csv"
     with refused("output.exists"):
         write_new(path, lambda file: path.write_bytes(b"theirs"))

@@ -1,4 +1,4 @@
-"""Cables pulled and put back under a recording, and what a reader says of it."""
+"""Cables unplugged and replugged during a recording, and the reports of the reader."""
 
 from __future__ import annotations
 

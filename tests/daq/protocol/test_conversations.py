@@ -1,4 +1,4 @@
-"""What is not on record in tests/daq/conversations: conversations without end, and rules over many values."""
+"""Conversations too long to record in tests/daq/conversations, and rules for many values."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_burst_of_garbage_is_reported_with_its_count():
     assert (first.count, rest.count) == (1, 4999)
 
 
-def test_late_answers_are_counted_also_where_the_link_is_then_lost():
+def test_late_answers_are_counted_before_a_lost_link():
     host = daq.gauges.host([sylvac()])
     script = asked(host)
     script.wake()
@@ -66,7 +66,7 @@ def _listening() -> Script:
 @pytest.mark.parametrize("position", range(3))
 @pytest.mark.parametrize("damage", ["lost", "twice", "text", "block"])
 def test_ild1420_finds_its_place_again(damage, position):
-    """Whatever is lost or comes between, no value is made of pieces of two."""
+    """No value combines bytes of two messages, whichever bytes are lost or inserted."""
     true = [10_000 + 4_321 * k for k in range(8)]
     stream = b"".join(map(value, true))
     at = 9 + position

@@ -77,7 +77,7 @@ def test_an_emulated_cell_with_this_gauge_is_read(interface, shared):
 
 
 @pytest.mark.parametrize("interface", INTERFACES)
-def test_two_gauges_share_a_port_only_where_one_answer_holds_both(interface):
+def test_gauges_share_a_port_only_if_one_answer_contains_both(interface):
     text = _rig_text(interface, shared=True)
     if gauge(interface).bus:
         with refused("rig_file.value"):

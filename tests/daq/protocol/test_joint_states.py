@@ -1,4 +1,4 @@
-"""ROS 2 joint states beside what is on record: a message without end, and the websockets library as a peer."""
+"""ROS 2 joint states: an endless message, and the websockets library as a peer."""
 
 from __future__ import annotations
 

@@ -1,10 +1,15 @@
+"""Drivers repeat the conversations on record, whatever the pieces in which bytes arrive."""
+
 from __future__ import annotations
 
+import pkgutil
 import random
 from collections.abc import Sequence
 
 import pytest
 
+import daq.apps.gauge_drivers
+import daq.apps.robot_drivers
 from daq.protocol.framing import LIMIT
 from tests.support.conversation_logs import FOLDER, LOGS, Section, written
 from tests.support.drivers import OPC_UA
@@ -15,9 +20,14 @@ NAMES = [name for name in LOGS if OPC_UA or name != "opc_ua_robotics"]
 STREAMS = [one for name in NAMES for one in LOGS[name] if one.replies and one.is_stream]
 
 
+def test_every_driver_has_a_record():
+    folders = (daq.apps.gauge_drivers, daq.apps.robot_drivers)
+    drivers = {module.name for folder in folders for module in pkgutil.iter_modules(folder.__path__)}
+    assert set(LOGS) == drivers | {"opc_ua_robotics"} and all(LOGS.values())
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_both_sides_say_what_is_recorded(name):
-    """`python -m tests.support.conversation_logs` records them anew."""
+def test_drivers_repeat_the_recorded_conversations(name):
     log, readings = written(LOGS[name])
     assert log == (FOLDER / f"{name}.log").read_text(encoding="ascii")
     assert readings == (FOLDER / f"{name}.readings").read_text(encoding="utf-8")
@@ -40,7 +50,7 @@ def test_cut_replies_make_no_difference(section):
     dice = random.Random(5)
     for reply in [*section.replies, ENDLESS]:
         whole = _outcome(section, [reply])
-        assert whole[1]  # a stream that tells nothing tests nothing
+        assert whole[1]
         cuts = sorted(dice.choices(range(len(reply) + 1), k=5))
         pieces = [reply[a:b] for a, b in zip([0, *cuts], [*cuts, len(reply)], strict=True)]
         assert _outcome(section, list(filter(None, pieces))) == whole

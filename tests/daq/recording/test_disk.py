@@ -86,7 +86,7 @@ class Written:
         self.recorder.stop_run().result()
 
     def accounted(self) -> list[Path]:
-        """Both runs, after a check that each reading is in one of them or counted as dropped, each once."""
+        """Both runs. Each reading must be in exactly one of them, or counted as dropped."""
         former, follower = sorted(self.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
         assert load_manifest(follower).follows == former.name and load_manifest(follower).name == "lap"
         missed = {}
@@ -103,7 +103,7 @@ class Written:
         return [former, follower]
 
 
-def test_the_log_names_a_direction_where_there_is_one(tmp_path, caplog):
+def test_log_names_the_direction_if_any(tmp_path, caplog):
     caplog.set_level("INFO", "rigd")
     written = Written(tmp_path)
     written.recorder.stop_run().result()

@@ -1,5 +1,4 @@
-"""What goes wrong in a cell: each gets one line that names the thing and the remedy, an exit code, and loses
-nothing that was recorded."""
+"""Faults of a cell. Each is reported in one line with its remedy and an exit code, and loses no recorded data."""
 
 from __future__ import annotations
 
@@ -310,7 +309,7 @@ def test_help_of_the_installed_command(bench):
 
 @pytest.mark.parametrize("alike", ["rig file", "runs"])
 def test_a_second_daemon_with_another_socket_is_refused(bench, alike):
-    """By a link to the rig file with runs of its own, and by a copy of it with the same runs."""
+    """Through a link to the rig file with other runs, and through a copy of it with the same runs."""
     bench.start().all_reading()
     other = bench.folder / "other.yaml"
     if alike == "rig file":

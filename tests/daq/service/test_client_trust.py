@@ -159,7 +159,7 @@ def test_writable_directory_is_refused_for_a_socket(tmp_path):
 
 
 @ROOT_ONLY
-def test_a_socket_that_another_user_put_there_is_refused(tmp_path):
+def test_socket_of_another_user_is_refused(tmp_path):
     tmp_path.chmod(0o1777)
     with answering(tmp_path / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
         os.chown(path.parent, SOMEBODY, SOMEBODY)

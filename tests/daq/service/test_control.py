@@ -44,7 +44,7 @@ def test_a_socket_has_one_daemon(tmp_path):
 
 
 def test_hanging_daemon_is_distinguished_from_none(tmp_path, monkeypatch):
-    """It takes a few connections and answers none; then the system takes no more."""
+    """The daemon accepts a few connections and answers none, until the system refuses more."""
     monkeypatch.setattr(daq.service.client, "socket_directory", lambda: tmp_path)
     monkeypatch.setattr(daq.service.client, "ANSWERS_S", 0.1)
     # private: the real limit is seconds

@@ -69,7 +69,7 @@ def test_silent_connections_block_nobody(tmp_path: Path) -> None:
         assert asked(silent[0]) == {}  # the one that was silent longest has gone
 
 
-def test_where_all_are_busy_a_new_one_is_refused_and_none_is_cut_off(
+def test_full_server_refuses_new_connections_and_keeps_old_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # private _MOST, _IDLE_S, _SEND_S: the real limits are many connections and half a minute

@@ -51,7 +51,7 @@ def _plain(quoted: str) -> str:
 
 
 @examples(30, 100)
-def test_whatever_a_label_holds_is_read_back(examples):
+def test_any_label_is_read_back(examples):
     @settings(max_examples=examples)
     @given(st.text(), st.dictionaries(st.sampled_from("abc"), st.text()), st.floats())
     def holds(words: str, labels: dict[str, str], value: float) -> None:
@@ -138,7 +138,7 @@ def test_only_metrics_are_removed_at_the_end(tmp_path):
         assert list(tmp_path.iterdir()) == left
 
 
-def test_a_file_is_there_whole_or_not_at_all(tmp_path):
+def test_file_is_complete_or_missing(tmp_path):
     path = tmp_path / "rig.prom"
     write_atomically(path, "old\n")
     write_atomically(path, "a directory's name \udcff\n")

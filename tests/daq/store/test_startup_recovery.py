@@ -1,4 +1,4 @@
-"""What a crash left is brought back by the next start; two daemons share a runs directory; a real small disk."""
+"""Recovery at the start of a daemon: after a crash, next to a second daemon, and on a real small disk."""
 
 from __future__ import annotations
 

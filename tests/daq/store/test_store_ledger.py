@@ -320,7 +320,7 @@ def test_any_bytes_are_a_ledger_that_ends_early(data):
     assert found.entries[0] == LedgerEntry(opening="0" * 64) and found.unread == len(data) and found.last == last
 
 
-def test_counters_are_compared_only_where_the_run_ended_in_order(tmp_path):
+def test_counters_are_compared_only_if_the_run_ended_normally(tmp_path):
     """The last faults of a run that the disk ended need not be on it."""
     for ending, lines in (("failed", 0), ("complete", 1)):
         writer = start(tmp_path)

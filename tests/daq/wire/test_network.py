@@ -96,7 +96,7 @@ def test_a_connection_that_brings_something_now_and_then_is_not_dead():
                     assert link.read(0.05) == b""
 
 
-def test_the_system_asks_a_silent_tcp_peer_whether_it_is_there():
+def test_silent_tcp_peer_gets_keepalive_probes():
     with socket.create_server(("127.0.0.1", 0)) as server:
         link = open_link("robot", f"tcp://127.0.0.1:{server.getsockname()[1]}", LINE, dead_s=10)
         with contextlib.closing(link), socket.socket(fileno=os.dup(link.fileno())) as sock:

@@ -1,1 +1,1 @@
-"""What runs and scores the blind trial (docs/trials.md); its generator is `tests.worlds.stranger`."""
+"""Run and score the blind trial (docs/trials.md). `tests.worlds.stranger` generates its cells."""

@@ -1,4 +1,4 @@
-"""What tests of the blind trial share."""
+"""Fixtures of the tests of the blind trial."""
 
 from __future__ import annotations
 

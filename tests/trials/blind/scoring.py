@@ -39,7 +39,7 @@ class RealCase:
 
     @property
     def testable(self) -> bool:
-        """Whether an oracle would see every fault."""
+        """True if an oracle would detect every fault."""
         return all(one["testable"] for one in self.truth["hidden"])
 
     @property
@@ -96,12 +96,12 @@ class RealCase:
 
 
 def size_of(one: Mapping[str, Any]) -> float:
-    """Of a fault of the background: the one parameter that is no shape."""
+    """Size of a background fault: its only parameter that is not a shape."""
     return float(next(iter(one["parameters"].values())))
 
 
 def _is_as_named(one: Mapping[str, Any], named: Named) -> bool | None:
-    """Whether an effect of the background has about the size of a name; None if it is a wave of another order."""
+    """True if a background effect has about the named size; None if it is a wave of another order."""
     order, _ = named.parameters.get("order", (math.nan, math.nan))
     if "order" in one["parameters"] and abs(order / one["parameters"]["order"] - 1) > _ORDER_SHARE:
         return None

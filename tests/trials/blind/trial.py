@@ -23,15 +23,15 @@ from typing import Any
 from tests.worlds.stranger import generate_real
 
 _WHOLE = "imported"
-"""Marks a case that is all there."""
+"""File that marks a completely imported case."""
 _ANSWER = "answer.json"
 _INTERRUPTED = 130
-"""128 and the number of SIGINT, as shells have it."""
+"""Exit code after SIGINT: 128 plus the number of the signal."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One case to try: where its tables and its truth go."""
+    """A case of the trial, with the directories of its tables and of its truth."""
 
     kind: str
     seed: int
@@ -42,7 +42,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Tells nothing: the diagnosis sees it in the paths of the runs."""
+        """A name without information, because the paths of the runs show it to the diagnosis."""
         return f"case-{zlib.crc32(f'{self.kind} {self.seed} real'.encode()):08x}"
 
     @property
@@ -55,7 +55,7 @@ class Job:
 
 
 def make_case(job: Job) -> None:
-    """Generate and import a case; one that is there already stays."""
+    """Generate and import a case, unless an earlier trial did."""
     if (job.case / _WHOLE).exists():
         return
     shutil.rmtree(job.case, ignore_errors=True)
@@ -82,7 +82,7 @@ def run_job(job: Job) -> dict[str, Any]:
 
 @cache
 def code() -> str:
-    """Which code answers: a digest of every file of rig that has a part in it."""
+    """Digest of all files of rig that contribute to an answer."""
     import analysis  # noqa: PLC0415
     import rigs  # noqa: PLC0415
 
@@ -116,7 +116,7 @@ def _listed(case: Path) -> list[tuple[dict[str, str], Path]]:
 
 
 def diagnose_case(run_dirs: Sequence[Path], held_out: Sequence[Path], unseen: Sequence[Path]) -> dict[str, Any]:
-    """What `rig diagnose RUN… --hold-out RUN… --unseen RUN… --json` prints, run in this process."""
+    """Output of `rig diagnose RUN… --hold-out RUN… --unseen RUN… --json`, run in this process."""
     from analysis.cli import app  # noqa: PLC0415
 
     arguments = ["diagnose", *map(str, run_dirs), "--json"]

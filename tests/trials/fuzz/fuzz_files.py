@@ -49,7 +49,7 @@ BENCH = _Bench()
 
 
 def files() -> dict[str, list[Feed]]:
-    """What feeds each kind of file."""
+    """Reader of each kind of file."""
     return {"rig_files": [_rig_file], "runs": [_whole_run, _crashed_run], "tables": [_table]}
 
 

@@ -202,7 +202,7 @@ class Watched:
 
 
 def _works(host: Watched, device: Conversation) -> bool:
-    """Whether a reading comes when the two are joined as they are, after a quiet while, or one hangs up."""
+    """True if both sides, joined after a pause, give a reading or one of them closes the connection."""
     now_ns = max(host.now_ns, device.now_ns if isinstance(device, Watched) else 0)
     end_ns, count = now_ns + _RECOVERY_NS, len(host.samples)
     step = device.step if isinstance(device, Watched) else device.connected(now_ns)

@@ -151,7 +151,7 @@ def _no_memory(*_: object, **__: object) -> None:
     raise pa.ArrowMemoryError("malloc of size 960000000 failed")
 
 
-def test_where_the_memory_is_short_the_file_is_not_at_fault(run, monkeypatch):
+def test_lack_of_memory_is_not_blamed_on_the_file(run, monkeypatch):
     """A whole chunk that no ledger lists yet, as a crash leaves it: recovery could set it aside for damaged."""
     rows = schema_of("g1", ("g1_mm",)).empty_table()
     columns = {f.name: pa.array([1] * 3, f.type) for f in rows.schema}

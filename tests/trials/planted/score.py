@@ -117,7 +117,7 @@ class Score:
 
 
 def scores_of(points: Iterable[Point]) -> list[Score]:
-    """By test, figure and kind, in the order in which they first come."""
+    """Scores by test, figure and kind of noise, in order of first appearance."""
     groups: dict[tuple[str, str, str], list[Point]] = defaultdict(list)
     for point in points:
         groups[point.test, point.figure, point.kind].append(point)

@@ -1,4 +1,4 @@
-"""What befalls a world. Each blow waits until the daemon has had the time to say so, and sees that it did."""
+"""Faults of a world. Each waits until the daemon has had time to report it, and checks the report."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _line_that_reads(life: Life, blow: Blow) -> SimulatedLine | None:
 
 
 def _patience_s(life: Life, line: SimulatedLine) -> float:
-    """How long the daemon waits on a line, and for the reading after."""
+    """Timeout of the daemon on a line, plus the time for the next reading."""
     if line.name == "robot":
         return life.cell.rig.feedback.timeout_s + (2.5 if life.world.is_long else 0.5)
     gauge = life.cell.rig.gauges.recorded[line.name.split("_")[0]]

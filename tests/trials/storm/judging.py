@@ -102,7 +102,7 @@ def _judge_stream(life: Life, chain: Sequence[Run], stream: str, asked: Asked | 
 
 
 def _judge_killed(life: Life, run: Run, asked: Asked) -> None:
-    """What was synced before a kill is there; and, where the disk was well and went on, all but the last moments."""
+    """Require all data synced before a kill and, if the disk was healthy, all data except the last moments."""
     for stream, synced in asked.synced.items():
         rows, pieces = run.streams[stream]["last_byte_ns"], life.instruments.pieces[stream]
         if len(rows) < synced:
@@ -121,7 +121,7 @@ def _judge_killed(life: Life, run: Run, asked: Asked) -> None:
 def _judge_missing(
     life: Life, chain: Sequence[Run], stream: str, asked: Asked | None, places: set[int], dropped: int
 ) -> None:
-    """All that the daemon read while it recorded is a row, or counted as dropped."""
+    """Require that each message read during a recording is a row or counted as dropped."""
     pieces = life.instruments.pieces[stream]
     begin_ns, end_ns = (pieces[min(places)].at_ns, pieces[max(places)].at_ns) if places else (0, 0)
     if asked:
@@ -160,7 +160,7 @@ def _readings_besides(pieces: Sequence[Piece], asked: Asked, places: set[int]) -
 
 
 def _is_spoilt(life: Life, pieces: Sequence[Piece], place: int) -> bool:
-    """Whether a protocol may leave a message out: bytes were changed, or an answer was late, shortly before."""
+    """True if a protocol may omit a message, because bytes were changed or an answer was late shortly before."""
     since_ns = pieces[place].at_ns - _SPOILT_NS
     back = place
     while back >= 0 and pieces[back].at_ns >= since_ns:

@@ -1,9 +1,8 @@
-"""What the emulated instruments themselves measured and sent, kept outside the product.
+"""Values that the emulated instruments measured and sent, stored independently of rig.
 
-Every reading that an instrument takes is a number, one more than the one before, which its value shows: a gauge by
-where it stands on its way up and down, a robot by the last digits of two joints. A piece of a line knows which readings
-are in it, when it is there, and whether it was left as it was. So each row of a run is held against what was sent, and
-everything that the daemon read against the rows.
+The readings of an instrument are numbered, and each value encodes its number: a gauge by its position on the way up and
+down, a robot by the last digits of two joints. Each piece sent on a line records its readings, its time, and whether it
+was changed. Each row of a run is compared with the pieces sent, and everything that the daemon read with the rows.
 """
 
 from __future__ import annotations
@@ -40,10 +39,10 @@ several times."""
 
 @dataclass
 class Piece:
-    """What an instrument sent at once.
+    """Bytes sent by an instrument in one write.
 
-    readings: numbers, by column; broken: whether its bytes were changed; late: whether it was held up; greets: whether
-    it answers what a new connection asks before it reads.
+    readings: numbers, by column; broken: bytes were changed; late: it was delayed; greets: it answers the first request
+    of a new connection, which precedes all readings.
     """
 
     at_ns: int
@@ -56,7 +55,7 @@ class Piece:
 
     @property
     def has_reading(self) -> bool:
-        """Whether it holds a reading of a gauge that was not off."""
+        """True if it contains a reading of a gauge that was in range."""
         return any(number >= 0 for numbers in self.readings.values() for number in numbers)
 
 

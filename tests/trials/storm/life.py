@@ -186,7 +186,7 @@ class Life:
         return self.daemon.answer({"command": command, **more})
 
     def counted(self, stream: str, *kinds: FaultKind) -> int:
-        """How many faults of these kinds the daemon has counted on a stream, or on the computer."""
+        """Number of faults of these kinds that the daemon counted on a stream, or on the computer."""
         state = self.ask("status")
         counters = state[HOST] if stream == HOST else state["streams"][stream]["counters"]
         return sum(counters.get(kind, 0) for kind in kinds or FaultKind)

@@ -1,4 +1,4 @@
-"""What a world is made of, drawn from its seed: the cell, what may befall it, and for how long it is watched."""
+"""A world drawn from its seed: the cell, its possible faults, and the duration."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.support.drivers import FEEDBACKS, GAUGES, joints, modbus
 
 
 class Blow(StrEnum):
-    """What can befall a world. Each world draws which may befall it, so that most have few kinds."""
+    """Kinds of faults. Each world draws a few kinds that may happen in it."""
 
     CABLE = "cable pulled"
     RESET = "connection reset"
@@ -60,7 +60,7 @@ class World:
 
     @property
     def is_long(self) -> bool:
-        """Whether it lasts for hours."""
+        """True if the world lasts for hours."""
         return self.seconds > 3600
 
     def __str__(self) -> str:

@@ -1,8 +1,7 @@
-"""Arms with errors measured by a tracker, and an ordinary least-squares calibration. Nothing here is imported from rig.
+"""Arms with errors measured by a tracker. Nothing here is imported from rig.
 
 The kinematics use the constants of a shipped rig file. Each arm has typical errors of a healthy arm (link constants,
-gear waves of orders 1 and 2) and optionally large errors of the zeros or of all constants. The reference calibration is
-scipy's Levenberg-Marquardt for the same constants, the tracker frame and the tool.
+gear waves of orders 1 and 2) and optionally large errors of the zeros or of all constants.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from tests.worlds.chain import link_frames
@@ -153,67 +151,3 @@ def postures(name: str, count: int, rng: np.random.Generator, half_deg: tuple[fl
     """Return random joint angles (count, 6) rad around the posture of the rig."""
     half = np.array(half_deg or (90, 35, 35, 90, 45, 120), dtype=float)
     return np.radians(np.array(POSTURE_DEG[name]) + rng.uniform(-half, half, (count, 6)))
-
-
-NAMES = {"joint_offset": ("offset",), "joint_offset,link_geometry": ("offset", "a", "alpha", "d")}
-_UNIT = {"offset": 1e-3, "alpha": 1e-3, "a": 1.0, "d": 1.0}
-
-
-@dataclass(frozen=True)
-class Peer:
-    """Result of least squares: constants, and the tracker frame and tool of the poses (9,)."""
-
-    wrong: Wrong
-    frame: Array
-
-    def held_out_mm(self, arm: Constants, poses: Seen, *, again: bool) -> float:
-        """Rms distance; again: fit frame and tool to these poses first, as for a new placement."""
-        frame = _framed(arm, self.wrong, poses) if again else self.frame
-        left = _placed(arm, self.wrong, frame, poses.q) - poses.xyz_mm
-        return float(np.sqrt((left**2).sum(axis=1).mean()))
-
-
-def least_squares_fit(arm: Constants, poses: Seen, fit: str) -> Peer:
-    """Fit constants and frame by Levenberg-Marquardt with equal weights of all poses."""
-    names = NAMES[fit]
-    right = none()
-
-    def parts(x: Array) -> tuple[Wrong, Array]:
-        values = {name: x[6 * k : 6 * k + 6] * _UNIT[name] for k, name in enumerate(names)}
-        return Wrong(**({key: getattr(right, key) for key in right.__dataclass_fields__} | values)), x[6 * len(names) :]
-
-    def left(x: Array) -> Array:
-        wrong, frame = parts(x)
-        return (_placed(arm, wrong, frame, poses.q) - poses.xyz_mm).ravel()
-
-    start = np.concatenate([np.zeros(6 * len(names)), _framed(arm, right, poses)])
-    found = least_squares(left, start, method="lm" if poses.xyz_mm.size >= len(start) else "trf")
-    return Peer(*parts(found.x))
-
-
-def _placed(arm: Constants, wrong: Wrong, frame: Array, q: Array) -> Array:
-    """Return target positions. frame (9,): rotation vector times 1000, position in mm, tool in mm."""
-    R, p = flange(arm, wrong, q)
-    moved: Array = (p + R @ frame[6:]) @ Rotation.from_rotvec(frame[:3] / 1e3).as_matrix().T + frame[3:6]
-    return moved
-
-
-def _framed(arm: Constants, wrong: Wrong, poses: Seen) -> Array:
-    R, p = flange(arm, wrong, poses.q)
-    tool, start = np.zeros(3), np.zeros(9)
-    for _ in range(30):
-        points = p + R @ tool
-        turn, _ = Rotation.align_vectors(poses.xyz_mm - poses.xyz_mm.mean(axis=0), points - points.mean(axis=0))
-        M = turn.as_matrix()
-        place = poses.xyz_mm.mean(axis=0) - points.mean(axis=0) @ M.T
-        A = np.concatenate([M @ R, np.tile(np.eye(3), (len(p), 1, 1))], axis=2).reshape(-1, 6)
-        tool = np.linalg.lstsq(A, (poses.xyz_mm - p @ M.T).ravel(), rcond=None)[0][:3]
-        start = np.concatenate([1e3 * turn.as_rotvec(), place, tool])
-    found: Array = np.asarray(
-        least_squares(
-            lambda x: (_placed(arm, wrong, x, poses.q) - poses.xyz_mm).ravel(),
-            start,
-            method="lm",
-        ).x
-    )
-    return found

@@ -115,18 +115,3 @@ class OnStand:
         links = frames(self.arm, self.robot, theta)
         bare = (links[-1] @ np.append(ball_mm, 1.0))[:, :3]
         return self.stand.moved(bare, moment_nm(self.robot, links))
-
-    def tensor_deg(self) -> dict[str, float]:
-        """Tilt of this stand in the terms of rig, in deg/Nm at 200 Nm.
-
-        The isotropic part is equal in all directions. Parts about the two lines next to the soft axis represent the
-        additional compliance about it.
-        """
-        firm = 1 / (1 + self.stand.firmer)
-        more = float(np.degrees(self.stand.soft - self.stand.stiff)) * firm
-        around = np.degrees(self.stand.turned) % 180
-        low, twice = int(around // 45), 2 * np.radians(around % 45)
-        names = ("x", "xy", "y", "yx")
-        parts = {names[low]: more * np.cos(twice), names[(low + 1) % 4]: more * np.sin(twice)}
-        evenly = float(np.degrees(self.stand.stiff + self.stand.anchors)) * firm + (more - sum(parts.values())) / 2
-        return {"evenly": evenly} | parts

@@ -67,7 +67,7 @@ def _draw_fault(kind: str, rng: np.random.Generator) -> Fault:
 
 
 def _is_visible(fault: Fault, sight: Sight) -> bool:
-    """Whether the readings show a fault beside constants and set-up. A zero is a constant, and far from healthy."""
+    """True if readings distinguish a fault from constants and set-up. A wrong zero is a constant far from healthy."""
     if fault.kind == "joint_offset":
         return True
     cell = replace(sight.cell, known=fault.added_to(sight.cell.known))

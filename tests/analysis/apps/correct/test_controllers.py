@@ -160,7 +160,7 @@ def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path: Path,
     np.testing.assert_allclose(more_deg, np.tile(reading_deg, (3, 1)), atol=1e-9)
 
 
-def test_what_no_constant_holds_is_listed_with_what_it_does(tmp_path: Path) -> None:
+def test_effects_without_a_constant_are_listed_with_their_error(tmp_path: Path) -> None:
     play = Backlash(axis=1, width_deg=0.05, found=_found(width_deg=0.001))
     base = LinkGeometry(axis=1, field="d", delta=0.5, found=_found(delta=0.003))
     entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], base, play]), tmp_path / "out")
@@ -208,7 +208,7 @@ def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
     assert f"{before - after:.0f} of {before:.0f} µm rms" in told
 
 
-def test_twins_share_what_is_known_of_their_sum(tmp_path: Path) -> None:
+def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path: Path) -> None:
     """d2, d3 and d4 of three parallel axes do the same to every posture."""
     cell = _cell(tmp_path, "ur10e", [LinkGeometry(axis=2, field="d", delta=0.3, found=_found(delta=0.03))])
     entries = _printed(cell, tmp_path / "out")
@@ -310,7 +310,7 @@ def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why
     assert effect["corrected_as"] is None and effect["reason"] and not written["controller"]["entries"]
 
 
-def test_every_controller_says_where_its_words_come_from() -> None:
+def test_every_controller_names_the_source_of_its_terms() -> None:
     for name in MAKERS:
         controller = maker_by(name).controller
         assert controller.source and controller.missing and controller.steps, name

@@ -100,7 +100,7 @@ def _real_joints(q: Array) -> Array:
     return link
 
 
-def test_given_the_corrected_angles_the_real_arm_stands_where_it_was_sent(tmp_path: Path) -> None:
+def test_corrected_angles_bring_the_real_arm_to_its_targets(tmp_path: Path) -> None:
     found = correct_rig(_rig(ZERO_3, A2, ALPHA3, GEAR_1, PLAY_1), _path(tmp_path))
     *_, path = write(found, tmp_path / "out")
     told = np.radians(_written(path, tuple(HEAD.split(",")[1:])))
@@ -147,7 +147,7 @@ def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path: Path
     assert not found.path[2].left_out
 
 
-def test_what_is_known_too_badly_is_not_said_to_be_uncorrectable(tmp_path: Path) -> None:
+def test_too_uncertain_effect_is_not_called_uncorrectable(tmp_path: Path) -> None:
     vague = [JointOffset(axis=axis, offset_deg=0.05, found=_found(offset_deg=0.049)) for axis in (2, 3, 5)]
     cell = tmp_path / "cell.yaml"
     cell.write_text(extended(load("paper-fanuc")[1], vague, "cell"))
@@ -165,7 +165,7 @@ def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: P
     np.testing.assert_allclose(targets[2].u_mm, np.radians(0.01) * np.hypot(place[:, 0], place[:, 1]), rtol=1e-3)
 
 
-def test_what_only_the_sum_is_known_of_is_corrected_together_and_as_sure_as_the_sum(tmp_path: Path) -> None:
+def test_effects_known_only_by_their_sum_are_corrected_with_its_uncertainty(tmp_path: Path) -> None:
     """Of d2 and d3, which do the same to any posture: each is known badly, their sum well."""
 
     def half(axis: int, other: int) -> LinkGeometry:
@@ -189,7 +189,7 @@ def test_what_only_the_sum_is_known_of_is_corrected_together_and_as_sure_as_the_
     ],
     ids=["play", "growth", "gauge"],
 )
-def test_what_is_left_out_goes_into_the_uncertainty(tmp_path: Path, effect: Effect, joint_rad: float | None) -> None:
+def test_uncorrected_effects_increase_the_uncertainty(tmp_path: Path, effect: Effect, joint_rad: float | None) -> None:
     targets = correct_rig(_rig(ZERO_3, effect), _path(tmp_path)).path
     sure = correct_rig(_rig(ZERO_3), _path(tmp_path)).path
     assert targets and sure
@@ -222,7 +222,7 @@ def _stands_mm(q_deg: Array) -> Array:
     return place
 
 
-def test_the_command_reports_what_a_play_that_it_leaves_out_does_to_each_target(
+def test_command_reports_the_error_of_an_uncorrected_play_at_each_target(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By a forward kinematics of its own: half the play either way, at the angles that the cell is given."""
@@ -252,7 +252,7 @@ def test_the_command_reports_what_a_play_that_it_leaves_out_does_to_each_target(
     assert found["path"]["left_out_mm"]["backlash 2"] == pytest.approx(play_mm.max(), rel=0.01)
 
 
-def test_a_spike_that_is_left_out_counts_with_what_is_left_of_it_on_arrival(tmp_path: Path) -> None:
+def test_uncorrected_spike_counts_by_its_size_at_the_target(tmp_path: Path) -> None:
     left = {}
     for decay_s in (0.02, 0.1):
         spike = ReversalSpike(axis=1, amplitude_deg=0.05, decay_s=decay_s)
@@ -263,7 +263,7 @@ def test_a_spike_that_is_left_out_counts_with_what_is_left_of_it_on_arrival(tmp_
     assert (left[0.1] > 0.2).all() and (left[0.1] < 1).all() and (left[0.02] < 0.5 * left[0.1]).all()
 
 
-def test_targets_where_nothing_was_measured_are_doubted(tmp_path: Path) -> None:
+def test_targets_in_unmeasured_regions_are_doubted(tmp_path: Path) -> None:
     near = _found(offset_deg=0.002).model_copy(update={"joints_deg": ((-40.0, 20.0), *[(-180.0, 180.0)] * 4, (0, 5.0))})
     targets = correct_rig(_rig(ZERO_3.model_copy(update={"found": near})), _path(tmp_path)).path
     assert targets and len(targets[2].doubts) == 2
@@ -295,7 +295,7 @@ def _of_size(name: str, value: float, **sd: float) -> Effect:
 
 
 @pytest.mark.parametrize("name", sorted(VOCABULARY))
-def test_each_effect_is_corrected_only_where_a_target_can_and_the_uncertainty_allows(name: str) -> None:
+def test_effects_are_corrected_if_a_target_can_and_the_uncertainty_allows(name: str) -> None:
     field = size_field(_of_size(name, 0.0))
     postural = {"joint_offset", "link_geometry", "compliance", "link_bending", "transmission_error", "wrist_coupling"}
     postural |= {"joint_scale", "strain_wave", "rail_line", "base_yields", "base_sags"}
@@ -392,7 +392,7 @@ def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_co
     np.testing.assert_allclose(told, np.degrees(alone[2].q), atol=1e-6)
 
 
-def test_what_moves_the_whole_arm_is_not_in_the_uncertainty_of_a_taught_frame(tmp_path: Path) -> None:
+def test_motion_of_the_whole_arm_is_not_in_the_uncertainty_of_a_taught_frame(tmp_path: Path) -> None:
     rows = [
         f"P{k}," + ",".join(map(str, row))
         for k, row in enumerate([*TARGETS, *(TARGETS + np.array([20, -5, 5, 0, 5, 0]))])

@@ -75,7 +75,7 @@ def test_late_joints_are_corrected_by_pace_or_stamps(lap, stamped):
     assert run.u_lag_s > 0.005 and found.u > 0.1  # a cycle of 20 ms, in which a controller latches at some time
 
 
-def test_where_nothing_puts_late_joints_right_their_spread_is_in_u(lap):
+def test_uncorrected_delay_of_joints_is_in_u(lap):
     """A loop without a crystal: 0.03 s of lateness turned the curve by 0.32° with u 0.017°."""
     rng = np.random.default_rng(2)
     table = lap.table

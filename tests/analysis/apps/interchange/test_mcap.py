@@ -113,7 +113,7 @@ def test_streams_are_merged_by_time(tmp_path):
         assert Manifest.model_validate_json(manifest.data) == run.manifest
 
 
-def test_a_channel_without_rows_is_there(tmp_path):
+def test_channel_without_rows_exists(tmp_path):
     writer = RunWriter.create(
         tmp_path,
         new_manifest(

@@ -20,7 +20,7 @@ from analysis.runs.robot_condition import Friction
 from rigs.arms import load_arm
 from rigs.effects import Backlash, Compliance
 from rigs.rig import Rig
-from tests.support.changed_arms import changed, within_limits
+from tests.support.changed_arms import changed, require_equal, within_limits
 from tests.support.refusals import refused
 
 ARMS = ["ur10e", "franka-fr3"]
@@ -31,11 +31,6 @@ def frame(xyz: Array | list[float], turn: Rotation) -> Array:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = turn.as_matrix(), xyz
     return T
-
-
-def require_equal(found: Array, expected: Array) -> None:
-    np.testing.assert_allclose(found[:, :3, 3], expected[:, :3, 3], atol=1e-9, rtol=0)
-    np.testing.assert_allclose(found[:, :3, :3], expected[:, :3, :3], atol=1e-12, rtol=0)
 
 
 def mjcf_poses(text: str, rig: Rig, q: Array) -> Array:

@@ -22,7 +22,7 @@ from analysis.robot.model.predict import geometric_arm, model_of
 from rigs.arms import arm_names, load_arm
 from rigs.load import load
 from rigs.rig import Rig
-from tests.support.changed_arms import changed, within_limits
+from tests.support.changed_arms import changed, require_equal, within_limits
 from tests.support.refusals import refused
 
 COUPLED = [
@@ -38,11 +38,6 @@ def origin(xyz: list[float], rpy: list[float]) -> np.ndarray:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), xyz
     return T
-
-
-def require_equal(found: np.ndarray, expected: np.ndarray) -> None:
-    np.testing.assert_allclose(found[:, :3, 3], expected[:, :3, 3], atol=1e-9, rtol=0)
-    np.testing.assert_allclose(found[:, :3, :3], expected[:, :3, :3], atol=1e-12, rtol=0)
 
 
 def written(rig: Rig) -> str:

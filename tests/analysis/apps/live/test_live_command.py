@@ -47,7 +47,7 @@ def test_a_run_is_played_as_json(run):
 
 
 @pytest.mark.parametrize("option", cases(("--plain", "--json", ""), ("",)))
-def test_a_run_is_played_where_nothing_is_posix(run, option):
+def test_run_is_played_without_posix(run, option):
     command = [*PORTABLE, "--run", run, "--speed", "64", *option.split()]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, cwd=ROOT)
     assert done.returncode == 0 and done.stderr == "" and "yaw" in done.stdout
@@ -89,7 +89,7 @@ def test_lines_of_a_running_daemon_go_on_until_they_are_stopped(tmp_path, option
         assert once.returncode == 0 and "connected" in once.stdout
 
 
-def test_no_colour_is_sent_where_none_is_wanted(run):
+def test_no_colour_is_sent_if_unwanted(run):
     for env, coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
         with Terminal([BIN / "rig", "live", "--run", run, "--speed", "64"], 80, 24, env) as terminal:
             terminal.until(lambda text: "ended" in text)

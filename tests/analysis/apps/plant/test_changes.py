@@ -49,7 +49,7 @@ def test_slow_growth_has_its_begin_and_goes_on():
     assert change.after - change.before == pytest.approx(12, abs=3)
 
 
-def test_a_step_is_found_where_most_runs_repeat_a_value():
+def test_step_is_found_if_most_runs_repeat_a_value():
     """As ranges that are floored at zero do, and figures of gauges with coarse steps."""
     stepped = np.repeat([0.01, 0.05], 20)
     assert found(100 * stepped) == [(19, 20)]

@@ -72,7 +72,7 @@ def test_an_unknown_uncertainty_proves_nothing():
     assert judged_words([0.005, 0.5], float("nan"))[0] == "watch 0.01 since 2026-05-01"
 
 
-def test_a_wild_run_does_not_cross_where_later_ones_contradict_it():
+def test_wild_run_that_later_ones_contradict_crosses_no_limit():
     runs = runs_of([0.005, 0.5, 0.005])
     trend = Trend((), np.array([False, True, False]), 0.0)
     judged = judge(Series("yaw acw", "range_deg", tuple(runs), trend, Limit(fail=0.02)))

@@ -191,7 +191,7 @@ def test_a_joint_beyond_its_limit_or_in_another_posture_is_refused(add_deg, room
     assert refused.value.code == code
 
 
-def test_the_targets_of_an_arm_are_where_the_nominal_arm_stands(tables):
+def test_targets_bring_the_arm_to_the_poses_of_the_nominal_arm(tables):
     plan = _nominal("yaw")[0]
     joints, poses = read_corrected_path(tables("yaw"))
     np.testing.assert_allclose(forward(plan.arm, np.radians(joints.values)), poses.poses(), atol=1e-5)

@@ -182,7 +182,7 @@ def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans() -> 
     assert demand.distance_mm == pytest.approx([397, 403], abs=0.01) and demand.removals == 0
 
 
-def test_an_arc_goes_around_the_long_way_where_its_middle_lies_there() -> None:
+def test_arc_takes_the_long_way_through_its_middle() -> None:
     def at(deg: float) -> Array:
         T = np.eye(4)
         T[:3, 3] = 100 * np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg)), 0]) + [5, 6, 7]

@@ -24,7 +24,6 @@ NEED: dict[str, Any] = {
     "frequency_hz": 8.5,
 }  # fmt: skip
 USUAL = replace(PLAY, doubt="usual", times_usual=2.0)
-GRAVITY = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")
 
 
 def test_an_act_states_the_error_after_it_and_the_place() -> None:

@@ -1,4 +1,4 @@
-"""What is shown of a diagnosis: screen, JSON, picture, and the files that -o leaves."""
+"""Outputs of a diagnosis: screen, JSON, picture, and the files of -o."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ KEYS = {"condition", "accuracy", "budget", "effects", "remainder", "where", "gap
 
 
 def test_a_bar_has_the_figures_of_all_places_in_their_order() -> None:
-    """That of the runs used stood to the right of the mark of the runs held out, and seemed to be theirs."""
+    """The figure of the runs used was right of the mark of the held-out runs, and seemed to belong to it."""
     steps = (
         StaircaseStep((), ModelResidual(116.2, 1.0), ModelResidual(126.0, 2.0)),
         StaircaseStep((0,), ModelResidual(2.8, 1.0), ModelResidual(3.1, 2.0)),
@@ -48,7 +48,7 @@ def test_a_bar_has_the_figures_of_all_places_in_their_order() -> None:
     assert {"116.2 ± 1.0 · 126.0 ± 2.0", "2.8 ± 1.0 · 3.1 ± 2.0"} <= {text.get_text() for text in drawn}
 
 
-def test_a_remedy_is_under_the_condition_that_no_rival_is_there(tmp_path: Path) -> None:
+def test_remedy_states_that_a_rival_is_possible(tmp_path: Path) -> None:
     found = diagnosis("ambiguous", effects=(ZERO,), **NO_PICTURE)
     *_, rig_file = write(found, TEXT, tmp_path / "found")
     (effect,) = load(rig_file)[0].effects
@@ -84,7 +84,7 @@ def test_effects_and_rivals_of_the_object() -> None:
     assert play["parameters"]["preload"] == {"value": 0.0, "sd": None}
 
 
-def test_what_is_not_known_is_null() -> None:
+def test_unknown_values_are_null() -> None:
     nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
     left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
@@ -101,7 +101,7 @@ def test_every_condition_has_its_picture(condition: Condition, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("in_session", [False, True])
-def test_the_picture_of_a_session_leaves_what_is_expected_to_the_session(in_session: bool) -> None:
+def test_picture_of_a_session_omits_the_expected_error(in_session: bool) -> None:
     load_act = Act("load", "correction", (0,), removes_um=94.0, removes_u_um=0.8, remains_um=12.0, remains_u_um=0.8)
     sheet = picture(diagnosis(acts=(load_act,), **NO_PICTURE), in_session=in_session)
     words = [words.get_text() for part in sheet.subfigs for axes in part.axes for words in axes.texts]
@@ -115,7 +115,7 @@ def test_a_circle_is_shown_in_the_part_that_disagrees_most() -> None:
     assert strand.part == "distance" and [place.from_deg for place in strand.places] == [352.0]
 
 
-def test_every_place_of_what_is_drawn_is_shaded_a_whole_lap_too() -> None:
+def test_every_drawn_place_is_shaded_also_of_a_complete_lap() -> None:
     """The caption says so, and a picture of a gap of sixty times the noise had nothing shaded."""
     shaded = {chart.title: chart.shaded for chart in residual_charts(diagnosis(), None, texts_of("en"))}
     (roll,) = (stretches for title, stretches in shaded.items() if "roll acw" in title)
@@ -125,7 +125,7 @@ def test_every_place_of_what_is_drawn_is_shaded_a_whole_lap_too() -> None:
     assert both == ((231.4, 243.0),)
 
 
-def test_circles_of_two_places_are_told_apart_by_their_titles() -> None:
+def test_titles_distinguish_circles_of_two_places() -> None:
     both = diagnosis("named").curves
     found = replace(diagnosis("named"), staircase=None, curves=(both[0], both[0]))
     circles = residual_charts(found, None, texts_of("en"))

@@ -26,7 +26,7 @@ def test_turns_have_labels() -> None:
         assert label(name) != name
 
 
-def test_a_figure_by_itself_says_of_what_it_is_a_detail() -> None:
+def test_figure_alone_names_what_it_details() -> None:
     assert whole_label("bi_mean_mm") == "bi-directional range, mean over targets"
     assert whole_label("uni_mean_mm") == "uni-directional range, mean over targets"
     assert whole_label("rp_mean_mm") == "repeatability RP (ISO 9283), mean"

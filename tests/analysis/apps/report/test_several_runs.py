@@ -119,7 +119,7 @@ def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Rig:
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
 
 
-def test_a_truth_that_tells_nothing_of_a_test_is_told(laps: list[Result], tmp_path: Path) -> None:
+def test_truth_without_values_of_a_test_is_reported(laps: list[Result], tmp_path: Path) -> None:
     truth = tmp_path / "truth.json"
     truth.write_text(json.dumps({"rig": "ur10e", "yaw": {"acw": {"band_deg": 0.1}, "cw": {"band_deg": 0.1}}}))
     (radial,) = write_simulated(RIG, TEXT, "radial", (None,), [1], tmp_path)

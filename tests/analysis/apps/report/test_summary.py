@@ -71,8 +71,8 @@ def test_a_fault_within_the_limits_needs_no_repair(condition: Condition) -> None
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_error_after_repair_and_correction_says_what_each_gives_alone(language: Language) -> None:
-    """Both together gave the figure, and the steps forbade to do both."""
+def test_error_after_repair_and_correction_is_given_for_each_alone(language: Language) -> None:
+    """The figure assumed both steps, although the text forbade to combine them."""
     texts = texts_of(language)
     load = replace(LOAD, place="held_out", removes_um=4.0, removes_u_um=0.5, remains_um=2.3)
     first = replace(REMASTER, place="held_out", removes_um=3.0, removes_u_um=0.5, remains_um=3.4)
@@ -255,7 +255,7 @@ def test_an_error_and_its_uncertainty_have_the_same_decimals() -> None:
     assert error_size(float("nan"), 1.0) == "–"
 
 
-def test_the_error_says_where_it_was_measured_or_that_it_is_unknown() -> None:
+def test_error_names_its_region_or_is_unknown() -> None:
     found = diagnosis("named")
     used = replace(found, accuracy=replace(found.accuracy, place="used"))
     assert keys_of(summarise(used).error.basis)[0] == "basis_used"
@@ -338,7 +338,7 @@ def test_an_error_has_one_value_in_tile_sentence_and_table(language: Language) -
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_a_small_undecided_part_does_not_hide_what_is_certain(language: Language) -> None:
+def test_small_undecided_part_does_not_hide_certain_ones(language: Language) -> None:
     """The headline was an undecided 0.7 % of the error, and the certain play of 97 % was not named."""
     texts = texts_of(language)
     play = replace(PLAY, doubt="usual", probability=1.0)

@@ -1,4 +1,4 @@
-"""Which program a robot drives, from its joints alone: the expected one, another one, one that stops, and none."""
+"""Recognise the program that a robot drives, from its joint angles: as expected, another, a stopped one, or none."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def cell() -> Cell:
 
 
 def seen(watch: ProgramWatch, joints: list[Array]) -> list[str]:
-    """What a watch sees, each once in order, to the first end."""
+    """Events of a watch up to the first end, each once and in order."""
     found: list[str] = []
     for k, q in enumerate(joints):
         one = watch.feed(k * _PERIOD_S, q)
@@ -62,14 +62,14 @@ def test_a_way_of_two_laps_is_no_way_of_one(cell: Cell) -> None:
     assert 0.3 < half.share < 0.36
 
 
-def test_another_program_is_known_where_the_robot_comes_to_its_start(cell: Cell) -> None:
+def test_another_program_is_recognised_at_its_start(cell: Cell) -> None:
     watch = ProgramWatch(cell.ways, "p01-yaw-acw")
     before = [cell.ways["p01-yaw-acw"].q_deg[900]] * 3
     assert seen(watch, [*before, *cell.driven("p03-yaw-acw-other")])[-1] == "ended"
     assert watch.program == "p03-yaw-acw-other"
 
 
-def test_where_a_program_has_ended_no_other_begins_by_itself(cell: Cell) -> None:
+def test_no_program_begins_by_itself_after_another(cell: Cell) -> None:
     end = cell.ways["p01-yaw-acw"].q_deg[-1]
     assert np.abs(end - cell.ways["p02-yaw-cw"].q_deg[0]).max() < 0.1, "cw begins where acw ends"
     again = ProgramWatch(cell.ways, "p01-yaw-acw", ended="p01-yaw-acw")

@@ -53,7 +53,7 @@ def test_a_named_effect_is_not_expected_beside_itself():
 
 
 @pytest.mark.parametrize("level", [0.03, 0.3, 1.0])
-def test_the_level_of_an_arm_is_found_from_what_it_shows(level):
+def test_level_of_an_arm_is_found_from_its_readings(level):
     columns, rng = healthy_columns(), np.random.default_rng(3)
     size = np.zeros(columns.X.shape[1])
     for name in columns.among:

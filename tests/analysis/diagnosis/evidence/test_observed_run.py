@@ -45,7 +45,7 @@ def test_orders_and_readings_are_each_others_inverse():
 
 
 @pytest.mark.parametrize(("sign", "half"), [(1, slice(0, HALF)), (-1, slice(HALF, 2 * HALF))])
-def test_what_both_gauges_see_alike_is_sum_and_what_they_see_apart_difference(sign, half):
+def test_sum_and_difference_separate_common_and_opposite_errors_of_gauges(sign, half):
     wave = np.cos(5 * AT + 0.4)
     vector = AS_THEY_ARE.vector(np.stack([wave, sign * wave], axis=1))
     energy = np.zeros(len(ORDER_OF))
@@ -64,7 +64,7 @@ def test_rows_of_a_lap_in_either_direction_are_laid_over_the_same_grid(way):
 
 @pytest.mark.parametrize(("count", "lost"), [(700, 3), (36, 0), (45, 0)])
 @pytest.mark.parametrize("way", [1, -1])
-def test_repeats_agree_also_where_rows_are_lost_or_few(count, lost, way):
+def test_repeats_agree_also_with_lost_or_few_rows(count, lost, way):
     laps = []
     for k, off in enumerate((-0.3, 0.2, 0.4)):
         begin = (100 + off) * 2 * np.pi / GRID

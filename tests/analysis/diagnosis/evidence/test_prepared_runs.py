@@ -22,7 +22,7 @@ def _elsewhere(run: Measured) -> Measured:
     return replace(run, rig=_at((0.0, 0.0, 0.0)))
 
 
-def test_a_set_up_has_one_name_whatever_its_runs_are_used_for():
+def test_set_up_has_one_name_for_all_uses_of_its_runs():
     first, second, third, fourth = circles(seed=31)
     (used, judges, unseen), told = prepare_runs(RIG, [first, _elsewhere(second)], [_elsewhere(third)], [fourth])
     assert [run.setup for run in (*used, *judges, *unseen)] == ["yaw", "yaw 2", "yaw 2", "yaw"]

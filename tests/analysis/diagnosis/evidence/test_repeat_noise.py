@@ -50,7 +50,7 @@ def _noise(*, levels: tuple[float, ...] = (1.0,) * 4, scatter: RunScatter = STIL
 
 
 @pytest.mark.parametrize("scatter", [STILL, RunScatter(2.0, 2.0, 2.0, 2.0)])
-def test_a_planted_spectrum_is_found_whatever_the_scatter(scatter):
+def test_planted_spectrum_is_found_at_any_scatter(scatter):
     found = _noise(scatter=scatter)
     assert found.measured
     for sd in found.sd_mm:
@@ -82,7 +82,7 @@ def test_a_run_that_was_not_repeated_borrows_the_noise_of_its_set_up():
     np.testing.assert_allclose(np.median(found.sd_mm[1] / SHAPE_MM), 1.0, rtol=0.2)
 
 
-def test_noise_is_assumed_where_nothing_is_repeated():
+def test_noise_is_assumed_without_repeats():
     still = [replace(_repeats(seed, (1.0,)), response=1e-9 * SHAKEN, drifting=0 * DRIFTING, laps=1) for seed in (1, 2)]
     found = circle_noise(still, 1.0)
     assert not found.measured and [len(sd) for sd in found.sd_mm] == [1, 1]

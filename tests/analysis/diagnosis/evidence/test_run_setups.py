@@ -34,7 +34,7 @@ def test_effects_are_in_the_model_whose_set_up_is_fitted():
     assert without > 0.05
 
 
-def test_a_ball_is_found_where_the_tool_of_a_wrong_arm_goes():
+def test_ball_is_found_at_the_tool_of_a_wrong_arm():
     """Along the normal of its circle a ball hardly shows, so that whatever else is wrong would place it there."""
     offset = JointOffset(axis=2, offset_deg=1.5)
     measured, shift = remounted_circles(offset, TransmissionError(axis=1, order=30, amplitude_deg=0.02), seed=6)

@@ -142,7 +142,7 @@ def test_the_size_that_readings_show_is_that_without_a_prior(k):
     assert _posterior().gains(FORMS, HEALTHY).size[k] == pytest.approx(np.linalg.norm(shown), rel=1e-6)
 
 
-def test_sigma_is_what_the_readings_say_without_a_healthy_prior():
+def test_sigma_follows_the_readings_without_a_healthy_prior():
     variance = VARIANCE.copy()
     variance[0] = 0.0
     wanted = np.sqrt(X[:, 0] @ np.linalg.solve(_with_known(variance), X[:, 0]))

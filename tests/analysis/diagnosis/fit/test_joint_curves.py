@@ -16,7 +16,7 @@ WAVES: tuple[Effect, ...] = tuple(
 )
 
 
-def test_a_joint_that_turned_little_has_no_large_waves_that_are_a_zero_as_well():
+def test_joint_with_little_motion_has_no_large_waves_that_imitate_a_zero():
     effects = [WAVES[k] for k in (0, 8, 118)]  # of once, 5 and 60 times a turn, of which 19° are 0.05, 0.26 and 3
     widths = JointCurves((9.0, 20.0), 1.0)
     free, held = (curve_columns(effects, turned) for turned in ((), (1.0, 19 / 360)))

@@ -48,7 +48,7 @@ def left_at(linear: Linearisation, effects: Sequence[Effect], setups: Mapping[st
     return left
 
 
-def test_what_a_ball_or_a_zero_can_do_leaves_nothing():
+def test_ball_and_zero_explain_their_own_error_completely():
     linear = healthy()
     assert linear.U.shape[1] == facts_of(linear.blocks[0].table.test).setup_terms == 5
     for term, moved in enumerate(0.02 * np.eye(5)):
@@ -57,7 +57,7 @@ def test_what_a_ball_or_a_zero_can_do_leaves_nothing():
         assert np.linalg.norm(linear.without_set_up(shift)) < 5e-3 * max(np.linalg.norm(shift), 1.0), term
 
 
-def test_terms_of_poses_are_where_an_instrument_stands_its_turn_and_its_target():
+def test_terms_of_poses_are_place_and_rotation_of_the_instrument_and_its_target():
     runs = seen([poses(1)])
     setups, _ = fit_run_setups(runs)
     linear = linearise(blocks_of(runs, setups), setups)

@@ -46,7 +46,7 @@ def test_size_and_shape_are_found_from_afar(case):
 
 
 @pytest.mark.parametrize("ppm", [2100.0, -2100.0])
-def test_a_fit_begins_within_what_a_rig_file_may_state(ppm):
+def test_fit_begins_within_the_bounds_of_a_rig_file(ppm):
     """Neighbouring forms of an effect stay within the limits of a rig file; 2048 ppm once stopped a diagnosis."""
     begin = ThermalGrowth().model_copy(update={"ppm": ppm})
     (growth,) = refine(holding(healthy(), white(healthy(), 1)), no_background(healthy()), [begin]).effects

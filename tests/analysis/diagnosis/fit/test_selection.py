@@ -75,7 +75,7 @@ def test_waves_of_other_orders_are_not_one_however_near():
     assert not is_one(JointOffset(axis=2, offset_deg=0.2), JointOffset(axis=3, offset_deg=0.2))
 
 
-def test_a_target_far_from_where_it_was_fitted_is_no_length():
+def test_target_far_from_its_fitted_place_is_no_length():
     """A target is anywhere; a last link, which moves it alike, is as long as its drawing states."""
     runs = seen([poses(1)])
     about = linearise(blocks_of(runs, fitted := fit_run_setups(runs)[0]), fitted)

@@ -40,7 +40,7 @@ def test_a_state_whose_residual_is_above_the_noise_is_fitted_from_the_noise_too(
 
 
 @pytest.mark.parametrize(("least", "fits"), [(200.0, 7), (800.0, 3), (650.0, 7)])
-def test_a_state_that_could_not_reach_what_it_must_is_given_up(least, fits):
+def test_state_that_cannot_reach_the_required_evidence_is_abandoned(least, fits):
     """A first fit of 100 and six more, of 99, 98, and so on, reach 679."""
     assert _fits(_begun(1.0), lambda k: 100.0 - k, least)[0] == fits
 

@@ -67,7 +67,7 @@ def test_error_of_a_joint_is_found_by_its_quantity(causes: UnknownCauses, kind: 
 
 
 def test_gain_is_the_ratio_of_densities(causes: UnknownCauses) -> None:
-    """By brute force: a cause of any amplitude beside noise, background and names of any size, over none."""
+    """Densities with and without a cause of any amplitude, next to noise, background and names, by brute force."""
     linear = healthy()
     other = linear.columns([JointOffset(axis=axis, offset_deg=2e-3) for axis in (2, 3, 4, 5)])
     free = linear.columns([Backlash(axis=axis, width_deg=1e-3) for axis in (1, 2)])
@@ -81,7 +81,7 @@ def test_gain_is_the_ratio_of_densities(causes: UnknownCauses) -> None:
 
 
 def _log_density(y: Array, C: Array) -> float:
-    """Of a Gaussian, without its constant."""
+    """Log density of a Gaussian without its constant."""
     return float(-0.5 * (y @ np.linalg.solve(C, y) + np.linalg.slogdet(C)[1]))
 
 

@@ -39,7 +39,7 @@ def one_play() -> Diagnosis:
     return found_in(circles((Backlash(axis=1, width_deg=0.02),), count=1), limited)
 
 
-def test_acts_of_the_demo_begin_with_what_removes_most():
+def test_acts_of_the_demo_begin_with_the_largest_gain():
     found = demo()
     first, *others = found.acts
     assert first.kind == "load" and first.place == "unseen"
@@ -223,7 +223,7 @@ def test_poses_that_the_others_do_not_predict_are_not_corrected(place, predicted
 
 
 @pytest.mark.parametrize(("controller", "kinds"), [("data_sheet", ["remaster"]), ("unknown", [])])
-def test_usual_zero_is_not_entered_where_the_controller_may_contain_it(controller, kinds):
+def test_usual_zero_is_not_entered_if_the_controller_may_contain_it(controller, kinds):
     zero = replace(diagnosis("ambiguous").effects[0], doubt="usual", probability=0.9999, rivals=())
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"controller": controller})})
     found = diagnosis("nothing_unusual", effects=(zero,), rig=rig)
@@ -270,7 +270,7 @@ def _place(place: JudgedOn, predicted_um: float | None = None) -> JudgedPlace:
     return Place(place, None, (), effects, None, predicted_um)
 
 
-def test_an_approach_stands_behind_what_takes_more_of_the_error_away():
+def test_approach_follows_acts_with_a_larger_gain():
     approach = Act("approach", "history", (1,), remains_um=307, effect=Backlash(axis=5, width_deg=0.03))
     load = Act("load", "correction", (0,), removes_um=200)
     assert in_order([approach, load], 586) == [load, approach]

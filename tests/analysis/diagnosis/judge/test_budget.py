@@ -36,7 +36,7 @@ def test_the_shares_are_the_whole_gap_the_largest_first():
     assert len(joints) == len(set(joints))  # each joint has one curve
 
 
-def test_what_cancels_another_part_is_one_line_with_it():
+def test_parts_that_cancel_share_a_line():
     """Two zeros of which the smaller one makes the larger one's error less: without it the gap would be wider."""
     found = _of_poses(*BOTH)
     line, (large, small) = _line(found, label_of(BOTH[0])), found.effects

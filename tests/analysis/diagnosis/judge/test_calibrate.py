@@ -22,7 +22,7 @@ RIG = LOADED.model_copy(update={"effects": ()})
         (JointOffset(axis=5, offset_deg=-0.1), "joint_offset:5", "radial"),
     ],
 )
-def test_what_was_planted_comes_out(truth, words, test):
+def test_planted_values_are_found(truth, words, test):
     (found,) = calibrate([simulated_run(RIG, TEXT, test, None, 1, (truth,))], words, rig=RIG).effects
     field = size_field(truth)
     off = abs(getattr(found.effect, field) - getattr(truth, field))
@@ -39,7 +39,7 @@ def test_the_generator_means_the_same_arm(name):
     np.testing.assert_allclose(flange(constants_of(name), right, q)[1], forward(bare, q)[:, :3, 3], atol=1e-9)
 
 
-def test_uncertainties_hold_for_what_is_determined_and_for_what_is_not():
+def test_uncertainties_cover_determined_and_undetermined_constants():
     """Zeros and lengths of a bad arm, each against its own uncertainty, also those determined together only."""
     rng, away = np.random.default_rng(0), []
     arm = cell("ur10e", bad_arm(rng), rng)

@@ -34,7 +34,7 @@ def _searched() -> SearchResult:
     return search(seen(circles(USUAL, seed=61, ways=("acw",))), lambda doing: None)
 
 
-def test_the_effects_do_what_the_columns_say():
+def test_effects_agree_with_their_columns():
     result = _searched()
     columns = result.posterior.background.columns
     said = columns.X[:, : columns.set_ups.start] @ result.posterior.mean[: columns.set_ups.start]
@@ -62,7 +62,7 @@ def test_the_covariance_is_one():
     np.testing.assert_allclose(covariance[fitted:, fitted:], forms / sizes[:, None] / sizes, rtol=1e-6, atol=1e-9)
 
 
-def test_a_calibration_holds_what_a_diagnosis_knows():
+def test_calibration_contains_the_results_of_a_diagnosis():
     found = demo()
     model = found.calibrated
     assert model and CalibratedModel.model_validate_json(model.model_dump_json()) == model

@@ -33,7 +33,7 @@ def test_noise_is_no_place():
     assert _places(NOISE) == ()
 
 
-def test_what_differs_from_run_to_run_is_no_place():
+def test_scatter_between_runs_is_no_place():
     """Beside the noise of the readings alone a true model of circles that do not repeat seemed to lack something."""
     drawn = np.random.default_rng(4).standard_normal(SCATTER[0].shape[1])
     drawn *= 2 / np.sqrt(np.mean(drawn**2))

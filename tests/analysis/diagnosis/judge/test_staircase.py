@@ -25,7 +25,7 @@ def test_its_ends_are_the_gap_and_its_parts_the_calibrated_model():
     assert sum(abs(part.share) for part in unadded if part.kind not in ("scatter", "unexplained")) < 0.025
 
 
-def test_a_step_leaves_what_its_model_leaves():
+def test_step_has_the_remaining_error_of_its_model():
     found = demo()
     assert found.staircase
     step = found.staircase.steps[1]

@@ -20,12 +20,12 @@ def _with_apart(um: float) -> Linearisation:
 
 
 @pytest.mark.parametrize("um", [5.0, 50.0])
-def test_the_scatter_of_a_run_is_what_its_repeats_show(um):
+def test_scatter_of_a_run_follows_from_its_repeats(um):
     np.testing.assert_allclose(scatter_um(_with_apart(um)), um, rtol=0.05)
     np.testing.assert_allclose(limits_um(_with_apart(um)), um, rtol=0.05)
 
 
-def test_the_noise_of_a_run_contains_what_stamps_add():
+def test_noise_of_a_run_includes_timestamps():
     linear = _with_apart(5.0)
     blocks = [replace(block, apart_mm=3 * block.steady_mm) for block in linear.blocks]
     np.testing.assert_allclose(noise_um(linearise(blocks, linear.setups)), 15.0, rtol=0.05)

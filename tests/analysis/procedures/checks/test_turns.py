@@ -40,7 +40,7 @@ def test_visits_of_one_posture_are_one_group_modulo_a_turn():
 
 
 @pytest.mark.parametrize("name", cells())
-def test_a_sound_cell_is_let_through_and_a_broken_convention_told(name):
+def test_sound_cell_passes_and_broken_convention_is_reported(name):
     cell = cells()[name]
     found = findings_of(cell.runs)
     assert any(map(cell.is_named, found)) if cell.convention else found == []

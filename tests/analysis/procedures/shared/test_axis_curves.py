@@ -29,7 +29,7 @@ def test_plays_and_curves_by_direction_are_those_of_the_arm():
     assert np.abs(off_u).max() < 3 and np.sqrt(np.mean(np.square(off_u))) < 1.6
 
 
-def test_without_from_where_joints_came_there_is_no_curve():
+def test_no_curve_without_the_approach_of_the_joints():
     rig, _, table = driven("abb-irb-1600", 1)
     result = evaluate(PoseTable(table.q, table.xyz_mm, None), arm_of(rig.robot), 0.02)
     assert not result.axes and not any("reversal" in name for name in result.figures)

@@ -55,7 +55,7 @@ def _lost(arm: Arm) -> tuple[np.ndarray, np.ndarray]:
     return poses[rows], posture[rows]
 
 
-def test_where_newton_loses_its_way_the_nearest_branch_begins():
+def test_newton_restarts_from_the_nearest_branch():
     arm = ARMS["paper-fanuc"]
     for pose, posture in zip(*_lost(arm), strict=True):
         begun = follow(arm, pose[None], posture, "path")[0]

@@ -59,7 +59,7 @@ def test_a_place_out_of_reach_is_not_taken():
     assert not newton_in_part(WIDOWX, far, postures(WIDOWX, 1))[1].any()
 
 
-def test_where_the_tool_really_is_decides():
+def test_true_tool_pose_decides():
     aside = np.array([3.0, -2.0, 1.0])
 
     def really(q: Array) -> Array:

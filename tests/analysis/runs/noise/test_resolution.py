@@ -13,7 +13,7 @@ def test_a_step_is_found_in_few_readings_and_in_many(step_mm, count):
 
 
 @pytest.mark.parametrize("count", [10, 24, 400])
-def test_no_step_is_found_where_there_is_none(count):
+def test_continuous_readings_have_no_step(count):
     found = [step_of_stops(np.random.default_rng(seed).normal(0, 0.3, count)) for seed in range(300)]
     assert np.count_nonzero(found) <= 1
 

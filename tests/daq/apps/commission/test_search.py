@@ -151,7 +151,7 @@ def test_sensor_started_by_command_is_silent_unless_named():
     assert (gauge.sends, gauge.lacks) == ("all", ()) and gauge.reading_mm == pytest.approx(0.1, abs=1e-3)
 
 
-def test_other_line_settings_are_tried_where_the_makers_do_not_fit():
+def test_other_line_settings_are_tried_after_those_of_the_maker():
     with simulated("keyence at 38400") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = searched(port, named=of("keyence_dl_rs1a", port))

@@ -131,7 +131,7 @@ def test_instrument_waits_for_a_request_up_to_a_limit():
     assert robot.tick(waits).send == b"1" and kept.otherwise == 1
 
 
-def test_one_that_calls_begins_once_somebody_is_there():
+def test_calling_replay_begins_with_the_first_listener():
     time = Timebase()
     robot = speaking([came(4, b"1"), came(16, b"2")], time, steps(of_asked=False), calls=True)
     assert robot.connected(0).send == b"1" and time.shift_ns is None

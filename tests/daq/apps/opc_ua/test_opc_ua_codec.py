@@ -135,7 +135,7 @@ def test_array_longer_than_its_bytes_is_refused(where):
         decoded(ua.ReadResponse, body[:at] + i32(2**31 - 1) + body[at + 4 :])
 
 
-def test_values_within_values_end_where_the_bytes_or_the_depth_do():
+def test_nested_values_end_with_the_bytes_or_the_depth_limit():
     with pytest.raises(Unreadable):
         decoded(ua.ReadResponse, claiming(bytes([24]) * (LIMIT // 2)))
 

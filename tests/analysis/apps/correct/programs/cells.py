@@ -41,7 +41,7 @@ def corrected_files(
     neutral: Sequence[str] = (),
     whole: bool = False,
 ) -> CorrectedProgram:
-    """The first of the files, corrected beside the others."""
+    """Corrected text of the first file, which is corrected together with the others."""
     write_files(directory, files, ends)
     return corrected(
         rig, directory / next(iter(files)), tools, frames, scale, start=start, neutral=neutral, whole=whole

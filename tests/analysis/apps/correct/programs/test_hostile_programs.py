@@ -138,7 +138,7 @@ def test_every_reason_completes_a_sentence() -> None:
     )
 
 
-def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell: Path) -> None:
+def test_command_writes_the_program_and_reports_it(tmp_path: Path, cell: Path) -> None:
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\nmovel(p[0.5,0.2,0.3,0,3.1,0])\nmovej(home)\n")
     given = path.read_bytes()
@@ -186,9 +186,7 @@ def test_a_start_from_which_no_posture_comes_is_said(tmp_path: Path, cell: Path)
 
 
 @pytest.mark.parametrize(("text", "reasons"), [("x=1\n", []), ("movej([0,-9,0,0,0,0])\n", ["beyond_limits"])])
-def test_a_program_of_which_nothing_is_corrected_is_read_beside_a_play(
-    text: str, reasons: list[str], tmp_path: Path
-) -> None:
+def test_program_without_corrections_is_read_despite_a_play(text: str, reasons: list[str], tmp_path: Path) -> None:
     path = tmp_path / "a.script"
     path.write_text(text)
     done = _corrected(path, *EFFECTS, Backlash(axis=1, width_deg=0.2))
@@ -220,7 +218,7 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     [JointOffset(axis=3, offset_deg=0.0008, found=found(offset_deg=0.00079)), Backlash(axis=1, width_deg=0.02)],
     ids=["a sound arm", "a play alone"],
 )
-def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path: Path, cell: Path) -> None:
+def test_no_program_is_written_without_a_gain(effect: Effect, tmp_path: Path, cell: Path) -> None:
     cell.write_text(extended(load("ur10e")[1], [effect], "cell"))
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
@@ -233,7 +231,7 @@ def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path:
     assert "next:" not in ran("correct", cell, "-o", tmp_path / "bare", "--anyway").stderr
 
 
-def test_beside_a_corrected_program_there_are_no_values_to_enter(tmp_path: Path, cell: Path) -> None:
+def test_corrected_program_excludes_values_to_enter(tmp_path: Path, cell: Path) -> None:
     """Entered as well, they correct twice; the feedback of this cell names the maker."""
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")

@@ -1,4 +1,4 @@
-"""What the user states about a controller, and what the report says about it and about the program."""
+"""Tools, frames and neutral routines stated by the user, and the report on them and on the corrected program."""
 
 from __future__ import annotations
 

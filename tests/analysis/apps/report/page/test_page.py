@@ -147,7 +147,7 @@ def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None
     assert "Error budget" not in text
 
 
-def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Report) -> None:
+def test_remaining_error_has_a_row_for_each_comparison(report: Report) -> None:
     looked: dict[Subject, float | None] = {"posture": 0.004, "approach": 0.31, "temperature": None}
     residual = Residual(1.4, held_out=HeldOutResidual(108.0, 25.0, looked))
     found = diagnosis("named", curves=(), maps=(), residual=residual)

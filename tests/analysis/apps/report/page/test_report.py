@@ -50,7 +50,7 @@ def test_serial_number_and_operator_come_from_rig_file_and_run(report: Report) -
     assert fields(rendered(report, texts_of("en"))) == {"serial number": "UR-20219300", "measured by": "M. Kim"}
 
 
-def test_what_is_given_stands_there_as_text_and_goes_first(report: Report) -> None:
+def test_given_information_is_text_and_comes_first(report: Report) -> None:
     page = rendered(report, texts_of("de"), PageHead(serial="4", customer=EVIL, order="2026-17"))
     given = {"Seriennummer": "4", "Kunde": "&lt;b&gt;A &amp; B&lt;/b&gt;", "Auftrag": "2026-17"}
     assert fields(page) == given | {"gemessen von": "M. Kim"} and EVIL not in page
@@ -74,7 +74,7 @@ def test_a_field_that_is_no_line_is_refused(text: str) -> None:
         PageHead(customer=text).check()
 
 
-def test_a_pdf_without_its_library_is_one_line_with_what_to_do(
+def test_pdf_without_its_library_is_one_line_with_the_remedy(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "weasyprint", None)

@@ -105,7 +105,7 @@ def test_diagnosis_and_page_stand_alike(laps: list[Result], factor: float, stand
     assert judge(laps, limits).overall == standing
 
 
-def test_the_data_sheet_is_named_where_it_is_the_limit(tmp_path: Path) -> None:
+def test_data_sheet_is_named_if_it_is_the_limit(tmp_path: Path) -> None:
     (run,) = write_simulated(RIG, TEXT, "repeatability", (None,), [1], tmp_path)
     judged = {one.name: one for one in judge(evaluate_runs([load_run(run)]), RIG.limits).judged}
     assert (judged["rp_mm"].of_data_sheet, judged["rp_mm"].standing) == (True, "pass")
