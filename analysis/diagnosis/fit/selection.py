@@ -223,7 +223,7 @@ class Selection(SelectionSteps):
         A name that imitates an unknown cause leaves a residual, to which the next name is fitted. All waves of joints
         are therefore also tried together: they approximate any function of angles.
         """
-        if not self.causes_of_circles.columns:
+        if not self.causes_of_circles.responses:
             return state
         while (more := self._with_cause(state)) is not None:
             state = more

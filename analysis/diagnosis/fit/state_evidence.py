@@ -85,7 +85,9 @@ class StateEvidence:
         prices += sum(whole_order_gain(state.refined, place) for place in range(len(state.effects)))
         if has_compliant_base_only(state.effects):
             prices -= HEALTHY_PRICE  # the softness of the shoulder is then free, as if it were fitted
-        return evidence + prices - sum(self.causes_of_circles.price for _ in state.unknown)
+        if state.unknown:
+            prices -= len(state.unknown) * self.causes_of_circles.price
+        return evidence + prices
 
     def evidence_of_names(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant, for a comparison of names."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -51,87 +51,72 @@ _Functions = Callable[[Block], Array]
 
 @dataclass(frozen=True)
 class UnknownCause:
-    """A cause that rig does not know, with columns (N, c) of its likeliest amplitude, in standard deviations of the
-    noise, and the log evidence that it gains after its price."""
+    """A cause that rig does not know, at its likeliest amplitude."""
 
     kind: str
+    """The quantity with which the error varies, as a noun phrase."""
     columns: Array
+    """Columns (N, c) in standard deviations of the noise."""
     gain: float
-
-    @property
-    def words(self) -> str:
-        """The quantity with which the error varies, as a noun phrase."""
-        subject, _, of = self.kind.partition(" ")
-        return _WORDS[subject.rstrip(",")].format(of.removeprefix("angles "))
-
-
-_WORDS = {
-    "angle": "an error of axis {} over its angle",
-    "load": "an error of axis {} over its load",
-    "direction": "an error of axis {} that depends on the directions of motion",
-    "speed": "an error of axis {} over its speed",
-    "other": "an error of axis {} over the angles of other axes",
-    "wander": "an axis {} that wanders while it turns",
-    "time": "a change of the gauges over time",
-    "ball": "an error of the ball that varies with the position of the link",
-    "friction": "friction in the ball joint",
-    "order": "a change with time",
-    "posture": "an error that varies with the posture",
-    "place": "an error that varies with the place",
-}
+    """Log evidence that it gains, after its price."""
 
 
 @dataclass(frozen=True)
 class UnknownCauses:
-    """Kinds of unknown causes that runs may show, each with columns (N, c) of unit amplitude by its quantity."""
+    """Kinds of unknown causes that runs may show, each with its response (N, c) at unit amplitude."""
 
-    columns: dict[str, Array]
+    responses: dict[str, Response]
 
     @classmethod
     def in_runs(cls, linear: Linearisation) -> Self:
         """The kinds of causes that change the readings of a linearisation."""
         kinds = dict([*_of_joints(linear), *_of_circles(linear), *_of_places(linear)])
-        return cls({subject: columns for subject, columns in kinds.items() if np.any(columns)})
+        return cls({kind: Response(columns) for kind, columns in kinds.items() if np.any(columns)})
 
     def of_circles(self) -> Self:
         """The kinds that circles show, without those of readings at rest."""
-        at_rest = ("order", "posture", "place")
-        return type(self)({kind: columns for kind, columns in self.columns.items() if not kind.startswith(at_rest)})
-
-    @cached_property
-    def _responses(self) -> list[Response]:
-        return [Response(columns) for columns in self.columns.values()]
+        at_rest = ("a change with time", "an error that varies with")
+        return type(self)({kind: each for kind, each in self.responses.items() if not kind.startswith(at_rest)})
 
     @property
     def price(self) -> float:
-        """Log evidence that a cause of one kind and amplitude must gain: the choices, and its prior odds."""
-        return float(np.log(max(len(self.columns), 1) * len(_AMPLITUDES))) - _PRIOR
+        """Log evidence that a cause must gain to be likely: for the choice of its kind and amplitude, and against the
+        prior odds."""
+        return float(np.log(len(self.responses) * len(_AMPLITUDES))) - _PRIOR
 
     def gains(self, posterior: CoefficientPosterior) -> dict[str, Array]:
         """Log evidence (a,) that each kind gains in addition to a state, with each amplitude."""
-        gains = []
-        for products, slope in posterior.cavities_within_limits(self._responses) if self.columns else ():
+        gains, cavities = {}, posterior.cavities_within_limits([*self.responses.values()])
+        for kind, (products, slope) in zip(self.responses, cavities, strict=True):
             power, turn = np.linalg.eigh(products)
             seen = (turn.T @ slope) ** 2
-            gains.append(cavity_evidence(np.maximum(power, 0.0), seen, np.square(_AMPLITUDES)[:, None]))
-        return dict(zip(self.columns, gains, strict=True))
+            gains[kind] = cavity_evidence(np.maximum(power, 0.0), seen, np.square(_AMPLITUDES)[:, None])
+        return gains
 
     def likeliest(self, posterior: CoefficientPosterior, excluded: Collection[str] = ()) -> UnknownCause | None:
         """The cause that explains most of what a state leaves; None if every kind is excluded."""
         gains = {kind: gain for kind, gain in self.gains(posterior).items() if kind not in excluded}
-        if not gains:
+        kind = likeliest_kind(gains)
+        if kind is None:
             return None
-        kind = max(gains, key=lambda kind: float(gains[kind].max()))
-        return UnknownCause(kind, self.likeliest_columns(kind, gains), float(gains[kind].max()) - self.price)
+        return UnknownCause(kind, self.likeliest_columns(kind, gains[kind]), float(gains[kind].max()) - self.price)
 
-    def likeliest_columns(self, kind: str, gains: Mapping[str, Array]) -> Array:
-        """Columns (N, c) of a kind with its likeliest amplitude."""
-        return np.asarray(_AMPLITUDES[np.argmax(gains[kind])] * self.columns[kind], dtype=float)
+    def likeliest_columns(self, kind: str, gains: Array) -> Array:
+        """Columns (N, c) of a kind at its likeliest amplitude, given the gains (a,) of each."""
+        return np.asarray(_AMPLITUDES[np.argmax(gains)] * self.responses[kind].columns, dtype=float)
+
+
+def likeliest_kind(gains: Mapping[str, Array]) -> str | None:
+    """The kind with the largest gain at any amplitude; None without kinds."""
+    return max(gains, key=lambda kind: float(gains[kind].max()), default=None)
 
 
 def total_gain(gains: Mapping[str, Array]) -> float:
-    """Return the log evidence of an unknown cause of any kind and amplitude, after its prior odds."""
-    return _PRIOR + float(np.logaddexp.reduce(each := np.concatenate([*gains.values()])) - np.log(each.size))
+    """Log evidence of an unknown cause of any kind and amplitude after its prior odds; minus infinity without kinds."""
+    if not gains:
+        return -np.inf
+    each = np.concatenate([*gains.values()])
+    return _PRIOR + float(np.logaddexp.reduce(each) - np.log(len(each)))
 
 
 def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
@@ -149,15 +134,15 @@ def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
 
     joints = range(linear.axes)
     for joint in joints:
-        by_joint = partial(linear.by_joint, joint + 1)
-        yield f"angle {joint + 1}", by_joint(partial(angle, joint))
-        yield f"load {joint + 1}", by_joint(partial(_load, joint))
-        yield f"direction {joint + 1}", by_joint(partial(direction, joint))
-        yield f"speed {joint + 1}", by_joint(partial(_speed, joint))
+        by_joint, error = partial(linear.by_joint, joint + 1), f"an error of axis {joint + 1}"
+        yield f"{error} over its angle", by_joint(partial(angle, joint))
+        yield f"{error} over its load", by_joint(partial(_load, joint))
+        yield f"{error} that depends on the directions of motion", by_joint(partial(direction, joint))
+        yield f"{error} over its speed", by_joint(partial(_speed, joint))
         if rests:
             others = [by_joint(partial(angle, other))[:, :12] for other in joints if other != joint]
-            yield f"other angles {joint + 1}", np.concatenate(others, axis=1)
-            yield f"wander {joint + 1}", _wander(linear, joint, partial(angle, joint))
+            yield f"{error} over the angles of other axes", np.concatenate(others, axis=1)
+            yield f"an axis {joint + 1} that wanders while it turns", _wander(linear, joint, partial(angle, joint))
 
 
 def _wander(linear: Linearisation, joint: int, angle: _Functions) -> Array:
@@ -195,13 +180,16 @@ def _of_circles(linear: Linearisation) -> Iterator[tuple[str, Array]]:
     circles = [k for k, block in enumerate(linear.blocks) if block.sampling]
     if circles:
         both = [linear.by_gauge(shares, _times_of_lap) for shares in ((1.0, 0.0), (0.0, 1.0))]
-        yield "time", np.concatenate(both, axis=1)
-        yield "ball", linear.by_gauge((1.0, 1.0), _circle_waves)
+        yield "a change of the gauges over time", np.concatenate(both, axis=1)
+        yield (
+            "an error of the ball that varies with the position of the link",
+            linear.by_gauge((1.0, 1.0), _circle_waves),
+        )
         friction = np.zeros((len(linear.y), 2 * len(circles)))
         for column, k in enumerate(circles):
             constant = np.broadcast_to(_UNIT_MM * np.eye(2), (len(linear.blocks[k].values), 2, 2))
             friction[linear.rows[k], 2 * column : 2 * column + 2] = linear.blocks[k].whitened(constant)
-        yield "friction", friction
+        yield "friction in the ball joint", friction
 
 
 def _of_places(linear: Linearisation) -> Iterator[tuple[str, Array]]:
@@ -214,15 +202,21 @@ def _of_places(linear: Linearisation) -> Iterator[tuple[str, Array]]:
         functions = _half_waves(np.linspace(0, 1, len(block.path.q)), _UNIT_RAD)[:, :8]
         return functions * (not block.sampling)
 
-    yield "order", np.concatenate([linear.by_joint(axis, order) for axis in range(1, linear.axes + 1)], axis=1)
+    yield (
+        "a change with time",
+        np.concatenate([linear.by_joint(axis, order) for axis in range(1, linear.axes + 1)], axis=1),
+    )
     for length in _POSTURE_RAD:
         postures = [block.table.q[block.rows] for block in blocks]
-        yield f"posture, {length:g} rad", _smooth(linear, postures, length)
+        yield f"an error that varies with the posture over {length:g} rad", _smooth(linear, postures, length)
     places = [block.values for block in blocks]
     if len(blocks) == len(linear.blocks) and all(facts_of(block.table.test).of_tracker for block in blocks):
         extent = max(float(np.ptp(place, axis=0).max()) for place in places)
         for share in _PLACE:
-            yield f"place, {share:g}", _smooth(linear, places, share * extent)
+            yield (
+                f"an error that varies with the place over {100 * share:.0f} % of the work",
+                _smooth(linear, places, share * extent),
+            )
 
 
 def _smooth(linear: Linearisation, at: Sequence[Array], length: float) -> Array:

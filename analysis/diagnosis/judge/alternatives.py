@@ -20,7 +20,7 @@ from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.fit.responses import Response
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import SelectionState, least_fault
-from analysis.diagnosis.fit.unknown import total_gain
+from analysis.diagnosis.fit.unknown import likeliest_kind, total_gain
 from rigs.effects import Effect
 from rigs.schema.effect import size_of
 from rigs.schema.scene import OUTSIDE_ARM
@@ -83,7 +83,7 @@ class _Comparison:
     def present(self) -> str | None:
         """The kind of unknown cause that the readings show in addition to all names; None if they show none."""
         gains = self.result.selection.causes.gains(self.result.selection.posterior(_with_noise(self.result.state)[-1]))
-        return max(gains, key=lambda kind: gains[kind].max()) if gains and total_gain(gains) > 0 else None
+        return likeliest_kind(gains) if total_gain(gains) > 0 else None
 
     def _hypotheses(self, k: int, of_noise: float, of_unknown: float, of_several: float) -> Hypotheses:
         odds, twins, rivals = self.result.rival_odds[k], list[_Share](), list[_Share]()
@@ -119,20 +119,14 @@ class _Comparison:
         selection, causes, each = self.result.selection, self.result.selection.causes, list[float]()
         for at_noise in _with_noise(state):
             gains = causes.gains(selection.posterior(at_noise))
-            each += [selection.evidence(at_noise) + total_gain(gains)] if gains else []
+            each.append(selection.evidence(at_noise) + total_gain(gains))
             if self.present:
-                columns = [
-                    state.refined.free.columns,
-                    causes.likeliest_columns(self.present, gains),
-                ]
+                columns = [state.refined.free.columns, causes.likeliest_columns(self.present, gains[self.present])]
                 refined = replace(state.refined, free=Response(np.concatenate(columns, axis=1)))
                 beside = replace(at_noise, refined=refined)
                 evidence = selection.evidence(beside)
-                each += [
-                    evidence,
-                    evidence + total_gain(causes.gains(selection.posterior(beside))),
-                ]
-        return float(np.logaddexp.reduce(each, initial=-np.inf))
+                each += [evidence, evidence + total_gain(causes.gains(selection.posterior(beside)))]
+        return float(np.logaddexp.reduce(each))
 
     def _of_noise(self, without: SelectionState) -> float:
         """Return the log evidence without a name, with the noise estimated again."""

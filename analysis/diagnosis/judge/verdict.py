@@ -417,7 +417,7 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
     where = [f"{band.test}{f' {band.direction}' * bool(band.direction)}, {band.part}: {band.words}" for band in first]
     causes = result.state.unknown or filter(None, [result.selection.causes.likeliest(result.calibrated_posterior)])
-    seen = [f"similar to {cause.words}" for cause in causes if cause.gain > 0]
+    seen = [f"similar to {cause.kind}" for cause in causes if cause.gain > 0]
     alike = []
     for named in imitating:
         sizes = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares]

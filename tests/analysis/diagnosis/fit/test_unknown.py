@@ -47,9 +47,12 @@ def _slips(block: Block) -> Array:
 
 
 ERRORS: dict[str, tuple[int, Callable[[Block], Array]]] = {
-    "angle 2": (2, _slips),
-    "speed 4": (4, lambda block: 3e-3 * np.abs(_rates(block)[:, [3]])),
-    "direction 1": (1, lambda block: 1e-5 * np.sign(_rates(block)[:, [2]])),
+    "an error of axis 2 over its angle": (2, _slips),
+    "an error of axis 4 over its speed": (4, lambda block: 3e-3 * np.abs(_rates(block)[:, [3]])),
+    "an error of axis 1 that depends on the directions of motion": (
+        1,
+        lambda block: 1e-5 * np.sign(_rates(block)[:, [2]]),
+    ),
 }
 
 
@@ -61,7 +64,6 @@ def test_error_of_a_joint_is_found_by_its_quantity(causes: UnknownCauses, kind: 
     left = white(linear, 1) + added * 30 / np.linalg.norm(added)
     found = causes.likeliest(_beside(linear, left))
     assert found is not None and found.kind == kind and found.gain > 4 * _SURE
-    assert f"axis {axis}" in found.words
     beside = causes.likeliest(_beside(linear, left, added[:, None]))
     assert beside is not None and beside.gain < _SURE  # the named effect explains it
 
@@ -72,10 +74,10 @@ def test_gain_is_the_ratio_of_densities(causes: UnknownCauses) -> None:
     other = linear.columns([JointOffset(axis=axis, offset_deg=2e-3) for axis in (2, 3, 4, 5)])
     free = linear.columns([Backlash(axis=axis, width_deg=1e-3) for axis in (1, 2)])
     C = np.eye(len(free)) + other @ other.T + 100 * linear.U @ linear.U.T + 1e6 * free @ free.T
-    added = linear.by_joint(4, ERRORS["speed 4"][1])[:, 0]
+    added = linear.by_joint(4, ERRORS["an error of axis 4 over its speed"][1])[:, 0]
     y = np.random.default_rng(5).normal(size=len(free)) + added * 200 / np.linalg.norm(added)
-    gains = causes.gains(_beside(linear, y, free, other))["speed 4"]
-    columns = causes.columns["speed 4"]
+    gains = causes.gains(_beside(linear, y, free, other))["an error of axis 4 over its speed"]
+    columns = causes.responses["an error of axis 4 over its speed"].columns
     densities = [_log_density(y, C + s * columns @ columns.T) for s in 4.0 ** np.arange(-3, 10)]
     assert gains.max() == pytest.approx(max(densities) - _log_density(y, C), rel=1e-2) and gains.max() > _SURE
 
@@ -96,7 +98,13 @@ def _dented(block: Block) -> Array:
     return -1e-3 * np.exp(-0.5 * ((lap % (2 * np.pi) - 2.0) / 0.1) ** 2)[:, None]
 
 
-@pytest.mark.parametrize(("error", "shares", "kind"), [(_settles, (0.0, 1.0), "time"), (_dented, (1.0, 1.0), "ball")])
+@pytest.mark.parametrize(
+    ("error", "shares", "kind"),
+    [
+        (_settles, (0.0, 1.0), "a change of the gauges over time"),
+        (_dented, (1.0, 1.0), "an error of the ball that varies with the position of the link"),
+    ],
+)
 def test_error_of_the_gauges_is_found_by_its_quantity(
     causes: UnknownCauses, error: Callable[[Block], Array], shares: tuple[float, float], kind: str
 ) -> None:
@@ -118,7 +126,7 @@ def test_unknown_cause_replaces_a_name_that_imitates_it() -> None:
     selection = Selection(holding(linear, readings), healthy_columns())
     state = selection.initial_state((TransmissionError(axis=2, order=8, amplitude_deg=0.001),))
     compared = selection.against_unknown(state)
-    assert compared.effects == () and "angle 2" in {cause.kind for cause in compared.unknown}
+    assert compared.effects == () and "an error of axis 2 over its angle" in {cause.kind for cause in compared.unknown}
     assert selection.evidence(compared) > selection.evidence(state)
 
 
