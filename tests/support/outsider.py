@@ -141,7 +141,7 @@ class Stated:
     @cached_property
     def covariance(self) -> Array:
         """Covariance (d, d) of all values."""
-        return self.posterior.joint_covariance(len(FURTHER_EFFECTS) + 9, len(self.refined.values))
+        return self.posterior.joint(len(FURTHER_EFFECTS) + 9, len(self.refined.values))[1]
 
     @cached_property
     def limits(self) -> Array:

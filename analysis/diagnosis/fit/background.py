@@ -347,18 +347,14 @@ class CoefficientPosterior:
         without_terms = self.background.covariance[columns[..., :, None], columns[..., None, :]]
         return np.asarray(without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
 
-    def joint_covariance(self, columns: int, fitted: int) -> Array:
-        """Return the whitened covariance (f + c, f + c) of the first `fitted` terms, followed by the first `columns`
-        of the background, in healthy sizes.
-        """
+    def joint(self, columns: int, fitted: int) -> tuple[Array, Array]:
+        """Mean (f + c,) and covariance (f + c, f + c) of the first `fitted` terms, then of the first `columns` of the
+        background, in healthy sizes."""
         among_terms, taken = self.term_covariance[:fitted], self._absorbed_coefficients[:columns, :-1]
         across = -among_terms @ taken.T
         below = self.background.covariance[:columns, :columns] + taken @ self.term_covariance @ taken.T
-        return np.asarray(np.block([[among_terms[:, :fitted], across], [across.T, below]]), dtype=float)
-
-    def joint_mean(self, columns: int, fitted: int) -> Array:
-        """Mean (f + c,) of the same terms and columns."""
-        return np.concatenate([self.term_means[:fitted], self.mean[:columns]])
+        mean = np.concatenate([self.term_means[:fitted], self.mean[:columns]])
+        return mean, np.asarray(np.block([[among_terms[:, :fitted], across], [across.T, below]]), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the whitened background columns with a vector (p,)."""

@@ -37,9 +37,9 @@ from rigs.distribution import version
 
 def covariance_of(result: SearchResult) -> Array:
     """Covariance (P, P) of the fitted unknowns, in their units, followed by the multiples of the forms."""
-    covariance = result.covariance(result.columns.set_ups.start)
     unit = np.concatenate([np.ones(len(result.fit.unknowns)), 1 / result.columns.sizes])
-    return np.asarray(unit[:, None] * covariance * unit, dtype=float)
+    without_set_ups = result.covariance[: len(unit), : len(unit)]
+    return np.asarray(unit[:, None] * without_set_ups * unit, dtype=float)
 
 
 def calibrated_model(

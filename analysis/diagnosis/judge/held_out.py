@@ -20,6 +20,7 @@ from analysis.diagnosis.fit.refine import slopes_of
 from analysis.diagnosis.fit.responses import basis_of, linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.validation import noise_shown
+from analysis.procedures.shared.quantity import student_factor
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUps
 from rigs.effects import Effect
@@ -143,8 +144,6 @@ which form two, six were reported to have an unknown cause.
 """
 _LONGEST = 1500
 """Number of readings above which a placement is not held out: inverting their covariance takes a second."""
-_WITHIN = math.erf(math.sqrt(2.0))
-"""Probability of a normal error within two standard uncertainties."""
 
 
 @dataclass(frozen=True)
@@ -267,17 +266,13 @@ def widening_of(
 
 
 def factor_of_few_places(neighbourhoods: int) -> float:
-    """Return the smallest factor that a number of neighbourhoods supports: Student's t over 2 for 95.45 % (GUM, Annex
-    G.3); 1 from 20 on, where it adds less than 7 %.
+    """Return the smallest factor that a number of neighbourhoods supports (GUM, Annex G.3); 1 from 20 on, where
+    Student's t adds less than 7 %.
 
     Few neighbourhoods can agree with the model by chance (docs/evidence/world.md). Below four, usual sizes determine
     most of the model.
     """
-    from scipy.stats import t as student  # noqa: PLC0415 - slow to import
-
-    if neighbourhoods >= GROUPS:
-        return 1.0
-    return float(student.ppf((1 + _WITHIN) / 2, max(neighbourhoods, FEWEST_GROUPS) - 1)) / 2
+    return 1.0 if neighbourhoods >= GROUPS else student_factor(max(neighbourhoods, FEWEST_GROUPS) - 1)
 
 
 def _at_runs(runs: Sequence[ObservedRun], setups: SetUps, effects: Sequence[Effect], result: SearchResult) -> HeldOut:
@@ -304,14 +299,13 @@ def _stated_variances(run: ObservedRun, setups: SetUps, result: SearchResult) ->
     of_effect = [[unknown for unknown in unknowns if unknown.effect == k] for k in range(len(effects))]
     slopes = [slopes_of(of_run, *both) for both in zip(effects, of_effect, strict=True)]
     change = np.concatenate([*slopes, columns.forms_in(of_run)], axis=1)
-    count = columns.set_ups.start
     if run.setup in result.linear.terms:
         placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
         placed[:, result.linear.terms[run.setup]] = of_run.U[:, of_run.terms[run.setup]]
-        change, count = np.concatenate([change, placed], axis=1), columns.set_ups.stop
+        change = np.concatenate([change, placed], axis=1)
     else:
         change = of_run.without_set_up(change)
-    covariance = result.covariance(count)
-    variance = np.einsum("np,np->n", change @ covariance, change)
+    count = change.shape[1]
+    variance = np.einsum("np,np->n", change @ result.covariance[:count, :count], change)
     noise: Array = of_run.blocks[0].sd_mm ** 2
     return noise, np.maximum(variance, 0.0) * noise

@@ -57,7 +57,7 @@ def test_the_covariance_is_one():
     assert np.linalg.eigvalsh(covariance / unit[:, None] / unit).min() > -1e-6
     columns = result.posterior.background.columns
     fitted = len(result.fit.unknowns)
-    forms = result.covariance(columns.set_ups.start)[fitted:, fitted:]
+    forms = result.covariance[fitted : len(covariance), fitted : len(covariance)]
     sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
     np.testing.assert_allclose(covariance[fitted:, fitted:], forms / sizes[:, None] / sizes, rtol=1e-6, atol=1e-9)
 
@@ -126,8 +126,7 @@ def test_few_poses_leave_the_widths_of_the_joint_curves_open():
     for count in (12, 60):
         poses = pose_run("ur10e", run.table.q[:count], run.table.xyz_mm[:count])
         found = search(prepare_runs(poses.rig, [poses], [], [])[0][0], lambda _: None)
-        columns = found.columns.set_ups.start
-        likeliest = found.calibrated_posterior.joint_covariance(columns, len(found.fit.unknowns))
-        ratios.append(np.trace(found.covariance(columns)) / np.trace(likeliest))
+        _, likeliest = found.calibrated_posterior.joint(found.columns.set_ups.start, len(found.fit.unknowns))
+        ratios.append(np.trace(found.covariance[: len(likeliest), : len(likeliest)]) / np.trace(likeliest))
     few, many = ratios
     assert few > 1.2 * many >= 1.2
