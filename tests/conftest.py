@@ -1,5 +1,4 @@
-"""What every process of the tests begins with, which tests a night has alone, and when one that watches real time is
-repeated."""
+"""Settings of every test process, selection of nightly tests, and repetition of interrupted tests of real time."""
 
 import gc
 import math

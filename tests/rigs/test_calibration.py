@@ -50,14 +50,14 @@ from tests.support.refusals import refused
 
 @pytest.fixture(autouse=True)
 def _nothing_remembered() -> Iterator[None]:
-    """What one test read is not there for the next one."""
+    """Clear the caches before each test."""
     reading._calibrations.clear()  # private: calibrations are kept by their digest
     yield
     reading._calibrations.clear()  # private: as above
 
 
 def _added(effects: Sequence[Effect]) -> Array:
-    """What effects add to the readings (m, 2) mm of a circle."""
+    """Change of the readings (m, 2) mm of a circle by effects."""
     table = table_of("yaw", "cw", None)
     model = model_of(RIG, ())
     path, setup = path_of(model, table), nominal_setup(RIG, table)
@@ -65,7 +65,7 @@ def _added(effects: Sequence[Effect]) -> Array:
 
 
 def _turned(effect: Effect) -> Array:
-    """By how much an effect turns the joints (n, 6) rad on a circle."""
+    """Joint errors (n, 6) rad by an effect on a circle."""
     path = path_of(model_of(RIG, ()), table_of("yaw", "cw", None))
     return driven(model_of(RIG, (effect,)), path).link_q - path.q
 

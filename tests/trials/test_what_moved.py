@@ -1,4 +1,4 @@
-"""What moved, on an independent world: causes, sizes, what readings cannot separate, and steps within runs."""
+"""`rig moved` on an independent world: causes, sizes, indistinguishable causes, and steps within runs."""
 
 from __future__ import annotations
 

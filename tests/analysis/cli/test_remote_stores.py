@@ -67,7 +67,7 @@ def ran(*words: object) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("store", ["file"], indirect=True)
 @pytest.mark.parametrize("command", ["verify {}", "analyse {}/robot-002 --json", "fleet {} --jobs 2"])
 def test_output_equals_that_of_the_directory(store, command):
-    """Of other stores than a directory the commands know no more than the copies of its files."""
+    """Commands read remote stores only through local copies of their files."""
     plant, made = store
     here, there = (ran(*command.format(place).split()) for place in (plant, made.url))
     mended = f"run `rig recover {plant}/robot-001/bad`"

@@ -49,7 +49,7 @@ WRONG = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2
 
 
 def _faulty(name: str) -> tuple[Rig, Wrong]:
-    """Zeros, lengths, a twist and a gear wave that is sure, in a rig file and in an arm of its own."""
+    """Zeros, lengths, a twist and a certain gear wave, in a rig file and in an independent arm."""
     effects: list[Effect] = [
         JointOffset(axis=2, offset_deg=0.04),
         JointOffset(axis=5, offset_deg=-0.03),
@@ -103,7 +103,7 @@ def _tool_mm(rig: Rig, wrong: Wrong, q: Array) -> Array:
 
 
 def _as_taught_mm(real: Array, wanted: Array, turns: Array) -> Array:
-    """How far (n,) places (n, 3) are off with the frame and the tool, turned by (n, 3, 3), with which they fit best."""
+    """Errors (n,) of places (n, 3) after the best fit of frame and tool with rotations (n, 3, 3)."""
     turn, _ = Rotation.align_vectors(wanted - wanted.mean(axis=0), real - real.mean(axis=0))
     off = turn.apply(real - real.mean(axis=0)) - wanted + wanted.mean(axis=0)
     about = wanted - wanted.mean(axis=0)

@@ -99,7 +99,7 @@ def test_the_share_of_noise_is_about_zero_and_that_of_a_cause_its_size():
 
 
 def test_too_few_poses_prove_no_unknown_cause_and_no_gain_of_a_correction():
-    """Of 18 sound arms with 10 or 12 poses, six had an unknown cause: two neighbourhoods show an upper limit only."""
+    """Six of 18 sound arms with 10 or 12 poses had an unknown cause: two neighbourhoods show only an upper limit."""
     rng = np.random.default_rng(9)
     small = independent_arm.none()
     small = replace(

@@ -84,7 +84,7 @@ def test_lines_are_those_an_editor_shows():
 
 
 def _line_of(text: str) -> int:
-    """Where the row with the question mark begins, its cells having no line ends themselves."""
+    """Line of the row with the question mark, whose cells contain no line ends."""
     before = text[: text.index('"?"')].replace("\r", "\n")
     return before.count("\n") + 1
 

@@ -27,7 +27,7 @@ def rig_with(test: Iso9283, name: str = "ur10e") -> Rig:
 
 
 def tool_places(rig: Rig, q: Array, *, wrong: bool) -> Array:
-    """Where the tool of the independent arm is in the world, the rig's base being the world's."""
+    """Tool positions of the independent arm in the world, whose base is that of the rig."""
     tool = np.array([*rig.robot.tool.xyz_mm, 1.0])
     return np.array([(flange_at(rig, one, hidden() if wrong else None) @ tool)[:3] for one in q])
 

@@ -18,7 +18,7 @@ FILE = f"cell{CALIBRATION}"
 
 @pytest.fixture(autouse=True)
 def _nothing_remembered() -> Iterator[None]:
-    """What one test read is not there for the next one, as in a process of its own."""
+    """Clear the caches before each test, as in a new process."""
     reading._calibrations.clear()  # private: calibrations are kept by their digest
     yield
     reading._calibrations.clear()  # private: as above

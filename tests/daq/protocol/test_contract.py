@@ -22,10 +22,10 @@ from tests.support.simulated_conversation import S, simulate
 
 CHARACTER_NS = 200_000
 SILENT_IN_ERROR = {"mahr_c1208"}
-"""Instruments of which no error reply is known."""
+"""Instruments without a known error reply."""
 
 STATUS_SIZE = 11
-"""Bytes of the status bar for which an ND 287 is asked now and then."""
+"""Bytes of the status bar that is occasionally requested from an ND 287."""
 
 
 def _samples(items: Sequence[object]) -> list[Sample]:
@@ -124,7 +124,7 @@ def test_feedback_gives_the_planted_angles(name, feedback):
 
 
 def _shown(values: list[float], name: str) -> list[float]:
-    """What a controller shows of them: Stream Motion has no state of the safety functions before version 3."""
+    """Fields that a controller reports: Stream Motion has no safety state before version 3."""
     without_safety = name in {"j519 version 1", "j519 version 2"}
     return [*values[:6], math.nan, *values[7:]] if without_safety else values
 

@@ -76,7 +76,7 @@ def _float_gauge(**changes: object) -> ModbusMap:
 
 
 def _answered(script: Script, registers: list[int]) -> Sample | Fault | None:
-    """What becomes of one answer in a conversation that goes on; None for a fault that is merged with others."""
+    """Result of an answer in a conversation; None for a fault merged with others."""
     while not script.step.send:
         script.wake()
     script.taken()

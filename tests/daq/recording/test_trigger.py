@@ -33,7 +33,7 @@ class Robot:
         self.did: list[Command] = []
 
     def does(self, seconds: float, *signal: float, deg_s: float = 0.0) -> list[Command]:
-        """What the trigger commands meanwhile."""
+        """Command of the trigger for these readings."""
         self.did = []
         for _ in range(round(seconds * 100)):
             self.now_ns += S // 100

@@ -47,7 +47,7 @@ class OptoRS:
         return self.rts if self.simplex else self.dtr and not self.rts
 
     def hear(self, step: ConversationStep, now_ns: int) -> bytes:
-        """What it answers to a step, at once."""
+        """Immediate answer to a step."""
         if step.dtr is not None:
             fallen, self.dtr = self.dtr and not step.dtr, step.dtr
             risen_after = None if self.off_since_ns is None or not step.dtr else now_ns - self.off_since_ns

@@ -65,7 +65,7 @@ def _sides(
 ) -> list[Feed]:
     @cache
     def said() -> tuple[list[bytes], list[bytes]]:
-        """What each hears of the other while all is well."""
+        """Bytes that each side receives from the other without faults."""
         ours, theirs = _Overheard(host()), _Overheard(device())
         simulate(ours, theirs, 2 * S, character_ns=_CHARACTER_NS)
         return theirs.said[:200], ours.said[:200] or [b"?\r"]

@@ -76,7 +76,7 @@ def report(done: Sequence[tuple[str, bool, Verdict, Path]]) -> str:
 
 
 def is_bad(done: Sequence[tuple[str, bool, Verdict, Path]]) -> bool:
-    """Whether a target is farther off and not listed, or more than numbers changed."""
+    """True if an unlisted target became worse, or anything except numbers changed."""
     counts = [_counts(table) for _, *both in tables(done) for table in both]
     return any(farther or changed or others for farther, _, _, changed, others in counts)
 

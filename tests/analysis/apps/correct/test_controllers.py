@@ -111,7 +111,7 @@ def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path: Pa
 
 
 def _ur10e(real: dict[str, Array]) -> UniversalRobots:
-    """By the maker's table of the UR10e: support.universal-robots.com, DH parameters."""
+    """Constants in the maker's table of the UR10e: support.universal-robots.com, DH parameters."""
     a, d = np.array([0, -0.6127, -0.57155, 0, 0, 0]), np.array([0.1807, 0, 0, 0.17415, 0.11985, 0.11655])
     alpha = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
     return UniversalRobots(a, alpha, d, NO_DELTA, NO_DELTA | real)

@@ -166,7 +166,7 @@ def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: P
 
 
 def test_effects_known_only_by_their_sum_are_corrected_with_its_uncertainty(tmp_path: Path) -> None:
-    """Of d2 and d3, which do the same to any posture: each is known badly, their sum well."""
+    """d2 and d3 have the same effect in every posture: only their sum is well known."""
 
     def half(axis: int, other: int) -> LinkGeometry:
         twin = f"link_geometry {other}.d"
@@ -203,7 +203,7 @@ def test_uncorrected_effects_increase_the_uncertainty(tmp_path: Path, effect: Ef
 
 
 def _stands_mm(q_deg: Array) -> Array:
-    """Where the ball of the paper's arm stands (3,), by the table of Craig's constants in its rig file."""
+    """Position (3,) mm of the ball of the paper's arm, from the table of Craig's constants in its rig file."""
     robot = yaml.safe_load(load("paper-fanuc")[1])["robot"]
     T, theta_deg = np.eye(4), np.array(robot["coupling"]) @ q_deg
     for axis, turned_deg in zip(robot["axes"], theta_deg, strict=True):
@@ -225,7 +225,7 @@ def _stands_mm(q_deg: Array) -> Array:
 def test_command_reports_the_error_of_an_uncorrected_play_at_each_target(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a forward kinematics of its own: half the play either way, at the angles that the cell is given."""
+    """Half the play in both directions at the commanded angles, by independent forward kinematics."""
     play = Backlash(axis=2, width_deg=0.1, found=_found(width_deg=0.002))
     cell, path, out = tmp_path / "cell.yaml", _path(tmp_path), tmp_path / "out"
     cell.write_text(extended(load("paper-fanuc")[1], [ZERO_3, play], "cell"))

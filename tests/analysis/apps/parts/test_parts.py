@@ -35,7 +35,7 @@ def facets(stl: bytes) -> np.ndarray:
 
 
 def edges(triangles: np.ndarray) -> Counter[tuple[tuple[float, ...], ...]]:
-    """How often each edge is gone along, in its direction, by corners as the file has them."""
+    """Number of faces that use each directed edge, between the corners in the file."""
     ways = [(tuple(a.tolist()), tuple(b.tolist())) for t in triangles for a, b in zip(t, t[[1, 2, 0]], strict=True)]
     return Counter(ways)
 

@@ -92,7 +92,7 @@ def test_another_radius_separates_the_zero_of_axis_5_from_a5(
 
 
 def _left_um(rig: Rig, a5: Effect) -> float:
-    """What a5 and a fitted set-up leave of axis 5's zero on a circle, rms of the readings."""
+    """Rms in µm of the error of axis 5's zero on a circle that a5 and a fitted set-up do not explain."""
     run = observe_run(model_of(rig, (a5,)), simulate(rig, "yaw", "acw", None, (ZERO_5,)), "yaw")
     return rms(fit_run_setups([run])[1]) * 1e3
 

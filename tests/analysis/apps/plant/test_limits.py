@@ -30,7 +30,7 @@ def runs_of(values: list[float], u: float = 0.0005) -> list[RunRecord]:
 
 
 def judged_words(values: list[float], u: float = 0.0005) -> tuple[str, list[str]]:
-    """What stands in the table and the sentences about limits, without the search for changes."""
+    """Table and sentences about limits, without the search for changes."""
     history = history_of(collected(runs_of(values, u), LIMITS))
     (series,) = history.series
     return against_limit(series), [line for line in sentences(history) if "limit" in line]

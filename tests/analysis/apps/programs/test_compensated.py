@@ -136,7 +136,7 @@ def test_compensated_hemisphere_keeps_only_the_uncertainty(tables):
 
 
 def _dwelt(events: list[Event]) -> list[ToolPose]:
-    """Where the tool stood at each stop."""
+    """Tool position at each stop."""
     found, at = [], None
     for event in events:
         match event:

@@ -1,4 +1,4 @@
-"""What a session plans: programs whose times are those of their motion, short arcs, a place to judge by, more tests."""
+"""Plan of a session: programs with realistic times, short arcs, a place for validation, and further tests."""
 
 from __future__ import annotations
 

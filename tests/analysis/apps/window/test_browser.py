@@ -61,7 +61,7 @@ def sized(one: Browser, size: tuple[int, int], **media: str) -> None:
 
 
 def violations(one: Browser) -> list[Any]:
-    """What axe finds against the rules of accessibility (WCAG 2.1 A and AA, and its own best practice)."""
+    """Violations of accessibility rules (WCAG 2.1 A and AA, and best practice) found by axe."""
     if not one.value("typeof axe !== 'undefined'"):
         one.value((resources.files("axe_core_python") / "axe.min.js").read_text(encoding="utf-8") + "; true")
     found = json.loads(one.value("axe.run().then(found => JSON.stringify(found.violations))"))

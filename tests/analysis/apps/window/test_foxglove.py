@@ -33,7 +33,7 @@ _MESSAGE = struct.Struct("<BIQ")
 
 
 def tool_by(urdf: str, joints: list[dict[str, float]]) -> np.ndarray:
-    """Where the tool is, mm, by an independent reader of URDF."""
+    """Tool position in mm by an independent reader of URDF."""
     manager = UrdfTransformManager()
     manager.load_urdf(urdf)
     for joint in joints:

@@ -10,13 +10,14 @@ from analysis.diagnosis.evidence.observation import (
     Sampling,
     bridging,
     curve,
+    in_content_order,
     observe,
     observe_run,
     sampling_of,
     smooth_path,
 )
 from analysis.robot.model.predict import model_of
-from analysis.runs.tables import CircleTable
+from analysis.runs.tables import CircleTable, PoseTable
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction
 from tests.support.diagnosis_cells import RIG, WAYS, table_of
@@ -135,3 +136,11 @@ def test_targets_are_left_alone():
     one = observe(model_of(RIG), table_of("radial", None, 1), "run")
     found = smooth_path(one)
     assert found is one
+
+
+def test_observation_of_poses_is_independent_of_the_row_order():
+    rng = np.random.default_rng(4)
+    q, xyz_mm, order = rng.uniform(-1, 1, (60, 6)), rng.uniform(-900, 900, (60, 3)), rng.permutation(60)
+    tables = PoseTable(q, xyz_mm, None), PoseTable(q[order], xyz_mm[order], None)
+    here, there = (in_content_order(observe(model_of(RIG), table, "poses")) for table in tables)
+    np.testing.assert_array_equal(here.values, there.values)

@@ -1,4 +1,4 @@
-"""What an effect does is simulate(model + effect) - simulate(model), what set-ups can do taken out."""
+"""The column of an effect is simulate(model + effect) - simulate(model) without the part that set-ups explain."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

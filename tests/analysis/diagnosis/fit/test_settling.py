@@ -17,7 +17,7 @@ def _begun(strength: float) -> SelectionState:
 
 
 def _fits(state: SelectionState, gain: Callable[[int], float], least: float = -np.inf) -> tuple[int, float]:
-    """How many fits a state takes to settle, each of which gains so much, and the log evidence of the result."""
+    """Number of fits, each with the given gain, until a state settles, and the log evidence of the result."""
     fits: list[SelectionState] = []
 
     def fitted(one: SelectionState) -> SelectionState:

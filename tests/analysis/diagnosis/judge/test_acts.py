@@ -81,7 +81,7 @@ def test_the_one_member_of_a_group_that_is_certain_is_mastered_and_no_test_is_as
 
 
 def test_a_sound_arm_within_its_limits_is_left_as_it_is():
-    """Of 12 µm, with limits of 250, corrected programs were to take away 3, and a play of 3 µm had its approach."""
+    """For an error of 12 µm and limits of 250 µm, acts for 3 µm were proposed."""
     play = Backlash(axis=5, width_deg=0.002)
     part = BudgetPart("effect", 10.0, 1.0, 0.7, index=0, times_usual=0.4, rank="usual")
     named = replace(diagnosis().effects[0], effect=play, probability=0.9999, doubt="usual")

@@ -27,7 +27,7 @@ def test_a_gear_has_its_second_and_third_harmonic_in_any_phase():
 
 
 def _leaves(found: Array, wanted: Array) -> float:
-    """How much of what is wanted the columns cannot show, as a share."""
+    """Share of the wanted response that the columns cannot represent."""
     weights, *_ = np.linalg.lstsq(found, wanted, rcond=None)
     return float(np.linalg.norm(wanted - found @ weights) / np.linalg.norm(wanted))
 

@@ -28,7 +28,7 @@ UP_AND_DOWN = np.radians(np.concatenate([np.linspace(0, 2, 200), np.linspace(2, 
 
 
 def _link_side_deg(effect: Effect, q: np.ndarray | None = None, t: np.ndarray | None = None) -> np.ndarray:
-    """What a joint effect adds to axis 2 when that axis moves up and down."""
+    """Change of axis 2 by a joint effect while the axis moves up and down."""
     q = np.zeros((len(UP_AND_DOWN), 6)) if q is None else q
     q[:, 1] = UP_AND_DOWN if q[:, 1].max() == 0 else q[:, 1]
     model = model_of(RIG, [effect])

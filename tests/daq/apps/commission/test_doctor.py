@@ -129,7 +129,7 @@ def test_states_of_the_service_are_judged(shown, verdict, says):
 
 
 def _samples(rate_hz: float, seconds: float, drift_ppm: float) -> list[Sample]:
-    """Of a controller whose clock runs fast by so much, arriving up to 2 ms late."""
+    """Samples of a controller with a fast clock that arrive up to 2 ms late."""
     made = []
     for number in range(round(rate_hz * seconds)):
         sent_ns = round(number * 1e9 / rate_hz)

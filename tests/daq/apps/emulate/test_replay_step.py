@@ -41,7 +41,7 @@ def speaking(pieces: Sequence[Piece], time: Timebase, kept: Steps, *, calls: boo
 
 
 def answering(pieces: Sequence[Piece], kept: Steps) -> AnsweringPlayer:
-    """Of a replay whose capture began at 0."""
+    """Answers of a replay whose capture began at 0."""
     time = Timebase()
     time.begin(-HEAD, 0)
     return AnsweringPlayer(Exchanges.of(pieces), time, kept, hangs_up=False)

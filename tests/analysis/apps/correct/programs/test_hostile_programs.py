@@ -108,7 +108,7 @@ def test_a_correction_beyond_what_is_plausible_is_refused(tmp_path: Path) -> Non
 
 
 def test_gravity_is_corrected_and_a_target_outside_the_driven_range_is_marked(tmp_path: Path) -> None:
-    """Of the twist under gravity the correction takes as much as the model says; a joint zero is known elsewhere."""
+    """The twist under gravity is corrected as modelled. The joint zero is known only in another range."""
     path = tmp_path / "a.script"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\nmovej([1.5,-1.4,1.7,-0.3,1.4,0])\n")
     driven = ((-20.0, 20.0), *(((-180.0, 180.0),) * 5))
@@ -232,7 +232,7 @@ def test_no_program_is_written_without_a_gain(effect: Effect, tmp_path: Path, ce
 
 
 def test_corrected_program_excludes_values_to_enter(tmp_path: Path, cell: Path) -> None:
-    """Entered as well, they correct twice; the feedback of this cell names the maker."""
+    """Programs and entered values together would correct twice."""
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", path, "-o", out)
