@@ -77,6 +77,7 @@ class Term(Part):
     effect: AnyEffect
     times: float
     named: bool = False
+    """Also an effect of the rig file. It is listed here because the others were estimated together with it."""
 
 
 class CovarianceParameter(Part):
@@ -161,6 +162,7 @@ class CalibratedModel(Part):
 
     @cached_property
     def content(self) -> bytes:
+        """Bytes of the file: as read, because a rig file has their digest, or new ones."""
         return self.model_dump_json(indent=1).encode()
 
     @model_validator(mode="after")
@@ -200,6 +202,7 @@ class CalibratedModel(Part):
 
     @cached_property
     def root(self) -> Array:
+        """Root (P, P) of the covariance of the parameters, lower triangular."""
         count = len(self.parameters)
         root = np.zeros((count, count))
         root[np.tril_indices(count)] = np.frombuffer(base64.b64decode(self.factor), dtype="<f4")

@@ -284,6 +284,7 @@ class Effect(Part, ABC):
         return float(_schema_extra(type(self), size_field(self))["healthy"])
 
     def usual_times(self, reference: Reference) -> float:
+        """Multiple of the healthy size that is normal in comparable arms."""
         return 1.0
 
     @property
@@ -296,6 +297,7 @@ class Effect(Part, ABC):
 
     @property
     def symbol(self) -> str:
+        """Standard symbol of the changed constant; empty if there is none."""
         return ""
 
     @property
@@ -304,11 +306,13 @@ class Effect(Part, ABC):
         return "no motion in these tests shows this effect"
 
     def unit(self, parameter: str) -> str:
+        """Unit of a parameter, such as deg or mm; empty for a ratio."""
         if "_per_" in parameter:
             return parameter.replace("_per_", "/")
         return parameter.rsplit("_", 1)[-1] if "_" in parameter else {"ppm": "ppm"}.get(parameter, "")
 
     def departures(self) -> Departures:
+        """Deviations of real effects from the ideal form."""
         return Departures()
 
     @classmethod

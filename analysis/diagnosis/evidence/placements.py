@@ -220,6 +220,9 @@ def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
     by_way = [_grouped(of_way, lambda frame, k: moved_mm(frame[0], k) < _MOVED_MM) for of_way in ways.values()]
     most, *others = sorted(by_way, key=len, reverse=True)
     for frames in others:
+        if len(most) == 1:
+            most[0] += frames[0]
+            continue
         from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
 
         # Each frame is assigned once, minimising the sum of distances.
@@ -230,7 +233,7 @@ def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
 
 
 def _grouped(places: Sequence[int], is_home: Callable[[list[int], int], bool]) -> list[list[int]]:
-    """Append each run to the first frame that is its home, or to a new one."""
+    """Group runs: each joins the first frame that `is_home` accepts for it, or starts a new frame."""
     frames: list[list[int]] = []
     for k in places:
         home = next((frame for frame in frames if is_home(frame, k)), None)
@@ -252,8 +255,8 @@ def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
 
 
 def _shares_frame(home: Sequence[ObservedRun], runs: Sequence[ObservedRun]) -> tuple[float, bool]:
-    """Return the residual in mm of runs together with others, and whether they share a frame: it is not much larger
-    than that of each by itself, as far as the readings are enough.
+    """Return the residual in mm of runs and others in a common set-up, and whether they share a frame: the residual is
+    hardly larger than in separate set-ups. Runs of few readings have no residual of their own, so the others decide.
     """
     together = _residuals([*home, *runs])
     together_mm = max(rms(together[: len(home)]), rms(together[len(home) :]))

@@ -42,10 +42,10 @@ from analysis.diagnosis.judge.verdict import (
     judged_of,
     named_effects,
     needs_runs,
-    residual_of,
     runs_to_decide,
     standing_of,
     standing_within,
+    unexplained_residual,
 )
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
@@ -70,7 +70,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Diagnos
     )
     accuracy = accuracy_of(gaps, *standing)
     residual = replace(
-        residual_of(result, named, result.scatter_limits_um, gaps),
+        unexplained_residual(result, named, result.scatter_limits_um, gaps),
         visits_um=unusual_visits_um(result),
         unrepeated_um=None if early else unrepeated_um(result, evidence.rig.tests.touch),
         gauges_um=gauges_apart_um(result),

@@ -161,8 +161,8 @@ class Accuracy:
 # ----------------------------------------------------------------------------------------------------------------------
 # Result of a diagnosis, in reading order.
 #
-# disagreement of model and measurement → missing effect → prediction of the extended model → remainder → effects that
-# these tests cannot distinguish → actions → next test
+# residual of the initial model → missing effects → residual of the extended model → effects that these tests cannot
+# distinguish → actions → next test
 
 _DIFFERS = 0.5
 """Difference of the shares of two set-ups above which they contradict a named effect, if it is certain. Chosen: several

@@ -10,7 +10,7 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.observation import ObservedRun, rms, thinned
 from analysis.diagnosis.evidence.setups import FittedRuns
-from analysis.diagnosis.fit.responses import noise_um
+from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, noise_um
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_effects
 from analysis.diagnosis.judge.result import Gap, TestGap
@@ -97,6 +97,7 @@ def held_out_gains(
         others = [other for other in calibrated if other != effect]
         (_, whole), (_, without), (_, bare) = map(fitted.fit_with_effects, (calibrated, others, ()))
         changes_um = [1e3 * rms([first - second]) for first, second in zip(whole, without, strict=True)]
-        is_shown = any(um > limits_um.get(run.table.test, 0.0) for run, um in zip(runs, changes_um, strict=True))
+        least_um = [limits_um.get(run.table.test, LEAST_MATERIAL_UM) for run in runs]
+        is_shown = any(um > least for um, least in zip(changes_um, least_um, strict=True))
         gains.append((rms(without) ** 2 - rms(whole) ** 2) / rms(bare) ** 2 if is_shown else None)
     return gains

@@ -340,7 +340,7 @@ def shows_time(blocks: Sequence[Block]) -> bool:
     return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
 
 
-def residual_of(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> Residual:
+def unexplained_residual(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> Residual:
     """Return the residual beyond the noise, at most the gap of the runs used. It is material if it exceeds the limits
     (b,) µm.
 
