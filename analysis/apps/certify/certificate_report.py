@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 
@@ -16,7 +15,6 @@ from analysis.apps.certify.certificate import RISK, Certified, Judged
 from analysis.apps.certify.program import Listed
 from analysis.apps.report.blocks import Block, Figure, Sentence, Table
 from analysis.apps.report.html_page import answer_page, write_html
-from analysis.apps.report.still_chart import Sheet
 from rigs.text import counted
 
 _COLUMNS = ("feature", "tolerance / mm", "error ± u / mm", "verdict", "after rig correct", "largest cause")
@@ -74,6 +72,10 @@ def write_page(judged: Sequence[Certified], listed: Listed, path: Path, program:
 
 def _picture(judged: Sequence[Certified], listed: Listed) -> Markup:
     """Draw the features, coloured by the probability inside the tolerance."""
+    import matplotlib as mpl  # noqa: PLC0415 - slow to import
+
+    from analysis.apps.report.still_chart import Sheet  # noqa: PLC0415
+
     sheet, green = Sheet(9.0, 4.2), mpl.colormaps["RdYlGn"]
     panels = sheet.subplots(1, 2)
     for axes, across, name in zip(panels, (1, 2), "yz", strict=True):

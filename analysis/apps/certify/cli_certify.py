@@ -82,7 +82,7 @@ def certify(
 
     The exit code is 1 if a feature is not accepted."""
     from analysis.apps.certify.certificate import certify as certified
-    from analysis.apps.certify.certificate_report import answer_of
+    from analysis.apps.certify.certificate_report import answer_of, write_page
     from analysis.apps.certify.drift import drifts_of
     from analysis.apps.certify.features import features_of
     from analysis.apps.certify.program import programmed_places, targets_of, with_lines
@@ -120,8 +120,6 @@ def certify(
     for note in notes[:_MOST_NOTES]:
         say(f"{program}: {note}", err=True, mark="note: ")
     if output:
-        from analysis.apps.certify.certificate_report import write_page  # matplotlib takes half a second
-
         write_page(judged, listed, output, program.name, rig.name)
         say_written([output])
     _say_next(rig, rig_file, program, judged)

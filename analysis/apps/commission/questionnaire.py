@@ -125,7 +125,9 @@ def _check_new(path: Any) -> None:
 
 
 def _with_options(stored: Answers, options: Options) -> Answers:
-    """Stored answers, replaced by options; one that contradicts an option is asked again."""
+    """Stored answers, replaced by options. A question is open again if its answer contradicts an option, or if it did
+    not apply to the previous arm or gauges.
+    """
     given, keys, dropped = dict(options.given), options.keys, set[str]()
     if "tool" in given:
         given["tool"] = _pose(given["tool"])
@@ -137,6 +139,11 @@ def _with_options(stored: Answers, options: Options) -> Answers:
         dropped.add("gauges")
     if options.circle_here is not None:
         dropped.add("circle")
+    empty = {name for name in stored.model_fields_set if getattr(stored, name) is None}
+    if given.get("arm", stored.arm) != stored.arm:
+        dropped |= empty & {"build", "robot_address", "feedback"}
+    if "gauges" in dropped:
+        dropped |= empty & {"baseline_mm"}
     kept = {name: getattr(stored, name) for name in stored.model_fields_set - dropped}
     return Answers.model_construct(**kept | given)
 

@@ -75,8 +75,11 @@ class StartRecording:
         return {**self.label.fields(), **({"view_zero_mm": self.zero_mm} if any(self.zero_mm) else {})}
 
 
-Action = StartRecording | Literal["quit", "stop", "restart", "pause", "faster", "slower"]
-_ACTIONS: dict[str, Action] = {"q": "quit", "e": "stop", "r": "restart", " ": "pause", "+": "faster", "-": "slower"}
+Action = StartRecording | Literal["quit", "stop", "restart", "redraw", "pause", "faster", "slower"]
+_CTRL_L = "\x0c"
+_ACTIONS: dict[str, Action] = {
+    "q": "quit", "e": "stop", "r": "restart", " ": "pause", "+": "faster", "-": "slower", _CTRL_L: "redraw",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

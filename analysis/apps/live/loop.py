@@ -12,13 +12,11 @@ from dataclasses import replace
 from types import FrameType
 from typing import Protocol
 
-from rich.live import Live
-
 from analysis.apps.live.controls import Action, LiveControls
 from analysis.apps.live.figures import figures, plain_line
 from analysis.apps.live.played_run import SPEEDS, PlayedRun
 from analysis.apps.live.screen import LiveScreen
-from analysis.apps.live.terminal import keys_of
+from analysis.apps.live.terminal import ChangingPicture, keys_of
 from analysis.apps.live.view import LiveView, Update
 from analysis.cli.plain_console import PlainConsole
 
@@ -71,12 +69,13 @@ class RunPlayer:
 
 def watch(source: LiveSource, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> None:
     controls = LiveControls(zero_mm=zero_mm)
-    shown = Live(console=PlainConsole(follows_window=True), screen=True, auto_refresh=False)
-    with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, shown:
+    console = PlainConsole(follows_window=True)
+    shown = ChangingPicture(console)
+    with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, console.screen():
         while True:
             before, (view, notice) = view, _advanced(view, source)
             controls = controls.with_notice(notice, before, view)
-            shown.update(LiveScreen(view, controls), refresh=True)
+            shown.show(LiveScreen(view, controls))
             for key in keys.read_keys(_TICK_S):
                 controls, action = controls.pressed(key, view.readings)
                 match action:
@@ -84,6 +83,8 @@ def watch(source: LiveSource, view: LiveView, zero_mm: tuple[float, float] = (0.
                         return
                     case "restart":
                         view = view.restarted()
+                    case "redraw":
+                        shown.redraw()
                     case None:
                         pass
                     case _:

@@ -1,4 +1,4 @@
-"""Keys of a terminal. Systems without POSIX terminals have no keys, and Ctrl-C ends the program."""
+"""The picture and the keys of a terminal. Without POSIX terminals there are no keys, and Ctrl-C ends the program."""
 
 from __future__ import annotations
 
@@ -11,8 +11,35 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
+from rich.console import Console, ConsoleDimensions, RenderableType
+from rich.segment import Segment
+
 _NO_CHARACTER = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")
 """Sequences of arrow and similar keys: control sequences of ECMA-48, section 5.4, and of the keypad."""
+
+
+class ChangingPicture:
+    """A picture on the whole screen of a console. Only changed rows are sent, to save bandwidth over ssh."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._size = ConsoleDimensions(0, 0)
+        self._shown: dict[int, list[Segment]] = {}
+
+    def show(self, picture: RenderableType) -> None:
+        size = self._console.size
+        rows = self._console.render_lines(picture, self._console.options.update_dimensions(*size))
+        if size != self._size:
+            self._shown = {}
+        with self._console:  # sends all rows together
+            for number, row in enumerate(rows):
+                if row != self._shown.get(number):
+                    self._console.update_screen_lines([row], y=number)
+        self._size, self._shown = size, dict(enumerate(rows))
+
+    def redraw(self) -> None:
+        """Send the whole picture next time."""
+        self._shown = {}
 
 
 class Keys:

@@ -102,7 +102,8 @@ def _joints(plan: CapabilityOfTests) -> Table:
     for kind, by_axis in kinds.items():
         effect = next(iter(by_axis.values()))[0].effect
         sizes = [_limit(by_axis.get(str(axis), ())) for axis in axes]
-        name = f"{kind_in_words(kind)} {_unit(effect)}"
+        below = ("worst waves per turn",) if any(size.below for size in sizes) else ()
+        name = Cell(f"{kind_in_words(kind)} {_unit(effect)}", below)
         rows.append((name, f"{healthy_size(effect):g}", *sizes))
     heads = ("error", "usual", *(f"axis {axis}" for axis in axes))
     return Table(heads, tuple(rows), frozenset(range(1, len(heads))))

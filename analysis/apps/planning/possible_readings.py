@@ -214,7 +214,10 @@ def _angles(readings: Sequence[Reading], rows: Sequence[int]) -> Array:
 
 
 def block_of(rig: Rig, table: PoseTable | TouchTable, setup: str = "") -> tuple[Block, SetUp]:
-    """Block of poses, or of touches of one socket, with its set-up. setup: suffix of its name."""
+    """Planned readings as a block of a diagnosis, with the set-up. A table of touches has one socket.
+
+    setup: suffix of the name of the set-up.
+    """
     placed = nominal_setup(rig, table)
     if isinstance(table, TouchTable):  # the known distances need the places of the sockets
         balls = forward(arm_of(rig.robot), table.q) @ placed.T_tool_target

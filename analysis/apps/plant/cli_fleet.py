@@ -43,7 +43,7 @@ def fleet(
 
     Runs in the same directory with the same rig name belong to one robot. The
     figures are stored in a catalogue, so unchanged runs are read only once."""
-    from analysis.apps.plant import fleet_report as screen
+    from analysis.apps.plant import fleet_report as report
     from analysis.apps.plant import store
     from analysis.apps.plant.collect import Workers
     from analysis.apps.plant.gather import gather
@@ -60,15 +60,15 @@ def fleet(
     with (progress := CountedProgress()):
         plant = gather(directory, file, workers, progress)
     if parquet:
-        screen.write_figures(plant, parquet)
+        report.write_figures(plant, parquet)
         say_written([parquet])
     if output:
-        for line in screen.write_pages(plant, output, workers, progress):
+        for line in report.write_pages(plant, output, workers, progress):
             say(f"warning: {line}", err=True)
         say_written([output])
     if as_json:
-        say_json(screen.as_object(plant))
+        say_json(report.as_object(plant))
     else:
         from analysis.apps.report.blocks import say_answer
 
-        say_answer(screen.answer_of(plant))
+        say_answer(report.answer_of(plant))

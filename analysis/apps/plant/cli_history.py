@@ -67,23 +67,23 @@ def history(
     collected = collect(runs, robot, Workers(jobs, scheduler), CountedProgress())
     limits = load(rig_file)[0].limits if rig_file else None
     history_found = history_of(collected, figure, since.date() if since else None, limits)
-    from analysis.apps.plant import history_report as screen
+    from analysis.apps.plant import history_report as report
 
     if output:
-        screen.write_page(history_found, output)
+        report.write_page(history_found, output)
         say_written([output])
     if as_json:
-        say_json(screen.as_object(history_found))
+        say_json(report.as_object(history_found))
     elif as_csv:
         import io
 
         from analysis.runs.written_files import write_csv
 
         text = io.BytesIO()
-        write_csv(screen.as_table(history_found.series), text)
+        write_csv(report.as_table(history_found.series), text)
         for line in text.getvalue().decode().splitlines():
             say(line)
     else:
         from analysis.apps.report.blocks import say_answer
 
-        say_answer(screen.answer_of(history_found))
+        say_answer(report.answer_of(history_found))

@@ -147,7 +147,7 @@ def _show(place: SessionDirectory, rig_file: Path | str, rig_text: str, *, as_js
     if kept_session is None:
         remedy = f"start a session: {place.command(rig_file)}"
         raise FileError(str(place.file), "this directory has no session", remedy, code="session.none")
-    place.require_same_rig(kept_session, rig_text)
+    place.require_complete(kept_session, rig_text)
     blocks = status_blocks(kept_session, next_of(kept_session), place.directory)
     if as_json:
         say_json(kept_session.model_dump(mode="json") | {"blocks": as_object(blocks)})

@@ -30,8 +30,8 @@ from analysis.apps.session.session_plan import (
     FIXED,
     SessionOptions,
     SessionProgram,
-    before_others,
     further_stage,
+    insert_find_steps,
     numbered,
     planned,
     programs_of_steps,
@@ -89,7 +89,7 @@ def run_session(
             for line in offer_lines(rig.name, [place.runs, Path("runs")]):
                 screen.say(line)
         session = kept or _begun(rig, text, asked, screen)
-        place.require_same_rig(session, text)
+        place.require_complete(session, text)
         if (session.emulated is None) != (asked.emulated is None):
             problem = f"this session uses {'a real' if session.emulated is None else 'an emulated'} cell"
             remedy = "continue with the original options, or choose a different -o"
@@ -334,7 +334,7 @@ class Conductor:
         stage, steps = addition
         is_there = stage.name in [present.name for present in session.stages]
         stages = session.stages if is_there else (*session.stages, stage)
-        self._keep(stages=stages, steps=numbered(before_others(session.steps, steps), session.steps))
+        self._keep(stages=stages, steps=numbered(insert_find_steps(session.steps, steps), session.steps))
         self.stage = ""
         measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
         self._say(f"  {answer.condition}: {measure}", f"  next stage: {stage.name}")

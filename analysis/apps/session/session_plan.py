@@ -150,7 +150,7 @@ def planned(
     if aim != "check" and spare_min > pace.set_up_min + 1:
         extra = _further_stages(rig, spare_min, pace, progress)
         stages = (*stages, *(stage for stage, _ in extra))
-        steps = before_others(steps, (step for _, added in extra for step in added))
+        steps = insert_find_steps(steps, (step for _, added in extra for step in added))
     return stages, numbered(steps)
 
 
@@ -286,8 +286,8 @@ def further_stage(session: Session, answer: Answer, rig: Rig, pace: SessionPace)
     return addition if session.driven_minutes + need <= session.minutes else None
 
 
-def before_others(steps: Sequence[ProgramStep], added: Iterable[ProgramStep]) -> tuple[ProgramStep, ...]:
-    """Steps with further ones after those that find errors."""
+def insert_find_steps(steps: Sequence[ProgramStep], added: Iterable[ProgramStep]) -> tuple[ProgramStep, ...]:
+    """Insert further steps that find errors before the steps that judge and verify."""
     at = sum(step.purpose == "find" for step in steps)
     return (*steps[:at], *added, *steps[at:])
 

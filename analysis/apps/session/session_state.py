@@ -405,12 +405,16 @@ class SessionDirectory:
                 raise newer from None
             raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
 
-    def require_same_rig(self, session: Session, rig_text: str) -> None:
-        """Raise FileError if the stored session belongs to another text of the rig file."""
+    def require_complete(self, session: Session, rig_text: str) -> None:
+        """Raise FileError if the stored session belongs to another text of the rig file, or if its runs are missing."""
         if session.rig_sha256 != digest_of(rig_text):
             problem = f"is a session with the rig file {session.rig_file}, which has changed or is a different file"
             remedy = "restore that file, or start a new session with a different --output"
             raise FileError(str(self.file), problem, remedy, code="session.other_rig_file")
+        if missing := [run.name for run in self.runs_of(session.steps) if not run.is_dir()]:
+            problem = f"names runs that are missing in {self.runs}: {', '.join(missing)}"
+            remedy = "restore these directories, or start a new session with a different --output"
+            raise FileError(str(self.file), problem, remedy, code="session.run_missing")
 
     def write(self, session: Session) -> None:
         """Store a session durably and atomically. Raises CellError if the disk refuses; the old file is kept."""

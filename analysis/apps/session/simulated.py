@@ -51,7 +51,7 @@ class SimulatedInference(Inference):
 
 @dataclass
 class MachineInThisProcess:
-    """The emulated cell without a process of its own."""
+    """An emulated cell that runs in the process of the session."""
 
     keyboard: Keyboard | None = None
 

@@ -21,6 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 from serial.tools import list_ports
 
 from daq import clock, gauges
+from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import Stream
 from daq.apps.commission.attempts import Attempt, FoundGauge, PortReport, Probing, Sends, attempts
@@ -37,6 +38,9 @@ _ANSWER_S = 0.3
 
 9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain ND 281 B takes up to 50 ms.
 """
+_STALL_NS = 250_000_000
+"""Stall of the computer after which an attempt is repeated: a response may have been missed."""
+_MOST_REPEATS = 3
 _PATIENCE_S = 2.0
 _SILENT_S = 20.0
 """Time limit for a built-in port, which exists even if no instrument is connected. Only the line settings of the makers
@@ -115,11 +119,15 @@ def search_port(
             if finding.verdict is FindingVerdict.WRONG:
                 return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
     tried = options.named.get(port) or attempts(port, options.modbus_units)
+    stalls = StallWatch(_STALL_NS)
+    stalls.start()
     try:
         with _as_it_was(port):
-            return _tried(report, tried, partial(_trial, port, options.listen_s), progress, stop)
+            return _tried(report, tried, partial(_trial, port, stalls, options.listen_s), progress, stop)
     except (OSError, termios.error) as error:
         return _failed(report, f"is not a serial port ({error.args[-1]})", "give the path of a serial port")
+    finally:
+        stalls.stop()
 
 
 def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: int = 1) -> Host:
@@ -185,10 +193,16 @@ def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
     return enough, understood, candidate[0].interface not in _FORGIVING, readings
 
 
-def _trial(port: str, listen_s: float, attempt: Attempt) -> Trial:
+def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:
+    """Make an attempt. Repeat it if the computer stalled before the first reading."""
     host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
     stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
-    return try_line(stream, attempt.line, _PATIENCE_S + listen_s, _CONFIRM_S)
+    stalls.take()
+    for _ in range(1 + _MOST_REPEATS):
+        trial = try_line(stream, attempt.line, _PATIENCE_S + listen_s, _CONFIRM_S)
+        if trial.samples or trial.error or not stalls.take():
+            break
+    return trial
 
 
 def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:

@@ -1,8 +1,18 @@
 """Answers that are kept between two runs of rig init: private, bounded, and checked when they are read."""
 
+from pathlib import Path
+
 import pytest
 
-from analysis.apps.commission.init_answers import Answers, forget_answers, keep_answers, kept_in, load_answers
+from analysis.apps.commission.init_answers import (
+    Answers,
+    Options,
+    forget_answers,
+    keep_answers,
+    kept_in,
+    load_answers,
+)
+from analysis.apps.commission.questionnaire import _with_options  # private: a terminal would have to be interrupted
 from rigs.errors import FileError
 from rigs.schema.robot import Pose
 from tests.support.drivers import keyence, modbus, rtde
@@ -58,3 +68,16 @@ def test_damaged_answers_are_one_line(tmp_path, data):
 def test_a_directory_that_cannot_be_written(tmp_path):
     with refused("disk.write"):
         keep_answers(tmp_path / "none" / "cell.yaml", ANSWERS)
+
+
+def test_questions_that_did_not_apply_before_are_open_again():
+    stored = Answers(arm="ur10", build=None, gauges=(modbus(),), baseline_mm=None, circle=None)
+
+    def fields(given, places=()):
+        keys = {"g1": {}, "g2": {}, "feedback": {}}
+        options = Options(Path("cell.yaml"), "cell", "gauges", None, (), places, keys, given, None, None, 0.3, (1,))
+        return _with_options(stored, options).model_fields_set
+
+    assert fields({}) == fields({"arm": "ur10"}) == stored.model_fields_set
+    assert fields({"arm": "ur10e"}) == stored.model_fields_set - {"build"}
+    assert fields({}, ("tcp://a:502", "tcp://b:502")) == {"arm", "build", "circle"}

@@ -66,6 +66,22 @@ def test_file_is_written_and_each_old_one_is_kept(run, cell):
     assert len(list(cell.parent.iterdir())) == 3 and ran("check", cell).returncode == 0
 
 
+def test_drivable_posture_is_proposed(tmp_path):
+    """An arc with axis 6 turned back so far that a lap from there would leave its limits."""
+    circle = circle_of(load("ur10e")[0])
+    poses = frame_of(circle).poses(np.radians(np.linspace(0, 90, 300)))
+    q = np.degrees(follow(arm_of(load("ur10e")[0].robot), poses, np.radians(circle.posture_deg), "test"))
+    q[:, 5] -= 360
+    rows = [f"{k / 50},acw,{','.join(map(str, one))},0,0" for k, one in enumerate(q)]
+    heads = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
+    (tmp_path / "arc.csv").write_text("\n".join([heads, *rows]))
+    imported = ran("import", tmp_path / "arc.csv", "--rig", "ur10e", "--test", "yaw", "-o", tmp_path / "arc")
+    assert imported.returncode == 0, imported.stderr
+    done = ran("circle", "fit", tmp_path / "arc")
+    assert done.returncode == 0, done.stderr
+    assert "posture_deg: [" in done.stderr
+
+
 def test_json_contains_values_and_uncertainties(run):
     done = ran("circle", "fit", run, "--json")
     found = json.loads(done.stdout)

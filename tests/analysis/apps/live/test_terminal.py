@@ -1,13 +1,20 @@
 from __future__ import annotations
 
+import io
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import pyte
 import pytest
+from rich.console import Console
 
+from analysis.apps.live.controls import LiveControls
+from analysis.apps.live.screen import LiveScreen
+from analysis.apps.live.terminal import ChangingPicture
+from analysis.apps.live.view import LiveView
 from tests.support.bench import BIN
-from tests.support.live_terminal import Terminal
+from tests.support.live_terminal import Terminal, lines_of
 from tests.support.simulated_laps import lap_run
 
 
@@ -22,6 +29,32 @@ def playing(run: Path) -> Iterator[Terminal]:
     with Terminal(command, 120, 40, {"COLUMNS": "80", "LINES": "24"}) as terminal:
         terminal.until(lambda text: "ended" in text and "yaw" in text)
         yield terminal
+
+
+def test_only_changed_rows_are_sent():
+    out, terminal = io.StringIO(), pyte.Screen(80, 24)
+    console, stream = Console(file=out, width=80, height=24, force_terminal=True), pyte.Stream(terminal)
+    shown = ChangingPicture(console)
+
+    def sent(width: int, height: int, message: str = "") -> int:
+        """Characters sent for a picture, which the terminal must then show."""
+        picture = LiveScreen(LiveView(), LiveControls(message=message))
+        out.seek(out.truncate(0))
+        shown.show(picture)
+        stream.feed(out.getvalue())
+        expected = [line.rstrip() for line in lines_of(picture, width, height)]
+        assert [line.rstrip() for line in terminal.display] == expected
+        return len(out.getvalue())
+
+    with console.screen():
+        whole = sent(80, 24, "recorded")
+        assert sent(80, 24, "recorded") == 0 and 0 < sent(80, 24, "stopped") < whole / 10
+        shown.redraw()
+        assert sent(80, 24, "recorded") == whole
+        for width, height in [(30, 6), (200, 60), (61, 18)]:
+            terminal.resize(height, width)
+            console.size = width, height  # type: ignore[assignment]
+            assert sent(width, height) > 0
 
 
 def test_keys_of_a_person_reach_the_view(playing):
@@ -39,7 +72,7 @@ def test_keys_of_a_person_reach_the_view(playing):
     playing.type("q")
     assert playing.ended() == 0 and playing.is_as_before()
     assert playing.process.stderr is not None and playing.process.stderr.read() == b""
-    assert playing.received.endswith(b"\x1b[?25h\x1b[?1049l")
+    assert playing.received.endswith(b"\x1b[?1049l\x1b[?25h")
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

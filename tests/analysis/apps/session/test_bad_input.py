@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.session.session_plan import BY_HAND, FIXED, minutes_of, planned, programs_of_steps
-from analysis.apps.session.session_state import Aim, Emulated, SessionDirectory
+from analysis.apps.session.session_state import Aim, Emulated, SessionDirectory, Try
 from analysis.cli import app
 from daq.store import durable
 from rigs.errors import CellError, RigError
@@ -102,6 +102,15 @@ def test_other_rig_file_is_refused(cell: Path, tmp_path: Path) -> None:
     cell.write_text(cell.read_text() + "# changed\n")
     for option in (("--for", "kuka"), ("--status",)):
         assert refused(cell, "-o", tmp_path / "own", *option) == "session.other_rig_file"
+
+
+def test_session_with_a_missing_run_is_refused(cell: Path, tmp_path: Path) -> None:
+    session, place = begun(cell, tmp_path / "own"), SessionDirectory(tmp_path / "own")
+    place.write(session.with_step(0, session.steps[0].model_copy(update={"tries": (Try(run="there"),)})))
+    for option in (("--for", session.maker), ("--status",)):
+        assert refused(cell, "-o", place.directory, *option) == "session.run_missing"
+    place.run("there").mkdir(parents=True)
+    assert ran("session", cell, "-o", place.directory, "--status").returncode == 0
 
 
 def test_session_of_a_real_cell_is_not_continued_in_an_emulated_one(cell: Path, tmp_path: Path) -> None:

@@ -17,9 +17,11 @@ from typing import Any, TypeVar
 
 import pytest
 
+from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.streams import Stream, streams_of
 from daq.apps.commission.attempts import Attempt, PortReport, attempts, named_attempts
 from daq.apps.commission.port_search import SearchOptions, ports_here, search
+from daq.apps.commission.trial import Trial, try_line
 from daq.apps.commission.watched_ports import PortWatch
 from daq.apps.emulate.instruments import instruments_of
 from daq.apps.emulate.pty_line import PtyLine, heard
@@ -217,6 +219,30 @@ def test_a_request_that_nothing_answers_is_sent_once_at_each_line():
     finally:
         silent.close()
     assert len({str(attempt.line) for attempt in tried}) == len(said) < len(tried)
+
+
+def test_attempt_during_a_stall_is_repeated(monkeypatch):
+    """Otherwise an answer that came meanwhile is missed, and the request counts as one that nothing answers."""
+    watches, held_up = list[StallWatch](), list[Line]()
+
+    class Watched(StallWatch):
+        def start(self) -> None:
+            super().start()
+            watches.append(self)
+
+    def stood_still(stream: Stream, line: Line, *patience: float) -> Trial:
+        if line in held_up:
+            return try_line(stream, line, *patience)
+        held_up.append(line)
+        watches[0].note(0, 300_000_000)
+        return Trial()
+
+    monkeypatch.setattr(SEARCH, "StallWatch", Watched)
+    monkeypatch.setattr(SEARCH, "try_line", stood_still)
+    with simulated("tesa") as unknown:
+        (port,) = unknown.gauge_ports
+        (report,) = searched(port, named=of("tesa_tt", port))
+    assert report.gauges and held_up
 
 
 def test_a_port_keeps_the_settings_that_it_had():
