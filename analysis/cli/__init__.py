@@ -21,8 +21,8 @@ from rigs.signals import COMPLETED, REPLACED, ignore_interrupts
 from rigs.text import forget_width_of_0
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-_OF_A_CELL = ("fcntl", "grp", "os.getuid", "resource", "termios", "tty")
-"""Modules and a function missing on Windows, used for serial lines and for the socket of a running daemon."""
+_OF_A_CELL = ("fcntl", "grp", "os", "resource", "termios", "tty")
+"""Modules missing on Windows, or without their POSIX functions, used for serial lines and the socket of a daemon."""
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """Variables that the libraries of numpy and scipy read on import. Extra threads slow a diagnosis down because the
@@ -62,12 +62,12 @@ def main() -> None:
         sys.exit(INTERRUPTED)
     except RigError as error:
         _fail(error)
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         if error.name not in _OF_A_CELL:
             raise
         command = " ".join(["rig", *sys.argv[1:2]])
         remedy = "run the command on the computer of the cell; this computer analyses saved runs"
-        _fail(CellError(command, f"needs Linux: this system lacks {error.name}", remedy, code="computer.not_linux"))
+        _fail(CellError(command, f"needs Linux: {error.msg}", remedy, code="computer.not_linux"))
     except BrokenPipeError:
         sys.exit(0)
     except (ArithmeticError, ValueError, RuntimeWarning) as error:

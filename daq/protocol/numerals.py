@@ -122,7 +122,7 @@ class PassesShapes:
 
     @shapes.setter
     def shapes(self, shapes: list[HeldShape]) -> None:
-        self._asked.shapes = shapes  # type: ignore[attr-defined] # checked by `hand_on`
+        self._asked.shapes = shapes  # type: ignore[attr-defined] # of the same driver as the earlier conversation
 
 
 def hand_on(earlier: object, later: object) -> None:

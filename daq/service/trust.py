@@ -15,14 +15,16 @@ import os
 import socket
 import stat
 import struct
+from os import geteuid, getuid  # refuses other systems than POSIX, like an import of fcntl
 from pathlib import Path
 
+from daq import clock
 from rigs.errors import CellError
 
-if not hasattr(os, "getuid"):  # as `import fcntl` would end elsewhere
-    raise ModuleNotFoundError("owners of files are those of POSIX", name="os.getuid")
 _CREDENTIALS = struct.Struct("3i")
 """Process, user and group of a peer: struct ucred of unix(7)."""
+_LISTENS_S = 0.01
+"""Time after which a daemon that has bound its lock also listens at it."""
 _REMEDY = "remove the directory, or set XDG_RUNTIME_DIR to a private directory"
 
 
@@ -32,12 +34,12 @@ def socket_directory() -> Path:
         return Path(directory.split(":")[0])
     if directory := os.environ.get("XDG_RUNTIME_DIR"):
         return Path(directory) / "rigd"
-    return Path(f"/tmp/rigd-{os.getuid()}")  # noqa: S108 - made with mode 0700, and refused if another's
+    return Path(f"/tmp/rigd-{getuid()}")  # noqa: S108 - made with mode 0700, and refused if another's
 
 
 def require_trusted_owner(path: Path) -> frozenset[int]:
     """Trusted owners of a socket path. Refuses a socket that an untrusted user could have created."""
-    owners = {0, os.geteuid()}
+    owners = {0, geteuid()}
     open_to_all = False  # True if other users can add entries to the parent directory
     for place in (*reversed(path.absolute().parents), path.absolute()):
         status = place.lstat()
@@ -88,7 +90,7 @@ class InstanceLock:
         except OSError as error:
             remedy = "choose a different --socket"
             raise CellError(str(directory), error.strerror or str(error), remedy, code="daemon.socket") from None
-        if status.st_uid not in (os.geteuid(), 0):
+        if status.st_uid not in (geteuid(), 0):
             remedy = "set XDG_RUNTIME_DIR, or choose a different --socket"
             raise CellError(str(directory), "belongs to a different user", remedy, code="lock.untrusted")
         if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
@@ -122,9 +124,9 @@ class InstanceLock:
         return lock
 
     def __init__(self, name: str) -> None:
-        address = f"\0rigd-{os.geteuid()}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:16]}"
-        self.holder: int | None = None
-        """Process of this user or of root that holds the lock; None if this object holds it.
+        address = f"\0rigd-{geteuid()}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:16]}"
+        self.holder: str | None = None
+        """Process of this user or of root that holds the lock, possibly "unknown"; None if no such process does.
 
         Other users are ignored, because they could hold it forever.
         """
@@ -134,21 +136,22 @@ class InstanceLock:
             self._socket.listen()
         except OSError:
             self.release()
+            clock.sleep(_LISTENS_S)
             self.holder = _listening_process(address)
 
     def release(self) -> None:
         self._socket.close()
 
 
-def _listening_process(address: str) -> int | None:
-    """Process of this user or of root that listens at an abstract address; 0 if its queue is full."""
+def _listening_process(address: str) -> str | None:
+    """Process of this user or of root that listens at an abstract address; unknown if its queue is full."""
     with socket.socket(socket.AF_UNIX) as probe:
         probe.setblocking(False)
         try:
             probe.connect(address)
             process, user = _peer(probe)
         except BlockingIOError:
-            return 0
+            return "unknown"
         except OSError:
             return None
-    return process if user in (0, os.geteuid()) else None
+    return str(process) if user in (0, geteuid()) else None

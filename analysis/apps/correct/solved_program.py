@@ -29,11 +29,13 @@ _SAME_MM = 1e-3
 
 @dataclass(frozen=True)
 class Located:
-    """Tool and frame of a target: X is the pose of the program's tool in its frame, T that of the rig's tool in the
-    world."""
+    """Conversion of a target between the pose X of the program's tool in its frame and T of the rig's tool in the
+    world: T = outer X inner."""
 
     outer: Array
+    """Frame of the program in the world."""
     inner: Array
+    """The rig's tool in the program's tool."""
     reason: Reason | None = None
     """Reason if they are unknown."""
 

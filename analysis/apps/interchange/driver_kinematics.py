@@ -46,7 +46,9 @@ class KinematicsFormat:
     origins: tuple[Origin, ...]
     flange: Origin | None = None
     above: str | None = None
+    """Key of the file that contains all joints."""
     below: str | None = None
+    """Key of each joint that contains its origin."""
 
 
 _FRANKA = KinematicsFormat(

@@ -86,6 +86,7 @@ class GeometricShare:
 
     all_um: float
     left_um: float
+    """Remaining with the arm's constants."""
     left_out: tuple[Effect, ...]
     """Effects that constants cannot represent."""
     rig: Rig

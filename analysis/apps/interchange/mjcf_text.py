@@ -47,6 +47,7 @@ class JointTraits:
     """Measured joint properties by axis, from 1."""
 
     play_deg: Mapping[int, float] = field(default_factory=dict)
+    """Full backlash."""
     compliance_deg_per_nm: Mapping[int, float] = field(default_factory=dict)
     friction_nm: Mapping[int, float] = field(default_factory=dict)
 

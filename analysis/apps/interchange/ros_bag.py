@@ -47,6 +47,7 @@ class Track:
     sent_ns: list[int] = field(default_factory=list)
     values: list[Sequence[float]] = field(default_factory=list)
     lacking: int = 0
+    """Messages with missing values or a different layout."""
 
     def add(self, log_ns: int, sent_ns: int, values: Sequence[float]) -> None:
         alike = not self.values or len(values) == len(self.values[0])

@@ -64,7 +64,7 @@ class Urdf:
     """Mass of each link in kg by name, and its centre (3,) mm in the frame of the link."""
     joints: tuple[UrdfJoint, ...]
     kinematics: str
-    """The URDF with nothing but links and joints."""
+    """The URDF with nothing but the places of its links and joints."""
 
 
 def read_urdf(path: Path) -> Urdf:
@@ -83,7 +83,7 @@ def read_urdf(path: Path) -> Urdf:
         masses[link_name] = kg, _frame(link, "inertial/origin", where)[:3, 3]
         ElementTree.SubElement(bare, "link", name=link_name)
     joints = tuple(_joint(joint, where) for joint in root.findall("joint"))
-    bare.extend(root.findall("joint"))
+    bare.extend(map(_bare, root.findall("joint")))
     names, children = [joint.name for joint in joints], [joint.child for joint in joints]
     if unknown := [end for joint in joints for end in (joint.parent, joint.child) if end not in masses]:
         raise FileError(where, f"link {unknown[0]} of a joint is missing", "correct the joint", code="urdf.not_urdf")
@@ -111,7 +111,7 @@ def _xml_root(path: Path) -> ElementTree.Element:
     if root.tag != "robot":
         problem = f"is not a URDF: the root element is <{root.tag}>, not <robot>"
         raise FileError(where, problem, _GIVE_URDF, code="urdf.not_urdf")
-    if "${" in text or any("xacro" in str(part.tag) for part in root.iter()):
+    if any("xacro" in str(part.tag) or any("${" in value for value in part.attrib.values()) for part in root.iter()):
         raise FileError(
             where, "is xacro, not URDF", "expand the macros first: xacro FILE > arm.urdf", code="urdf.xacro"
         )
@@ -139,6 +139,18 @@ def _joint(element: ElementTree.Element, where: str) -> UrdfJoint:
     follows = None if mimic is None else mimic.get("joint", "")
     T = _frame(element, "origin", where)
     return UrdfJoint(name, kind, parent, child, T, axis, lower, upper, velocity, follows)
+
+
+_KINEMATICS = {"parent": ("link",), "child": ("link",), "origin": ("xyz", "rpy"), "axis": ("xyz",)}
+"""Attributes of the parts of a joint that pytransform3d needs. Its parser takes quadratic time for attributes."""
+
+
+def _bare(joint: ElementTree.Element) -> ElementTree.Element:
+    bare = ElementTree.Element("joint", {key: joint.attrib[key] for key in ("name", "type")})
+    for tag, keys in _KINEMATICS.items():
+        if (part := joint.find(tag)) is not None:
+            ElementTree.SubElement(bare, tag, {key: part.attrib[key] for key in keys if key in part.attrib})
+    return bare
 
 
 def _attribute(element: ElementTree.Element, key: str, where: str) -> str:

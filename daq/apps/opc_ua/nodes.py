@@ -133,7 +133,7 @@ class _Browser:
         """Names and nodes on each way below a node that matches the path; `*` is a name chosen by the maker."""
         found = [(list[str](), [node])]
         for wanted in path.split("/"):
-            parents = [nodes[-1] for _, nodes in found if nodes[-1] not in self._known]
+            parents = list({nodes[-1]: None for _, nodes in found if nodes[-1] not in self._known})
             self._known |= dict(zip(parents, (yield from children(parents)), strict=True))
             found = [
                 ([*names, name], [*nodes, child])

@@ -1,5 +1,8 @@
+import socket
+
 import pytest
 
+from daq import clock
 from daq.service.trust import InstanceLock
 from tests.support.refusals import refused
 
@@ -23,4 +26,15 @@ def test_a_serial_port_is_one_under_all_its_names(tmp_path):
     first = InstanceLock.take_gauge("g1", str(tmp_path / "tty"))
     with refused("gauge.in_use"):
         InstanceLock.take_gauge("g1", str(tmp_path / "by-id"))
+    first.release()
+
+
+def test_lock_that_is_bound_and_listens_a_moment_later_is_held(monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(socket.socket, "listen", lambda _: None)
+        first = InstanceLock.take_gauge("g1", "tcp://gauge:1")
+    # private: the socket of the lock
+    monkeypatch.setattr(clock, "sleep", lambda _: first._socket.listen())
+    with refused("gauge.in_use"):
+        InstanceLock.take_gauge("g1", "tcp://gauge:1")
     first.release()

@@ -179,7 +179,7 @@ class RapidStatements(RapidOffsets):
         """End the routine before its handler, which may run at any moment; the routine may then continue anywhere."""
         routine = str(self.routine).partition(" ")[0]
         self.begin_routine(f"{routine} handler {len(self.routines)}")
-        why = self.why(f"the handler {word} may run")
+        why = self.why(f"the handler {word.upper()} may run")
         self.beside.append(Call(str(self.routine), why))
         self.broken.append(Call(routine, why))
 

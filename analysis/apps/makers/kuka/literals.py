@@ -55,7 +55,7 @@ class KrlLiterals(ProgramParser):
             place = (at + component.start(2), at + component.end(2))
             digits = component[2]
             is_pattern = digits[0] == "'"  # 'B010' or 'H1A'
-            value = float(int(digits[2:-1], 2 if digits[1] in "Bb" else 16)) if is_pattern else float(digits)
+            value = float(int(digits[2:-1], 2 if digits[1] == "B" else 16)) if is_pattern else float(digits)
             parts[component[1]] = Number(*place, value)
             at += len(part) + 1
         return parts

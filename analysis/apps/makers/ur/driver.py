@@ -97,17 +97,19 @@ class _Functions:
             self._machine.events.append(OperatorPause())
 
     def set_standard_digital_out(self, n: int, b: bool) -> None:
-        self._switch(range(8)[n], b)
+        self._switch(range(8), n, b)
 
     def set_configurable_digital_out(self, n: int, b: bool) -> None:
-        self._switch(range(8, 16)[n], b)
+        self._switch(range(8, 16), n, b)
 
     def set_tool_digital_out(self, n: int, b: bool) -> None:
-        self._switch(range(16, 18)[n], b)
+        self._switch(range(16, 18), n, b)
 
-    def _switch(self, number: int, on: bool) -> None:
-        """number: as in RTDE."""
-        self._machine.events.append(Switched(number, on))
+    def _switch(self, outputs: range, n: int, on: bool) -> None:
+        """outputs: numbers in RTDE."""
+        if not 0 <= n < len(outputs):
+            raise ProgramError(f"there is no output {n}")
+        self._machine.events.append(Switched(outputs[n], on))
 
     def write_output_integer_register(self, address: int, value: int) -> None:
         self._machine.events.append(RegisterOutput(address, value))

@@ -114,6 +114,12 @@ def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path):
     assert len(arm.doubts) == 1 and arm.doubts[0].endswith(": grip")
 
 
+@pytest.mark.parametrize("part", ["<a>" * 20_000 + "</a>" * 20_000, "<!-- <xacro:arm prefix='${prefix}'/> -->"])
+def test_other_parts_of_a_joint_are_ignored(part, tmp_path):
+    text = GOOD.replace('<parent link="link_1"/>', f'<parent link="link_1"/>{part}')
+    assert import_urdf(urdf(tmp_path, text)).section.robot == import_urdf(urdf(tmp_path, GOOD)).section.robot
+
+
 def test_ends_that_are_not_on_their_axes_are_named(tmp_path):
     arm = import_urdf(urdf(tmp_path, GOOD), tip="link_6")
     assert arm.section.robot.tool.rpy_deg != (0, 0, 0)
