@@ -19,7 +19,7 @@ from tests.support.handmade_diagnosis import diagnosis
 from tests.support.pose_runs import pose_run
 from tests.worlds.arms.independent_arm import Wrong, constants_of, flange, none
 
-_POSES = 50
+_POSES = 30
 _TOOL_MM = np.array([40.0, 25.0, 130.0])
 
 

@@ -11,7 +11,7 @@ from rigs.load import parse
 from rigs.schema.effect import name_of
 from tests.worlds.arms.seven_axes import run_of
 
-TOUCH = "tests: {touch: {sockets: [A, B], touches: 60, seat: tip}}"
+TOUCH = "tests: {touch: {sockets: [A, B], touches: 40, seat: tip}}"
 RIG = parse(f"name: cell\n{load_arm('ur10e').text}  tool: {{xyz_mm: [0, 0, 90]}}\n{TOUCH}\n", "cell.yaml")
 
 

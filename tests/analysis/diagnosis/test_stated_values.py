@@ -82,7 +82,7 @@ def case() -> tuple[Truth, TouchTable]:
     a, d = (own * (1 + SCALE) for own in (nominal.a, nominal.d))
     grown = replace(nominal, a=a + off.a, d=d + off.d, alpha=nominal.alpha + off.alpha, zero=nominal.zero + off.zero)
     truth = replace(truth, arm=arm_from(grown))
-    return truth, touch_table(RIG.robot, truth, rng, BALL_MM, SOCKETS, 60)
+    return truth, touch_table(RIG.robot, truth, rng, BALL_MM, SOCKETS, 45)
 
 
 def test_a_known_distance_gives_the_scale_with_its_uncertainty(case):

@@ -74,8 +74,8 @@ def _visited_twice(turned_deg: Array, q: Array, noise_mm: float = 0.02, seed: in
 
 def test_visits_that_differ_come_first():
     """Warming or slip between two visits: a scatter of 0.03° of axis 2 on the same postures."""
-    q = np.tile(postures("ur10e", 30, np.random.default_rng(4)), (2, 1))
-    found = _visited_twice(np.random.default_rng(6).normal(0, 0.03, 60), q)
+    q = np.tile(postures("ur10e", 20, np.random.default_rng(4)), (2, 1))
+    found = _visited_twice(np.random.default_rng(6).normal(0, 0.03, 40), q)
     assert found.residual.visits_um > 100
     assert found.acts[0].why == "visits_differ"
 

@@ -47,7 +47,7 @@ _BLANK = re.compile(
     r"(?<=:)[ \t]*(?:!|//|--eg:)[^\n]*|^[ \t]*(?:\d+[ \t]*)?:[ \t]*(?:!|//)[^\n]*|\"[^\"\n]*\"|MESSAGE\[[^\n]*",
     re.MULTILINE,
 )
-_LINE = re.compile(r"^[ \t]*(?:(?P<number>\d+)?[ \t]*:(?P<body>[^\n]*)|(?P<dashes>-{4,}))", re.MULTILINE)
+_LINE = re.compile(r"^[ \t]*+(?:(?P<number>\d+)?[ \t]*+:(?P<body>[^\n]*)|(?P<dashes>-{4,}))", re.MULTILINE)
 _POINT = re.compile(r"(?<![A-Z])P\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]")
 _ANY_POINT = re.compile(r"(?<![A-Z])P\[\s*(?:(\d{1,6})\b|[^\]\n]{0,60})")
 _POSITION = re.compile(r"\bP\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]\s*\{([^{}]*)\}")

@@ -23,7 +23,7 @@ from analysis.apps.report.page.write_page import rendered, write_page
 from analysis.apps.report.run_charts import circle_charts, target_charts
 from analysis.apps.report.still_chart import still
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import texts_of
+from analysis.apps.report.texts import Language, texts_of
 from analysis.cli import app
 from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual, Subject
 from analysis.diagnosis.judge.result import Condition
@@ -126,12 +126,30 @@ def test_the_trace_has_the_hash_of_each_file(page: str, runs: list[Path]) -> Non
 
 
 @pytest.mark.parametrize(
-    ("language", "words"),
-    [("de", "Alle Schritte, in dieser Reihenfolge"), ("ko", "모든 조치(이 순서대로)")],
+    ("language", "words", "play"),
+    [
+        ("de", "Alle Schritte, in dieser Reihenfolge", "Spiel von Achse 1 (base)"),
+        ("ko", "모든 조치(이 순서대로)", "축 1(base)의 백래시"),
+    ],
 )
-def test_fixed_texts_are_in_the_language_asked_for(report: Report, language: str, words: str) -> None:
-    text = rendered(replace(report, results=report.results[-1:]), texts_of(language))  # type: ignore[arg-type]
+def test_fixed_texts_are_in_the_language_asked_for(
+    report: Report, page: str, language: Language, words: str, play: str
+) -> None:
+    text = rendered(replace(report, results=report.results[-1:]), texts_of(language))
     assert words in text and f'<html lang="{language}">' in text
+    assert play in _first_sentence(text) and "lay of axis 1 (base)" in _first_sentence(page)
+    assert _shares(text) == _shares(page)
+    assert len(_shares(page)) >= 3 and sum(_shares(page)) == pytest.approx(100.0, abs=1e-9)
+
+
+def _shares(page: str) -> list[float]:
+    return [float(one.replace("−", "-")) for one in re.findall(r'share"[^>]*><div><span>([−\d.]+) %', page)]
+
+
+def _first_sentence(page: str) -> str:
+    sentence = re.search(r'<p class="lead headline">(.*?)</p>', page, flags=re.DOTALL)
+    assert sentence
+    return sentence[1]
 
 
 def test_foreign_text_is_shown_as_text(report: Report) -> None:
