@@ -30,10 +30,10 @@ from analysis.correction.work import (
     rest_effects,
     rest_mm,
     rms_um,
+    spread_angles,
     tool_places,
     tool_poses,
     used_effects,
-    work_or_spread,
 )
 from analysis.diagnosis.evidence.observation import BEYOND_MM, outside_coverage
 from analysis.robot.kinematics.arm import (
@@ -73,8 +73,8 @@ class WorkError:
     model and the uncorrectable error. `model_um`: correctable part. `base`: the same errors in the robot's base.
     `base_u_um`: contribution of the arm's position on the base to the uncertainty. `unknown`: share of postures not
     covered by runs, for which these figures are estimates of the model. `taught_elsewhere`: the targets are too few to
-    teach a frame, so it is taught over the work area; the uncorrected error is then at most that in the base, which the
-    correction removes.
+    teach a frame, so it is taught over the measured region; the uncorrected error is then at most that in the base,
+    which the correction removes.
     """
 
     before_um: float
@@ -187,7 +187,7 @@ def corrected(
     rows = slice(None) if inside is None else inside
     taught, frame = q[done][rows], nominal[rows]
     if too_few := len(taught) < FEWEST_TAUGHT:
-        taught = work_or_spread(rig, uncertainty.joints_rad)
+        taught = spread_angles(rig, uncertainty.joints_rad)[:, : q.shape[1]]  # a rail at zero is left out
         frame = forward(arm, taught)
     u_mm, u_frame_mm = places_u_mm(rig, uncertainty, at, taught)
     before, marks, unknown = tool_places(rig, used, q[done]), None, np.full(len(q), "", dtype=object)

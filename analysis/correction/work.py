@@ -68,13 +68,13 @@ def posture_limits(rig: Rig) -> Array:
 
 def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
     """Return postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or around the work area."""
-    work, limits = work_angles(rig), posture_limits(rig)
-    low, high = work.min(axis=0), work.max(axis=0)
-    if joints_rad is not None:
-        low, high = np.vstack([joints_rad, limits[len(joints_rad) :]]).T
-    elif len(work) < FEWEST_TAUGHT:
-        low, high = low - _AROUND_RAD, high + _AROUND_RAD
-    low, high = np.maximum(low, limits[:, 0]), np.minimum(high, limits[:, 1])
+    limits = posture_limits(rig)
+    if joints_rad is None:
+        work = work_angles(rig)
+        around = 0.0 if len(work) >= FEWEST_TAUGHT else _AROUND_RAD
+        joints_rad = np.stack([work.min(axis=0) - around, work.max(axis=0) + around], axis=1)
+    box = np.vstack([joints_rad, limits[len(joints_rad) :]])  # with the whole rail
+    low, high = np.maximum(box[:, 0], limits[:, 0]), np.minimum(box[:, 1], limits[:, 1])
     postures: Array = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, len(low)))
     return postures
 

@@ -26,7 +26,7 @@ from analysis.apps.planning.reading_pool import ReadingPool
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.pose_uncertainty import few_taught, pose_uncertainty
 from analysis.correction.support import supports, why_nothing
-from analysis.correction.work import FEWEST_TAUGHT, work_or_spread
+from analysis.correction.work import FEWEST_TAUGHT, spread_angles, work_or_spread
 from analysis.procedures.simulate import touch_of, with_ball
 from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
 from analysis.runs.tables import TouchTable
@@ -38,9 +38,9 @@ _LINEARISED, _STEP_MM = 30, 1e-3
 """Number of draws at which a figure is linearised, and step of the slopes."""
 MANY = 20
 """Largest number of further readings that are weighed."""
-_PRICE = 0.1 / 30
+PRICE = 0.1 / 30
 """Price of a minute, relative to the error now. Chosen: half an hour must remove a tenth of the error."""
-_CORRECT_MIN, _REPAIR_MIN = 30.0, 120.0
+CORRECT_MIN, _REPAIR_MIN = 30.0, 120.0
 """Minutes to load and check corrected programs, and to repair a joint. Chosen."""
 _WORTHWHILE = 0.02
 """Smallest relative reduction of u by a reading that is proposed. Chosen: a tenth needs about five readings."""
@@ -190,8 +190,7 @@ def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None
         raise FileError(RigPlace.of(rig.name), problem, remedy, code="plan.next")
     supported, is_usable = supports(rig), rig.calibrated is not None and not why_nothing(rig)
     joints = pose_uncertainty(rig, supported).joints_rad if is_usable else None
-    work = work_or_spread(rig, joints)
-    q = work if targets is None else targets[0]
+    q = work_or_spread(rig, joints) if targets is None else targets[0]
     few = few_taught(len(q))[:_MOST_TARGETS]
     q, wanted = q[few], None if targets is None else targets[1][few]
     error = corrected(rig, supported, q, (), wanted).error if is_usable else None
@@ -203,7 +202,8 @@ def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None
         known = _Known(error.before_um / 1e3, stays, unexplained, is_validated)
     measured = rig if is_usable else _uncalibrated(rig)
     readings = possible_readings(rig, sight)
-    pool = pool_of_readings(measured, readings, q, q if len(q) >= FEWEST_TAUGHT else work)
+    taught = q if len(q) >= FEWEST_TAUGHT else spread_angles(rig, joints)
+    pool = pool_of_readings(measured, readings, q, taught)
     return decide(pool, readings, known)
 
 
@@ -238,8 +238,8 @@ def decide(pool: ReadingPool, readings: Sequence[Reading], known: _Known | None 
     after = np.array([np.hypot(base, pool.u_mm(chosen[:count])) for count in counts])
     minutes = np.concatenate([[0.0], np.cumsum(pool.minutes[chosen[taken:]])])
     now = float(np.hypot(known.now, after[0])) if known else pool.u_mm(chosen[:0])
-    price = _PRICE * now
-    losses: dict[Act, Array] = {"correct": after + price * _CORRECT_MIN, "nothing": np.full_like(after, now)}
+    price = PRICE * now
+    losses: dict[Act, Array] = {"correct": after + price * CORRECT_MIN, "nothing": np.full_like(after, now)}
     if known:
         losses["repair"] = np.full_like(after, np.sqrt(max(now**2 - known.stays**2, 0.0)) + price * _REPAIR_MIN)
     worthwhile = int(np.argmin(np.min(list(losses.values()), axis=0) + price * minutes))

@@ -20,9 +20,9 @@ from analysis.correction.work import (
     FEWEST_TAUGHT,
     TaughtFrame,
     rest_moves_mm,
+    spread_angles,
     tool_places,
     used_effects,
-    work_or_spread,
 )
 from analysis.robot.kinematics.arm import Array, Integers, controller_arm, forward
 from rigs.rig import Rig
@@ -79,11 +79,11 @@ class Work:
 
 
 def taught_at(rig: Rig, work: Work, inside: Array) -> tuple[Array, Array]:
-    """Postures and poses at which frame and tool are taught: the measured targets, or the work area if these are few,
-    as for a correction."""
+    """Postures and poses at which frame and tool are taught: the measured targets, or the measured region if these
+    are few, as for a correction."""
     if inside.sum() >= FEWEST_TAUGHT:
         return work.q[inside], work.wanted[inside]
-    q = work_or_spread(rig, pose_uncertainty(rig, supports(rig)).joints_rad)
+    q = spread_angles(rig, pose_uncertainty(rig, supports(rig)).joints_rad)[:, : work.q.shape[1]]
     return q, forward(controller_arm(rig.robot), q)
 
 

@@ -220,7 +220,8 @@ class _Neighbourhoods:
         """Split the excess into a factor and a constant contribution, each with the likelihood from the neighbourhoods.
 
         A factor is largest for sparsely measured regions, like gaps in the model. Errors outside the forms of the
-        model, such as a cable or backlash, do not follow this pattern.
+        model, such as a cable or backlash, do not follow this pattern. Few neighbourhoods do not show it: the excess is
+        then a factor, which further readings reduce.
         """
         ratio, weight = max(self.ratio, 1.0), self._ratio_and_weight[1]
         mean = float(weight @ self.stated_mm2 / weight.sum())
@@ -228,7 +229,7 @@ class _Neighbourhoods:
         expected = (ratio - even / mean) * self.stated_mm2 + even + self.noise_mm2
         fits = -0.5 * _FREEDOM * (np.log(expected) + self.square_mm2 / expected) @ (weight / self.weight)
         odds = np.exp(fits - fits.max())
-        likely = float(odds @ even[:, 0] / odds.sum())
+        likely = float(odds @ even[:, 0] / odds.sum()) if len(weight) >= FEWEST_GROUPS else 0.0
         factor = float(np.sqrt(max(ratio - likely / mean, 1.0)))
         excess = float(weight @ (self.square_mm2 - self.noise_mm2 - self.stated_mm2) / weight.sum())
         beyond_mm = math.sqrt(max(excess, 0.0))

@@ -26,7 +26,7 @@ ROWS = (("A", 0, 5), ("B", 2, 5), ("C", 4, 5), ("D", 4, 8), ("far", 80, 5))
 TARGETS = "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n" + "\n".join(
     f"{name},{q1},{q2},-8,2,-15,5" for name, q1, q2 in ROWS
 )
-SHIFT: tuple[tuple[Effect, float], ...] = ((JointOffset(axis=5, offset_deg=0.3), 1.0),)
+SHIFT: tuple[tuple[Effect, float], ...] = ((JointOffset(axis=2, offset_deg=0.3), 1.0),)
 """Moves neighbouring targets alike."""
 RIPPLE: tuple[tuple[Effect, float], ...] = (
     (TransmissionError(axis=1, order=90, amplitude_deg=0.02, phase_deg=90), 1.0),
