@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
@@ -21,9 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from analysis.apps.correct.correct_rig import Corrections
-    from analysis.apps.correct.corrected_program import CorrectedProgram
     from rigs.errors import FileError
-    from rigs.rig import Rig
 
 _FoundRig = Annotated[
     str,
@@ -130,34 +127,27 @@ def correct(
     """Write joint zeros, link constants, corrected targets and programs, each only if the effects support it."""
     from analysis.apps.correct import correction_report
     from analysis.apps.correct.controller_entries import scale_of
-    from analysis.apps.correct.correct_rig import correct_rig, target_errors
+    from analysis.apps.correct.correct_rig import correct_rig
     from analysis.apps.correct.corrected_program import Programs
     from analysis.apps.correct.stated_frames import frames_of, start_of
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
-    from analysis.correction.reasons import how_to_state_controller
     from analysis.correction.support import require_usable_model
-    from rigs.errors import FileError, UseError
+    from rigs.errors import UseError
     from rigs.load import load, named_by
 
-    needs_program = {
-        "--tool, --frame": (tools or frames, "apply only to programs of --program"),
-        "--neutral": (neutral, "names routines of programs"),
-        "--start-joints": (start, "is the posture at the start of a program"),
-    }
-    for option, (given, problem) in needs_program.items():
+    for option, given in {"--tool, --frame": tools or frames, "--neutral": neutral, "--start-joints": start}.items():
         if given and not programs:
-            raise UseError(option, problem, "give --program as well", code="program.option")
+            raise UseError(option, "concerns programs only", "give --program as well", code="program.option")
     rig, _ = load(with_controller(rig_file, calibration))
     require_usable_model(rig, rig_file, anyway=anyway)
-    maker_asked, maker = maker, maker or maker_of(rig.feedback.interface)
+    controller = maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
         stated = frames_of(rig.robot, tools or (), frames or (), neutral or ())
         asked = Programs(programs or (), stated, whole, start_of(start), anyway)
-        corrections = correct_rig(rig, path, maker, scale_of(scale), entered=entered, programs=asked)
+        corrections = correct_rig(rig, path, controller, scale_of(scale), entered=entered, programs=asked)
         in_vain = {} if anyway else corrections.in_vain
-        kept = tuple(program for program in corrections.programs if program.path not in in_vain)
-        corrections = replace(corrections, path=None if path in in_vain else corrections.path, programs=kept)
+        corrections = corrections.without(in_vain)
         written = correction_report.write(corrections, directory)
     if as_json:
         say_json(correction_report.as_object(corrections, written))
@@ -167,69 +157,71 @@ def correct(
     for doubt in stated.doubts(named):
         say(f"doubt: {doubt}", err=True)
     say_written(written)
-    corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
-    if anyway or not (in_vain or correction_report.why_not(corrections)):
-        settled = bool(path or programs or correction_report.why_not(corrections))
-        both = bool(corrections.at_controller and corrections.at_controller.entries) and not entered
-        _say_next(rig_file, rig, maker, directory, corrected, settled=settled, both=both)
-    for program in corrections.programs:
-        if start and program.start is None:
-            say(f"{program.path.name}: {_unused_start(program)}", err=True)
-    if any(program.names and not program.held for program in corrections.programs):
-        say("next: compare each program with the original line by line; rig did not send anything to a robot", err=True)
-        say(
-            "      first run the program at reduced speed with a hand on the stop button, and watch each target",
-            err=True,
-        )
-    errors = target_errors(rig, *corrections.path) if corrections.path else []
-    if maker_asked and rig.controller == "unknown" and not (path or programs):
-        problem = "the constants of the controller are unknown, and values to enter are differences from them"
-        errors.append(FileError(rig_file, problem, how_to_state_controller(rig), code="controller.unknown"))
-    end_with_errors([*errors, *_not_written(corrections, in_vain)], ", all in corrections.yaml")
-
-
-def _unused_start(program: CorrectedProgram) -> str:
-    if any(left.reason == "no_posture" for left in program.left):
-        return "--start-joints is not used, because the files do not show which routine starts first"
-    return "--start-joints is not needed by any target"
-
-
-def _not_written(corrections: Corrections, in_vain: Mapping[Path, str]) -> list[FileError]:
-    from rigs.errors import FileError
-
-    remedy = "keep the targets unchanged, or measure there; --anyway writes them"
-    errors = [
-        FileError(str(file), f"{why}, so no corrected targets were written", remedy, code="correct.no_gain")
-        for file, why in in_vain.items()
-    ]
-    problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
-    return errors + [
-        FileError(str(program.path), problem, remedy, code="program.incomplete")
-        for program in corrections.programs
-        if program.held
-    ]
+    why_not = correction_report.why_not(corrections)
+    if anyway or not (in_vain or why_not):
+        _say_next(rig_file, controller, directory, corrections, settled=bool(path or programs or why_not))
+    _say_about_programs(corrections, start)
+    is_for_maker = maker is not None and not (path or programs)
+    end_with_errors(_errors(rig_file, corrections, in_vain, for_maker=is_for_maker), ", all in corrections.yaml")
 
 
 def _say_next(
-    rig_file: str, rig: Rig, maker: MakerName | None, directory: Path, table: Path | None, *, settled: bool, both: bool
+    rig_file: str, maker: MakerName | None, directory: Path, corrections: Corrections, *, settled: bool
 ) -> None:
     """Print the next steps after correcting a rig.
 
-    table: table of the corrected targets. settled: True if a way of correction is already chosen, so no alternative is
-    proposed. both: True if values for the controller were written together with targets, so the user has to choose.
+    settled: True if a way of correction is already chosen, so no alternative is proposed.
     """
-    axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
-    file = as_argument(rig_file)
+    rig, file = corrections.rig, as_argument(rig_file)
     if maker is None and rig.takes_programs and rig.controller != "unknown" and not settled:
         likeliest, *others = rig.makers
         directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
         alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
         say(f"next: rig correct {file} --for {likeliest} -o {directory_for}  # {alternatives}", err=True)
         say("      or with --program FILE your own programs; never both", err=True)
-    if table:
+    if corrections.path:
+        given = corrections.path[0].name
+        table, test = directory / f"corrected-{given}", given.removesuffix("-path.csv")
+        axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
+        both = corrections.at_controller and corrections.at_controller.entries and not corrections.entered
         either = "either enter the values, or " if both else ""
         say(f"next: {either}send the controller to q1_deg … q{axes}_deg{rail} of {table}", err=True)
-        test = table.name.removeprefix("corrected-").removesuffix("-path.csv")
         if rig.takes_programs and test in get_args(DrivenTest):
             options = f"--for {maker or rig.makers[0]} --test {test} --path {as_argument(table)} -o {test}-programs"
             say(f"next: rig program {file} {options}", err=True)
+
+
+def _say_about_programs(corrections: Corrections, start: str | None) -> None:
+    for program in corrections.programs:
+        if start and program.start is None:
+            unused = "is not needed by any target"
+            if any(left.reason == "no_posture" for left in program.left):
+                unused = "is not used, because the files do not show which routine starts first"
+            say(f"{program.path.name}: --start-joints {unused}", err=True)
+    if any(program.names and not program.held for program in corrections.programs):
+        say("next: compare each program with the original line by line; rig did not send anything to a robot", err=True)
+        slowly = "first run the program at reduced speed with a hand on the stop button, and watch each target"
+        say(f"      {slowly}", err=True)
+
+
+def _errors(
+    rig_file: str, corrections: Corrections, in_vain: Mapping[Path, str], *, for_maker: bool
+) -> list[FileError]:
+    """Errors for everything that was asked for but not written. for_maker: only values to enter were asked for."""
+    from analysis.apps.correct.correct_rig import target_errors
+    from analysis.correction.reasons import how_to_state_controller
+    from rigs.errors import FileError
+
+    rig = corrections.rig
+    errors = target_errors(rig, *corrections.path) if corrections.path else []
+    if for_maker and rig.controller == "unknown":
+        problem = "the constants of the controller are unknown, and values to enter are differences from them"
+        errors.append(FileError(rig_file, problem, how_to_state_controller(rig), code="controller.unknown"))
+    for file, why in in_vain.items():
+        problem, remedy = f"{why}, so no corrected targets were written", "keep the targets unchanged, or measure there"
+        errors.append(FileError(str(file), problem, f"{remedy}; --anyway writes them", code="correct.no_gain"))
+    for program in corrections.programs:
+        if program.held:
+            problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
+            errors.append(FileError(str(program.path), problem, remedy, code="program.incomplete"))
+    return errors

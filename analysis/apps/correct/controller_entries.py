@@ -1,21 +1,13 @@
-"""Corrections in the notation of a controller: parameters to change, the benefit of each change, and the remaining
-error.
+"""Corrections in the notation of a controller: parameters to change, the benefit of each, and the remaining error.
 
-The difference of the model from the constants that the controller has now, over the work area, is projected onto the
-parameters of the controller. The work area is always taken from the rig file, never from a path. Each rig file
-therefore has a single set of entries, and targets computed for a controller with these entries stay valid.
+The constants of the controller are fitted to the error of the tool over the work area of the rig file, position and
+orientation together. Zeros and lengths thereby absorb part of a compliant joint or a gear error.
 
-Zeros and lengths of a controller cannot represent a compliant joint or a gear error, but can absorb part of their
-effect on the tool. The constants are fitted to the error of the tool at the postures of the work area, position and
-orientation together:
-
-- Postures of the work area have the largest weight. Others, spread over the joint angles covered by the model, have
-  enough weight to prevent constants fitted to the work area from being wrong outside.
+- Postures outside the work area have enough weight to keep the constants from being wrong there.
 - A rotation of the tool counts as the displacement of the tool tip, or of a point at 100 mm for a short tool.
 - Each constant has a prior of a few usual sizes. The error not represented by constants counts as scatter of the
   postures, so a large value is never chosen for a small gain.
-- Constants with equal effects at these postures (d2 and d3 of parallel axes) share the error in proportion to their
-  usual sizes.
+- Constants with equal effects (d2 and d3 of parallel axes) share the error in proportion to their usual sizes.
 """
 
 from __future__ import annotations
@@ -45,7 +37,7 @@ from analysis.correction.work import (
     work_or_spread,
 )
 from analysis.diagnosis.evidence.significance import POSSIBLE_SIGMA
-from analysis.robot.kinematics.arm import Array, Mask, arm_of, controller_robot, pose_error, reported_angles
+from analysis.robot.kinematics.arm import Array, arm_of, controller_robot, pose_error, reported_angles
 from analysis.robot.model.predict import model_of
 from rigs.effects import Effect, changed, turned
 from rigs.errors import UseError
@@ -94,22 +86,18 @@ class Projection:
 
     constants: tuple[Constant, ...]
     values: Array
-    """Changes (m,) in mm or degrees."""
     worth_mm: Array
     """Rms tool displacement (m,) by each change over the work area."""
     operator: Array
     """Maps (m, 6n) the weighted tool error to changes."""
     weights: Array
-    """Weights (n, 6) of the tool error."""
     twins: tuple[tuple[int, ...], ...]
     """Indices of constants with equal effects."""
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Changes as effects of the arm in the controller, as it computes afterwards."""
-        return tuple(
-            constant.effect(value) for constant, value in zip(self.constants, self.values.tolist(), strict=True)
-        )
+        """The changes as effects of the arm in the controller."""
+        return _effects(self.constants, self.values)
 
     def changes(self, moves: Array) -> Array:
         """Changes (k, m) in mm or degrees for displacements (k, n, 6) mm and rad of the tool.
@@ -120,10 +108,10 @@ class Projection:
         return np.asarray(weighted @ self.operator.T)
 
     def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
-        """The projection with some changes set to zero, and the standard uncertainties (m,) in mm or degrees.
+        """Set the changes `out` to zero. Return the others on this condition, with their standard uncertainties.
 
-        changes (k, m): result of `changes`. The other changes are computed on the condition that these are zero. If
-        only the sum of two changes is certain, the remaining change becomes the sum. Independent changes stay the same.
+        changes (k, m): result of `changes`. If only the sum of two changes is certain, the remaining one becomes the
+        sum. Independent changes stay the same.
         """
         kept = [k for k in range(len(self.constants)) if k not in out]
         share = np.linalg.pinv(changes[:, out], 1e-9) @ changes[:, kept]
@@ -153,6 +141,10 @@ class Projection:
             if float((without**2).sum() - (full**2).sum()) > POSSIBLE_SIGMA * u:
                 return True
         return False
+
+
+def _effects(constants: Sequence[Constant], values: Array) -> tuple[Effect, ...]:
+    return tuple(constant.effect(value) for constant, value in zip(constants, values.tolist(), strict=True))
 
 
 def at_controller(rig: Rig) -> Rig:
@@ -187,10 +179,8 @@ def _solved(rig: Rig, real: Array, constants: Sequence[Constant], q: Array, weig
     base = tool_poses(model_of(rig, ()), q)
     usual = np.array([constant.usual for constant in constants])
     columns = np.zeros((6 * len(q), len(constants)))
-    for k, constant in enumerate(constants):
-        columns[:, k] = (
-            pose_error(base, tool_poses(model_of(rig, [constant.effect(constant.usual)]), q)) * weights
-        ).ravel()
+    for k, effect in enumerate(_effects(constants, usual)):
+        columns[:, k] = (pose_error(base, tool_poses(model_of(rig, [effect]), q)) * weights).ravel()
     u, s, vt = np.linalg.svd(columns, full_matrices=False)
     determined = s > _LEAST_MM
     error = (pose_error(base, real) * weights).ravel()
@@ -200,30 +190,25 @@ def _solved(rig: Rig, real: Array, constants: Sequence[Constant], q: Array, weig
     operator = (vt[determined].T * shrunk) @ u[:, determined].T
     sizes = np.zeros(len(constants))
     for _ in range(_ROUNDS):
-        now = tool_poses(model_of(rig, [c.effect(v) for c, v in zip(constants, usual * sizes, strict=True)]), q)
+        now = tool_poses(model_of(rig, _effects(constants, usual * sizes)), q)
         residual = (pose_error(now, real) * weights).ravel()
         sizes = operator @ (residual + columns @ sizes)
+    twins = _twins(vt[~determined])
     return Projection(
-        tuple(constants),
-        usual * sizes,
-        np.zeros(len(constants)),
-        operator * usual[:, None],
-        weights,
-        _twins(vt, determined, len(constants)),
+        tuple(constants), usual * sizes, np.zeros(len(constants)), operator * usual[:, None], weights, twins
     )
 
 
-def _twins(vt: Array, determined: Mask, count: int) -> tuple[tuple[int, ...], ...]:
-    """Groups of constants of which only a combination is determined."""
-    # Directions with no effect are determined up to a rotation among themselves, so they form a single group.
-    unknown = vt[~determined]
+def _twins(unknown: Array) -> tuple[tuple[int, ...], ...]:
+    """Groups of constants of which only a combination is determined, given the directions without effect.
+
+    Such directions are determined up to a rotation among themselves, so they form a single group.
+    """
     shared = unknown.T @ unknown
-    groups: list[tuple[int, ...]] = []
-    for k in range(count):
-        group = tuple(int(j) for j in np.flatnonzero(np.abs(shared[k]) > _SHARE * shared[k, k]))
-        if shared[k, k] > _SHARE and len(group) > 1 and group not in groups:
-            groups.append(group)
-    return tuple(groups)
+    groups = [
+        tuple(np.flatnonzero(np.abs(row) > _SHARE * row[k]).tolist()) for k, row in enumerate(shared) if row[k] > _SHARE
+    ]
+    return tuple(dict.fromkeys(group for group in groups if len(group) > 1))
 
 
 _NO_MOVE_MM = 1e-9
@@ -235,7 +220,6 @@ class ControllerChange:
     """A change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter`."""
 
     axis: int
-    """From 1."""
     key: str
     """The constant as in the rig file, or `q_deg` for the zero of the joint."""
     parameter: str
@@ -254,7 +238,7 @@ class ControllerChange:
 
 @dataclass(frozen=True)
 class NotEntered:
-    """An effect represented by neither constants nor targets, and the rms tool displacement over the work area."""
+    """An effect that neither constants nor targets represent, and its rms tool displacement over the work area."""
 
     effect: Effect
     worth_um: float
@@ -262,7 +246,7 @@ class NotEntered:
 
 @dataclass(frozen=True)
 class ControllerEntries:
-    """All changes at a controller, and the remaining rms position error of the tool in a taught frame."""
+    """All changes at a controller, and the remaining rms error of the tool's position in a taught frame."""
 
     name: MakerName
     controller: Controller
@@ -311,17 +295,18 @@ def controller_entries(
             "remove it",
             code="controller.scale",
         )
-    used, uncorrected, uncertainty = (
-        used_effects(rig, supported),
-        rest_effects(rig, supported),
-        pose_uncertainty(rig, supported),
-    )
+    used, uncorrected = used_effects(rig, supported), rest_effects(rig, supported)
+    uncertainty = pose_uncertainty(rig, supported)
     spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
     moves = uncertainty.pose_displacements(np.concatenate([q, spread]))
     larger = _significant(rig, used, controller, (q, spread), moves)
     projection, u = _certain(rig, used, larger, q, moves)
-    sizes = zip(projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True)
-    readings_deg = _readings_deg(rig, controller, projection)
+    sizes = list(zip(projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True))
+    of_drives = np.zeros(6)
+    for constant, (value, *_) in zip(projection.constants, sizes, strict=True):
+        if constant.key == "q_deg" and controller.changes_reading:
+            of_drives[constant.axis - 1] += value
+    readings_deg = reported_angles(arm_of(rig.robot), of_drives)
     entries = [
         _entry(rig, controller, scale, readings_deg, constant, size)
         for constant, size in zip(projection.constants, sizes, strict=True)
@@ -358,7 +343,7 @@ def _significant(
 ) -> Projection:
     """Project onto the constants of a controller with changes above the standard uncertainty.
 
-    Insignificant changes are removed in turn, the least certain first, because a removal may make the others certain.
+    A removal may make others certain, so insignificant changes are removed in turn, the least certain first.
     """
     constants, axes = [Constant(axis, "q_deg") for axis in range(1, 7)], controller_robot(rig.robot).axes
     for parameter in controller.constants:
@@ -377,11 +362,9 @@ def _significant(
 
 
 def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, moves: Array) -> tuple[Projection, Array]:
-    """Reduce a projection to certain changes, with their standard uncertainties (m,) in mm or degrees.
+    """Reduce a projection to changes that exceed their uncertainty and certainly reduce the error over the work area q.
 
-    A change is certain if it exceeds its uncertainty and certainly reduces the error. Changes are removed in turn, the
-    least certain first. q (n, 6): joint angles of the work area in rad. moves (k, n and more, 6): independent
-    displacements of the tool by a standard uncertainty each.
+    Returns their standard uncertainties too. moves: displacements of the tool as for `Projection.changes`.
     """
     changes, needed, out = every.changes(moves), list[int](), list[int]()
     while True:
@@ -407,25 +390,13 @@ def as_entered(rig: Rig, targets: CorrectedTargets, at: ControllerEntries) -> Co
 
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
-    """Distance (n,) mm of the real tool from the pose that the controller computes with other effects, at angles q
-    (n, 6) rad with frame and tool taught.
-    """
+    """Distance (n,) mm of the real tool from the pose computed by a controller with other effects, frame and tool
+    taught."""
     return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(at_controller(rig), others), q))
 
 
 _SAME_READING_DEG = 5e-5
 """Change of a reading that rounds to zero in the display."""
-
-
-def _readings_deg(rig: Rig, controller: Controller, projection: Projection) -> Array:
-    """Changes (6,) of the axis readings at an unchanged posture by entered zeros.
-
-    If the model is changed instead of the zeros, the readings of the robot stay.
-    """
-    of_drives = np.zeros(6)
-    for constant, value in zip(projection.constants, projection.values, strict=True):
-        of_drives[constant.axis - 1] += value * (constant.key == "q_deg" and controller.changes_reading)
-    return reported_angles(arm_of(rig.robot), of_drives)
 
 
 def _coupled_step(entries: Sequence[ControllerChange], readings_deg: Array) -> tuple[str, ...]:
@@ -447,8 +418,9 @@ def _entry(
     size: tuple[float, float, float],
 ) -> ControllerChange:
     """Entry of a change. size: change and its u in mm or degrees, and the benefit in µm."""
-    value, u, worth_um = size
-    add, reading_deg, now = value, 0.0, None
+    add, u, worth_um = size
+    leaves_um = worth_um * u / abs(add) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
+    reading_deg, now = 0.0, None
     if constant.key != "q_deg":
         parameter = next(
             each for each in controller.constants if each.key == constant.key and constant.axis in each.axes
@@ -464,7 +436,6 @@ def _entry(
             per_unit *= scale[constant.axis - 1]
         elif controller.scale:
             name, unit, per_unit, add = f"reading of axis {constant.axis}", "deg", 1.0, reading_deg
-    leaves_um = worth_um * u / abs(value) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
     sizes = (per_unit * add, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
     return ControllerChange(constant.axis, constant.key, name, *sizes)
 

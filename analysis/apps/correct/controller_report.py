@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from analysis.apps.correct.controller_entries import ControllerChange, ControllerEntries
@@ -20,10 +21,7 @@ _THIRD = 1 / 3
 
 
 def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
-    """The values to enter, their benefit, and the check before any motion.
-
-    entered: the controller already has these values.
-    """
+    """The values to enter, their benefit, and the check before any motion. entered: the controller has the values."""
     maker, before, targets = entries.controller.maker, f"{entries.before_um:.0f}", f"{entries.by_targets_um:.0f}"
     note = base_note(entries.base_u_um, entries.by_targets_um)
     if not entries.entries:
@@ -47,14 +45,11 @@ def base_note(base_u_um: float, after_um: float) -> str:
 
 
 def blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = False) -> list[Block]:
-    """The values to enter with their benefit, the steps, and the remaining error.
-
-    entered: the controller already has these values.
-    """
+    """The values to enter with their benefit, the steps, and the remaining error. entered: the controller has them."""
     controller, parts = entries.controller, list[Block]()
     if entries.entries:
         heading = _TEXTS("entries_heading_entered" if entered else "entries_heading", maker=controller.maker)
-        parts += [Heading(heading, 3), _table(entries), Sentence(_TEXTS("entries_about"), "note")]
+        parts += [Heading(heading, 3), _table(entries.entries), Sentence(_TEXTS("entries_about"), "note")]
         steps = () if entered else entries.steps
         parts += [Sentence(f"{number}. {step}") for number, step in enumerate(steps, start=1)]
         source = _TEXTS("entries_source", source=controller.source)
@@ -67,32 +62,30 @@ def blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = False) -> li
         for each in entries.not_entered
         if each.worth_um >= _REPORTED_UM
     ]
-    return [*parts, *(_gains(entries) if entries.entries else [])]
-
-
-def _gains(entries: ControllerEntries) -> list[Block]:
+    if not entries.entries:
+        return parts
     carried, before = f"{entries.carried_um:.0f}", f"{entries.before_um:.0f}"
     gain = _TEXTS("entries_gain", carried=carried, before=before, targets=f"{entries.carried_by_targets_um:.0f}")
     before_um, after_um = entries.elsewhere_um
     worse = "_worse" * (after_um > before_um)
     elsewhere = _TEXTS(f"entries_elsewhere{worse}", before=f"{before_um:.0f}", after=f"{after_um:.0f}")
-    return [Sentence(gain, "strong"), Sentence(elsewhere, "doubt" if worse else "plain")]
+    return [*parts, Sentence(gain, "strong"), Sentence(elsewhere, "doubt" if worse else "plain")]
 
 
-def _table(entries: ControllerEntries) -> Table:
-    is_length = any(entry.now is not None for entry in entries.entries)
+def _table(entries: Sequence[ControllerChange]) -> Table:
+    is_length = any(entry.now is not None for entry in entries)
     columns = ("add to", *["now"] * is_length, "value", "± u", "unit", "reading", "tool moves", "± u (tool)")
-    rows = tuple(_row(entry, is_length=is_length) for entry in entries.entries)
-    return Table(columns, rows, frozenset(range(1, len(columns))) - {3 + is_length})
-
-
-def _row(entry: ControllerChange, *, is_length: bool) -> tuple[str, ...]:
-    # The value has a sign and as many decimals as its uncertainty with two digits; counts are whole numbers.
-    digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
-    now = ["" if entry.now is None else f"±{entry.now:g}"] * is_length
-    reading = f"{entry.reading_deg:+z.4f}°" if entry.reading_deg else "same"
-    moves = (f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm") if round(entry.worth_um) else ("turns only", "")
-    return entry.parameter, *now, f"{entry.add:+z.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading, *moves
+    rows = []
+    for entry in entries:
+        # The value has a sign and as many decimals as its uncertainty with two digits; counts are whole numbers.
+        digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
+        now = ["" if entry.now is None else f"±{entry.now:g}"] * is_length
+        value = f"{entry.add:+z.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit
+        reading = f"{entry.reading_deg:+z.4f}°" if entry.reading_deg else "same"
+        turns_only = not round(entry.worth_um)
+        moves = ("turns only", "") if turns_only else (f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm")
+        rows.append((entry.parameter, *now, *value, reading, *moves))
+    return Table(columns, tuple(rows), frozenset(range(1, len(columns))) - {3 + is_length})
 
 
 def as_object(entries: ControllerEntries) -> dict[str, Any]:
@@ -103,6 +96,7 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
         "corrected_targets_um": entries.by_targets_um,
         "carried_um": entries.carried_um,
         "carried_by_corrected_targets_um": entries.carried_by_targets_um,
+        "base_u_um": entries.base_u_um,
     }
     return {
         "name": entries.name,
@@ -126,7 +120,6 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
         ],
         **{name: round(um, 3) for name, um in errors.items()},
         "elsewhere_um": [round(um, 3) for um in entries.elsewhere_um],
-        "base_u_um": round(entries.base_u_um, 3),
         "known_only_together": [list(group) for group in entries.twins],
         "steps": list(entries.steps),
         "source": entries.controller.source,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -62,13 +62,15 @@ class Corrections:
 
     @property
     def in_vain(self) -> dict[Path, str]:
-        """Paths and programs for which a gain is not certain, each with the reason."""
-        nothing, unknown = (
-            "corrected targets do not reduce the error there",
-            "the uncertainty of the targets is unknown",
-        )
+        """Paths and programs without a certain gain, each with the reason."""
+        nothing = "corrected targets do not reduce the error there"
+        unknown = "the uncertainty of the targets is unknown"
         judged = self.errors.items()
         return {path: nothing if error else unknown for path, error in judged if not (error and error.gains)}
+
+    def without(self, dropped: Container[Path]) -> Corrections:
+        path = None if self.path and self.path[0] in dropped else self.path
+        return replace(self, path=path, programs=tuple(each for each in self.programs if each.path not in dropped))
 
 
 def correct_rig(
@@ -82,13 +84,12 @@ def correct_rig(
 ) -> Corrections:
     """Compute the corrections of a rig.
 
-    controller: also compute the entries for this maker. Entries and programs together would correct twice: if
-    `programs` are given, `controller` states their maker instead. scale (6,): counts per degree or gear ratios of the
-    axes. entered: the controller already has the entries, and the targets are computed accordingly.
+    controller: maker of the programs or, without programs, of the controller for which entries are computed: both
+    together would correct twice. scale (6,): counts per degree or gear ratios of the axes. entered: the controller
+    already has the entries, and the targets are computed accordingly.
 
-    Raises FileError for a rig with no effects, for a path that cannot be read or reached, and for a file that is not a
-    program, is already corrected or belongs to a different maker. Raises UseError if `entered` lacks a path or a
-    controller.
+    Raises FileError for a rig without effects, for a path that cannot be read or reached, and for a program that cannot
+    be read, is already corrected or belongs to a different maker. Raises UseError for options that exclude each other.
     """
     if not model_of(rig).effects:
         remedy = "diagnose or calibrate the arm, and give the written rig file"
@@ -101,9 +102,8 @@ def correct_rig(
         problem = "applies to --path; --program is for a controller without entries"
         raise UseError("--entered", problem, "give one of them", code="correct.entered")
     if entered and not (path and controller):
-        raise UseError(
-            "--entered", "needs --path, and a maker from --for or the feedback", "give both", code="correct.entered"
-        )
+        problem = "needs --path, and a maker from --for or the feedback"
+        raise UseError("--entered", problem, "give both", code="correct.entered")
     if entered and rig.controller == "unknown":
         problem = "the constants of the controller are unknown, so no values for it were computed"
         raise FileError(RigPlace.of(rig.name), problem, how_to_state_controller(rig), code="controller.unknown")
@@ -117,24 +117,19 @@ def correct_rig(
     paths = [program for path in programs.paths for program in programs_at(path)]
     for unread in () if programs.again else paths:
         refuse_marked(unread)
-    filtered = tuple(
-        correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
+    given, maker = programs, controller or rig.maker
+    done = tuple(
+        correct_program(rig, supported, program, given.frames, scale, whole=given.whole, start=given.start)
         for program in paths
     )
-    for program in filtered:
-        _require_same_maker(program, rig, controller or rig.maker)
-    work = _work(rig, supported)
-    effects, numbers = tuple(supported), (tuple(zeros), tuple(constants))
-    return Corrections(rig, effects, *numbers, work, targets, entries, entered, filtered, of_model)
-
-
-def _require_same_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) -> None:
-    if maker and program.maker != maker:
-        of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
+    if maker and (other := next((program for program in done if program.maker != maker), None)):
+        of, robot = (maker_by(name).controller.maker for name in (other.maker, maker))
         whose = "the robot of the rig file has" if maker == rig.maker else "--for gives"
+        remedy = f"give a program of this robot, or --for {other.maker} if such a controller is used"
         problem = f"is a program for {of}, but {whose} {robot}"
-        remedy = f"give a program of this robot, or --for {program.maker} if such a controller is used"
-        raise FileError(str(program.path), problem, remedy, code="program.other_maker")
+        raise FileError(str(other.path), problem, remedy, code="program.other_maker")
+    work, numbers = _work(rig, supported), (tuple(zeros), tuple(constants))
+    return Corrections(rig, tuple(supported), *numbers, work, targets, entries, entered, done, of_model)
 
 
 def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
@@ -150,10 +145,7 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
 def _targets(
     rig: Rig, supported: Sequence[Support], path: Path, entered: ControllerEntries | None
 ) -> tuple[Path, TargetPath, CorrectedTargets]:
-    """Correct a path, for an unchanged controller or a controller with the entries `entered`.
-
-    Raises FileError if no target can be corrected.
-    """
+    """Correct a path, for a controller with the entries `entered`. Raises FileError if no target can be corrected."""
     axes = len(rig.robot.axes)
     read = read_path(path, axes, rail=rig.robot.rail is not None)
     if rig.robot.rail and not read.joints:

@@ -1,8 +1,4 @@
-"""Corrected joint zeros and link constants of an arm.
-
-Several effects on the same constant (a second diagnosis adds to the first) are summed, with uncertainties added in
-quadrature.
-"""
+"""Corrected joint zeros and link constants of an arm: the sums of all effects on each constant."""
 
 from __future__ import annotations
 
@@ -24,7 +20,6 @@ class Correction:
     """A number to change, in mm or degrees."""
 
     axis: int
-    """From 1."""
     key: str
     """As in the rig file."""
     nominal: float
@@ -46,8 +41,7 @@ def joint_zeros(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
 def link_constants(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
     """Changes of the arm's constants relative to those in the controller.
 
-    The effects are relative to the axes of the rig file. If the controller has other constants, a change that is not
-    larger than its uncertainty is omitted.
+    If it has other constants than the rig file, changes within their uncertainty are omitted.
     """
     axes = {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)}
     found = _summed(supported, "link constant", axes)

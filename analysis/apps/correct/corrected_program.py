@@ -1,8 +1,7 @@
 """A user's program with corrected targets: all other bytes are unchanged, and uncorrected targets are listed.
 
 A joint target becomes the joint angles that put the real tool where the arm of the data sheet has it. A pose becomes
-the pose that the controller computes at the angles at which the real tool is right. If the constants of the controller
-are unknown, poses are not corrected. Nothing is sent to a robot.
+the pose that the controller computes at the angles at which the real tool is right.
 """
 
 from __future__ import annotations
@@ -30,9 +29,8 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 
 MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
-"""Largest corrections written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm. A larger error means
-that the arm must be mastered, or the rig file belongs to a different arm. A joint that turns by 10° is near a
-singularity."""
+"""Largest corrections written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm; a larger error means that
+the arm must be mastered, or the rig file is wrong. A joint that turns by 10° is near a singularity."""
 
 
 @dataclass(frozen=True)
@@ -65,20 +63,20 @@ class CorrectedProgram:
     u_frame_mm: Array
     """The same with frame and tool taught with the robot."""
     unknown: tuple[str, ...]
-    """Reason for unknown uncertainties, which are then NaN; empty if the runs cover the target."""
+    """Reason why the uncertainty is NaN; empty if the runs cover the target."""
     error: WorkError | None
     """Error at the targets, None if no target was corrected."""
     rounded_um: Array
     """Error (n,) by the decimals of the numbers."""
     left: tuple[UncorrectedTarget, ...]
     beside_left_mm: Array
-    """For each move between a corrected and an uncorrected target, the displacement between them."""
+    """Displacement between the ends of each move from a corrected to an uncorrected target or back."""
     sources: tuple[str, ...]
     """Names of the files numbered in `left`."""
     overruled: tuple[NamedFrame, ...]
     """Tools and frames with different numbers in the program than stated by the user."""
     given_away_mm: Array
-    """Remaining error (n,) of moves to a target with an offset, which share its correction; NaN without such moves."""
+    """Largest error (n,) of the moves that share the correction of a target with an offset; NaN without such moves."""
     shared: tuple[SharedCorrection, ...] = ()
     """Positions that keep an error, because they share the correction of a target."""
     changed: frozenset[str] = frozenset()
@@ -87,7 +85,7 @@ class CorrectedProgram:
     named: frozenset[tuple[str, str]] = frozenset()
     """Tools and frames that the user can state, by kind and name."""
     held: bool = False
-    """True if the program is not written, because it would be corrected only in part."""
+    """True if the program is not written, because it is corrected only in part."""
     start: tuple[float, ...] | None = None
     """Joint angles (6,) rad at the start as stated by the user, if the posture of a target may depend on them."""
     neutral: tuple[str, ...] = ()
@@ -106,24 +104,17 @@ def correct_program(
 ) -> CorrectedProgram:
     """Correct all targets of a program for which this is certain.
 
-    whole: hold the program if any target of a move cannot be corrected. start (6,): joint angles in rad at the start of
-    the program. Raises FileError for an invalid program.
+    whole: hold the program if any target of a move stays uncorrected. start (6,): joint angles in rad at the start.
+    Raises FileError for an invalid program.
     """
     program = solve_program(rig, path, frames, scale, start)
     texts, parsed, targets = program.texts, program.parsed, program.targets
-    done = corrected(
-        rig, supported, program.q, [NotCorrected(k, why, "") for k, why in program.reasons.items()], program.wanted
-    )
+    unsolved = [NotCorrected(k, why, "") for k, why in program.reasons.items()]
+    done = corrected(rig, supported, program.q, unsolved, program.wanted)
     done = replace(done, T=forward(program.arm, done.q))
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - program.nominal[:, :3, 3], axis=1)
     flags = _flags_after(program, done)
-    reasons = program.reasons | {target.place: target.reason for target in done.left}
-    reasons |= {k: "changes_flags" for k, values in flags.items() if values is None}
-    reasons |= _implausible(program, done, moved_mm)
-    if rig.robot.rail is not None:
-        of_poses = ((k, target) for k, target in enumerate(targets) if not target.joints)
-        moved = (k for k, target in of_poses if any(is_moved(coordinate) for _, coordinate in target.external))
-        reasons |= dict.fromkeys(moved, "external_axes")
+    reasons = _refused(program, done, flags, moved_mm, rail=rig.robot.rail is not None)
     shared = shared_corrections(Correction(program, done, reasons), rig, supported)
     reasons |= {k: why for k, (why, _) in shared.refused.items()}
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
@@ -135,6 +126,11 @@ def correct_program(
         if (target := targets[k]).of is None and target.file < texts.own
     ]
     left = sorted([*parsed.left, *left], key=lambda target: (target.file, target.line))
+    fact = (
+        "joint targets are taken as computed with the data sheet; targets that were taught with the robot or computed "
+        "with the controller's own constants should stay as they are"
+    )
+    offline = [Notice(targets[k].file, targets[k].line, fact) for k in kept if k in program.offline]
     files = dict(zip(texts.names, map(as_bytes, new), strict=False))
     changed = frozenset(name for name, old, text in zip(texts.names, texts.texts, new, strict=False) if old != text)
     return CorrectedProgram(
@@ -161,20 +157,12 @@ def correct_program(
         given_away_mm=shared.kept_mm[kept],
         shared=shared.of(kept),
         changed=changed,
-        notices=(*parsed.notices, *_offline_notice(targets, sorted(program.offline & {*kept}))),
+        notices=(*parsed.notices, *offline[:1]),
         named=parsed.named,
         held=whole and any(target.reason != "unused" for target in left),
         start=start if _needs_start(parsed) else None,
         neutral=texts.neutral,
     )
-
-
-def _offline_notice(targets: Sequence[Target], places: Sequence[int]) -> list[Notice]:
-    fact = (
-        "joint targets are taken as computed with the data sheet; targets that were taught with the robot or computed "
-        "with the controller's own constants should stay as they are"
-    )
-    return [Notice(targets[k].file, targets[k].line, fact) for k in places[:1]]
 
 
 def _needs_start(parsed: Parsed) -> bool:
@@ -186,30 +174,44 @@ def _needs_start(parsed: Parsed) -> bool:
 def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:
     """The corrected target of each move whose other target is unchanged."""
     base = [k if target.of is None else target.of for k, target in enumerate(parsed.targets)]
-    ends_kept = [base[k] for k in parsed.next_to_left]
+    ends_kept = [base[k] for k in parsed.next_to_left if base[k] in kept]
     for step in parsed.steps:
-        ends = [(base[step.target], base[k]) for k in step.comes_from if k not in (None, AT_BEGIN)]
-        ends_kept += [
-            first if first in kept else second for first, second in ends if (first in kept) != (second in kept)
-        ]
-    return [k for k in ends_kept if k in kept]
+        for source in step.comes_from:
+            ends = [] if source in (None, AT_BEGIN) else [base[step.target], base[source]]
+            corrected_ends = [k for k in ends if k in kept]
+            ends_kept += corrected_ends if len(corrected_ends) == 1 else []
+    return ends_kept
 
 
-def _implausible(program: SolvedProgram, done: CorrectedTargets, moved_mm: Array) -> dict[int, Reason]:
-    """Reasons for targets with an implausible correction, which must not be written."""
+def _refused(
+    program: SolvedProgram,
+    done: CorrectedTargets,
+    flags: Mapping[int, tuple[int, ...] | None],
+    moved_mm: Array,
+    *,
+    rail: bool,
+) -> dict[int, Reason]:
+    """Reasons for targets that stay uncorrected, also because of their flags or an implausible correction."""
+    reasons = program.reasons | {target.place: target.reason for target in done.left}
+    reasons |= {k: "changes_flags" for k, values in flags.items() if values is None}
     places = np.flatnonzero(done.done)
     turned = pose_error(done.T[places], forward(program.arm, program.q[places]))[:, 3:]
     turned_deg = np.degrees(np.linalg.norm(turned, axis=1))
     joint_deg = np.degrees(np.abs(done.q[places] - program.q[places])).max(axis=1, initial=0.0)
     large = (moved_mm[places] > MOST_MM) | (turned_deg > _MOST_DEG) | (joint_deg > _MOST_JOINT_DEG)
-    return dict.fromkeys(places[large].tolist(), "too_large")
+    reasons |= dict.fromkeys(places[large].tolist(), "too_large")
+    if rail:  # It carries the arm to another place of a pose.
+        poses = ((k, target) for k, target in enumerate(program.targets) if not target.joints)
+        moved = (k for k, target in poses if any(is_moved(coordinate) for _, coordinate in target.external))
+        reasons |= dict.fromkeys(moved, "external_axes")
+    return reasons
 
 
 def _flags_after(program: SolvedProgram, done: CorrectedTargets) -> dict[int, tuple[int, ...] | None]:
     """New values of flags that do not agree with the corrected angles, None if rig cannot write them.
 
-    The controller obeys the flags: after a change of quadrant or sign, it would reach the angle a full turn away. A
-    move with an offset uses the flags of its point.
+    After a change of quadrant or sign, old flags would lead to the angle a full turn away. A move with an offset uses
+    the flags of its point.
     """
     arm, changed = program.arm, dict[int, tuple[int, ...] | None]()
     for k in np.flatnonzero(done.done).tolist():
@@ -263,25 +265,24 @@ def _new_numbers(program: SolvedProgram, k: int, done: CorrectedTargets) -> list
         values = frame_numbers(target.form, program.located[k].in_program(done.T[k]), old)
         decimals = [form.place] * 3 + [form.turn] * (len(values) - 3)
     text = program.texts.texts[target.file]
-    three = zip(target.numbers, values.tolist(), decimals, strict=True)
-    return [(number, written(number, text, value, target.form, places)) for number, value, places in three]
+    return [
+        (number, written(number, text, value, target.form, places))
+        for number, value, places in zip(target.numbers, values.tolist(), decimals, strict=True)
+    ]
 
 
 def _read_back(program: SolvedProgram, new: tuple[str, ...]) -> Parsed:
-    """Parse the new texts, and check that they contain the same targets."""
+    """Parse the new texts. Raises FileError unless they contain the same targets."""
     texts = program.texts
     after = program.maker.reader.parse(replace(texts, texts=(*new, *texts.texts[texts.own :])))
 
-    def others(parsed: Parsed) -> tuple[object, ...]:
-        return [(target.name, target.file, target.line) for target in parsed.targets], parsed.steps, parsed.left
-
-    if others(after) != others(program.parsed):
-        raise FileError(
-            "the corrected program",
-            "cannot be read back as the same program",
-            "please report this with the program",
-            code="program.read_back",
-        )
+    before, now = (
+        ([(target.name, target.file, target.line) for target in parsed.targets], parsed.steps, parsed.left)
+        for parsed in (program.parsed, after)
+    )
+    if before != now:
+        problem, remedy = "cannot be read back as the same program", "please report this with the program"
+        raise FileError("the corrected program", problem, remedy, code="program.read_back")
     return after
 
 

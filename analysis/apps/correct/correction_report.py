@@ -267,7 +267,7 @@ def _each_um(values_mm: Array) -> list[float | None]:
 def write(corrections: Corrections, directory: Path) -> list[Path]:
     """Write corrections.yaml and, if they apply, dh.csv, the corrected path and the corrected programs.
 
-    dh.csv is written if a link constant changes. Raises FileError if a file already exists.
+    Raises FileError if a file already exists.
     """
     import pyarrow as pa  # noqa: PLC0415 - slow to import
 
@@ -303,12 +303,8 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     for program in corrections.programs:
         for name, data in ({} if program.held else program.files).items():
             if name in files:
-                raise FileError(
-                    name,
-                    "would be written twice",
-                    "put corrected programs of the same name into different directories",
-                    code="program.twice",
-                )
+                remedy = "put corrected programs of the same name into different directories"
+                raise FileError(name, "would be written twice", remedy, code="program.twice")
             remarks = [mark_of(date.isoformat())] if name in program.changed else []
             remarks += [ANYWAY] if program.path in against else []
             form = maker_by(program.maker).reader.remark

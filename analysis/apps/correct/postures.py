@@ -1,8 +1,8 @@
 """The joint angles that a controller computes at the targets of a program.
 
-A pose has up to eight postures with different corrections, so a target with an uncertain posture is not corrected. The
-posture is determined, in this order, by joint angles in the program near the pose, by posture flags that only a single
-solution matches, or by the moves from all previous targets, along which the arm keeps the posture.
+A target with an uncertain posture is not corrected. The posture is determined, in this order, by joint angles in the
+program near the pose, by posture flags that only a single solution matches, or by the moves from all previous targets,
+along which the arm keeps the posture.
 """
 
 from __future__ import annotations
@@ -29,10 +29,7 @@ quadrant or a turn either flag agrees. Chosen."""
 
 
 def agreeing(arm: Arm, q: Array, flags: Flags, slack_rad: float = _ROUNDING_RAD) -> Mask:
-    """Mask (n,) of the solutions q (n, 6) rad that agree with flags.
-
-    slack_rad: tolerance of an angle relative to the limits of its sign, quadrant or turn.
-    """
+    """Mask (n,) of the solutions q (n, 6) rad that agree with flags, up to slack_rad beyond a sign or quadrant."""
     return flags.agreeing(arm, q, flags.values, slack_rad) if len(q) else np.zeros(0, dtype=bool)
 
 
@@ -48,20 +45,15 @@ ambiguous. Chosen. The second is sufficient if several measures agree."""
 _ANY_MM_S = 100.0
 """Speed for computing a path. The positions do not depend on the speed."""
 _PAST_SINGULARITY = 0.01
-"""Conditioning below which the posture after a straight line is uncertain.
-
-It corresponds to an angle of axis 5 below 2.3°, or to 4 mm at the wrist, which a robot passes between two set points of
-the controller. The controller then decides to which side the wrist turns.
-"""
+"""Conditioning below which the controller decides to which side the wrist turns on a line: an angle of axis 5 below
+2.3°, or 4 mm at the wrist, which a robot passes between two set points."""
 _HALF_TURN_RAD = np.radians(178.0)
 """Rotation of the tool along a line above which its direction is uncertain: the smallest change of a target may reverse
 it, and axis 6 ends a turn away. Chosen: twice the largest correction of an orientation."""
 _SAME_ORIENTATION_RAD = np.radians(0.1)
 """Tolerance for equal orientations. Chosen: it changes a correction of 1 mm by 2 µm."""
 _FLAT = 1e-4
-"""Sine of an angle below which three points of an arc count as collinear. Chosen: the radius is several hundred
-metres.
-"""
+"""Sine of an angle below which three points of an arc are collinear. Chosen: a radius of several hundred metres."""
 _LONGEST_MM = 1e4
 """Maximum length of a line of an arm: 10 m."""
 
@@ -75,11 +67,10 @@ def solved(
     start: Sequence[float] | None = None,
     tips: Array | None = None,
 ) -> tuple[Array, dict[int, Reason]]:
-    """Solve the joint angles (n, 6) rad of targets; with the reasons for missing ones.
+    """Solve the joint angles (n, 6) rad of targets, with the reasons for missing ones.
 
-    poses (n, 4, 4): poses of the arm's tool in the world, NaN for joint targets. joint_angles (n, 6): in rad, NaN for
-    pose targets. start (6,): joint angles in rad of the arm at the start of the program, if known. tips (n, 3): points
-    in mm that the program moves, in the frame of the arm's tool.
+    poses (n, 4, 4): poses of the arm's tool in the world, NaN for joint targets. joint_angles (n, 6): rad, NaN for
+    poses. start (6,): rad, if known. tips (n, 3): points that the program moves, in mm in the arm's tool.
     """
     q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # The last row has index AT_BEGIN.
     reasons: dict[int, Reason] = {}
@@ -96,9 +87,8 @@ def solved(
         elif target.near is not None:
             _take(q, reasons, k, _nearest(solutions, np.array(target.near)))
         elif target.flags:
-            mask = agreeing(arm, solutions, target.flags)
-            chosen = solutions[mask][0] if mask.sum() == 1 else None
-            _take(q, reasons, k, chosen if chosen is not None else ("ambiguous" if mask.any() else "other_flags"))
+            chosen = solutions[agreeing(arm, solutions, target.flags)]
+            _take(q, reasons, k, chosen[0] if len(chosen) == 1 else "ambiguous" if len(chosen) else "other_flags")
     tips = np.zeros((len(targets), 3)) if tips is None else tips
     ways = _Ways(arm, poses, branches, q, tips, [target.joints for target in targets])
     _derive_postures(ways, targets, steps, reasons)
@@ -132,10 +122,10 @@ def _take(q: Array, reasons: dict[int, Reason], k: int, solution: Array | Reason
 def _nearest(solutions: Array, near: Array) -> Array | Reason:
     """Solution (6,) rad nearest to angles (6,) rad, or the reason if it is ambiguous."""
     away = np.abs(solutions - near).max(axis=1)
-    order = np.argsort(away)
-    if away[order[0]] > _NEAR_RAD or (len(order) > 1 and away[order[1]] < _CLEARLY * away[order[0]]):
+    first, *second = np.sort(away)[:2]
+    if first > _NEAR_RAD or (second and second[0] < _CLEARLY * first):
         return "ambiguous"
-    nearest: Array = solutions[order[0]]
+    nearest: Array = solutions[away.argmin()]
     return nearest
 
 
@@ -156,28 +146,17 @@ def _derive_postures(
 ) -> None:
     """Derive postures that are not stated from the previous targets, and reject targets with different postures on
     different paths."""
-    branches, q = ways.branches, ways.q
     free = {k for k, target in enumerate(targets) if not target.joints and target.near is None and target.flags is None}
-    waiting = [step for step in steps if step.target in free and step.target in branches]
+    waiting = [step for step in steps if step.target in free and step.target in ways.branches]
     solved_some = True
     while solved_some:
-        solved_some, still = False, []
+        solved_some = False
         for step in waiting:
             k = step.target
-            sources = [
-                source
-                for source in step.comes_from
-                if source is not None and ways.is_solved(source) and source not in reasons
-            ]
-            if ways.is_solved(k) or k in reasons:
-                continue
-            if not sources:
-                still.append(step)
-                continue
-            arrived = ways.reached(min(sources), k, step.way)
-            _take(q, reasons, k, arrived)
-            solved_some = True
-        waiting = still
+            sources = [at for at in step.comes_from if at is not None and ways.is_solved(at) and at not in reasons]
+            if sources and not ways.is_solved(k) and k not in reasons:
+                _take(ways.q, reasons, k, ways.reached(min(sources), k, step.way))
+                solved_some = True
     bad: dict[int, Reason] | None = None
     while bad is None or bad:
         bad = {}
@@ -206,8 +185,7 @@ def _take_from_approaches(
 
 @dataclass
 class _Ways:
-    """Joint angles of the arm after a move from a target to another, computed once. q (n, 6) rad: filled in during
-    the search."""
+    """Joint angles after a move from a target to another, each computed once. The search fills in q (n, 6) rad."""
 
     arm: Arm
     poses: Array

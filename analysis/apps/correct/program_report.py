@@ -22,9 +22,9 @@ from rigs.text import counted
 
 _TEXTS = texts_of("en")
 _LISTED = 30
-"""Maximum number of places of one kind in the answer; corrections.yaml lists more."""
+"""Places of one kind in the answer; corrections.yaml lists more."""
 _KEPT = 10_000
-"""Maximum number of uncorrected targets in corrections.yaml and in JSON. Robot programs are smaller."""
+"""Uncorrected targets in corrections.yaml and in JSON. Robot programs are smaller."""
 _SHOWN_UM = 1.0
 """Rounding in µm below which nothing is reported: no supported gauge resolves it."""
 _MORE: dict[Reason, str] = {
@@ -35,7 +35,7 @@ _MORE: dict[Reason, str] = {
 
 
 def blocks(program: CorrectedProgram) -> list[Block]:
-    """The numbers of targets, remarks on parts of the correction, and the uncorrected targets with their reasons."""
+    """The numbers of targets, remarks on the correction, and the uncorrected targets with their reasons."""
     count, steps, left = len(program.names), len(program.beside_left_mm), len(program.left)
     places = f"{left or 'no'} place{'s' * (left > 1)}"
     name, targets = program.path.name, counted(count, "target")
@@ -114,7 +114,7 @@ def _place(program: CorrectedProgram, file: int, line: int) -> str:
 
 
 def reached(u_frame_mm: Array, u_mm: Array) -> str:
-    """Accuracy of corrected targets in words. An uncertainty (n,) is NaN if the runs do not cover the target."""
+    """Accuracy of targets in words, given their uncertainties (n,), NaN if the runs do not cover a target."""
     if np.isnan(u_mm).all():
         return _TEXTS("correct_accuracy_unknown")
     key = "correct_accuracy_covered" if np.isnan(u_mm).any() else "correct_accuracy"

@@ -1,8 +1,7 @@
 """Positions that share the correction of a target, although they would need a different one.
 
-A point has a single set of numbers. A move with an offset adds the offset to these numbers, so an approach shares the
-correction of its work point. A controller that uses only the position of an arc's via point passes it in an orientation
-between start and end, but the via point is corrected at the orientation written there. The work point and the written
+An approach with an offset shares the numbers of its work point. Some controllers pass the via point of an arc in an
+orientation between start and end, but it is corrected at the orientation written there. The work point and the written
 orientation come first; the remaining error of the others is computed here.
 """
 
@@ -25,10 +24,8 @@ from analysis.robot.kinematics.arm import Array, forward
 from rigs.rig import Rig
 
 REMAINING_SHARE = 0.1
-"""Remaining error, as a share of the uncorrected error, above which a position is listed. Chosen: a tenth is small
-compared with the uncertainty of most corrections."""
-
-_SINGULAR: Reason = "singular"
+"""Remaining share of the error above which a position is listed. Chosen: a tenth is small compared with the
+uncertainty of most corrections."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ class SharedCorrection:
     name: str
     kind: Literal["offset", "via"]
     before_mm: float
-    """Distance of the tool from the intended position without the correction, NaN if unknown."""
+    """Error without the correction, NaN if unknown."""
     after_mm: float
     """The same with the correction."""
     unknown: Reason | None = None
@@ -57,7 +54,7 @@ class SharedCorrections:
     """Points that no correction suits, with the reason and the move causing it."""
 
     def of(self, targets: Sequence[int]) -> tuple[SharedCorrection, ...]:
-        """The listed positions of these targets in program order, for each move the worst."""
+        """The listed positions of targets in program order, for each move the worst."""
         worst: dict[tuple[int, int, str], SharedCorrection] = {}
         for position in (position for k in targets for position in self.listed.get(k, ())):
             key = position.file, position.line, position.kind
@@ -80,7 +77,7 @@ class Correction:
     reasons: Mapping[int, Reason]
 
     def off_mm(self, k: int, T: Array, wanted: Array) -> float:
-        """Distance in mm of the program's tool between two poses (4, 4) of the arm's tool at target k."""
+        """Distance of the program's tool between two poses (4, 4) of the arm's tool at target k."""
         return float(np.linalg.norm(self.program.tip(k, T) - self.program.tip(k, wanted)))
 
     def is_allowed(self, k: int) -> bool:
@@ -89,7 +86,7 @@ class Correction:
         return bool(((self.program.q[k] >= low) & (self.program.q[k] <= high)).all())
 
     def bound_mm(self, k: int, before_mm: float) -> float:
-        """Remaining error up to which a position is not listed: the uncertainty or the share."""
+        """Error up to which a position is not listed: the uncertainty or the share."""
         u_mm = min(self.done.u_mm[k], self.done.u_frame_mm[k])
         return float(np.fmax(u_mm, REMAINING_SHARE * before_mm))  # Without an uncertainty, the share is the limit.
 
@@ -104,9 +101,8 @@ def shared_corrections(correction: Correction, rig: Rig, supported: Sequence[Sup
 def _add_offsets(shared: SharedCorrections, correction: Correction) -> None:
     """Add the moves to points with an offset.
 
-    A point that the program reaches is corrected there, whatever its approaches keep. A point that is used only with
-    offsets is refused if any position would be farther off than before, or cannot be computed. Any point is refused if
-    the correction might move a position beyond a limit or its posture flags.
+    A point that is used only with offsets is refused if any position would be farther off than before, or cannot be
+    computed. Any point is refused if the correction might move a position beyond a limit or its posture flags.
     """
     program, T = correction.program, correction.done.T
     reached = {move.target for move in program.parsed.steps}
@@ -143,7 +139,8 @@ def _add_vias(shared: SharedCorrections, correction: Correction, rig: Rig, suppo
         before_mm, after_mm = (
             correction.off_mm(k, T, wanted) if solved else np.nan for T in (program.nominal[k], correction.done.T[k])
         )
-        target, unknown = program.targets[k], None if solved else _SINGULAR
+        target = program.targets[k]
+        unknown: Reason | None = None if solved else "singular"
         position = SharedCorrection(target.file, target.line, target.name, "via", before_mm, after_mm, unknown)
         shared.add(k, position, correction.bound_mm(k, before_mm))
 

@@ -29,8 +29,8 @@ _SAME_MM = 1e-3
 
 @dataclass(frozen=True)
 class Located:
-    """Conversion of a target between the pose X of the program's tool in its frame and T of the rig's tool in the
-    world: T = outer X inner."""
+    """Conversion between the pose X of the program's tool in its frame and T of the rig's tool in the world:
+    T = outer X inner."""
 
     outer: Array
     """Frame of the program in the world."""
@@ -89,8 +89,8 @@ def solve_program(
 ) -> SolvedProgram:
     """Read a program, and determine the postures of its targets.
 
-    start (6,): joint angles in rad at the start of the program. Raises FileError for an invalid program, and UseError
-    for an unreachable start.
+    start (6,): joint angles in rad at the start. Raises FileError for an invalid program, and UseError for an
+    unreachable start.
     """
     maker, texts = read_program(path, frames.neutral)
     parsed, arm = maker.reader.parse(texts), controller_arm(rig.robot)
@@ -116,10 +116,7 @@ def solve_program(
 
 
 def _offline_arm(robot: Robot) -> Arm:
-    """The arm of the data sheet, with which offline programming computes joint angles.
-
-    If the rig file has the constants of the controller without the name of the arm, it is the arm of the rig file.
-    """
+    """The arm of the data sheet, with which offline programming computes joint angles, if the rig file names it."""
     if robot.controller == "constants" and robot.arm and not robot.controller_axes:
         robot = robot.model_copy(update={"axes": load_arm(robot.arm).robot.axes})
     return arm_of(robot)
@@ -164,12 +161,8 @@ def _joints_at(
             poses[k] = located[k].in_world(place)
     low, high = arm.limits.T
     if start is not None and ((start < low) | (start > high)).any():
-        raise UseError(
-            "--start-joints",
-            "is beyond the limits of the arm's joints",
-            "give angles within the limits",
-            code="program.start",
-        )
+        problem = "is beyond the limits of the arm's joints"
+        raise UseError("--start-joints", problem, "give angles within the limits", code="program.start")
     q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start, tips)
     beyond = ((q < low - 1e-9) | (q > high + 1e-9)).any(axis=1)
     return q, reasons | unsolved | {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}

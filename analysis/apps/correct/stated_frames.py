@@ -15,7 +15,7 @@ from rigs.text import numbers_in
 
 _HOW = "write NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
 _NEAREST_MM = 5.0
-"""Distance below which a non-zero tool or frame was probably stated in metres. Chosen: no arm is longer than 5 m."""
+"""Distance below which a tool or frame is probably in metres. Chosen: no arm is longer than 5 m."""
 _FARTHEST_MM = 1e6
 """Maximum distance of a frame: a kilometre is a typing error."""
 _MOST_TURNED_DEG = 1000.0
@@ -29,26 +29,23 @@ class Frames:
     frames: Mapping[str, Array] = field(default_factory=dict)
     """User frames in the robot's base."""
     neutral: tuple[str, ...] = ()
-    """Routines without a text that neither move the arm nor change tools, frames, registers or displacements."""
+    """Routines without a text that change nothing."""
 
     def stated(self, kind: str, name: str) -> Array | None:
         return (self.tools if kind == "tool" else self.frames).get(name.lower())
 
     def doubts(self, named: set[tuple[str, str]] | None) -> list[str]:
-        """Doubts about frames that are probably in metres, or that no move uses. named: kinds and names that moves of
-        the programs use, None without programs."""
+        """Doubts about frames that are probably in metres, or that no move uses. named: kinds and names in use, None
+        without programs."""
         doubts = []
         for kind, frames in (("tool", self.tools), ("frame", self.frames)):
             for name, frame in frames.items():
                 if named is not None and (kind, name) not in named:
-                    doubts.append(
-                        f"--{kind} {name}: the programs contain no move that certainly uses a {kind} of that name"
-                    )
+                    fact = f"the programs contain no move that certainly uses a {kind} of that name"
+                    doubts.append(f"--{kind} {name}: {fact}")
                 if 0 < (away_mm := float(np.linalg.norm(frame[:3, 3]))) < _NEAREST_MM:
-                    doubts.append(
-                        f"--{kind} {name}: a distance of only {away_mm:.3g} mm; lengths are in mm; in metres "
-                        f"the distance would be {1e3 * away_mm:.4g} mm"
-                    )
+                    fact = f"a distance of only {away_mm:.3g} mm; lengths are in mm; in metres"
+                    doubts.append(f"--{kind} {name}: {fact} the distance would be {1e3 * away_mm:.4g} mm")
         return doubts
 
 
@@ -56,17 +53,15 @@ NO_FRAMES = Frames()
 
 
 def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str], neutral: Sequence[str] = ()) -> Frames:
-    """Parse texts "name=x,y,z,rx,ry,rz" as frames, and lists of routines that change nothing, separated by commas.
+    """Parse texts "name=x,y,z,rx,ry,rz", "name=0" or, for the tool of the rig file, "name=rig", and lists of routines.
 
-    A tool can also be "name=rig", the tool of the rig file, and both can be "name=0". Raises UseError for any other
-    text, and for a name with two different frames.
+    Raises UseError for any other text, and for a name with two different frames.
     """
     routines = tuple(name.strip() for text in neutral for name in text.split(","))
     for name in routines:
         if not re.fullmatch(r"\w[\w -]{0,39}", name):
-            raise UseError(
-                f"--neutral {name}", "is not the name of a routine", "write NAME or NAME,NAME", code="program.neutral"
-            )
+            problem, remedy = "is not the name of a routine", "write NAME or NAME,NAME"
+            raise UseError(f"--neutral {name}", problem, remedy, code="program.neutral")
     return Frames(_named("--tool", tools, transform(robot.tool)), _named("--frame", frames, None), routines)
 
 
@@ -84,9 +79,8 @@ def _named(option: str, texts: Sequence[str], of_rig: Array | None) -> dict[str,
             numbers = _six(f"{option} {text}", values, _FARTHEST_MM, _HOW)
             frame = transform(Pose(xyz_mm=tuple(numbers[:3]), rpy_deg=tuple(numbers[3:])))
         if not np.array_equal(frames.setdefault(name.lower(), frame), frame):
-            raise UseError(
-                f"{option} {name}", "is given twice, with different numbers", "give it once", code="program.frame"
-            )
+            problem = "is given twice, with different numbers"
+            raise UseError(f"{option} {name}", problem, "give it once", code="program.frame")
     return frames
 
 

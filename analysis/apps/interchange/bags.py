@@ -1,16 +1,8 @@
 """ROS 2 bags in both formats of `ros2 bag record`, and their messages in file order.
 
-Each chunk of an MCAP file is unpacked once, with a size limit and a checksum. The index is ignored, because it may list
-a chunk any number of times: a file of 220 kB claimed 22 GB. Records are read in sequence, and their unpacked size is
-counted in the same pass. A flipped bit in a reading produces another plausible reading, which only the checksums of
-chunks and of the data section reveal.
-
-The first format of rosbag2 is SQLite. A database can contain views and triggers with endless computations, so only
-plain tables are read, ordered by time, with a limited number of steps. This format has no checksums: a flipped bit
-changes a message unnoticed.
-
-Messages are decoded from CDR by their fixed layout. A general decoder would build code from message definitions in a
-file of unknown origin.
+MCAP records are read in sequence: the index may list a chunk any number of times (a file of 220 kB claimed 22 GB). An
+SQLite database has no checksums, and can contain views and triggers with endless computations, so only plain tables are
+read, with a limited number of steps. Messages are decoded from CDR by their fixed layout.
 
 Sources: OMG DDSI-RTPS 2.3, 10 (CDR), and ros2/common_interfaces, sensor_msgs, geometry_msgs and std_msgs.
 """
@@ -43,7 +35,6 @@ _MOST_UNPACKED = 2_000_000_000
 _MOST_OF_CHUNK = 256_000_000
 """Maximum size in bytes of a chunk, which is in memory completely. Recorders start a new chunk after some megabytes."""
 _PIECE = 1_000_000
-"""Bytes unpacked at a time for counting."""
 
 
 class BagMessage(NamedTuple):
@@ -51,7 +42,6 @@ class BagMessage(NamedTuple):
     kind: str
     """Message type, with the encoding appended if it is not CDR."""
     log_ns: int
-    """Time of reception."""
     sent_ns: int
     """Time of sending if known, else of reception."""
     data: bytes
@@ -73,8 +63,7 @@ class McapBag:
     def messages(self) -> Iterator[BagMessage]:
         """Yield the messages in file order.
 
-        Raises FileError for a bag that is too large, McapError for an inconsistent bag, and any error of the
-        decompressors for a damaged bag.
+        Raises FileError for a bag that is too large, and any error of the decompressors for a damaged one.
         """
         count = unpacked = 0
         checked = True
@@ -87,23 +76,15 @@ class McapBag:
                 checked &= record.uncompressed_crc != 0
                 size = max(record.uncompressed_size, _frame_bytes(record))  # A few bytes can claim any size.
                 remedy = "record the topics of joints and gauges only, or import the file in several runs"
-                if (unpacked := unpacked + size) > _MOST_UNPACKED:
-                    problem = f"expands to more than {_MOST_UNPACKED / 1e9:g} GB"
-                    raise FileError(self.where, problem, remedy, code="bag.too_large")
-                if size > _MOST_OF_CHUNK:
-                    raise FileError(
-                        self.where,
-                        f"contains a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB",
-                        remedy,
-                        code="bag.too_large",
-                    )
+                if (unpacked := unpacked + size) > _MOST_UNPACKED or size > _MOST_OF_CHUNK:
+                    limits = f"{_MOST_UNPACKED / 1e9:g} GB, or a chunk to more than {_MOST_OF_CHUNK / 1e6:g} MB"
+                    raise FileError(self.where, f"expands to more than {limits}", remedy, code="bag.too_large")
             else:
                 checked &= not isinstance(record, Message)
             for part in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else (record,):
                 if isinstance(part, Message):
                     count += 1
                     yield BagMessage(*self._channels[part.channel_id], part.log_time, part.publish_time, part.data)
-                # Remember the schema or the channel defined by a record.
                 elif isinstance(part, Schema):
                     self._schemas[part.id] = part
                 elif isinstance(part, Channel):
@@ -154,10 +135,7 @@ class SqliteBag:
     is_whole = True
 
     def messages(self) -> Iterator[BagMessage]:
-        """Yield the messages in the order of reception.
-
-        Raises sqlite3.Error for a damaged database, and for a database that is not a bag.
-        """
+        """Yield the messages in the order of reception. Raises sqlite3.Error for a database that is no intact bag."""
         steps = iter(range(_MOST_STEPS // _STEPS))
         with closing(sqlite3.connect(":memory:")) as database:
             database.deserialize(self.data[:_VERSIONS] + _NO_LOG + self.data[_VERSIONS + len(_NO_LOG) :])
@@ -165,11 +143,10 @@ class SqliteBag:
             database.set_progress_handler(lambda: next(steps, None) is None, _STEPS)
             if database.execute(_PLAIN).fetchone() != (2,):
                 raise sqlite3.DatabaseError("the tables messages and topics of a ROS 2 bag are missing")
-            for topic, kind, form, log_ns, data in database.execute(_MESSAGES):
+            for topic, name, form, log_ns, data in database.execute(_MESSAGES):
                 if isinstance(data, bytes) and isinstance(log_ns, int):
-                    yield BagMessage(
-                        str(topic), str(kind) if form == "cdr" else f"{kind} as {form}", log_ns, log_ns, data
-                    )
+                    kind = str(name) if form == "cdr" else f"{name} as {form}"
+                    yield BagMessage(str(topic), kind, log_ns, log_ns, data)
 
 
 Bag = McapBag | SqliteBag
@@ -189,34 +166,24 @@ def bag_of(data: bytes, where: str) -> Bag:
 def file_of(path: Path) -> Path:
     """Find the file of a bag in a directory written by `ros2 bag record`; any other path is returned unchanged.
 
-    Raises FileError unless the directory contains exactly one such file, and for a file with messages in a separate
-    log.
+    Raises FileError unless there is exactly one such file, and if a separate log still contains messages.
     """
     files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES) if path.is_dir() else [path]
-    if len(files) == 1:
-        log = files[0].with_name(f"{files[0].name}-wal")
-        if log.exists() and log.stat().st_size:
-            remedy = (
-                f"write that file into the bag: sqlite3 {as_argument(str(files[0]))} 'PRAGMA wal_checkpoint(TRUNCATE)'"
-            )
-            raise FileError(
-                str(files[0]),
-                f"was not closed: the last messages are still in {log.name}",
-                remedy,
-                code="bag.not_closed",
-            )
-        return files[0]
-    problem = f"is a directory with {len(files) or 'no'} files of a bag ({' or '.join(_SUFFIXES)})"
-    remedy = (
-        "merge the files into a single bag: ros2 bag convert"
-        if files
-        else "give the file, or the directory of ros2 bag record"
-    )
-    raise FileError(str(path), problem, remedy, code="bag.directory")
+    if len(files) != 1:
+        problem = f"is a directory with {len(files) or 'no'} files of a bag ({' or '.join(_SUFFIXES)})"
+        several = "merge the files into a single bag: ros2 bag convert"
+        remedy = several if files else "give the file, or the directory of ros2 bag record"
+        raise FileError(str(path), problem, remedy, code="bag.directory")
+    file = str(files[0])
+    log = Path(f"{file}-wal")
+    if log.exists() and log.stat().st_size:
+        problem = f"was not closed: the last messages are still in {log.name}"
+        remedy = f"write that file into the bag: sqlite3 {as_argument(file)} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+        raise FileError(file, problem, remedy, code="bag.not_closed")
+    return files[0]
 
 
 def messages_of(bag: Bag) -> Iterator[BagMessage]:
-    """Yield the messages of a bag. Raises FileError if it is truncated or damaged."""
     if not bag.is_whole:
         remedy = "copy the bag a second time, or repair an interrupted recording: mcap recover BAG -o REPAIRED"
         raise FileError(bag.where, "is truncated: the magic bytes at the end are missing", remedy, code="bag.damaged")
@@ -275,7 +242,7 @@ class Cdr:
 
 
 def joint_state(data: bytes) -> tuple[int, dict[str, float]]:
-    """Stamp in ns and angle in rad of each joint in a JointState; none if it is truncated."""
+    """Stamp in ns, and angles in rad by joint; none if the message is truncated."""
     try:
         message = Cdr(data)
         stamp_ns = message.header()
@@ -294,7 +261,6 @@ class Placed(NamedTuple):
 
     stamp_ns: int
     child: str
-    """Name of the frame, if given."""
     place_m: tuple[float, ...]
     turn: tuple[float, ...]
 

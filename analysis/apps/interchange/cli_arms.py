@@ -60,12 +60,12 @@ def arms(
         if as_json:
             say_json({"arms": [entry.model_dump(mode="json", exclude={"text"}) for entry in library]})
         else:
-            say_answer(arms_answer(library))
+            say_answer(_table_of(library))
         return
     if calibration and poses:
         raise typer.BadParameter("give either the calibration of the controller or its poses", param_hint="--poses")
     arm = load_arm(name)
-    robot, text = arm.robot, arm_section(arm)
+    robot, text = arm.robot, _section(arm)
     if source := calibration or poses:
         from analysis.intake.controller_arm import rig_with_controller
         from analysis.robot.description.rig_section import robot_text
@@ -77,12 +77,12 @@ def arms(
         for note in read.notes:
             say(note, err=True, mark="note: ")
     if output or not as_json:
-        write_section(text, output)
+        _write_section(text, output)
     if as_json:
         say_json(arm.model_dump(mode="json", exclude={"text"}) | {"robot": robot.model_dump(mode="json")})
 
 
-def write_section(text: str, output: Path | None) -> None:
+def _write_section(text: str, output: Path | None) -> None:
     from analysis.runs.written_files import holding, write_new
 
     if output is None:
@@ -92,24 +92,18 @@ def write_section(text: str, output: Path | None) -> None:
     say(f"wrote {output}", err=True)
 
 
-def arms_answer(arms: Sequence[LibraryArm]) -> list[Block]:
+def _table_of(arms: Sequence[LibraryArm]) -> list[Block]:
     from analysis.apps.report.blocks import Sentence, Table
 
-    rows = tuple(
-        (
-            arm.name,
-            f"{arm.maker} {arm.model}",
-            f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else "unknown",
-            "known" if arm.sources.masses else "unknown",
-        )
-        for arm in arms
-    )
+    rows = []
+    for arm in arms:
+        repeatability = f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else "unknown"
+        rows.append((arm.name, f"{arm.maker} {arm.model}", repeatability, "known" if arm.sources.masses else "unknown"))
     counted = f"{len(arms)} arms; rig arms NAME shows the robot section and the sources of an arm"
-    return [Table(("name", "arm", "repeatability", "masses"), rows, frozenset({2})), Sentence(counted)]
+    return [Table(("name", "arm", "repeatability", "masses"), tuple(rows), frozenset({2})), Sentence(counted)]
 
 
-def arm_section(arm: LibraryArm) -> str:
-    """Robot section of an arm, with the sources of the numbers as comments."""
+def _section(arm: LibraryArm) -> str:
     repeatability = f", repeatability {arm.repeatability_mm:g} mm" if arm.repeatability_mm else ""
     head = [f"{arm.maker} {arm.model}{repeatability}", *([arm.note] if arm.note else []), f"frames: {arm.frames}"]
     head += [f"{key}: {words}" for key, words in arm.sources.model_dump(exclude_defaults=True).items()]
@@ -144,7 +138,7 @@ def import_urdf(
 
     arm = imported(file, base, tip)
     section = arm.section.with_build(build) if build else arm.section
-    write_section(section.text, output)
+    _write_section(section.text, output)
     for doubt in arm.doubts:
         say(doubt, err=True, mark="note: ")
     if build is None:
@@ -208,10 +202,10 @@ def export_urdf(
     from analysis.robot.model.predict import geometric_arm, model_of
     from rigs.load import load
 
-    if calibration_hash is not None and reader != "ur-driver":
-        raise typer.BadParameter(
-            "applies only to --for ur-driver: only calibration.yaml has a hash", param_hint="--hash"
-        )
+    is_ur = reader == "ur-driver"
+    if calibration_hash is not None and not is_ur:
+        problem = "applies only to --for ur-driver: only calibration.yaml has a hash"
+        raise typer.BadParameter(problem, param_hint="--hash")
     if friction_of is not None and reader != "mjcf":
         raise typer.BadParameter("applies only to --for mjcf: only MJCF has friction", param_hint="--friction-of")
     if (friction_of is None) != (nm_per_a is None):
@@ -224,17 +218,16 @@ def export_urdf(
         text, carried = simulated_arm(rig, arm, rig_file, carried, friction)
     else:
         text = _description(rig, arm, reader, rig_file, calibration_hash, carried)
-    write_section(text, output)
+    _write_section(text, output)
     say(carried, err=True)
-    if rig.robot.rail and reader in ("ur-driver", "franka", "xarm"):
-        say("The rail is not included: the file describes the arm at rail position 0.", err=True)
-    if reader in ("franka", "xarm"):
-        say("base and tool of the rig file are not included: the file covers the robot's base to the flange", err=True)
-    if reader == "ur-driver":
-        say("base and tool of the rig file are not included: the file covers the controller's base to tool0", err=True)
-        if calibration_hash is None:
-            problem = "the driver will report a calibration mismatch"
-            say(f"{problem}; set the robot's hash with --hash", err=True, mark="note: ")
+    if is_ur or reader in ("franka", "xarm"):
+        if rig.robot.rail:
+            say("The rail is not included: the file describes the arm at rail position 0.", err=True)
+        covered = "controller's base to tool0" if is_ur else "robot's base to the flange"
+        say(f"base and tool of the rig file are not included: the file covers the {covered}", err=True)
+    if is_ur and calibration_hash is None:
+        problem = "the driver will report a calibration mismatch"
+        say(f"{problem}; set the robot's hash with --hash", err=True, mark="note: ")
 
 
 def _description(rig: Rig, arm: Arm, reader: Reader, rig_file: str, calibration_hash: str | None, carried: str) -> str:

@@ -57,17 +57,15 @@ def _export(path: Path, to: Format, output: Path) -> None:
         write_new(output, holding(_map_of(read_run(path))))
         say(output)
         return
-    doubts: tuple[str, ...] = ()
     with progress_of(f"exporting {path}"):
         run = read_run(path)
-        if to == "mcap":
+        measured = None if to == "mcap" else measured_of(run)
+        if measured is None:
             write_new(output, partial(write_mcap, run))
         else:
-            measured = measured_of(run)
-            doubts = measured.doubts
             write = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}[to]
             write_new(output, partial(write, measured.to_table()))
-    for doubt in doubts:
+    for doubt in measured.doubts if measured else ():
         say(f"note: {doubt}", err=True)
     try:
         durable.persist(output)  # rigd may delete a marked run, and a power failure must not destroy the only copy.

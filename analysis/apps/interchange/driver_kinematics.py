@@ -1,20 +1,13 @@
 """Export of an arm as the joint origins of a maker's ROS description: kinematics.yaml, or calibration.yaml for
 Universal Robots. Neither contains the base or the tool of a rig file.
 
-kinematics.yaml has an entry per joint: the origin in the previous link. A description draws meshes in the maker's link
-frames. The frames of the maker and of the rig file turn about the same axes on the same links, so each pair differs by
-a constant frame. This frame is computed from the nominal arm and used to write the calibrated arm. Meshes stay in the
-maker's positions.
+The frames of the maker and of the rig file turn about the same axes on the same links, so each pair differs by a
+constant frame, computed from the nominal arm. Nominal origins: frankaemika/franka_description,
+robots/fer/kinematics.yaml, commit 1ddff9b (the FR3 has the same lengths); xArm-Developer/xarm_ros,
+xarm_description/config/kinematics/default, commits a083c36 and 74e75cf, with right angles in place of 1.5708.
 
-The nominal origins come from the makers' files: frankaemika/franka_description, robots/fer/kinematics.yaml, commit
-1ddff9b (the FR3 has the same lengths); xArm-Developer/xarm_ros, xarm_description/config/kinematics/default, commits
-a083c36 and 74e75cf, with right angles in place of 1.5708. Doosan's description (doosan-robotics/doosan-robot2,
-dsr_description2/urdf) and Kinova's (Kinovarobotics/ros2_kortex) have no such file: their joints are part of the URDF.
-
-The package ur_description builds a URDF from calibration.yaml. Each entry is the origin of a joint in metres and
-radians, turning about z. The first belongs to base_link_inertia, which is base_link rotated by half a turn about z and
-equal to the controller's base. tool0 is the frame of wrist_3. Source: ros-industrial/universal_robot,
-ur_description/urdf/inc/ur_macro.xacro, commit 0290bd2.
+calibration.yaml has the origin of each joint in m and rad. The first belongs to base_link_inertia, equal to the
+controller's base. Source: ros-industrial/universal_robot, ur_description/urdf/inc/ur_macro.xacro, commit 0290bd2.
 """
 
 from __future__ import annotations
@@ -41,8 +34,6 @@ _SAME_MM, _SAME_RAD = 0.5, 1e-4
 
 @dataclass(frozen=True)
 class KinematicsFormat:
-    """The format of a maker's description."""
-
     origins: tuple[Origin, ...]
     flange: Origin | None = None
     above: str | None = None
@@ -98,8 +89,7 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
     """
     joint_senses(arm, where, "kinematics.yaml")
     # Find the layout with the axes of the nominal arm: each pair of frames shares the axis, and the flange is common.
-    # `between` contains the maker's frame of each link in the frame of the rig file, with all joints at zero. For the
-    # last link it follows from the common flange, if the file contains a flange.
+    # `between`: the maker's frame of each link in the frame of the rig file, with all joints at zero.
     for layout in (layout for layout in LAYOUTS[maker] if len(layout.origins) == arm.axes):
         ours, theirs, between = np.eye(4), np.eye(4), list[Array]()
         for T, origin in zip(joint_origins(arm_of(robot)), layout.origins, strict=True):
@@ -111,24 +101,20 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
         ):
             break
     else:
-        problem = f"the kinematics of the arm do not match the form of kinematics.yaml of {maker}"
-        raise FileError(
-            f"{where}, robot.axes",
-            problem,
-            "export a URDF or a xacro: they can describe any arm",
-            code="export.kinematics",
-        )
-    before = [np.eye(4), *between[:-1]]
-    origins = [
-        np.linalg.inv(start) @ T @ end for start, T, end in zip(before, joint_origins(arm), between, strict=True)
-    ]
+        raise _wrong_kind(where, f"kinematics.yaml of {maker}")
+    origins = [*(T @ end for T, end in zip(joint_origins(arm), between, strict=True))]
     if layout.flange is not None:
-        origins.append(np.linalg.inv(between[-1]))
+        origins.append(np.eye(4))
     entries: dict[str, object] = {}
-    for number, T in enumerate(origins, start=1):
-        entry = _entry(T)
+    for number, (start, T) in enumerate(zip([np.eye(4), *between], origins, strict=False), start=1):
+        entry = _entry(np.linalg.inv(start) @ T)
         entries[f"joint{number}"] = {layout.below: entry} if layout.below else entry
     return _yaml({layout.above: entries} if layout.above else entries, remarks)
+
+
+def _wrong_kind(where: str, file: str) -> FileError:
+    problem, remedy = f"the kinematics of the arm do not match {file}", "export a URDF, which can describe any arm"
+    return FileError(f"{where}, robot.axes", problem, remedy, code="export.kinematics")
 
 
 def _entry(T: Array) -> dict[str, float]:
@@ -148,9 +134,7 @@ LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _HASH = re.compile(r"calib_\d{1,20}")
 """Format of the driver's hash: a number of 64 bits."""
 _TWISTS_DEG = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)
-"""alpha of all arms of the maker (DH parameters published for calculations of kinematics and dynamics, modified
-form).
-"""
+"""alpha of all arms of the maker, from its published DH parameters, in Craig's form."""
 _MOST_DEG = 5.0
 """Maximum deviation, larger than any deformation. Arms of other makers differ by right angles."""
 
@@ -163,20 +147,10 @@ def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, re
     """
     if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
         problem = f"{calibration_hash!r} is not a valid hash of the driver"
-        raise UseError(
-            "--hash",
-            problem,
-            "copy the hash from the file extracted by the driver: calib_ and digits",
-            code="export.hash",
-        )
+        remedy = "copy the hash from the file extracted by the driver: calib_ and digits"
+        raise UseError("--hash", problem, remedy, code="export.hash")
     off_deg = np.abs(np.degrees(arm.alpha) - _TWISTS_DEG)
     if (off_deg > _MOST_DEG).any() or -1 in joint_senses(arm, where, "calibration.yaml"):
-        problem = "the kinematics of the arm do not match Universal Robots, as calibration.yaml requires"
-        raise FileError(
-            f"{where}, robot.axes",
-            problem,
-            "omit --for ur-driver: a URDF can describe any arm",
-            code="export.kinematics",
-        )
+        raise _wrong_kind(where, "calibration.yaml of Universal Robots")
     links: dict[str, object] = {link: _entry(T) for link, T in zip(LINKS, joint_origins(arm), strict=True)}
     return _yaml({"kinematics": {**links, "hash": calibration_hash or NOT_THE_CONTROLLERS}}, remarks)

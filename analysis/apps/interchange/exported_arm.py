@@ -1,11 +1,9 @@
-"""Parts of a rig's model in exported arms: geometry, and for simulators backlash, compliance and friction of each
-joint.
-"""
+"""Parts of a rig's model in exported arms: geometry; for simulators also play, compliance and friction of joints."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from analysis.apps.interchange.mjcf_text import JointTraits, mjcf_text
@@ -34,16 +32,11 @@ def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> Jo
     friction_nm: Coulomb friction of joints in Nm, by axis from 1. Terms of the same axis add up; a sum that is not
     positive is not a compliance and is dropped.
     """
-    play_deg, soft = defaultdict[int, float](float), defaultdict[int, float](float)
-    for effect in known_plays(rig):
-        if effect.PLACE == AT_AXIS and is_play(effect):
-            play_deg[_axis(effect)] += float(getattr(effect, size_field(effect)))
     terms = [(effect, 1.0) for effect in rig.effects]
     terms += [(term.effect, term.times) for term in rig.calibrated.terms if not term.named] if rig.calibrated else []
-    for effect, times in terms:
-        if effect.PLACE == AT_AXIS and size_field(effect) == _SPRING:
-            soft[_axis(effect)] += times * float(getattr(effect, size_field(effect)))
-    return JointTraits(dict(play_deg), {axis: value for axis, value in soft.items() if value > 0}, friction_nm or {})
+    play_deg = _sums((effect, 1.0) for effect in known_plays(rig) if is_play(effect))
+    soft = _sums(term for term in terms if size_field(term[0]) == _SPRING)
+    return JointTraits(play_deg, {axis: value for axis, value in soft.items() if value > 0}, friction_nm or {})
 
 
 def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> dict[int, float]:
@@ -53,9 +46,7 @@ def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> 
     """
     if friction and max(friction) > len(nm_per_a):
         problem = f"has {len(nm_per_a)} numbers, but the run shows the friction of axis {max(friction)}"
-        raise UseError(
-            _OPTION, problem, "give a number for each axis, from the data sheet of the maker", code="export.torques"
-        )
+        raise UseError(_OPTION, problem, "give a number for each axis, from the data sheet", code="export.torques")
     return {axis: joint.current_a * nm_per_a[axis - 1] for axis, joint in sorted(friction.items())}
 
 
@@ -63,17 +54,18 @@ def torques_of(text: str) -> tuple[float, ...]:
     """Parse the torque of each axis per ampere, in Nm, from a comma-separated list. Raises UseError."""
     values = numbers_in(text)
     if not values or min(values) <= 0:
-        raise UseError(
-            _OPTION,
-            f"{text!r} is not a list of torques above zero",
-            "give a number per axis, separated by commas",
-            code="export.torques",
-        )
+        problem, remedy = f"{text!r} is not a list of torques above zero", "give a number per axis, separated by commas"
+        raise UseError(_OPTION, problem, remedy, code="export.torques")
     return values
 
 
-def _axis(effect: Effect) -> int:
-    return int(getattr(effect, "axis", 0))
+def _sums(terms: Iterable[tuple[Effect, float]]) -> dict[int, float]:
+    """Sum of the sizes of effects at each axis, each with a factor."""
+    sums = defaultdict[int, float](float)
+    for effect, times in terms:
+        if effect.PLACE == AT_AXIS:
+            sums[int(getattr(effect, "axis", 0))] += times * float(getattr(effect, size_field(effect)))
+    return dict(sums)
 
 
 _OF_THE_ARM: tuple[Stage, ...] = ("arm", "joint", "tool")
@@ -124,15 +116,9 @@ def simulated_arm(rig: Rig, arm: Arm, where: str, carried: str, friction: Mappin
     `mjcf_text`.
     """
     traits = joint_traits(rig, friction)
-    parts = [
-        f"{cause} of axis {', '.join(map(str, sorted(axes)))}"
-        for cause, axes in (
-            ("play", traits.play_deg),
-            ("deflection under load", traits.compliance_deg_per_nm),
-            ("friction", traits.friction_nm),
-        )
-        if axes
-    ]
+    soft = traits.compliance_deg_per_nm
+    of_cause = {"play": traits.play_deg, "deflection under load": soft, "friction": traits.friction_nm}
+    parts = [f"{cause} of axis {', '.join(map(str, sorted(axes)))}" for cause, axes in of_cause.items() if axes]
     hinges = f"In additional hinges: {'; '.join(parts)}."
     of_joints = hinges if parts else "Neither play nor deflection under load was found."
     return mjcf_text(rig.robot, arm, traits, where, [carried, of_joints]), f"{carried} {of_joints}"

@@ -1,14 +1,9 @@
 """Export of a run as MCAP, for Foxglove and PlotJuggler: the streams, and the moving arm.
 
-Each stream is a channel of JSON messages with a schema. Log times are wall-clock times: the first-byte stamps shifted
-by the clock anchor of the manifest. The messages contain every column of the store, with unchanged stamps. JSON has no
-NaN, so such values are omitted.
-
-An imported table has no clock: `t_s` counts from 1970, so plots start at zero. MCAP has no earlier times: if `t_s`
-starts below zero, the first row is at zero.
-
-The arm consists of joint angles as `foxglove.JointStates`, and a URDF with the same joint names. The JSON schemas are
-published at docs.foxglove.dev/docs/sdk/schemas; the URDF has the schema `std_msgs/String`.
+Each stream is a channel of JSON messages with every column of the store. Log times are the first-byte stamps shifted by
+the clock anchor of the manifest. `t_s` of an imported table counts from 1970; MCAP has no earlier times, so a negative
+start becomes zero. The arm is `foxglove.JointStates` (docs.foxglove.dev/docs/sdk/schemas) and a URDF with the same
+joint names, as `std_msgs/String`.
 """
 
 from __future__ import annotations
@@ -76,7 +71,6 @@ _JSON_TYPES = {"double": "number", "int64": "integer", "int32": "integer", "stri
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 _ARM_CHANNELS = ((JOINTS_TOPIC, JOINT_STATES), (DESCRIPTION_TOPIC, DESCRIPTION))
 _END_NS = 2**64
-"""End of the times in MCAP."""
 
 
 class _Message(NamedTuple):

@@ -1,9 +1,7 @@
 """Export of an arm as a MuJoCo model (MJCF), with measured backlash, friction and compliance per joint.
 
-Backlash is an additional hinge on the same axis and body, free to turn by half the backlash in both directions.
-Compliance is an additional hinge with a spring. The position of the main hinge is therefore the angle reported by the
-controller. Friction is the `frictionloss` of the main hinge. Source of the format: XML reference of MuJoCo, joint
-(range, stiffness, frictionloss, armature) and body/inertial.
+Backlash and compliance are additional hinges on the axis of a joint, free to turn by half the backlash or with a
+spring, so the main hinge has the angle reported by the controller. Source: XML reference of MuJoCo.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Conversion of a ROS 2 bag to a table of poses: joint angles, and positions of the tool measured at the same time.
 
-Joints are taken by name from a topic of JointState, and positions from a topic of poses, points or transforms. Both use
-the stamps of the senders, or the times of reception if stamps are missing or come from different clocks. Each
-standstill of the robot becomes a row with the mean and scatter of the settled part. Unused standstills are counted. The
-table is then treated like any table of unknown layout (`analysis.intake.map_proposal`): units and orientations are
-checked against the arm, and a camera on the tool is recognised.
+Joints come from a topic of JointState, and positions from a topic of poses, points or transforms, by the stamps of the
+senders, or by the times of reception if stamps are missing or come from different clocks. Each standstill of the robot
+becomes a row. The table is then treated like any table of unknown layout (`analysis.intake.map_proposal`).
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""Conversion of a ROS 2 bag (MCAP, or the first format of rosbag2) to the table of a circle.
+"""Conversion of a ROS 2 bag to the table of a circle.
 
-Joints come from the topic of `sensor_msgs/msg/JointState` given in the rig file (`ros2_joint_states`), and gauges from
-the topics `/g1` and `/g2` of `std_msgs/msg/Float64`, in mm. The messages of a topic are treated like the stream of an
-instrument. Times and rows are determined as for a recorded run (`analysis.runs.align`): by the stamps of the sender, or
-by the pace of the messages if a topic has no stamps. Irregular reception contributes to the uncertainty of the time of
-each row and of the time common to all rows.
+Joints come from the topic of `sensor_msgs/msg/JointState` given in the rig file, and gauges from `/g1` and `/g2` of
+`std_msgs/msg/Float64`, in mm. A topic is treated like the stream of an instrument (`analysis.runs.align`): by the
+stamps of the sender, or by the pace of its messages. Irregular reception contributes to the uncertainty of the times.
 """
 
 from __future__ import annotations
@@ -36,7 +34,6 @@ _LEAP_NS = 1e9
 _LARGEST = 1e6
 """Limit for the values of messages: lengths in m or mm, angles in rad or degrees."""
 Message = tuple[int, list[float]]
-"""The stamp of the sender in ns, 0 for none, and the values."""
 
 
 @dataclass

@@ -30,7 +30,6 @@ _MOST_BYTES = 10_000_000
 _MOST_PARTS = 2000
 """Limit of links and joints; a humanoid with both hands has about a hundred."""
 _LARGEST = 1e6
-"""Limit in metres, radians or kilograms."""
 _TYPES = ("revolute", "continuous", "prismatic", "fixed")
 _GIVE_URDF = "give a URDF file, such as the output of xacro"
 
@@ -68,7 +67,6 @@ class Urdf:
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Read the links and joints of a file. Raises FileError."""
     where = str(path)
     root = _xml_root(path)
     name, masses, bare = _attribute(root, "name", where), dict[str, tuple[float, Array]](), ElementTree.Element("robot")
@@ -194,17 +192,13 @@ _ENDLESS_RAD = 2 * np.pi
 """Limits of a continuous joint: a full turn in each direction, the usual range of controllers."""
 _REMEDY = "choose the ends of the arm with --base and --tip"
 _GRIPPER = ("gripper", "jaw", "finger", "claw")
-"""Words in the names of gripper joints and links, as in SO-100, SO-101, WidowX and Robotiq."""
 _LISTED = 5
 _DECIMALS, _MM = 9, 1000.0
-"""Decimals of metres and degrees."""
 _NONE = 1e-13
 
 
 @dataclass(frozen=True)
 class Chain:
-    """The joints between two links of a URDF."""
-
     base: str
     tip: str
     up: tuple[UrdfJoint, ...]
@@ -223,7 +217,6 @@ class Chain:
         return tuple(joint for joint in self.down if self.turns(joint))
 
     def turns(self, joint: UrdfJoint) -> bool:
-        """True for an axis of the arm."""
         return joint.moves and joint is not self.rail
 
 

@@ -1,12 +1,8 @@
 """Export of an arm as a URDF, `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`, and as a xacro macro.
 
-Joints have the names, directions and limits of the rig file. Joint values are the controller's angles: each joint turns
-about z of a frame fixed in the previous link, as in ROS drivers (`driver_kinematics`). A rail is a prismatic joint
-between `rail_base`, fixed in the world, and `base_link`. A rig file contains masses and their centres, but no moments
-of inertia or torques. These are written as zero, with a comment.
-
-The macro includes the arm in a second description, with a prefix and a parent link. It contains the URDF except for the
-world, with the same joints.
+Joint values are the controller's angles: each joint turns about z of a frame fixed in the previous link. A rail is a
+prismatic joint between `rail_base`, fixed in the world, and `base_link`. Unknown moments of inertia and torques are
+zero, with a comment. The macro has a prefix and a parent link instead of the world.
 """
 
 from __future__ import annotations
@@ -165,7 +161,6 @@ def _limited(joint: ElementTree.Element, way: Sequence[float], lower: float, upp
 
 
 def numbers_text(values: Sequence[float] | Array) -> str:
-    """Format numbers (n,) with all digits."""
     return " ".join(repr(float(value)) for value in values)
 
 
@@ -181,11 +176,9 @@ def add_remarks(root: ElementTree.Element, remarks: Iterable[str]) -> None:
 
 _XACRO = "http://www.ros.org/wiki/xacro"
 _EXPANDS = re.compile(r"\$+[{(]")
-"""Start of an expression in xacro."""
 
 
 def macro_name(robot: Robot) -> str:
-    """Name of the robot in the characters permitted by xacro."""
     letters = re.sub(r"\W+", "_", robot.name.casefold(), flags=re.ASCII).strip("_")
     return letters if letters and not letters[0].isdigit() else f"arm_{letters}".rstrip("_")
 

@@ -2,20 +2,12 @@
 
 The folder of a maker contains these values, imported on first use:
 
-- `__init__.py`: FILES, the files of a program, and CONTROLLER, the parameters for zeros of joints and constants of
-  links;
+- `__init__.py`: FILES, the files of a program, and CONTROLLER, the parameters for zeros and constants of links;
 - `writer.py`: WRITER, which writes the programs of a test;
 - `reader.py`: READER, which parses a user's program, so that targets can be corrected in place;
 - `driver.py`: DRIVER, an emulated controller that executes a program, with the parameters an operator can enter.
 
-Writer, reader and driver are independent implementations of the maker's manual, because the tests compare them with
-each other. A request for a missing value raises UseError.
-
-A correction states that a joint must read `add_deg` more at an unchanged posture. The change of the parameter follows
-from the formula by which the controller computes the reading. For some makers the sign of a length is not public. The
-growth of the length is then stated, together with the old size for comparison. Counts per degree and gear ratios differ
-between models and axes and include the sign of the motor. They are not public for all models, so the user provides
-them. Without these, a change is stated in degrees of the reading.
+Writer, reader and driver are independent implementations of the maker's manual, because the tests compare them.
 """
 
 from __future__ import annotations
@@ -42,7 +34,6 @@ T = TypeVar("T")
 @dataclass(frozen=True)
 class ProgramFiles:
     label: str
-    """Short name of the maker."""
     suffixes: tuple[str, ...]
     """Of the file with the motion, in lower case."""
     data: str = ""
@@ -56,22 +47,17 @@ class ProgramFiles:
 @dataclass(frozen=True)
 class ConstantParameter:
     key: str
-    """As in the rig file."""
     name: str
     unit: str
     per_unit: float
     """Change of the parameter per mm or degree."""
     later: int = 0
-    """Axis number in the rig file minus axis number at the controller: Craig's a and alpha belong to the axis after the
-    link."""
+    """Axis number in the rig file minus that at the controller: Craig's a and alpha belong to the next axis."""
     axes: tuple[int, ...] = (1, 2, 3, 4, 5, 6)
-    """Axes of the rig file with the parameter."""
     by_size: bool = False
-    """True if the sign convention of a length is not public. The correction then states by how much the length grows,
-    whatever its sign, and a zero length has no parameter."""
+    """True if the sign of a length is not public: its growth is stated, and a zero length has no parameter."""
 
     def of(self, axis: int) -> str:
-        """Name of the parameter for an axis of the rig file."""
         return self.name.format(axis=axis - self.later)
 
 
@@ -87,16 +73,13 @@ class Controller:
     place: str
     """Menu or file in which the operator enters the values."""
     zero: str
-    """Parameter of the zero of axis {axis}."""
     unit: str
     per_deg: float
     scale: str
     steps: tuple[str, ...]
-    """Instructions for the operator."""
     source: str
     """Public reference; (W) marks references other than a manual of the maker."""
     missing: str
-    """Information not found in public."""
     changes_reading: bool = True
     """False if only the model of the arm changes."""
     constants: tuple[ConstantParameter, ...] = ()
@@ -107,12 +90,10 @@ class Controller:
     """Texts by name that enter changes, by axis and key, into a controller of a rig."""
 
     def zero_of(self, axis: int) -> str:
-        """Name of the zero of an axis of the rig file."""
         return self.zero.format(axis=axis - 1 + self.first_joint)
 
     @property
     def check(self) -> str:
-        """Check of the signs of entered values, to be done before the robot moves."""
         check = _CHECK_READING if self.changes_reading else f"{_CHECK_MODEL} If not, restore {self.place}."
         return check.replace(_UNTESTED, "") if self.signs_tested else check
 
@@ -184,7 +165,7 @@ class Maker:
 
 
 def maker_by(name: MakerName) -> Maker:
-    """Look up a maker. Raises UseError if neither rig nor an installed package provides it."""
+    """Raises UseError if neither rig nor an installed package provides the maker."""
     package = f"analysis.apps.makers.{name}" if name in MAKERS else offered_makers().get(name)
     if package is None:
         raise UseError(
@@ -194,7 +175,7 @@ def maker_by(name: MakerName) -> Maker:
 
 
 def maker_of_file(name: str | Path) -> Maker | None:
-    """Return the maker for the suffix of a file; None if the file is not a robot program."""
+    """Find the maker by the suffix of a file; None if it is no robot program."""
     suffix = Path(name).suffix.lower()
     for maker in map(maker_by, makers()):
         with suppress(UseError):  # An external package that cannot be imported has no files.
@@ -204,7 +185,6 @@ def maker_of_file(name: str | Path) -> Maker | None:
 
 
 def remedy_for(name: str | Path) -> str:
-    """The remedy for a file that is no program."""
     suffix = Path(name).suffix.lower()
     for files in (maker_by(maker).files for maker in MAKERS):
         if suffix and suffix == files.unread:
@@ -213,9 +193,8 @@ def remedy_for(name: str | Path) -> str:
 
 
 def suffixes_in_words() -> str:
-    every = [maker_by(name).files for name in MAKERS]
     *first, last = (
         f"{' or '.join(files.suffixes)}{f' with its {files.data}' * bool(files.data)} ({files.label})"
-        for files in every
+        for files in (maker_by(name).files for name in MAKERS)
     )
     return f"{', '.join(first)} or {last}"

@@ -6,7 +6,6 @@ import ast
 from collections.abc import Callable, Mapping
 
 Operators = Mapping[type[ast.operator] | str, Callable[..., float]]
-"""The functions of binary operators, and of calls by name."""
 
 
 def tree_of(text: str) -> ast.expr | None:

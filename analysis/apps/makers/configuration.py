@@ -1,7 +1,7 @@
 """Configuration of an arm: which of its solutions a target means, in the flags of the makers.
 
-The definition of the flags by each maker could not be confirmed for every arm: the operator compares them with the
-pendant (docs/robot-programs.md). Turns are certain, because they follow from the joint angles.
+Their definition could not be confirmed for every arm: the operator compares them with the pendant
+(docs/robot-programs.md). Turns are certain.
 """
 
 from __future__ import annotations
@@ -14,11 +14,8 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, link_frames
 
 
 def configuration_of(arm: Arm, q: Array) -> tuple[bool, bool, bool]:
-    """Return the flags flip, up and front at joint angles q (6,) rad.
-
-    flip: axis 5 has a positive angle. up: the elbow is above the line from shoulder to wrist. front: the wrist is on
-    the side of axis 1 that the arm faces.
-    """
+    """Flags at joint angles q (6,) rad: flip (axis 5 is positive), up (the elbow is above the line from shoulder to
+    wrist) and front (the wrist is on the side of axis 1 that the arm faces)."""
     first, shoulder, elbow, _, wrist, _ = link_frames(arm, q[None])[0]
     reach = wrist[:3, 3] - shoulder[:3, 3]
     bend = elbow[:3, 3] - shoulder[:3, 3]
@@ -28,7 +25,7 @@ def configuration_of(arm: Arm, q: Array) -> tuple[bool, bool, bool]:
 
 
 def turns(q_rad: float) -> int:
-    """Count the full turns of a joint angle outside (-180°, 180°); each end of the range counts as a turn."""
+    """Full turns of a joint angle outside (-180°, 180°); each end of the range counts as a turn."""
     return int(np.copysign(np.floor(abs(q_rad) / (2 * np.pi) + 0.5), q_rad))
 
 
@@ -40,10 +37,10 @@ def agreeing(
     number_of: Callable[[float], int],
     slack_rad: float,
 ) -> Mask:
-    """Return a mask (n,) of the solutions q (n, 6) rad with the given flags and turns.
+    """Mask (n,) of the solutions q (n, 6) rad with the given flags and turns.
 
-    sides: flip, up and front. numbers: for each axis, from 0, the number that `number_of` has to compute from its
-    angle or from an angle up to slack_rad away.
+    sides: flip, up and front. numbers: for each axis, from 0, the result of `number_of` for its angle or for one up to
+    slack_rad away.
     """
 
     def agrees(angles: Array) -> bool:

@@ -1,9 +1,8 @@
 """Emulated controllers: an interpreter drives a robot as the controller would, and records all actions.
 
-The module also contains the parameters that an operator can enter, computed from the maker's formula and independent of
-the code that writes corrections. Lengths are in mm, angles in rad. A position is that of the tool (3,) and an
-orientation is a scipy Rotation, both in the robot's base frame. The machine obtains its arm as a function from joint
-angles to the flange. The program or the operator sets the tool.
+The parameters that an operator can enter follow from the maker's formula, independently of the code that writes
+corrections. Lengths are in mm, angles in rad. Positions (3,) and orientations are those of the tool in the robot's
+base frame.
 """
 
 from __future__ import annotations
@@ -22,20 +21,17 @@ Array = NDArray[np.float64]
 Flange = Callable[[Array], tuple[Array, Array]]
 """Function from joint angles (6,) rad to rotation (3, 3) and position (3,) mm of the flange."""
 Turning = Literal["fixed to path", "relative to path", "even"]
-"""Orientation of the tool along an arc: fixed to the path from the start; from start to end relative to the path; or
-about a fixed axis in space."""
+"""Rotation of the tool along an arc: with the path; from start to end relative to the path; or about a fixed axis."""
 _FARTHEST_MM = 1e5
-"""Limit of a coordinate in mm, ten times the reach of any arm: a larger number is a mistake."""
+"""Limit of a coordinate: ten times the reach of any arm."""
 _FASTEST_MM_S, _FASTEST_RAD_S = 3000.0, 10.0
 """Speed limits, far above the speed of arms carrying a gauge."""
 _SAME_MM, _SAME_RAD = 1e-6, 1e-9
-"""Rounding tolerance for equal poses."""
 
 
 COUNTS_PER_DEG = 3000.0
-"""Counts, or pulses, of each motor of an emulated arm per degree of the axis. Chosen: no maker publishes the number."""
+"""Counts, or pulses, per degree of an axis of an emulated arm. Chosen: no maker publishes the number."""
 GEAR_RATIO = 100.0
-"""Motor degrees per degree of the axis of an emulated arm. Chosen."""
 Field = Literal["reading", "offset", "a", "d", "alpha"]
 
 
@@ -45,18 +41,13 @@ class ProgramError(Exception):
 
 @dataclass(frozen=True)
 class ConfigurationFlags:
-    """The configuration flags of a position that follow from the joint angles."""
-
     flip: bool
-    """True for a positive angle of axis 5."""
     counts: tuple[int, ...]
     """Turns of axes 4, 5 and 6 or of 4, 6 and 1, as used by the language."""
 
 
 @dataclass(frozen=True)
 class ToolPose:
-    """The position (3,) mm and orientation of a tool in the base frame, and the configuration if stated."""
-
     place: Array
     turn: Rotation
     configuration: ConfigurationFlags | None = None
@@ -64,15 +55,13 @@ class ToolPose:
 
 @dataclass(frozen=True)
 class MoveLimits:
-    """The limits of a move; None if the language sets no limit."""
+    """Limits of a move; None if the language sets none."""
 
     share: float | None = None
     """Share of the maximum speed of each axis, 0 to 1."""
     axis_rad_s: float | None = None
-    """Speed of the fastest joint."""
     axis_rad_s2: float | None = None
     mm_s: float | None = None
-    """Speed of the tool along the path."""
     rad_s: float | None = None
     mm_s2: float | None = None
     seconds: float | None = None
@@ -91,13 +80,10 @@ class PointToPointMove:
 
 @dataclass(frozen=True)
 class LinearMove:
-    """A straight move of the tool with even rotation."""
-
     begin: ToolPose
     end: ToolPose
     speed_mm_s: float
     stops: bool
-    """True if the tool stops at the end."""
     tool: ToolPose
     speed: MoveLimits
 
@@ -154,8 +140,6 @@ class Round:
 
 @dataclass(frozen=True)
 class Waited:
-    """A stop of the robot for a time in seconds."""
-
     seconds: float
 
 
@@ -173,7 +157,7 @@ class RegisterOutput:
 
 @dataclass(frozen=True)
 class OperatorPause:
-    """A pause of the program for the operator."""
+    """The program waits for the operator."""
 
 
 Event = PointToPointMove | LinearMove | Round | Waited | Switched | RegisterOutput | OperatorPause
@@ -185,10 +169,7 @@ def _evenly(begin: Rotation, end: Rotation, share: Array) -> Rotation:
 
 
 def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
-    """Centre (3,) mm, axis (3,) and angle in rad of the arc from a (3,) mm through b to c.
-
-    Raises ProgramError for points that no arc connects in this order.
-    """
+    """Centre (3,), axis (3,) and angle of the arc from a (3,) through b to c. Raises ProgramError if there is none."""
     normal = np.cross(b - a, c - b)
     if np.linalg.norm(normal) < 1e-6:
         raise ProgramError("the points of an arc lie on a straight line")
@@ -203,8 +184,6 @@ def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
 
 
 class Machine:
-    """An arm with a tool, and a record of all actions."""
-
     def __init__(self, flange: Flange, tool: ToolPose | None = None) -> None:
         self._flange = flange
         self._tool = tool
@@ -236,7 +215,6 @@ class Machine:
             self._pose = ToolPose(self._pose.place + turn.apply(tool.place - old.place), turn * tool.turn)
 
     def joints(self, q: Array, speed: MoveLimits) -> None:
-        """Move to joint angles q (6,) rad and stop there."""
         if np.shape(q) != (6,) or not np.isfinite(q).all():
             raise ProgramError("a joint move needs six joint angles")
         matrix, place = self._flange(q)
@@ -245,7 +223,6 @@ class Machine:
         self.events.append(PointToPointMove(self._pose, q, self.tool, speed))
 
     def go(self, pose: ToolPose, speed: MoveLimits) -> None:
-        """Move all joints together to a pose and stop there."""
         self._pose = _finite(pose)
         self.events.append(PointToPointMove(pose, None, self.tool, speed))
 
@@ -291,12 +268,11 @@ def _speed(speed_mm_s: float) -> float:
 
 @dataclass(frozen=True)
 class ControllerParameter:
-    """A parameter by its name at the controller; {axis} is the number of a joint, from 1."""
+    """A parameter at the controller; {axis} in its name is the number of a joint, from 1."""
 
     name: str
     unit: str
     field: Field
-    """The changed property of the arm."""
     factor: float
     """mm or rad per unit."""
     later: int = 0
@@ -304,7 +280,6 @@ class ControllerParameter:
     axis: int = 0
     """From 1, if the name contains no axis."""
     grows: bool = False
-    """True if the length grows regardless of its sign."""
 
     def axis_of(self, name: str) -> int | None:
         """Axis of the rig file, from 1, for a name of this parameter; None for any other name."""
@@ -314,14 +289,14 @@ class ControllerParameter:
 
 
 READING = ControllerParameter("reading of axis {axis}", "deg", "reading", math.radians(1))
-"""The reading of an axis, for an operator with unknown counts per degree: it is set in the menus of the maker."""
+"""The reading of an axis, set in the menus of the maker by an operator without the counts per degree."""
 
 
 @dataclass(frozen=True)
 class ProgramDriver:
     run: Callable[[str, str, Machine], None]
-    """Executes a program on a machine, given the text of the file with the motion and of the data list. Raises
-    ProgramError if the controller would reject it."""
+    """Executes a program, given the texts of the file with the motion and of the data list. Raises ProgramError if the
+    controller would reject it."""
     parameters: tuple[ControllerParameter, ...]
     tool_entered: bool = False
-    """True if the operator enters the tool at the controller, because the program does not set it."""
+    """True if the operator enters the tool, because the program does not set it."""

@@ -1,9 +1,7 @@
 """Motion plans of robot programs, independent of the language, and their demand on the arm.
 
-A plan contains the steps of a program. Limits, singularities, turns of the wrist and the required space are checked on
-the plan before a program is written, and every writer uses the same plan. Poses are tool poses in the robot's base
-frame: axis 1 along z, placed by `robot.base` of the rig file. Controllers use this frame if no base or user frame is
-selected.
+Poses are tool poses in the robot's base frame: axis 1 along z, placed by `robot.base` of the rig file. Controllers use
+this frame if no base or user frame is selected.
 """
 
 from __future__ import annotations
@@ -18,25 +16,20 @@ from analysis.robot.kinematics.newton import cancelling_axes, conditioning
 from rigs.schema.feedback import Feedback
 
 ZONE_MM = 0.3
-"""Distance before the end of an arc at which the next arc may start, so the tool does not stop between arcs of a
-circle. The corner cut by a controller deviates from the circle by at most ZONE² / 2R: 0.6 µm at 70 mm. Some
-languages do not allow a smaller distance."""
+"""Distance before the end of an arc at which the next may start, so that the tool does not stop. The corner deviates
+from the circle by at most ZONE² / 2R: 0.6 µm at 70 mm. Some languages do not allow a smaller distance."""
 ACCELERATION_MM_S2 = 200.0
 """Acceleration on arcs and lines, as in the simulated laps (analysis/robot/geometry/driven_programs.py)."""
 
 
 @dataclass(frozen=True)
 class PlannedTarget:
-    """A tool pose in the base frame, in mm, and the joint angles (6,) rad."""
-
     T: Array
     q: Array
 
 
 @dataclass(frozen=True)
 class JointMove:
-    """A move of all joints together to a target, with a stop there."""
-
     target: PlannedTarget
     speed_rad_s: float
     """Maximum speed of any joint."""
@@ -44,8 +37,6 @@ class JointMove:
 
 @dataclass(frozen=True)
 class StraightMove:
-    """A straight move of the tool to a target in the same configuration of the arm."""
-
     target: PlannedTarget
     speed_mm_s: float
     stops: bool = True
@@ -85,22 +76,18 @@ class Dwell:
 
 @dataclass(frozen=True)
 class Signal:
-    """A change of the number shown by the robot, which makes the daemon start and end runs; 0 for none."""
+    """The number shown by the robot, which makes the daemon start and end runs; 0 for none."""
 
     value: int
 
 
 @dataclass(frozen=True)
 class Hold:
-    """A pause that ends when the operator continues the program."""
-
     request: str
 
 
 @dataclass(frozen=True)
 class Comment:
-    """A comment for the reader of the program."""
-
     text: str
 
 
@@ -110,23 +97,19 @@ Step = Move | Dwell | Signal | Hold | Comment
 
 @dataclass(frozen=True)
 class SignalPlace:
-    """The outputs or the register with the number shown by the controller; neither if the rig file needs no signal."""
+    """The outputs or the register with the signal; neither if the rig file needs none."""
 
     outputs: tuple[int, ...] = ()
     """Digital outputs read as a binary number, least significant bit first."""
     int_register: int | None = None
 
     def bits(self, value: int) -> list[tuple[int, bool]]:
-        """Each output with its state for a number."""
         return [(number, bool(value >> place & 1)) for place, number in enumerate(self.outputs)]
 
 
 @dataclass(frozen=True)
 class MotionPlan:
-    """A robot program before it is written."""
-
     name: str
-    """Test, direction and rig."""
     arm: Arm
     payload_kg: float
     ball_mm: Array
@@ -139,7 +122,7 @@ class MotionPlan:
 
 
 def percent_of_axes(arm: Arm, speed_rad_s: float) -> int:
-    """Largest whole percentage of the maximum axis speeds at which no axis exceeds speed_rad_s."""
+    """Largest whole percentage of the axis speeds at which no axis exceeds speed_rad_s."""
     return max(1, min(100, int(100 * speed_rad_s / float(arm.speed.max()))))
 
 
@@ -163,21 +146,21 @@ def in_base(arm: Arm, poses: Array) -> Array:
 
 
 _STEP_RAD = np.radians(2.0)
-"""Rotation of the fastest joint between two samples of a joint move."""
+"""Rotation of the fastest joint between samples of a joint move."""
 _FULL_TURN_DEG = 300.0
 """Range above which a joint may wind up cables and hoses, nearly a full turn. Chosen."""
 _NEAR_SINGULAR = 0.02
-"""Conditioning below which a path is reported as near a singularity: a tenth of the shipped circles."""
+"""Conditioning below which a path is reported as nearly singular: a tenth of that of the shipped circles."""
 
 
 @dataclass(frozen=True)
 class Demand:
-    """The demand of a plan on the arm after it has reached the start; lowest and highest angle of each joint in rad."""
+    """The demand of a plan on the arm after it has reached the start."""
 
     low: Array
+    """Lowest angle (6,) rad of each joint; also `high`."""
     high: Array
     travel: Array
-    """Total travel (6,) rad."""
     least_conditioning: float
     """At the joint angles `q_there` (6,) rad."""
     q_there: Array
@@ -186,7 +169,7 @@ class Demand:
     distance_mm: Array
     """Least and greatest distance (2,) from the base-ball while the link is mounted."""
     removals: int
-    """Number of joint moves for which the operator removes the link."""
+    """Joint moves for which the operator removes the link."""
 
 
 def demand_of(plan: MotionPlan) -> Demand:
@@ -213,7 +196,6 @@ def demand_of(plan: MotionPlan) -> Demand:
 
 
 def angles_along(begin: PlannedTarget, move: Move) -> Array:
-    """Joint angles (n, 6) rad along a move, excluding the start."""
     if not isinstance(move, JointMove):
         return move.q[1:]
     count = 1 + int(np.abs(move.target.q - begin.q).max() / _STEP_RAD)
@@ -241,7 +223,7 @@ def seconds_of(plan: MotionPlan) -> float:
 
 
 def demand_lines(plan: MotionPlan, demand: Demand, names: list[str]) -> list[str]:
-    """Describe the demand in lines of text, with the names (6) of the axes."""
+    """Describe the demand in words. names (6): of the axes."""
     low, high, travel = np.degrees(demand.low), np.degrees(demand.high), np.degrees(demand.travel)
     room = np.degrees(np.minimum(demand.low - plan.arm.limits[:, 0], plan.arm.limits[:, 1] - demand.high))
     tight = int(room.argmin())

@@ -1,6 +1,4 @@
-"""Conversion of the numbers of a target to joint angles or a frame and back, and to text in the style of the old
-number.
-"""
+"""Conversion of the numbers of a target to joint angles or a frame and back, and to text in the style of the old."""
 
 from __future__ import annotations
 
@@ -20,13 +18,10 @@ _M_MM = 1e3
 
 @dataclass(frozen=True)
 class Decimals:
-    """Minimum and maximum number of decimals in a dialect. Between these limits a number keeps its number of
-    decimals."""
+    """Least and most decimals of a dialect. Between these limits a number keeps its decimals."""
 
     place: tuple[int, int]
-    """Of coordinates."""
     turn: tuple[int, int]
-    """Of angles and of the components of a quaternion."""
 
 
 def joints_of(target: Target, scale: Sequence[float] | None) -> Array:
@@ -39,7 +34,6 @@ def joints_of(target: Target, scale: Sequence[float] | None) -> Array:
 
 
 def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
-    """Frame (4, 4) in mm for the numbers (6,) or (7,) of a pose."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     values = np.asarray(values, dtype=float)
@@ -67,12 +61,10 @@ def is_frame(form: Form, values: Sequence[float]) -> bool:
 _LARGEST = 1e9
 """Limit for the coordinates of a robot. Pulses stay below it, and 9E9 stands for an absent axis."""
 _LENGTH_OFF = 1e-2
-"""Tolerance for the length of a quaternion. Chosen: four decimals, as typed by users, give an error below 1e-4; a
-larger error is a typing error."""
+"""Tolerance for the length of a quaternion. Chosen: four decimals, as typed by users, give an error below 1e-4."""
 
 
 def joint_numbers(form: Form, q: Array, scale: Sequence[float] | None) -> Array:
-    """Numbers (6,) of joint angles q (6,) rad."""
     if form == "joints_rad":
         return q
     degrees: Array = np.degrees(q)
@@ -80,8 +72,7 @@ def joint_numbers(form: Form, q: Array, scale: Sequence[float] | None) -> Array:
 
 
 def frame_numbers(form: Form, T: Array, old: Array) -> Array:
-    """Numbers (6,) or (7,) of a frame (4, 4) in mm; of the sets for one orientation, those nearest to the `old`
-    numbers."""
+    """Numbers (6,) or (7,) of a frame (4, 4) in mm: of the sets for one orientation, those nearest to the old ones."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     turn = Rotation.from_matrix(T[:3, :3])
@@ -125,10 +116,7 @@ def written(number: Number, text: str, value: float, form: Form, decimals: tuple
 
 
 def replaced(text: str, changes: Sequence[tuple[Number, str]]) -> str:
-    """Put new numbers into the text.
-
-    Spaces between an equals sign and a number, as in the columns of a listing, are adjusted to keep the width.
-    """
+    """Put new numbers into the text. Spaces between an equals sign and a number give way, to keep the columns."""
     parts, at = [], 0
     for number, new in sorted(changes, key=lambda change: change[0].begin):
         before = text[at : number.begin]

@@ -1,10 +1,8 @@
 """The points of a program with the moves that use them, and the reasons for leaving points uncorrected.
 
-A point with a name is a single target, however often it is used. It is corrected only if every move to it has the same
-tool and frame on every path, no other setting displaces it, and nothing else in the program refers to it.
-
-A pose refers to the base of the arm, which an external axis may carry. A pose is therefore corrected only if every
-external axis moved by the program is at zero when the arm arrives.
+A point with a name is a single target. It is corrected only if every move to it has the same tool and frame on every
+path, no other setting displaces it, and nothing else refers to it. An external axis may carry the arm, so a pose is
+corrected only if every external axis moved by the program is at zero when the arm arrives.
 """
 
 from __future__ import annotations
@@ -49,15 +47,15 @@ from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
 
 _AT_ZERO = 0.01
-"""Largest coordinate in mm or ° of an external axis at zero: its last decimal stays after a taught stop. Chosen: it
-changes the angles of the arm by a few hundredths of a degree, and the correction by less than 1 µm."""
+"""Coordinate in mm or ° of an external axis at zero: its last decimal stays after a taught stop. Chosen: it changes the
+correction by less than 1 µm."""
 _Because = tuple[Reason, tuple[Unknown, ...]]
 """A reason with the places that cause it."""
 
 
 @dataclass
 class Point:
-    """A declared point. One with a reason is a valid target of moves but cannot be corrected."""
+    """A declared point; one with a reason cannot be corrected."""
 
     target: Target
     reason: Reason | None
@@ -67,8 +65,6 @@ class Point:
 
 @dataclass
 class Points:
-    """The points of a program during parsing, and the moves to unknown points."""
-
     files: int
     """Number of texts to correct; the others are only read."""
     declared: dict[str, Point] = field(default_factory=dict)
@@ -79,10 +75,9 @@ class Points:
     notices: list[Notice] = field(default_factory=list)
     left: list[UncorrectedTarget] = field(default_factory=list)
     sets: list[NamedFrame] = field(default_factory=list)
-    """Numbers that the program assigns to tools and frames."""
 
     def declare(self, key: str, target: Target, reason: Reason | None = None) -> None:
-        """Add a point. A second declaration under the same key makes its meaning uncertain."""
+        """Add a point. A second one under the same key makes its meaning uncertain."""
         if key not in self.declared:
             self.declared[key] = Point(target, reason)
             return
@@ -96,7 +91,7 @@ class Points:
         point.changed = point.changed or Unknown(file, line, "the point is used or assigned there")
 
     def parsed(self, program: Program) -> Parsed:
-        """Return the targets with the moves that a program can make to them."""
+        """The targets, and the moves that a program can make to them."""
         usages = usages_of(_with_external_axes(program, sorted(self.axes), self.declared))
         for usage in usages:
             if point := self.declared.get(usage.move.base or usage.move.key):
@@ -126,17 +121,16 @@ class Points:
             relative = {of.relative for of in bodies if isinstance(of, Elsewhere) and of.relative}
             skipped += [UncorrectedTarget(at.file, at.line, at.why, "relative") for at in sorted(relative)]
         ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
-        frames: list[tuple[object, object]] = [(usage.tool, usage.frame) for usage in usages]
-        frames += [(point.target.tool, point.target.frame) for point in self.declared.values()]
         named: set[tuple[str, str]] = {(of.kind, of.name.lower()) for of in self.sets}
-        for pair in frames:
-            kinds = zip(("tool", "frame"), pair, strict=True)
-            named |= {(kind, name.lower()) for kind, name in kinds if isinstance(name, str) and name}
+        users: list[Usage | Target] = [*usages, *(point.target for point in self.declared.values())]
+        for one in users:
+            for kind, name in (("tool", one.tool), ("frame", one.frame)):
+                named |= {(kind, name.lower())} if isinstance(name, str) and name else set()
         sets, notices = tuple(self.sets), tuple(self.notices)
         return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), sets, notices, frozenset(named))
 
     def _targets(self) -> tuple[list[Target], dict[str, int], list[UncorrectedTarget]]:
-        """Targets with the tool and frame of their moves, their indices by the key of a move, and what is left."""
+        """Targets, their indices by the key of a move, and what is left."""
         targets: list[Target] = []
         places: dict[str, int] = {}
         skipped = list(self.left)
@@ -173,7 +167,6 @@ class Points:
 
 
 def is_moved(coordinate: float) -> bool:
-    """Return whether the coordinate of an external axis is not zero."""
     return abs(coordinate) > _AT_ZERO
 
 
@@ -210,7 +203,6 @@ def _with_external_axes(program: Program, axes: Sequence[str], points: Mapping[s
 
 
 def _sources(usage: Usage, places: dict[str, int]) -> frozenset[int | None]:
-    """Indices of the targets at the start of a move."""
     return frozenset(AT_BEGIN if key == BEGIN else places.get(key or "") for key in usage.comes_from)
 
 
@@ -229,7 +221,6 @@ def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, Arc]:
 
 
 def _registers(usage: Usage) -> Iterator[NamedFrame]:
-    """Tool and frame of a move if the program itself sets their numbers in a register."""
     kinds: dict[str, Literal["tool", "frame"]] = {"UTOOL": "tool", "UFRAME": "frame"}
     for of, value in ((usage.move.tool, usage.tool), (usage.move.frame, usage.frame)):
         if isinstance(of, Ref) and isinstance(value, tuple):
@@ -265,7 +256,7 @@ def _reasons(point: Point) -> Iterator[_Because]:
 def _displacements(point: Point) -> Iterator[_Because]:
     """Yield the reasons why moves to a point end elsewhere.
 
-    If one move reaches the point without an offset, unknown offsets of others do not matter.
+    If a move reaches the point itself, unknown offsets of others do not matter.
     """
     if all(usage.offset for usage in point.usages):
         for _, why in _bad_offsets(point):
@@ -280,7 +271,7 @@ def _displacements(point: Point) -> Iterator[_Because]:
 
 
 def _bad_offsets(point: Point) -> Iterator[tuple[Usage, Unknown]]:
-    """Yield the moves whose offset from a point is unknown or differs between paths, each with the cause."""
+    """Yield the moves whose offset is unknown or differs between paths, each with the cause."""
     offsets: dict[str, object] = {}
     for usage in point.usages:
         if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
@@ -296,17 +287,14 @@ def _unknown_at(usage: Usage, fact: str) -> Unknown:
 
 
 def _named_or_frame(value: Value, of_point: Array | str) -> Array | str:
-    """Tool or frame of a move; that of the point if the move states none."""
     if value == "" or isinstance(value, Unknown):
         return of_point
     return value if isinstance(value, str) else as_frame(value)
 
 
 def as_frame(numbers: Iterable[float]) -> Array:
-    """Convert a value of the state machine to a frame (4, 4) in mm."""
     return np.array(tuple(numbers), dtype=float).reshape(4, 4)
 
 
 def as_value(T: Array) -> tuple[float, ...]:
-    """Convert a frame (4, 4) in mm to a value of the state machine."""
     return tuple(np.asarray(T, dtype=float).ravel().tolist())

@@ -1,35 +1,31 @@
-"""A program as an abstract machine, which determines the tool, frame and displacement that are certain at each move.
+"""Abstract interpretation of programs: the tool, frame and displacement that are certain at each move.
 
-A dialect translates its text into routines of a few statements. The machine follows every path through them: branches
-are joined, loops run to a fixed point, calls are followed. A variable of the state is a value or unknown, and an
-unknown variable names the line that caused it. `ForgetAll` is used for a statement outside the closed list of the
-dialect: the complete state is unknown after it.
+The machine follows every path through the routines of a program: it joins branches, runs loops to a fixed point and
+follows calls. A variable of the state has a value, or is unknown because of a line. `ForgetAll` stands for a statement
+outside the closed list of a dialect. Concurrent code may run at any moment: what it may change is unknown everywhere.
 
-A routine is analysed once for each state in which it is called, independent of the position of the arm; the positions
-are joined at the end. Concurrent code (interrupts, threads) may run at any moment, so all variables it may change are
-unknown everywhere.
+A routine is analysed once for each state in which it is called; the positions of the arm are joined at the end.
 """
 
 from __future__ import annotations
 
 import heapq
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from analysis.correction.reasons import Reason
 
 OFF = "off"
-"""The value of an inactive variable, such as no displacement."""
 BEGIN = "\0begin"
-"""The position of the arm at the start of the program."""
 EXTERNAL = "external"
 """The family of the variables for external axes: off at zero."""
 _MOST_STATES = 64
-"""Maximum number of states in which a routine is analysed; further states count as unknown. Chosen: real programs
-call a routine with a few tools and frames."""
+"""States in which a routine is analysed; further ones count as unknown. Chosen: real programs call a routine with a few
+tools and frames."""
 _DEEPEST = 60
-"""Maximum depth of nested calls; the state of deeper calls is unknown. Controllers allow fewer (some about 20)."""
+"""Depth of nested calls; the state of deeper ones is unknown. Controllers allow fewer (some about 20)."""
 
 
 @dataclass(frozen=True, order=True)
@@ -45,8 +41,6 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Ref:
-    """Reference to the current value of another variable of the controller's state."""
-
     variable: str
 
 
@@ -57,15 +51,13 @@ Value = str | tuple[float, ...] | Unknown
 
 @dataclass(frozen=True)
 class ComputedValue:
-    """A value computed from the current values of other variables."""
-
     variables: tuple[str, ...]
     make: Callable[[tuple[Value, ...]], Value]
 
 
 Setting = Value | Ref | ComputedValue
 Needs = tuple[tuple[Reason, Setting], ...]
-"""Settings that must be off, each with the reason for leaving a target if it is not."""
+"""Settings that must be off at a move, each with the reason for leaving its target if it is not."""
 
 
 @dataclass(frozen=True)
@@ -134,18 +126,14 @@ class Move:
     trusts: Setting = "on"
     """"on" if configuration flags are valid, "checked" if the path has to lead to the same configuration, or off."""
     near: tuple[float, ...] | None = None
-    """Angles (6,) in rad near which the controller searches for a solution."""
     offset: tuple[str, Value | ComputedValue] | None = None
     """The kind, "frame" or "tool", and the 16 numbers of a frame in mm, or unknown."""
     base: str = ""
     """The key of the point itself, if `key` belongs to a point with an offset."""
     arc: str = ""
-    """The name of an arc, the same for both moves of the arc, if the controller does not pass the via point in the
-    orientation written there."""
     tangent: bool = False
     """True if the arc rotates the tool with the tangent: the arm then does not reach any written orientation."""
     through: bool = False
-    """True for the via point of the arc."""
 
 
 Statement = Set | ForgetFamily | ForgetAll | Call | Elsewhere | JumpTarget | Jump | End | Move
@@ -155,14 +143,12 @@ Statement = Set | ForgetFamily | ForgetAll | Call | Elsewhere | JumpTarget | Jum
 class Program:
     routines: Mapping[str, tuple[Statement, ...]]
     initial: Callable[[str], Value]
-    """The value of a variable at the start."""
     beside: tuple[Call, ...] = ()
-    """Routines that may run at any moment."""
     broken: tuple[Call, ...] = ()
     """Routines that may end at any statement, after which the program continues anywhere."""
     kept: tuple[str, ...] = ()
-    """Prefixes of variables that keep the value set by any routine, even by one that is not called: a program may have
-    been stopped anywhere, and a routine started by hand or by an event."""
+    """Prefixes of variables that keep the value set by any routine, even by one that is not called: it may have been
+    started by hand or by an event."""
     cycles: bool = False
     """True if the program restarts at the end with all variables unchanged."""
     starts: str | None = None
@@ -171,8 +157,6 @@ class Program:
 
 @dataclass(frozen=True)
 class Usage:
-    """The variables of the state that a move uses."""
-
     move: Move
     tool: Value
     frame: Value
@@ -191,7 +175,7 @@ class MachineState:
     stands: frozenset[object] = frozenset()
 
     def key(self) -> tuple[frozenset[object], frozenset[object]]:
-        """What distinguishes the states in which a routine is called."""
+        """Identity of the state, apart from the position of the arm."""
         return frozenset(self.values.items()), frozenset(self.lost.items())
 
 
@@ -212,7 +196,7 @@ class _Machine:
         self.program = program
         self.contexts: list[_Context] = []
         self.by_key: dict[object, _Context] = {}
-        self.count: dict[str, int] = {}
+        self.count = Counter[str]()
         self.later: dict[str, Unknown] = {}
         self.active: list[str] = []
         self.halted: list[MachineState] = []
@@ -221,8 +205,7 @@ class _Machine:
         self.pinned, self.pinned_all, self.moved = self._concurrent_changes()
 
     def _concurrent_changes(self) -> tuple[dict[str, Unknown], Unknown | None, bool]:
-        """Parts and families that concurrent routines may change, the cause if they may change all, and whether they
-        may move the arm."""
+        """What concurrent routines may change: variables, the cause if all, and whether they may move the arm."""
         pinned: dict[str, Unknown] = {}
         everything: Unknown | None = None
         moved, seen = False, set()
@@ -279,11 +262,10 @@ class _Machine:
 
     def context(self, routine: str, entry: MachineState) -> _Context:
         key = (routine, entry.key())
-        if key in self.by_key:
-            context = self.by_key[key]
+        if context := self.by_key.get(key):
             context.called_from |= entry.stands
             return context
-        self.count[routine] = self.count.get(routine, 0) + 1
+        self.count[routine] += 1
         context = _Context(len(self.contexts), routine, entry, called_from=set(entry.stands))
         self.contexts.append(context)
         self.by_key[key] = context
@@ -295,8 +277,7 @@ class _Machine:
     def _through(self, context: _Context) -> None:
         """Analyse a routine until the state before every statement is stable."""
         body, flow = self.program.routines[context.routine], self.flow[context.routine]
-        begin = MachineState(context.entry.values, context.entry.lost, frozenset({context.number}))
-        context.before[0] = begin
+        context.before[0] = replace(context.entry, stands=frozenset({context.number}))
         todo = [0]
         waiting = {0}
         while todo:
@@ -318,61 +299,53 @@ class _Machine:
         context.after = context.before.get(len(body))
 
     def _step(self, statement: Statement, state: MachineState) -> MachineState | None:
-        """Return the state after a statement; None if the path ends."""
         match statement:
             case Set(variable, value):
                 return replace(state, values={**state.values, variable: self.resolved(state, value)})
             case ForgetFamily(family, why):
                 kept = {variable: value for variable, value in state.values.items() if family_of(variable) != family}
                 return MachineState(kept, {**state.lost, family: why}, state.stands)
-            case ForgetAll(why):
-                return MachineState({}, {"": why}, frozenset({None}))
             case Elsewhere() | Move():
                 key = statement.key if isinstance(statement, Move) else None
                 return replace(state, stands=frozenset({key}))
-            case Call(name, why):
+            case Call(name, why) if name in self.program.routines:
                 return self._state_after_call(name, why, state)
-            case _:
-                if isinstance(statement, End) and statement.halts:
-                    self.halted.append(state)
-                return state
+            case ForgetAll(why) | Call(why=why):
+                return _unknown_state(why)
+            case End(halts=True):
+                self.halted.append(state)
+        return state
 
     def _state_after_call(self, name: str, why: Unknown, state: MachineState) -> MachineState | None:
-        if name not in self.program.routines:
-            return MachineState({}, {"": why}, frozenset({None}))
-        if self.count.get(name, 0) >= _MOST_STATES or len(self.active) >= _DEEPEST or name in self.active:
+        if self.count[name] >= _MOST_STATES or len(self.active) >= _DEEPEST or name in self.active:
             how = "again while it runs" if name in self.active else "in too many different ways"
             why = replace(why, why=f"{why.why} {how}")
             self.later.setdefault(name, why)
-            return MachineState({}, {"": why}, frozenset({None}))
+            return _unknown_state(why)
         context = self.context(name, state)
         if context.after is None:
             return None
-        stands = {*context.after.stands}
+        stands = context.after.stands
         if context.number in stands:
             stands = (stands - {context.number}) | state.stands
-        return replace(context.after, stands=frozenset(stands))
+        return replace(context.after, stands=stands)
 
     def run(self) -> list[Usage]:
-        called = {
-            statement.name: statement.why
-            for body in self.program.routines.values()
-            for statement in body
-            if isinstance(statement, Call)
-        }
-        beside = {call.name: call.why for call in self.program.beside}
-        begins = [name for name in self.program.routines if name not in called and name not in beside]
+        called: dict[str, Unknown] = {}
         # The controller keeps values set by a routine, so the initial state is uncertain.
         variables: dict[str, Value] = {}
         families: dict[str, Unknown] = {}
+        kept, initial = self.program.kept, self.program.initial
         for statement in (statement for body in self.program.routines.values() for statement in body):
             match statement:
-                case Set(variable, value) if variable.startswith(self.program.kept) and value != self.program.initial(
-                    variable
-                ):
+                case Call(name, why):
+                    called[name] = why
+                case Set(variable, value) if variable.startswith(kept) and value != initial(variable):
                     variables[variable] = value if isinstance(value, Unknown) else _KEPT
-                case ForgetFamily(family, why) if f"{family}[".startswith(self.program.kept):
+                case ForgetFamily(family, why) if f"{family}[".startswith(kept):
                     families[family] = why
+        beside = {call.name: call.why for call in self.program.beside}
+        begins = [name for name in self.program.routines if name not in called and name not in beside]
         begin = MachineState(variables, families, frozenset({None}))
         # If all routines call each other, the first is the start.
         for name in begins or list(self.program.routines)[:1]:
@@ -403,9 +376,9 @@ class _Machine:
     def _in_any_state(self) -> None:
         done: set[str] = set()
         while todo := sorted(self.later.keys() - done):
+            done.update(todo)
             for name in todo:
-                done.add(name)
-                self.context(name, MachineState({}, {"": self.later[name]}, frozenset({None})))
+                self.context(name, _unknown_state(self.later[name]))
 
     def _usages(self) -> list[Usage]:
         # For each context: the points at which the arm may be when it starts.
@@ -439,6 +412,10 @@ class _Machine:
         return list(usages.values())
 
 
+def _unknown_state(why: Unknown) -> MachineState:
+    return MachineState({}, {"": why}, frozenset({None}))
+
+
 def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozenset[str | None]:
     """Points at which the arm may be. A context stands for the position at the start of its routine."""
     points: set[str | None] = set()
@@ -448,24 +425,22 @@ def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozen
 
 
 def usages_of(program: Program) -> list[Usage]:
-    """Find every move that a program can make, with the state known on every path to it."""
     return _Machine(program).run()
 
 
 def family_of(variable: str) -> str:
-    """ "UFRAME" for "UFRAME[3]"."""
     return variable.partition("[")[0]
 
 
 def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
     """Reason for different values on joining paths, located at the next move or call."""
+    fact = "the value differs between the paths leading here"
     for place in range(at, len(body)):  # A slice would copy a long routine at each join.
         statement = body[place]
-        if isinstance(statement, Move):
-            return Unknown(statement.file, statement.line, "the value differs between the paths leading here")
-        if isinstance(statement, Call):
-            return Unknown(statement.why.file, statement.why.line, "the value differs between the paths leading here")
-    return Unknown(0, 0, "the value differs between the paths leading here")
+        if isinstance(statement, Move | Call):
+            where = statement if isinstance(statement, Move) else statement.why
+            return Unknown(where.file, where.line, fact)
+    return Unknown(0, 0, fact)
 
 
 def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:
@@ -476,13 +451,14 @@ def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:
     places = {statement.name: at for at, statement in enumerate(body) if isinstance(statement, JumpTarget)}
     flow: list[tuple[int, ...]] = []
     for at, statement in enumerate(body):
-        if isinstance(statement, Jump):
-            targets = {places[name] for name in statement.labels if name in places}
-            flow.append(tuple(sorted(targets | ({at + 1} if statement.falls else set()))))
-        elif isinstance(statement, End):
-            flow.append(() if statement.halts else (len(body),))
-        else:
-            flow.append((at + 1,))
+        match statement:
+            case Jump(labels, falls):
+                targets = {places[name] for name in labels if name in places} | ({at + 1} if falls else set())
+                flow.append(tuple(sorted(targets)))
+            case End(halts):
+                flow.append(() if halts else (len(body),))
+            case _:
+                flow.append((at + 1,))
     return flow
 
 
@@ -534,12 +510,9 @@ class Blocks:
 
     def after_condition(self, role: str) -> None:
         match role:
-            case "if":
+            case "if" | "switch":  # Without a default case, all cases may be skipped.
                 self._begin("branch")
-                self.add(Jump((self.open[-1][1],), falls=True))
-            case "switch":  # Without a default case, all cases may be skipped.
-                self._begin("branch")
-                self.add(Jump((self.open[-1][1],)))
+                self.add(Jump((self.open[-1][1],), falls=role == "if"))
             case "case" if self._in_branch():
                 self.add(Jump((self.open[-1][1],), falls=True))
             case "while" | "until":
@@ -556,13 +529,11 @@ class Blocks:
             self.add(Jump((first,)) if kind == "loop" else JumpTarget(first), JumpTarget(end))
 
     def add_conditional(self, *statements: Statement) -> None:
-        """Add statements that a condition may skip."""
         self.keyword("if")
         self.add(*statements)
         self.close()
 
     def add_one_of(self, statements: Sequence[Statement]) -> None:
-        """Add alternative statements, of which one is executed."""
         for statement in statements[:-1]:
             self.keyword("if")
             self.add(statement)
@@ -572,8 +543,8 @@ class Blocks:
             self.close()
 
     def evaluated(self, before: str, call: Statement) -> None:
-        """Add a call in an expression after the text `before`. After `and` or `or` it may be skipped, because no
-        manual guarantees that both sides are evaluated."""
+        """Add a call in an expression after the text `before`. No manual guarantees that both sides of `and` or `or`
+        are evaluated."""
         (self.add_conditional if re.search(r"\b(?:and|or)\b", before, re.IGNORECASE) else self.add)(call)
 
     def finish_routine(self) -> tuple[Statement, ...]:

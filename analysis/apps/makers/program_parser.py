@@ -1,7 +1,6 @@
-"""The base of the parsers of all languages: texts, points, routines, and the statement that is being parsed.
+"""Base of the parsers of all languages: they add statements of the abstract machine for those of the language.
 
-A parser adds the statements of the abstract machine for each statement of its language. What the language does not list
-is `not_known`: nothing is certain after it.
+Nothing is certain after a statement that is `not_known`.
 """
 
 from __future__ import annotations
@@ -34,16 +33,14 @@ UPPER_CASE = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
 LOWER_CASE = str.maketrans(string.ascii_uppercase, string.ascii_lowercase)
 _NUMBER = re.compile(NUMBER)
 _MARK = "\xef\xbb\xbf"
-"""The byte order mark of UTF-8, read as Latin-1."""
 _LONGEST_FACT, _LONGEST_NAME = 80, 60
 
 
 class ProgramParser:
-    """A program during parsing: `file` and `at` are the text and the position that are parsed now."""
+    """A program during parsing, at the position `at` in the text `file`."""
 
     def __init__(self, program: ProgramTexts, blank: re.Pattern[str], case: Mapping[int, int] | None = None) -> None:
-        """blank: comments and quoted texts, which become spaces. case: translation of the texts, which keeps their
-        lengths, in a language that ignores the case."""
+        """blank: comments and quotes, which become spaces. case: translation of letters, if case does not matter."""
         self.names, self.own = program.names, program.own
         self.neutral = frozenset(name.upper() for name in program.neutral)
         self._written = tuple(_blanked(text, blank) for text in program.texts)
@@ -53,9 +50,7 @@ class ProgramParser:
         self.file = self.at = 0
         self.blocks = Blocks()
         self.routine: str | None = None
-        """The routine that is being parsed; None between routines."""
         self.around: list[tuple[str | None, Blocks]] = []
-        """The routines around it, in a language with routines in one another."""
         self.routines: dict[str, tuple[Statement, ...]] = {}
         self.defined: dict[str, list[str]] = {}
         """The routines that a name may mean, by scope."""
@@ -66,7 +61,7 @@ class ProgramParser:
 
     @property
     def is_own(self) -> bool:
-        """True if the targets of the text are corrected."""
+        """True if the targets of the current text are corrected."""
         return self.file < self.own
 
     def lines(self, file: int) -> Iterator[str]:
@@ -77,7 +72,6 @@ class ProgramParser:
             at += len(line) + 1
 
     def line(self, at: int | None = None) -> int:
-        """Number of a line, from 1."""
         return bisect_left(self._line_ends[self.file], self.at if at is None else at) + 1
 
     def why(self, fact: str, at: int | None = None) -> Unknown:
@@ -87,14 +81,13 @@ class ProgramParser:
         self.blocks.add(*statements)
 
     def set(self, variable: str, value: Value | Ref | ComputedValue) -> None:
-        self.blocks.add(Set(variable, value))
+        self.add(Set(variable, value))
 
     def forget(self, family: str, why: Unknown) -> None:
-        self.blocks.add(ForgetFamily(family, why))
+        self.add(ForgetFamily(family, why))
 
     def not_known(self, text: str, at: int | None = None) -> None:
-        """Add a statement that may change anything."""
-        self.blocks.add(ForgetAll(self.why(f"{self.as_written(text, at)} is unknown here", at)))
+        self.add(ForgetAll(self.why(f"{self.as_written(text, at)} is unknown here", at)))
 
     def list_left(self, reason: Reason, name: str, at: int | None = None) -> None:
         if self.is_own:
@@ -107,9 +100,9 @@ class ProgramParser:
         return name if begin < 0 else self._written[self.file][begin : begin + len(name)]
 
     def leave(self, reason: Reason, name: str, at: int | None = None, *, relative: bool = False) -> None:
-        """List a move that cannot be corrected. The arm is anywhere afterwards.
+        """List a move that cannot be corrected; the arm is anywhere afterwards.
 
-        relative: a move of another file starts where the arm is, so it follows the corrections of this program.
+        relative: if the move is in another file, it follows the corrections of this program.
         """
         self.list_left(reason, name, at)
         self.add(Elsewhere(self.why(name, at) if relative and not self.is_own else None))
@@ -150,15 +143,12 @@ class ProgramParser:
         if self.routine is not None:
             name, body = self.routine, self.blocks.finish_routine()
             if len(self.defined.get(name, ())) > 1:
-                name, body = (
-                    f"{name} {len(self.routines)}",
-                    (ForgetAll(Unknown(0, 0, f"{name} is defined twice")), *body),
-                )
+                body = (ForgetAll(Unknown(0, 0, f"{name} is defined twice")), *body)
+                name = f"{name} {len(self.routines)}"
             self.routines[name] = body
         self.routine = None
 
     def open_routine(self, name: str) -> None:
-        """Begin a routine inside another one."""
         self.around.append((self.routine, self.blocks))
         self.routine, self.blocks = name, Blocks()
 
@@ -183,7 +173,6 @@ class ProgramParser:
             self.beside.append(Call(name, why))
 
     def initial(self, variable: str) -> Value:
-        """Value of a state variable when the program starts."""
         raise NotImplementedError
 
     def program(self, *, kept: tuple[str, ...] = (), cycles: bool = False, starts: str | None = None) -> Program:
@@ -192,11 +181,11 @@ class ProgramParser:
 
 
 def _blanked(text: str, pattern: re.Pattern[str]) -> str:
-    """Put spaces for comments and inside quotes, and a newline at each line end; the length stays."""
+    """Replace comments and the insides of quotes by spaces, and line ends by newlines; the length stays."""
 
     def spaces(match: re.Match[str]) -> str:
         matched = match[0]
-        if matched[0] in "\"'" and len(matched) > 1 and matched[-1] == matched[0]:
+        if len(matched) > 1 and matched[0] == matched[-1] and matched[0] in "\"'":
             return matched[0] + " " * (len(matched) - 2) + matched[0]
         return re.sub(r"[^\n]", " ", matched)
 
@@ -210,7 +199,6 @@ def words(text: str) -> frozenset[str]:
 
 
 def number_at(match: re.Match[str], group: int | str, begin: int = 0) -> Number:
-    """The number in a group of a match, in a text that starts at `begin`."""
     return Number(begin + match.start(group), begin + match.end(group), float(match[group]))
 
 

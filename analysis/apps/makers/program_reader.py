@@ -16,10 +16,8 @@ class Remark:
     """Begin of each line, with {} for the line number."""
     ends: str = ""
     width: int = 100
-    """Maximum number of characters between begin and end."""
     before: Mapping[str, re.Pattern[bytes]] = field(default_factory=dict)
-    """Pattern, by file suffix, of the last text that the remark precedes; in other files the remark is the last
-    line."""
+    """By file suffix, pattern of the last text that the remark precedes; in other files the remark is the last line."""
 
 
 @dataclass(frozen=True)
@@ -28,15 +26,13 @@ class ProgramReader:
     decimals: Decimals
     remark: Remark
     null_tools: tuple[str, ...] = ()
-    """Names of the tool that is the identity."""
     null_frames: tuple[str, ...] = ()
     of_world: bool = False
-    """True if the null frame is the world frame of the cell, which equals the robot's foot if the arm is upright."""
+    """True if the null frame is the world of the cell, which equals the robot's foot if the arm is upright."""
     beside: tuple[str, ...] = ()
     """Suffixes of files in the directory whose routines and data a program can use."""
     backup: str = "(?!)"
-    """Pattern of the name, in upper case, of a directory of a controller's backup with all files that a program can
-    use."""
+    """Pattern of the name, in upper case, of a directory of a backup with all files that a program can use."""
     is_together: bool = False
     """True if the programs of a directory are one program, because they share points and routines."""
     is_of_maker: Callable[[str], bool] = lambda _: False

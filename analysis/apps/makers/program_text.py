@@ -1,7 +1,6 @@
-"""Common parts of all program writers: numbers, names, rotations, and the comments at the head of every program.
+"""Common parts of all program writers: numbers, names, rotations, and the comments that the operator checks first.
 
-The operator checks these comments before the robot moves. Comments contain neither semicolons nor quotation marks,
-which end a line or a text in some languages.
+Comments contain neither semicolons nor quotation marks, which end a line or a text in some languages.
 """
 
 from __future__ import annotations
@@ -36,9 +35,8 @@ DEG_DECIMALS = 9
 def fixed(value: float, decimals: int) -> str:
     """Format a number, never as `-0` or with an exponent. Raises FileError for NaN and infinity."""
     if not math.isfinite(value):
-        raise FileError(
-            "the program", f"a number is {value}", "check the numbers in the rig file", code="program.number"
-        )
+        remedy = "check the numbers in the rig file"
+        raise FileError("the program", f"a number is {value}", remedy, code="program.number")
     text = f"{value:.{decimals}f}"
     return text.removeprefix("-") if float(text) == 0 else text
 
@@ -48,12 +46,11 @@ def listed(values: Iterable[float], decimals: int) -> str:
 
 
 def identifier(name: str, most: int) -> str:
-    """Make a name valid in all languages. Longer names are cut at the end, so test and direction remain."""
+    """Make a name valid in all languages, cut at the end, so that test and direction remain."""
     return re.sub(r"[^A-Za-z0-9]+", "_", name)[:most].strip("_")
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Wrap a comment into ASCII lines of at most `width` characters."""
     plain = text.replace("°", " deg").replace("…", "to").encode("ascii", "replace").decode()
     return textwrap.wrap(plain, width)
 
@@ -63,7 +60,6 @@ class Words:
     """Formats of a language for steps other than moves, with {} for the number or text."""
 
     wait: str
-    """A pause of a number of seconds, with `decimals`."""
     decimals: int
     on: str
     """Switching of an output; also `off`."""
@@ -72,13 +68,11 @@ class Words:
     """A remark of at most `width` characters."""
     width: int
     hold: str
-    """A pause for the operator, below a remark with the request."""
 
     def remarks(self, *texts: str) -> list[str]:
         return [self.remark.format(line) for text in texts for line in wrapped(text, self.width)]
 
     def lines(self, plan: MotionPlan, step: Step, move: Callable[[Move], list[str]]) -> list[str]:
-        """Lines of a step; `move` writes moves."""
         match step:
             case Dwell(seconds):
                 return [self.wait.format(fixed(seconds, self.decimals))]
@@ -100,12 +94,12 @@ def fixed_xyz_deg(T: Array) -> Array:
 
 
 def labelled(form: str, names: Sequence[str], values: Iterable[float], decimals: int) -> list[str]:
-    """Format each value with its name, by a format such as "{} = {} mm"."""
+    """Format each value with its name, as "{} = {} mm"."""
     return [form.format(name, fixed(value, decimals)) for name, value in zip(names, values, strict=True)]
 
 
 def shown_pose(T: Array, names: Sequence[str], *, yaw_first: bool = False) -> str:
-    """Format a pose (4, 4) with the names of its angles, as a pendant shows it."""
+    """Format a pose (4, 4) as a pendant shows it. names: of its angles."""
     places = " ".join(f"{axis} {value:z.1f}" for axis, value in zip("XYZ", T[:3, 3], strict=True))
     angles = fixed_xyz_deg(T)[:: -1 if yaw_first else 1]
     return f"{places} mm {' '.join(f'{name} {angle:z.2f}' for name, angle in zip(names, angles, strict=True))} deg"
@@ -116,10 +110,7 @@ _CLEARANCE_MM = 100.0
 
 
 def heading(plan: MotionPlan, demand: Demand, shown: str) -> list[str]:
-    """Comments at the head of a program, starting with the speed override and the clearances to check.
-
-    shown: the pose at the start as displayed by the pendant of this controller.
-    """
+    """Comments at the head of a program. shown: the pose at the start as the pendant displays it."""
     low, high = demand.box_mm + np.array([[-_CLEARANCE_MM], [_CLEARANCE_MM]])
     space = ", ".join(f"{axis} {a:z.0f} to {b:z.0f}" for axis, a, b in zip("XYZ", low, high, strict=True))
     joints = " ".join(f"{angle:z.2f}" for angle in np.degrees(start_of(plan).q))

@@ -18,4 +18,3 @@ class ProgramWriter:
     """Interfaces served by the controllers in addition to Modbus, with the requirements."""
     newline: str = "\r\n"
     outputs: range = range(1, 4097)
-    """Numbers of the digital outputs; some controllers have up to 4096."""

@@ -14,17 +14,17 @@ from rigs.errors import FileError, UseError
 from rigs.files import read_bytes
 
 MOST_BYTES = 10_000_000
-"""Maximum size of a program: a program with a hundred thousand targets is smaller, and controllers store less."""
+"""Size of a program: one with a hundred thousand targets is smaller, and controllers store less."""
 ENCODING = "latin-1"
-"""Encoding that maps every byte to a character and back, so unchanged text keeps its bytes in any encoding."""
+"""Maps every byte to a character and back, so unchanged text keeps its bytes in any encoding."""
 _MOST_FILES = 3000
-"""Maximum number of files of a program and of those beside it; the backup of a controller contains some hundred."""
+"""Files of a program and beside it; the backup of a controller contains some hundred."""
 
 
 def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     """Read the files of a program, or of all programs in a directory and below it, by name, the data list last.
 
-    Raises FileError for a file that is not a program or cannot be read.
+    Raises FileError.
     """
     maker = _maker_of_directory(path) if path.is_dir() else maker_of_file(path)
     if maker is None:
@@ -43,9 +43,8 @@ def _text(file: Path) -> str:
     try:
         content = read_bytes(file, MOST_BYTES)
     except OSError as error:
-        raise FileError(
-            str(file), error.strerror or str(error), "check the path and the permissions", code="program.unreadable"
-        ) from None
+        problem, remedy = error.strerror or str(error), "check the path and the permissions"
+        raise FileError(str(file), problem, remedy, code="program.unreadable") from None
     if b"\0" in content:
         remedy = "give the program as ASCII, Latin-1 or UTF-8 text"
         raise FileError(str(file), "is a binary file or UTF-16 text", remedy, code="program.encoding")
@@ -56,48 +55,34 @@ def _maker_of_directory(path: Path) -> Maker:
     names = {maker.name for file in path.rglob("*") if file.is_file() and (maker := maker_of_file(file))}
     if len(names) != 1:
         problem = f"has programs of {', '.join(sorted(names))}" if names else "has no robot program"
-        raise FileError(
-            str(path),
-            problem,
-            f"give a program {suffixes_in_words()}, or a directory of one controller",
-            code="program.unknown",
-        )
+        remedy = f"give a program {suffixes_in_words()}, or a directory of one controller"
+        raise FileError(str(path), problem, remedy, code="program.unknown")
     return maker_by(names.pop())
 
 
 def programs_at(path: Path) -> list[Path]:
-    """List the programs to correct at a path: of a directory every program in it and below it.
-
-    If the language has data and routines visible in all files, the directory counts as a single program.
-    """
+    """List the programs at a path. A directory is a single program if its files share data and routines."""
     if not path.is_dir() or (maker := _maker_of_directory(path)).reader.is_together:
         return [path]
     return list(_tree(path, maker.files.suffixes).values())
 
 
 def _tree(root: Path, suffixes: Sequence[str], *, deep: bool = True) -> dict[str, Path]:
-    """Find the files with any of the suffixes, by their path in the directory.
-
-    Raises FileError if there are too many.
-    """
+    """Find the files with any of the suffixes, by their path in the directory. Raises FileError for too many."""
     files = sorted(root.rglob("*") if deep else root.iterdir())
     found = [file for file in files if file.suffix.lower() in suffixes and file.is_file()]
     if len(found) > _MOST_FILES or sum(file.stat().st_size for file in found) > MOST_BYTES:
-        raise FileError(
-            str(root),
-            f"has more than {_MOST_FILES} files, or {MOST_BYTES // 1_000_000} MB, that the program could use",
-            "put the program with its files into a separate directory",
-            code="program.too_large",
-        )
+        problem = f"has more than {_MOST_FILES} files, or {MOST_BYTES // 1_000_000} MB, that the program could use"
+        remedy = "put the program with its files into a separate directory"
+        raise FileError(str(root), problem, remedy, code="program.too_large")
     return {file.relative_to(root).as_posix(): file for file in found}
 
 
 def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, ProgramTexts]:
     """Read a program and the files that it can use, in its directory or in the backup of the controller around it.
 
-    neutral: names of routines that change nothing, as stated by the user. They count as empty, unless a file has the
-    name of the routine. Raises UseError if the language has no such files, and FileError for a file that is not a
-    program or a directory with too much to read.
+    neutral: routines that change nothing, as stated by the user. They count as empty, unless a file has the name of the
+    routine. Raises UseError if the language has no such files, and FileError.
     """
     maker, files = program_texts(path)
     reader, full = maker.reader, path.resolve()
@@ -111,34 +96,28 @@ def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, Progra
         problem = f"is not possible for {maker.files.label}: a program is a single file"
         raise UseError(f"--neutral {neutral[0]}", problem, "define the function in the program", code="program.neutral")
     stems = {Path(name).stem.upper() for name in (*files, *read_beside)}
-    empty = {f"{name}{reader.beside[0]}": reader.empty.format(name) for name in neutral if name.upper() not in stems}
-    read_beside |= empty
+    absent = tuple(dict.fromkeys(name for name in neutral if name.upper() not in stems))
+    read_beside |= {f"{name}{reader.beside[0]}": reader.empty.format(name) for name in absent}
     texts = (*files.values(), *read_beside.values())
-    return maker, ProgramTexts((*files, *read_beside), texts, len(files), tuple(Path(name).stem for name in empty))
+    return maker, ProgramTexts((*files, *read_beside), texts, len(files), absent)
 
 
 MARK = "corrected by rig"
-"""Start of the remark in a program corrected by rig. It fits into a remark of every maker."""
+"""Start of the remark in a corrected program. It fits into a remark of every maker."""
 _MARKED = re.compile(rf"{MARK}\b", re.IGNORECASE)
 
 
 def refuse_marked(path: Path) -> None:
-    """Raise FileError if a file of the program contains the remark of an earlier correction."""
     for name, text in program_texts(path)[1].items():
         if mark := _MARKED.search(text):
             line = len(re.findall(r"\r\n|\r|\n", text[: mark.start()])) + 1
-            problem = "is already corrected by rig; a second correction would add to the first"
             file = path / name if path.is_dir() else path.with_name(name)
-            raise FileError(
-                f"{file}:{line}",
-                problem,
-                "give the original; --anyway corrects anyway",
-                code="program.already_corrected",
-            )
+            problem = "is already corrected by rig; a second correction would add to the first"
+            remedy = "give the original; --anyway corrects anyway"
+            raise FileError(f"{file}:{line}", problem, remedy, code="program.already_corrected")
 
 
 def is_marked(path: Path) -> bool:
-    """True if a file of the program contains the remark of an earlier correction."""
     return any(_MARKED.search(text) for text in program_texts(path)[1].values())
 
 
@@ -154,7 +133,6 @@ _NUMBERED = re.compile(rb"^[ \t]*(\d+):", re.MULTILINE)
 
 
 def with_remark(form: Remark, name: str, data: bytes, remark: str) -> bytes:
-    """Add a remark to the bytes of a program file, in separate lines."""
     returns = b"\r\n" if b"\r\n" in data else b"\r" if b"\r" in data and b"\n" not in data else b"\n"
     before = form.before.get(Path(name).suffix.lower())
     places = [match.start() for match in before.finditer(data.replace(b"\r", b"\n"))] if before else []
@@ -164,7 +142,7 @@ def with_remark(form: Remark, name: str, data: bytes, remark: str) -> bytes:
         f"{form.begins.format(number + k)}{line}{form.ends}"
         for k, line in enumerate(textwrap.wrap(remark, form.width), start=1)
     ]
-    whole = returns.join(line.encode("ascii") for line in remark_lines)
+    added = returns.join(line.encode("ascii") for line in remark_lines)
     if at == len(data) and data and not data.endswith((b"\n", b"\r")):
-        return data + returns + whole
-    return data[:at] + whole + returns + data[at:]
+        return data + returns + added
+    return data[:at] + added + returns + data[at:]

@@ -30,19 +30,17 @@ class Number:
 
 
 Agreeing = Callable[[Arm, Array, tuple[int, ...], float], Mask]
-"""Function returning a mask (n,) of the solutions q (n, 6) rad, n at least 1, that agree with flag values. The last
-argument is the tolerance in rad of an angle beyond its sign, quadrant or turn."""
+"""Mask (n,) of the solutions q (n, 6) rad, n at least 1, that agree with flag values, up to a tolerance in rad of an
+angle beyond its sign, quadrant or turn."""
 
 
 @dataclass(frozen=True)
 class Flags:
-    """The configuration of a target in the notation of a maker, and the function that checks solutions."""
-
     values: tuple[int, ...]
     agreeing: Agreeing
     renewed: Callable[[Arm, Array], tuple[int, ...]] | None = None
-    """Returns the first flag values for joint angles (6,) rad, if rig may write them: an axis at the end of a quadrant
-    leaves the quadrant by the smallest correction."""
+    """Computes the first flag values for joint angles (6,) rad, if rig may write them: the smallest correction takes an
+    axis at the end of a quadrant out of it."""
     numbers: tuple[Number, ...] = ()
     """The flags in the text that may be written."""
 
@@ -54,31 +52,26 @@ class Target:
     line: int
     form: Form
     numbers: tuple[Number, ...]
-    """In the order of the form, regardless of the order in the text."""
+    """In the order of the form."""
     tool: Array | str = ""
-    """A frame (4, 4) in mm, or the name used by the program; also `frame`."""
+    """A frame (4, 4) in mm, or its name in the program; also `frame`."""
     frame: Array | str = ""
     flags: Flags | None = None
     near: tuple[float, ...] | None = None
-    """Joint angles (6,) in rad close to the solution, as stated by the program."""
     offset: tuple[str, Array] | None = None
-    """A frame (4, 4) in mm added to the target with the index `of`, in the "frame" or in the "tool"."""
+    """A frame (4, 4) in mm, added to the target with the index `of` in the "frame" or in the "tool"."""
     of: int | None = None
     unknown_offsets: bool = False
-    """True if moves add an unknown offset to the target."""
     external: tuple[tuple[str, float], ...] = ()
-    """The coordinates of external axes named by the target; other axes do not move."""
+    """The external axes named by the target; others do not move."""
 
     @property
     def joints(self) -> bool:
-        """True for a set of joint angles, False for a pose."""
         return self.form in JOINT_FORMS
 
 
 @dataclass(frozen=True)
 class UncorrectedTarget:
-    """An uncorrected part of a program: place, name, reason, and the places that cause it."""
-
     file: int
     line: int
     name: str
@@ -87,7 +80,6 @@ class UncorrectedTarget:
 
 
 AT_BEGIN = -1
-"""Index for the position of the arm at the start of the program."""
 
 
 @dataclass(frozen=True)
@@ -98,27 +90,24 @@ class Arc:
     through: int | None
     end: int | None
     tangent: bool
-    """True if the arc rotates the tool with the tangent. Otherwise the orientation changes from start to end, and the
-    controller uses only the position of the via point."""
+    """True if the tool rotates with the tangent. Otherwise it rotates evenly from start to end, whatever the via point
+    says."""
 
 
 @dataclass(frozen=True)
 class TargetMove:
-    """A move to the target with an index, from one of several possible targets."""
-
     target: int
     comes_from: frozenset[int | None]
-    """None for an unknown position, AT_BEGIN for the position at the start."""
+    """Possible targets; None for an unknown position, or AT_BEGIN."""
     way: Way = "joint"
     by_flags: bool = True
     """True if the configuration flags of the target are valid; otherwise the arm keeps its configuration."""
     arc: Arc | None = None
-    """The arc of the move, if its targets may be passed in orientations other than written."""
 
 
 @dataclass(frozen=True)
 class Notice:
-    """A fact at a place in the program for the user's attention. It does not prevent the correction of a target."""
+    """A fact for the user's attention, which does not prevent a correction."""
 
     file: int
     line: int
@@ -127,19 +116,18 @@ class Notice:
 
 @dataclass(frozen=True)
 class NamedFrame:
-    """A tool or frame whose numbers, a frame (4, 4) in mm, are set by the program, under the name that users state."""
+    """A tool or frame whose numbers the program sets, under the name that users state."""
 
     name: str
     kind: Literal["tool", "frame"]
     file: int
     line: int
     value: tuple[float, ...]
+    """A frame (4, 4) in mm, row by row."""
 
 
 @dataclass(frozen=True)
 class Parsed:
-    """The targets of a program, the moves, and the parts that cannot be corrected."""
-
     targets: tuple[Target, ...]
     steps: tuple[TargetMove, ...]
     left: tuple[UncorrectedTarget, ...]
@@ -148,12 +136,12 @@ class Parsed:
     sets: tuple[NamedFrame, ...] = ()
     notices: tuple[Notice, ...] = ()
     named: frozenset[tuple[str, str]] = frozenset()
-    """Tools and frames used by moves that the user can state, by kind and name in lower case."""
+    """Tools and frames that the user can state, by kind and name in lower case."""
 
 
 @dataclass(frozen=True)
 class ProgramTexts:
-    """The texts of files with their names. The first `own` texts are corrected, the others are only read."""
+    """The first `own` texts are corrected, the others are only read."""
 
     names: tuple[str, ...]
     texts: tuple[str, ...]

@@ -1,11 +1,9 @@
 """Paths of the tool between two poses, used to check that the arm can follow a move.
 
-An arm may reach both ends of a move but no point between them, or pass a singularity. Along each path the tool rotates
-evenly about a fixed axis. Poses are (4, 4) and (n, 4, 4), with positions in mm.
+Along each path the tool rotates evenly about a fixed axis. Poses are (4, 4) and (n, 4, 4), with positions in mm.
 
-Between targets of the hemisphere the distance of the tool from the base-ball is the length of the link. A joint move
-between two targets would leave the sphere by centimetres, which no link can follow. The tool therefore moves on an arc
-about the ball, or turns if two targets differ only in orientation.
+A joint move between two targets of the hemisphere would leave the sphere by centimetres, which no link can follow. The
+tool therefore moves on an arc about the ball, or turns if two targets differ only in orientation.
 """
 
 from __future__ import annotations
@@ -26,8 +24,8 @@ _STEP_MM = 4.0
 _STEP_RAD = np.radians(4.0)
 """Twice the maximum rotation between samples; joints move smoothly in between."""
 _OPPOSITE = 1e-6
-"""Maximum distance from the centre, in radii, of the midpoint of two positions that count as opposite. The direction
-of the arc between them would be determined by rounding."""
+"""Distance from the centre, in radii, of the midpoint of opposite positions, between which rounding would determine the
+direction of an arc."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +36,12 @@ class ToolPath:
     seconds: float
 
     def joint_speeds(self, q: Array) -> Array:
-        """Maximum speed (6,) rad/s of each joint for joint angles q (n, 6) rad along this path."""
+        """Maximum speeds (6,) rad/s for joint angles q (n, 6) rad along this path."""
         fastest: Array = np.abs(np.diff(q, axis=0)).max(axis=0) * (len(q) - 1) / self.seconds
         return fastest
 
     def followed(self, arm: Arm, begin: Array, where: str) -> Array:
-        """Joint angles (n, 6) rad along this path in the robot's base frame, from joint angles (6,) rad.
+        """Joint angles (n, 6) rad along this path in the robot's base frame, from `begin` (6,) rad.
 
         Raises FileError if the arm cannot follow, or a joint is too slow.
         """
@@ -89,10 +87,7 @@ def _tool_path(begin: Array, end: Array, share: Array, places: Array, seconds: f
 
 
 def _middle(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> Array:
-    """Return the pose (4, 4) midway between two poses on a sphere about centre_mm (3,), with positions in mm.
-
-    For opposite positions it is the pose at which the tool, rotated halfway, points to the centre.
-    """
+    """Pose (4, 4) midway between two poses on a sphere. For opposite positions the tool points to the centre there."""
     T = np.eye(4)
     T[:3, :3] = rotations(rotation_vector(begin, end), np.array([0.5]))[0] @ begin[:3, :3]
     aside = (begin[:3, 3] + end[:3, 3]) / 2 - centre_mm
@@ -107,7 +102,6 @@ def _shares(length_mm: float, angle: float) -> Array:
 
 
 def rotation_vector(begin: Array, end: Array) -> Array:
-    """Rotation vector (3,) rad in the base frame from one pose (4, 4) to another."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     vector: Array = Rotation.from_matrix(end[:3, :3] @ begin[:3, :3].T).as_rotvec()
@@ -128,10 +122,8 @@ _TURN_RAD_S = np.radians(20.0)
 _SHARE_OF_SPEED = 0.5
 """Maximum speed of a joint between targets, as a share of its limit, so the controller need not slow down the tool."""
 _LEAST_SHARE = 0.05
-"""Minimum share of the speed. A lower share means that the arm is near a singularity, and a joint move is
-preferable."""
+"""Share of the speed below which the arm is near a singularity, and a joint move is preferable."""
 _SAME_PLACE_MM = 1e-6
-"""Rounding error of equal positions."""
 
 
 def moves_over_sphere(
@@ -139,8 +131,8 @@ def moves_over_sphere(
 ) -> tuple[list[Step], PlannedTarget]:
     """Steps between two targets on a sphere about centre_mm (3,) in the base frame, and the target reached.
 
-    The configuration at the end may differ from that of the target. If the arm cannot follow the path, or only slowly,
-    the operator removes the link for a joint move.
+    It may differ from `end` in the configuration. If the arm cannot follow the path, or only slowly, the operator
+    removes the link for a joint move.
     """
     turn = float(np.linalg.norm(rotation_vector(begin.T, end.T)))
     via = None

@@ -15,16 +15,15 @@ from rigs.schema.vocabulary import MakerName
 
 
 def feedback_note(maker: MakerName, feedback: Feedback) -> str:
-    """State what the feedback in the rig file requires from the controller."""
     served = {ModbusJoints: BY_ITSELF} | dict(maker_by(maker).writer.feedbacks)
     need = served.get(type(feedback), "provide it yourself: this program does not")
     return f"feedback {feedback.interface}: {need}"
 
 
 def programs_of(maker: MakerName, plans: Sequence[tuple[MotionPlan, Demand]]) -> dict[str, str]:
-    """Write the text of each file by name; a file shared by several plans appears once.
+    """Write the text of each file by name.
 
-    Raises FileError if two plans would have the same program name, and for an output that the controller does not have.
+    Raises FileError if two plans have the same program name, and for an output that the controller lacks.
     """
     files: dict[str, str] = {}
     writer = maker_by(maker).writer
@@ -32,14 +31,12 @@ def programs_of(maker: MakerName, plans: Sequence[tuple[MotionPlan, Demand]]) ->
     for plan, demand in plans:
         if unknown := [number for number in plan.signal_place.outputs if number not in outputs]:
             problem = f"digital output {unknown[0]} does not exist on a {maker} controller"
-            raise FileError(
-                plan.name, problem, f"give --outputs from {outputs.start} to {outputs.stop - 1}", code="program.output"
-            )
+            remedy = f"give --outputs from {outputs.start} to {outputs.stop - 1}"
+            raise FileError(plan.name, problem, remedy, code="program.output")
         for name, text in writer.write(plan, demand).items():
             if files.setdefault(name, text) != text:
-                raise FileError(
-                    name, "would contain two programs", "give the rig file a shorter name", code="program.twice"
-                )
+                remedy = "give the rig file a shorter name"
+                raise FileError(name, "would contain two programs", remedy, code="program.twice")
     return files
 
 
@@ -49,6 +46,5 @@ def write_programs(maker: MakerName, files: dict[str, str], directory: Path) -> 
 
 
 def encoded_programs(maker: MakerName, files: dict[str, str]) -> dict[str, Writer]:
-    """Writers of program files, with the line ends of the controller."""
     end = maker_by(maker).writer.newline
     return {name: holding(text.replace("\n", end).encode("ascii")) for name, text in files.items()}

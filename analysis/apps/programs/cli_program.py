@@ -1,7 +1,4 @@
-"""`rig program RIG`: write the robot programs of a test, which the operator loads on the controller.
-
-For ISO 9283, also print the data that the tracker must record, and the command for importing the data.
-"""
+"""`rig program RIG`: write the robot programs of a test, which the operator loads on the controller."""
 
 from __future__ import annotations
 
@@ -17,7 +14,9 @@ from rigs.schema.vocabulary import CIRCLES, MakerName, ProgramTest
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
-    from analysis.apps.makers.motion_plan import Demand, MotionPlan
+    from collections.abc import Sequence
+
+    from analysis.apps.makers.motion_plan import MotionPlan
     from rigs.rig import Rig
 
 
@@ -69,8 +68,7 @@ def program(
     anyway: Anyway = False,
 ) -> None:
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
-    from analysis.apps.makers.motion_plan import demand_of
-    from analysis.apps.makers.writing import feedback_note, programs_of, write_programs
+    from analysis.apps.makers.writing import feedback_note
     from analysis.apps.programs.compensated import table_of
     from analysis.apps.programs.planned import LONGEST_ARC_DEG, plans_of
     from analysis.apps.programs.target_path import compensated_plans
@@ -84,23 +82,17 @@ def program(
     if arc_deg is not None and test not in CIRCLES:
         raise typer.BadParameter(f"the {test} program does not drive a circle", param_hint="--arc-deg")
     rig, _ = load(rig_file)
+    dwell_s = dwell_s or _DWELL_S
     if test == "iso9283":
         if path or targets or outputs:
             problem = "applies only to tests with the ball link; correct planned poses with rig correct --path"
             raise UseError("--path, --targets and --outputs", problem, "remove it", code="program.option")
-        _of_iso9283(rig, rig_file, maker, directory, dwell_s or _DWELL_S)
+        _of_iso9283(rig, rig_file, maker, directory, dwell_s)
         return
     with named_by(rig_file, rig), progress_of("checking the programs"):
-        arcs = LONGEST_ARC_DEG if arc_deg is None else arc_deg
-        nominal = plans_of(rig, test, dwell_s or _DWELL_S, _numbers(outputs), arcs)
+        nominal = plans_of(rig, test, dwell_s, _numbers(outputs), LONGEST_ARC_DEG if arc_deg is None else arc_deg)
         plans = compensated_plans(nominal, path, rig, rig_file, anyway=anyway) if path else nominal
-        demands = [demand_of(plan) for plan in plans]
-    files = programs_of(maker, list(zip(plans, demands, strict=True)))
-    if targets:
-        files[f"{test}-path.csv"] = table_of(nominal)
-    paths = write_programs(maker, files, directory)
-    for plan, demand in zip(plans, demands, strict=True):
-        _say_demand(rig, plan, demand)
+    paths = _write(rig, maker, plans, directory, {f"{test}-path.csv": table_of(nominal)} if targets else {})
     for missing in missing_gauges(rig, test):
         say(f"the rig file {missing.problem}, so this test is not possible yet; {missing.remedy}", err=True)
     if rig.gauges.recorded:
@@ -110,11 +102,10 @@ def program(
 
 
 def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwell_s: float) -> None:
-    """Write the programs, print the demand on the arm, and print the commands for importing the tracker data."""
+    """Write the programs, and print the cube found and the commands for importing the tracker data."""
     import numpy as np
 
-    from analysis.apps.makers.motion_plan import demand_of, seconds_of
-    from analysis.apps.makers.writing import programs_of, write_programs
+    from analysis.apps.makers.motion_plan import seconds_of
     from analysis.apps.programs.planned import PERCENTS, cube_plan, path_plan
     from analysis.cli.console import progress_of
     from analysis.robot.geometry.iso_cube import cube_of
@@ -123,33 +114,37 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
     with named_by(rig_file, rig), progress_of("searching for a suitable cube and checking the programs"):
         cube = cube_of(rig)
         plans = [cube_plan(rig, dwell_s), *(path_plan(rig, percent) for percent in PERCENTS)]
-        demands = [demand_of(plan) for plan in plans]
-    paths = write_programs(maker, programs_of(maker, list(zip(plans, demands, strict=True))), directory)
+    paths = _write(rig, maker, plans, directory)
     # Position of the cube in the notation of a rig file
     x, y, z = cube.centre_mm
     posture = ", ".join(f"{angle:.4f}" for angle in np.degrees(cube.q[0]))
     stated = f"{{centre_mm: [{x:.6g}, {y:.6g}, {z:.6g}], side_mm: {cube.side_mm:g}, posture_deg: [{posture}]}}"
     keep = "; to use it for every run, write it into the rig file" if cube.found else ""
     say(f"tests.iso9283: {stated}{keep}", err=True)
-    for plan, demand in zip(plans, demands, strict=True):
+    for plan in plans:
         say(f"{plan.name}: {seconds_of(plan) / 60:.0f} min", err=True)
-        _say_demand(rig, plan, demand)
     for written in paths:
         say(written)
-    say(
-        "next: measure the tracker position at each stop of the cube; and time and position along each path program",
-        err=True,
-    )
+    measure = "the tracker position at each stop of the cube; and time and position along each path program"
+    say(f"next: measure {measure}", err=True)
     say(f"  rig import STOPS.csv --rig {as_argument(rig_file)} --test pose -o runs/cube", err=True)
     say(f"  rig import PATH.csv --rig {as_argument(rig_file)} --test path -o runs/path-{PERCENTS[0]}", err=True)
 
 
-def _say_demand(rig: Rig, plan: MotionPlan, demand: Demand) -> None:
-    from analysis.apps.makers.motion_plan import demand_lines
+def _write(
+    rig: Rig, maker: MakerName, plans: Sequence[MotionPlan], directory: Path, tables: dict[str, str] | None = None
+) -> list[Path]:
+    """Write the programs and tables, and print the demand of each plan on the arm."""
+    from analysis.apps.makers.motion_plan import demand_lines, demand_of
+    from analysis.apps.makers.writing import programs_of, write_programs
 
+    demands = [(plan, demand_of(plan)) for plan in plans]
+    paths = write_programs(maker, programs_of(maker, demands) | (tables or {}), directory)
     names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
-    for line in demand_lines(plan, demand, names):
-        say(f"{plan.name}: {line}", err=True)
+    for plan, demand in demands:
+        for line in demand_lines(plan, demand, names):
+            say(f"{plan.name}: {line}", err=True)
+    return paths
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -1,7 +1,6 @@
 """Programs with corrected targets, for a controller that cannot represent the effects of its arm.
 
-The targets of a test form a table, which `rig correct --path` corrects. A row is a target, in the order in which the
-programs first reach them. A program with the corrected table moves to the corrected targets in the same steps.
+`rig correct --path` corrects the targets of a test as a table, in the order in which the programs first reach them.
 """
 
 from __future__ import annotations
@@ -27,31 +26,29 @@ from analysis.apps.makers.motion_plan import (
 )
 from analysis.apps.makers.tool_paths import ToolPath, circular_path, rotation_path, rotation_vector, straight_path
 from analysis.correction.support import known_plays
-from analysis.robot.kinematics.arm import Array, Integers, reported_angles
+from analysis.robot.kinematics.arm import Array, reported_angles
 from analysis.robot.model.predict import Motion, Path, driven, model_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 
 _FURTHEST_MM, _FURTHEST_DEG = 20.0, 5.0
-"""Largest distance from the nominal target. A larger value indicates a different test or arm: a zero wrong by 1°
-moves a tool at 1 m by 17 mm, and neighbours on a circle of 50 mm are 38 mm apart."""
+"""Distance from the nominal target above which the test or the arm differs: a zero wrong by 1° moves a tool at 1 m by
+17 mm, and neighbours on a circle of 50 mm are 38 mm apart."""
 _OTHER_POSTURE_DEG = 45.0
-"""Largest angle of a joint from the nominal angle. A larger value indicates a different posture. Chosen: near a
-singularity the wrist turns by several degrees for a small correction."""
+"""Rotation of a joint that indicates a different posture. Chosen: near a singularity the wrist turns by several degrees
+for a small correction."""
 _AFTER_TURN_MM_S = 10.0
-"""Speed from the end of a turn to the corrected position, fractions of a millimetre away."""
 _SAME_PLACE_MM = 1e-3
-"""Smallest distance from the end of a turn to its target for which a line is added: below the resolution of a gauge."""
+"""Distance from the end of a turn to its target without a line between: below the resolution of a gauge."""
 _REMEDY = "give the table of rig program --targets for this rig file and test, corrected by rig correct --path"
 
 
 def targets_of(plan: MotionPlan) -> list[PlannedTarget]:
     """Targets of a plan without repetitions, in the order in which the program first reaches them."""
-    return list({id(target): target for target in reached(plan)}.values())
+    return list({id(target): target for target in _reached(plan)}.values())
 
 
-def reached(plan: MotionPlan) -> list[PlannedTarget]:
-    """Targets of a plan in program order, including repetitions."""
+def _reached(plan: MotionPlan) -> list[PlannedTarget]:
     return [
         target
         for step in plan.steps
@@ -82,19 +79,15 @@ def compensated(
     """
     counts = [len(targets_of(plan)) for plan in plans]
     if len(q) != sum(counts):
-        raise FileError(
-            where, f"has {len(q)} rows, but this test has {sum(counts)} targets", _REMEDY, code="targets.other_test"
-        )
-    ends = np.cumsum([0, *counts])
-    return [
-        _with_targets(
-            plan,
-            [PlannedTarget(T, at) for T, at in zip(in_base(plan.arm, poses[rows]), q[rows], strict=True)],
-            lines[rows],
-            where,
-        )
-        for plan, rows in zip(plans, map(slice, ends[:-1], ends[1:]), strict=True)
-    ]
+        problem = f"has {len(q)} rows, but this test has {sum(counts)} targets"
+        raise FileError(where, problem, _REMEDY, code="targets.other_test")
+    made, begin = [], 0
+    for plan, count in zip(plans, counts, strict=True):
+        rows = slice(begin, begin + count)
+        targets = [PlannedTarget(T, at) for T, at in zip(in_base(plan.arm, poses[rows]), q[rows], strict=True)]
+        made.append(_with_targets(plan, targets, lines[rows], where))
+        begin += count
+    return made
 
 
 def _with_targets(plan: MotionPlan, targets: Sequence[PlannedTarget], lines: Sequence[int], where: str) -> MotionPlan:
@@ -122,7 +115,6 @@ def _with_targets(plan: MotionPlan, targets: Sequence[PlannedTarget], lines: Seq
 
 
 def _moved(plan: MotionPlan, step: Move, begin: PlannedTarget, new: dict[int, PlannedTarget]) -> Iterator[Step]:
-    """Yield a move to the corrected targets, from the corrected start `begin`."""
     match step:
         case Arc(via, end):
             via, end = new[id(via)], new[id(end)]
@@ -130,8 +122,7 @@ def _moved(plan: MotionPlan, step: Move, begin: PlannedTarget, new: dict[int, Pl
             # An arc that turns with the path would end along its tangent, which corrected positions rotate.
             yield replace(step, via=via, end=end, with_path=False, q=q)
         case ToolRotation(target):
-            # The two orientations have different corrections. A turn about a fixed point would therefore miss the
-            # second position.
+            # The two orientations have different corrections: a turn about a fixed point misses the second position.
             end = new[id(target)]
             T = end.T.copy()
             T[:3, 3] = begin.T[:3, 3]
@@ -160,7 +151,7 @@ def _followed(plan: MotionPlan, way: ToolPath, begin: PlannedTarget) -> Array:
 def _require_small_correction(
     old: Sequence[PlannedTarget], targets: Sequence[PlannedTarget], lines: Sequence[int], where: str
 ) -> float:
-    """Largest distance in mm from the nominal targets. Raises FileError if it is too large for a correction."""
+    """Largest distance in mm from the nominal targets. Raises FileError if one is too large for a correction."""
     farthest = 0.0
     for line, nominal, target in zip(lines, old, targets, strict=True):
         mm = float(np.linalg.norm(target.T[:3, 3] - nominal.T[:3, 3]))
@@ -181,26 +172,19 @@ _BETWEEN = 16
 
 
 def ahead_of_plays(rig: Rig, plan: MotionPlan) -> Array:
-    """Lead (n, 6) rad of the joints with which the links reach the targets despite the backlash in the rig file.
-
-    The order is that of `targets_of`.
-    """
+    """Lead (n, 6) rad of the joints with which the links reach `targets_of` a plan despite the backlash of the rig."""
     targets = targets_of(plan)
     model = model_of(rig, known_plays(rig))
     if not model.effects:
         return np.zeros((len(targets), 6))
     places = {id(target): number for number, target in enumerate(targets)}
-    visits = [places[id(target)] for target in reached(plan)]
-    q, rows = interpolate_moves([targets[number].q for number in 2 * visits])
+    visits = 2 * [places[id(target)] for target in _reached(plan)]
+    share = np.arange(_BETWEEN)[:, None] / _BETWEEN
+    stops = [targets[number].q for number in visits]
+    q = np.concatenate([*(begin + share * (end - begin) for begin, end in pairwise(stops)), stops[-1][None]])
+    rows = _BETWEEN * np.arange(len(stops))
     motion = Motion(np.arange(len(q), dtype=float), q)
     scene = driven(model, Path(motion, rows))
     lag = reported_angles(model.arm, scene.link_q - scene.q)[rows]
-    last = {number: row for row, number in enumerate(2 * visits)}
+    last = {number: row for row, number in enumerate(visits)}
     return -np.array([lag[last[number]] for number in range(len(targets))])
-
-
-def interpolate_moves(q: Sequence[Array]) -> tuple[Array, Integers]:
-    """Joint angles (m, 6) rad on linear moves between positions q (6,) rad, and the indices of the positions."""
-    share = np.arange(_BETWEEN) / _BETWEEN
-    ways = [begin + share[:, None] * (end - begin) for begin, end in pairwise(q)]
-    return np.concatenate([*ways, q[-1][None]]), _BETWEEN * np.arange(len(q))

@@ -1,12 +1,6 @@
-"""Motion plans of the tests of a rig, as steps for a program.
+"""Motion plans of the tests of a rig, with the motion of the simulator (analysis/robot/geometry/driven_programs.py).
 
-The motion is that of the simulator (analysis/robot/geometry/driven_programs.py).
-
-- circle, roll: laps with lead-in, lead-out and returns; a program per direction, because each direction is a separate
-  run.
-- hemisphere, repeatability: a stop at each target.
-- poses for a tracker: joint moves with a stop at each pose.
-- ISO 9283 with a tracker: the stops of the cube, and the paths at several percentages of their speed.
+Circles have a program per direction, because each direction is a separate run.
 """
 
 from __future__ import annotations
@@ -68,7 +62,7 @@ from rigs.schema.part import Vector
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 _SPEED_RAD_S = float(np.radians(20.0))
-"""Speed of the fastest joint between poses: slow enough to be stopped by hand."""
+"""Speed of the fastest joint between poses: slow enough to stop by hand."""
 
 
 def poses_plan(
@@ -81,10 +75,9 @@ def poses_plan(
     speed_rad_s: float = _SPEED_RAD_S,
     name: str = "pose",
 ) -> MotionPlan:
-    """Plan that stops at each posture q (n, 6) rad for dwell_s seconds, in order.
+    """Plan that stops at each posture q (n, 6) rad for dwell_s seconds.
 
-    start (6,): joint angles at the start, by default the first posture. names (n,): comment for each posture. name: of
-    the program, followed by the name of the rig.
+    start (6,): joint angles at the start, by default the first posture. names (n,): comment for each posture.
     """
     arm = arm_of(rig.robot)
     first, *targets = targets_at(arm, np.concatenate([q[:1] if start is None else start[None], q]))
@@ -114,20 +107,17 @@ def tracker_plan(rig: Rig, name: str, steps: Sequence[Step]) -> MotionPlan:
 
 
 LONGEST_ARC_DEG = 90.0
-"""Maximum arc. An arc is defined by three points, and controllers rotate the tool in different ways between the
-ends. A rotation about a single axis is unambiguous below half a turn. The x axis of the tool is the normal of the
-circle, so this rotation changes only one of the three angles (W, C, Rx), and a controller that interpolates the
-angles rotates the tool in the same way. Shorter arcs would add transitions, each of which may disturb the motion."""
+"""Controllers rotate the tool along an arc in different ways. Below half a turn all agree: the x axis of the tool is
+the normal of the circle, so the rotation changes only one of the three angles (W, C, Rx). Shorter arcs would add
+transitions, each of which may disturb the motion."""
 _FINE_RAD = np.radians(1.0)
-"""Maximum step along the circle between the joint angles of a plan."""
 _Piece = tuple[PlannedTarget, PlannedTarget, PlannedTarget, Array]
 """Start, middle and end of an arc, and the joint angles (n, 6) rad along it."""
 _APPROACH_RAD_S = np.radians(10.0)
-"""Speed of the fastest joint during the approach to the start from any position: slow enough to be stopped by hand."""
+"""Speed of the fastest joint to the start from any position: slow enough to stop by hand."""
 _APPROACH_MM_S = 10.0
-"""Speed of the short moves of the repeatability test."""
 _SAME_DECIMALS = 6
-"""Decimals of joint angles in rad for equal targets; further decimals differ only by rounding."""
+"""Decimals of joint angles in rad of equal targets."""
 _STANDSTILL_S = 3.0
 """Standstill before the motion. Automatic runs detect a program by a standstill of `still_s`, by default 2 s."""
 
@@ -141,9 +131,9 @@ def plans_of(
 ) -> list[MotionPlan]:
     """Plan the programs of a test.
 
-    dwell_s: standstill at each target. outputs: digital outputs for the signal of automatic runs, unless the rig file
-    names them. arc_deg: longest arc of a circle, shorter if the targets are to be corrected individually. Raises
-    FileError if the robot cannot execute a plan, and UseError for outputs that no program would switch.
+    dwell_s: standstill at each target. outputs: for the signal of automatic runs, unless the rig file names them.
+    arc_deg: longest arc of a circle. Raises FileError if the robot cannot execute a plan, and UseError for outputs that
+    no program would switch.
     """
     directions: tuple[Direction, ...] = ("acw", "cw") if test in CIRCLES else ()
     if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions or (None,)):
@@ -242,14 +232,13 @@ def _plan(
     start: PlannedTarget,
     motion: list[Step],
 ) -> MotionPlan:
-    """Add the common start and end of every program."""
     arm = arm_of(rig.robot)
     ball = circle_of(rig).centre_mm if test in CIRCLES else hemisphere_of(rig).centre_mm
     number, automatic = _signal_of(rig, test, direction)
     hold = [] if automatic else [Hold("mount the ball link, start the recording, continue")]
     begin, end = ([Signal(number)], [Signal(0)]) if number else ([], [])
-    # If zeros or constants of the controller were corrected, the tool is at a different position for the same joint
-    # angles. The line then moves it to the start; otherwise the line has zero length.
+    # If constants of the controller were corrected, the tool is elsewhere at the same joint angles, and the line moves
+    # it to the start; otherwise the line has zero length.
     approach: list[Step] = [
         JointMove(start, _APPROACH_RAD_S),
         StraightMove(start, _APPROACH_MM_S, q=np.stack([start.q] * 2)),
@@ -283,12 +272,9 @@ def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlac
         if place.int_register is not None:
             return SignalPlace(int_register=place.int_register)
     if number < 0 or number >= 1 << len(outputs):
-        raise FileError(
-            RigPlace.of(rig.name, "automatic"),
-            f"signal {number} does not fit into {len(outputs)} outputs",
-            "give --outputs with the digital outputs read by the feedback, least significant first",
-            code="program.output",
-        )
+        problem = f"signal {number} does not fit into {len(outputs)} outputs"
+        remedy = "give --outputs with the digital outputs read by the feedback, least significant first"
+        raise FileError(RigPlace.of(rig.name, "automatic"), problem, remedy, code="program.output")
     return SignalPlace(outputs=outputs)
 
 
@@ -299,7 +285,7 @@ _TO_START_RAD_S = float(np.radians(10.0))
 
 
 def cube_plan(rig: Rig, dwell_s: float) -> MotionPlan:
-    """Plan of the poses: from P1 through all cycles, with a stop at each. Raises FileError if there is no cube."""
+    """Plan of the stops of all cycles. Raises FileError if there is no cube."""
     test = iso9283_of(rig)
     names = [f"cycle {cycle}, P{number}" for cycle in range(1, test.cycles + 1) for number in ORDER]
     speed = float(np.radians(test.joint_speed_deg_s))
@@ -308,10 +294,9 @@ def cube_plan(rig: Rig, dwell_s: float) -> MotionPlan:
 
 
 def path_plan(rig: Rig, percent: int) -> MotionPlan:
-    """Plan of the paths at a percentage of the path speed.
+    """Plan of the paths at a percentage of the path speed, with a standstill before and after each.
 
-    Each path is repeated as set in the rig file, with a standstill before and after. Raises FileError if there is no
-    cube, or a joint is too slow.
+    Raises FileError if there is no cube, or a joint is too slow.
     """
     test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
     speed, where = test.path_speed_mm_s * percent / 100, RigPlace.of(rig.name, "tests.iso9283")
@@ -332,7 +317,6 @@ def path_plan(rig: Rig, percent: int) -> MotionPlan:
 
 
 def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) -> list[Move]:
-    """Lines or the two arcs of a path, without a stop between them."""
     ends = path.arc_length_mm if isinstance(path, Polygon) else np.array([0.0, 0.5, 1.0]) * path.length_mm
     moves: list[Move] = []
     for number, (begin, end) in enumerate(pairwise(ends.tolist()), start=1):

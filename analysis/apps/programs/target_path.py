@@ -1,7 +1,4 @@
-"""Paths: targets in a CSV table, as joint angles or as poses, in the columns of docs/tables.md.
-
-Other columns are preserved as text in their positions.
-"""
+"""Paths: targets in a CSV table, as joint angles or as poses (docs/tables.md). Other columns are kept as text."""
 
 from __future__ import annotations
 
@@ -30,25 +27,18 @@ from rigs.text import as_argument
 
 POSES = (*PLACE, *TURN)
 ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected")
-"""Columns added to a corrected path.
-
-These are: error of the uncorrected arm at the target, error of uncorrected effects, standard uncertainty of the
-corrected position including these effects, in the robot's base and with frame and tool taught with the robot, whether
-all joints are within the range of the runs (yes, no or unknown), and whether the target was corrected (yes or no).
-"""
+"""Columns added to a corrected path: error of the uncorrected arm, error of uncorrected effects, standard uncertainty
+including these effects, in the robot's base and with frame and tool taught, whether all joints are within the range of
+the runs (yes, no or unknown), and whether the target was corrected."""
 
 AGAINST = "against_verdict"
-"""Column of a path corrected against the verdict."""
 
 
 @dataclass(frozen=True)
 class TargetPath:
     columns: dict[str, list[str]]
-    """Columns of the file by name."""
     names: tuple[str, ...]
-    """Columns with the targets."""
     lines: tuple[int, ...]
-    """Line numbers (n,) of the rows."""
     values: Array
     """Values (n, axes or 6) of the columns `names`, in mm and degrees."""
 
@@ -62,12 +52,11 @@ class TargetPath:
         return np.asarray(self.values * units)
 
     def poses(self) -> Array:
-        """Poses (n, 4, 4) in the world of the rig file."""
         return transforms(self.values)
 
 
 def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
-    """Read the targets of an arm, as joint angles if the table contains them, and the rail position.
+    """Read the targets of an arm, as joint angles if the table contains them, with the rail position.
 
     Raises FileError for an invalid path, and TableFileError with every bad cell.
     """
@@ -76,9 +65,8 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
     required, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
     is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # Reported later
     if not is_corrected and set(required) <= set(names) and (both := [name for name in others if name in names]):
-        what = (
-            f"has the columns {required[0]} … {required[-1]} and {both[0]}: joint angles and poses cannot be combined"
-        )
+        columns = f"{required[0]} … {required[-1]} and {both[0]}"
+        what = f"has the columns {columns}: joint angles and poses cannot be combined"
         remedy = f"keep one of both; measured poses calibrate an arm: rig calibrate {as_argument(path)} --arm ARM"
         raise FileError(str(path), what, remedy, code="targets.mixed")
     return _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
@@ -109,12 +97,8 @@ def compensated_plans(
     joints, poses = read_corrected_path(path)
     against = AGAINST in joints.columns
     if against and not anyway:
-        raise FileError(
-            str(path),
-            f"was {ANYWAY}",
-            "use the nominal targets, or add --anyway; the programs then contain a warning",
-            code="targets.against_verdict",
-        )
+        remedy = "use the nominal targets, or add --anyway; the programs then contain a warning"
+        raise FileError(str(path), f"was {ANYWAY}", remedy, code="targets.against_verdict")
     made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
     remarks = [Comment(f"{MARK}: do not correct twice")]
     remarks += [Comment(ANYWAY)] if against or why_nothing(rig) else []
@@ -132,19 +116,17 @@ def _targets(
         raise FileError(str(path), f"has two columns {twice}", "rename one of them", code="targets.column")
     if not rows:
         raise FileError(str(path), "has a header but no rows", "give the targets", code="targets.empty")
-    problems = [
-        TableProblem(line, "", f"has {len(row)} fields, but the header has {len(names)}")
-        for line, row in rows
-        if len(row) != len(names)
-    ]
+    problems = []
     values = np.zeros((len(rows), len(required)))
     for k, (line, row) in enumerate(rows):
+        if len(row) != len(names):
+            problems.append(TableProblem(line, "", f"has {len(row)} fields, but the header has {len(names)}"))
+            continue
         for column, name in enumerate(required):
-            if len(row) == len(names):
-                try:
-                    values[k, column] = value(name, row[names.index(name)])
-                except ValueError as error:
-                    problems.append(TableProblem(line, name, str(error)))
+            try:
+                values[k, column] = value(name, row[names.index(name)])
+            except ValueError as error:
+                problems.append(TableProblem(line, name, str(error)))
     if problems:
         raise TableFileError(str(path), problems)
     columns = {name: [row[place] for _, row in rows] for place, name in enumerate(names)}
@@ -152,23 +134,17 @@ def _targets(
 
 
 def refuse_corrected_path(path: TargetPath, where: str) -> None:
-    """Raise FileError for a path with the columns of a corrected one."""
-    if added_columns := [
-        name for name in (*ADDED, AGAINST, "u_mm") if name in path.columns
-    ]:  # u_mm: in tables of earlier versions
-        raise FileError(
-            where,
-            f"already has a column {added_columns[0]}",
-            "rename the column; or is the path already corrected?",
-            code="targets.already_corrected",
-        )
+    """Raises FileError for a path with the columns of a corrected one."""
+    added = (*ADDED, AGAINST, "u_mm")  # u_mm: in tables of earlier versions
+    if column := next((name for name in added if name in path.columns), ""):
+        problem, remedy = f"already has a column {column}", "rename the column; or is the path already corrected?"
+        raise FileError(where, problem, remedy, code="targets.already_corrected")
 
 
 def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: str = "") -> pa.Table:
     """Table with corrected targets, as joint angles and as poses, and their errors.
 
-    Uncorrected targets are unchanged, and unknown numbers are empty. against: text of the verdict against which the
-    path was corrected, if any.
+    Uncorrected targets are unchanged, and unknown numbers empty. against: verdict against which the path was corrected.
     """
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program uses both: the joint angles select the posture of a pose.
@@ -176,37 +152,20 @@ def corrected_columns(path: TargetPath, corrected: CorrectedTargets, against: st
     axes = corrected.q.shape[1] - rail
     names = (*joint_columns(axes), *((RAIL,) if rail else ()), *POSES)
     names = names if np.isfinite(corrected.T).any() else names[: -len(POSES)]  # unknown constants of the controller
-    values = np.concatenate(
-        [
-            np.degrees(corrected.q[:, :axes]),
-            RAIL_MM * corrected.q[:, axes:],
-            np.concatenate([corrected.T[:, :3, 3], np.degrees(roll_pitch_yaw(corrected.T))], axis=1),
-        ],
-        axis=1,
-    )
+    q, T = corrected.q, corrected.T
+    values = np.hstack([np.degrees(q[:, :axes]), RAIL_MM * q[:, axes:], T[:, :3, 3], np.degrees(roll_pitch_yaw(T))])
     values = values[:, : len(names)]
     values[np.ix_(~corrected.done, np.isin(names, path.names))] = path.values[~corrected.done]
-    columns |= {
-        name: _cells(np.round(column, 7) + 0.0)  # no -0.0
-        for name, column in zip(names, values.T, strict=True)
-    }
-    added = (
-        corrected.missed_mm,
-        np.linalg.norm(corrected.left_out_mm, axis=1),
-        1e3 * corrected.u_mm,
-        1e3 * corrected.u_frame_mm,
-    )
+    values = np.round(values, 7) + 0.0  # no -0.0
+    columns |= {name: _cells(column) for name, column in zip(names, values.T, strict=True)}
+    left_out_mm = np.linalg.norm(corrected.left_out_mm, axis=1)
+    added = (corrected.missed_mm, left_out_mm, 1e3 * corrected.u_mm, 1e3 * corrected.u_frame_mm)
     columns |= {name: _cells(np.round(column, 6)) for name, column in zip(ADDED, added, strict=False)}
-    inside = (
-        np.where(corrected.covered, "yes", "no")
-        if corrected.covered is not None
-        else np.full(len(corrected.q), "unknown")
-    )
-    covered = np.where(corrected.done, inside, "no")
-    columns["covered"] = covered.tolist()
+    inside = "unknown" if corrected.covered is None else np.where(corrected.covered, "yes", "no")
+    columns["covered"] = np.where(corrected.done, inside, "no").tolist()
     columns["corrected"] = np.where(corrected.done, "yes", "no").tolist()
     if against:
-        columns[AGAINST] = [against] * len(corrected.q)
+        columns[AGAINST] = [against] * len(q)
     return pa.table(columns)
 
 
@@ -219,23 +178,17 @@ def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     try:
         text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise FileError(
-            str(path), "is not UTF-8 text", "save the file as CSV in UTF-8", code="targets.encoding"
-        ) from None
+        remedy = "save the file as CSV in UTF-8"
+        raise FileError(str(path), "is not UTF-8 text", remedy, code="targets.encoding") from None
     except OSError as error:
-        raise FileError(
-            str(path), error.strerror or str(error), "check the path and the permissions", code="targets.unreadable"
-        ) from None
+        problem, remedy = error.strerror or str(error), "check the path and the permissions"
+        raise FileError(str(path), problem, remedy, code="targets.unreadable") from None
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
         rows = [(reader.line_num, fields) for fields in reader if fields]
     except csv.Error as error:
-        raise FileError(
-            f"{path}, line {reader.line_num}",
-            f"cannot be split into fields: {error}",
-            "check the quotes",
-            code="targets.csv",
-        ) from None
+        where, problem = f"{path}, line {reader.line_num}", f"cannot be split into fields: {error}"
+        raise FileError(where, problem, "check the quotes", code="targets.csv") from None
     if not rows:
         raise FileError(str(path), "is empty", "give a table with a header line", code="targets.empty")
     return [name.strip() for name in rows[0][1]], rows[1:]

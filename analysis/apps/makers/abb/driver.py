@@ -1,8 +1,7 @@
 """Interpreter of RAPID for emulated controllers: a module with data and one procedure.
 
-Source: ABB, Technical reference manual 3HAC050917. Supported are tooldata, wobjdata, jointtarget in degrees, speeddata,
-fine and z0, and robtarget with the quaternion q1 … q4, scalar first. MoveC rotates the tool from start to end relative
-to the path, or evenly in space, as set by CirPathMode PathFrame or ObjectFrame. Names have at most 32 characters.
+Source: ABB, Technical reference manual 3HAC050917. Quaternions are scalar first. MoveC rotates the tool from start to
+end relative to the path, or evenly in space, as set by CirPathMode PathFrame or ObjectFrame.
 """
 
 from __future__ import annotations
@@ -75,7 +74,6 @@ def run(text: str, _: str, machine: Machine) -> None:
 
 
 def _declared(text: str) -> tuple[str, Any]:
-    """Name of a declaration, with kind and value."""
     if stream := re.fullmatch(r"LOCAL VAR egmident (\w+)", text):
         return stream[1], "egmident"
     data = _DATA.fullmatch(text)

@@ -1,8 +1,8 @@
-"""Effects of the instructions and functions of RAPID on tool, frame, displacement, posture settings and arm.
+"""Effects of the instructions and functions of RAPID: the closed list of the dialect.
 
-This is the closed list of the dialect. A name that is neither listed here nor defined in the files makes the complete
-state unknown. Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917), and
-the application manuals of Arc, Spot, Continuous Application Platform, Dispense, Paint, Vision and Conveyor tracking.
+A name that is neither listed nor defined in the files makes the complete state unknown. Source: ABB, Technical
+reference manual, RAPID Instructions, Functions and Data types (3HAC050917), and the application manuals of Arc, Spot,
+Continuous Application Platform, Dispense, Paint, Vision and Conveyor tracking.
 """
 
 from __future__ import annotations
@@ -82,7 +82,6 @@ SWITCHES: dict[str, tuple[str, str]] = {
     "pdispon": ("shift", "on"), "pdispset": ("shift", "on"), "pdispoff": ("shift", "off"),
     "softact": ("tracking", "on"), "softdeact": ("tracking", "off"),
 }  # fmt: skip
-"""Instructions that set a state variable, with the value."""
 SETTINGS = {
     "confl": ("conf l", "off", "on", "off"),
     "confj": ("conf j", "off", "on", "off"),

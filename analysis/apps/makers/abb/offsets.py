@@ -1,8 +1,7 @@
 """Offsets of Offs and RelTool, and copies of points: pAbove:=Offs(pPick,0,0,100).
 
-An offset is known from numbers, constants, variables that nothing writes, and loops with known bounds. A move to a copy
-reaches the point with an offset. A variable counts as a copy only if the texts assign it once, from a point with a
-known offset, and otherwise mention it only in moves.
+An offset is known from numbers, constants, variables that nothing writes, and loops with known bounds. A variable is a
+copy only if the texts assign it once, from a point with a known offset, and otherwise only move to it.
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ from analysis.robot.kinematics.arm import Array
 
 _BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
 _MOST_POSITIONS = 8
-"""Maximum number of positions of a move in loops: the corners of three loops. Of more positions, the corners of the
-pattern are taken: between them the correction of an arm changes smoothly."""
+"""Positions of a move in loops: the corners of three loops. Of more positions, the corners of the pattern are taken:
+between them the correction of an arm changes smoothly."""
 _LONGEST_LOOP = 1000
 _TURN = re.compile(r"\\\s*r([xyz])\s*:=(.*)", re.DOTALL)
 _LOOP = re.compile(r"\s*(\w+)\s+from\b(.*?)\bto\b(.*?)(?:\bstep\b(.*?))?\bdo\b", re.DOTALL)
@@ -48,26 +47,24 @@ class Numbers:
 
     def enter(self, header: str) -> None:
         """Enter a loop, given the text "i FROM 1 TO n STEP 1 DO"."""
-        loop = _LOOP.fullmatch(header)
-        name = loop[1] if loop else ""
+        loop, values = _LOOP.fullmatch(header), None
         bounds = [self.value(text or "1") for text in loop.groups()[1:]] if loop else []
-        values = None
-        if bounds and None not in bounds:
-            first, last, step = (float(bound) for bound in bounds if bound is not None)
+        known = [bound for bound in bounds if bound is not None]
+        if len(known) == 3:
+            first, last, step = known
             count = int(np.floor((last - first) / step + 1e-9)) + 1 if step else 0
             if 0 < count <= _LONGEST_LOOP:
                 values = tuple(first + step * k for k in range(count))
-        self.loops.append((name, values))
+        self.loops.append((loop[1] if loop else "", values))
 
     def value(self, text: str) -> float | None:
-        """Value of an expression; None if it is unknown or varies."""
         values = self.every_value([text])
         return values[0][0] if len(values) == 1 else None
 
     def every_value(self, texts: Sequence[str], *, corners: bool = True) -> list[tuple[float, ...]]:
         """Possible values of expressions, together for each pass of the loops; none if any is unknown.
 
-        corners: take the first and last values of loops with too many passes; otherwise there are none.
+        corners: take the first and last values of loops with too many passes, instead of none.
         """
         python = [_DIV_MOD.sub(lambda word: "//" if word[1] == "div" else "%", text) for text in texts]
         trees = [tree_of(" ".join(text.split())) for text in python]
@@ -80,14 +77,12 @@ class Numbers:
             if not corners:
                 return []
             ranges = [tuple(dict.fromkeys((values[0], values[-1]))) for values in ranges]
-        found = dict[tuple[float, ...], None]()
-        for one in itertools.product(*ranges):
-            names = self.known | dict(zip(loops, one, strict=True))
-            try:
-                found[tuple(value_of(tree, names, _OPERATORS) for tree in trees if tree)] = None
-            except (ZeroDivisionError, KeyError, OverflowError):
-                return []
-        return list(found)
+        passes = [self.known | dict(zip(loops, one, strict=True)) for one in itertools.product(*ranges)]
+        try:
+            found = [tuple(value_of(tree, names, _OPERATORS) for tree in trees if tree) for names in passes]
+        except (ZeroDivisionError, KeyError, OverflowError):
+            return []
+        return list(dict.fromkeys(found))
 
 
 def offset_frames(function: str, texts: Sequence[str], numbers: Numbers) -> list[Array]:
@@ -119,11 +114,8 @@ _READ_BEFORE, _READ_AFTER = tuple("+-*/<>="), tuple("+-*/<>")
 
 
 def known_numbers(texts: Sequence[str]) -> dict[str, float]:
-    """Numbers that are declared once with a value, and that no statement of the texts writes.
-
-    A variable counts as written if it is mentioned anywhere but in a calculation, a comparison, an offset or the bounds
-    of a loop.
-    """
+    """Numbers that are declared once with a value, and only used in calculations, comparisons, offsets and the bounds
+    of loops."""
     declared: dict[str, list[re.Match[str]]] = {}
     for text in texts:
         for found in _NUM.finditer(text):
@@ -131,9 +123,9 @@ def known_numbers(texts: Sequence[str]) -> dict[str, float]:
     together = "\n".join(texts)
     known = Numbers()
     for name, every in declared.items():
-        constant = every[0]["storage"] == "const"
-        if len(every) == 1 and every[0]["value"] and (constant or _only_read(name, together)):
-            value = known.value(every[0]["value"][2:])
+        only = every[0]
+        if len(every) == 1 and only["value"] and (only["storage"] == "const" or _only_read(name, together)):
+            value = known.value(only["value"][2:])
             if value is not None:
                 known.known[name] = value
     # A parameter of a routine or other data may also have the name.
@@ -158,7 +150,6 @@ def _only_read(name: str, text: str) -> bool:
 OFFSET = re.compile(r"(offs|reltool)\s*\(")
 _ASSIGNED = re.compile(r"(?<![\w.{}])(?P<name>[a-z]\w*)\s*:=\s*(?P<value>[^;]*?)\s*(?=;|$)")
 _DECLARED = re.compile(r"\brobtarget\s+(\w+)")
-"""A declaration of a variable or of a parameter."""
 _DECLARES = re.compile(r"\brobtarget\s+$")
 _FIRST_WORD = re.compile(r"\s*([a-z]\w*)")
 
@@ -176,7 +167,7 @@ class Reached:
 
 
 class RapidOffsets(ProgramParser):
-    """A program in RAPID during parsing. Its texts are in lower case, because RAPID ignores the case."""
+    """A program in RAPID, in lower case, because RAPID ignores the case."""
 
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program, _BLANK, LOWER_CASE)
@@ -188,7 +179,6 @@ class RapidOffsets(ProgramParser):
         return self.texts[self.file]
 
     def reached(self, begin: int, end: int) -> Reached:
-        """Resolve nested offsets and the copies of a target."""
         text, wrapped = self.text, OFFSET.match(self.text, begin, end)
         if wrapped is None:
             name = text[begin:end].partition("\\")[0].strip()
@@ -221,7 +211,6 @@ class RapidOffsets(ProgramParser):
 
 
 def _is_only_reached(name: str, texts: Sequence[str]) -> bool:
-    """True if a variable is mentioned only in its declaration, in its assignment and in moves."""
     for text in texts:
         for word in re.finditer(rf"(?<![a-z\d_]){name}(?!\w)", text):
             begin = max(text.rfind(mark, 0, word.start()) for mark in ";\n") + 1

@@ -1,10 +1,9 @@
 r"""Reader of targets in RAPID: jointtarget in degrees, and robtarget in mm with a quaternion.
 
-Targets are declared as data or written in a move. Source: ABB, Technical reference manual, RAPID Instructions,
-Functions and Data types (3HAC050917). Confdata selects the posture, except after ConfL\Off for lines and ConfJ\Off for
-joint moves: the arm then keeps the current posture. tool0 is the flange, and wobj0 is the world, which is assumed to be
-the robot's base. Other modules in the same directory are read for the routines, tools and work objects they declare.
-`statements` contains the effect of each instruction.
+Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917). Confdata selects the
+posture, except after ConfL\Off for lines and ConfJ\Off for joint moves: the arm then keeps its posture. tool0 is the
+flange, and wobj0 is the world, assumed to be the robot's base. Other modules in the directory are read for the
+routines, tools and work objects they declare.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import NamedFrame, Notice, Parsed, ProgramTexts
 
 _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
-"""Decimals for 0.1 µm, and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
+"""0.1 µm, and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
 _END = re.compile(rb"^[ \t]*ENDMODULE\b", re.MULTILINE | re.IGNORECASE)
 _DATA = re.compile(
     r"(?<![\w\\])(?P<scope>local\s+|task\s+)?(?P<storage>const|pers|var)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*"
@@ -33,24 +32,22 @@ _DATA = re.compile(
 _ELEMENT = re.compile(r"\[(?=\s*\[\s*[-+.\d])")
 """Start of a target in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
 _MOST_ELEMENTS = 20
-"""Maximum size of an array of points that is traced: a move to a variable element leads from and to any other one."""
+"""Size of an array of points that is traced: a move to a variable element leads from and to any other."""
 _PARAMETERS = re.compile(r"\b(?:proc|func\s+\w+)\s+\w+\s*\(([^()]*)\)")
 _LAST = re.compile(r",\s*([a-z]\w*)\s*(?=[\\;])")
 _WOBJ = re.compile(r"\\\s*wobj\s*:=\s*(\w+)")
-"""The work object of a move."""
 _MAIN = re.compile(r"\bproc\s+main\s*\(")
 _COORDINATES = re.compile(rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]\s*\]")
-"""The coordinates of external axes at the end of a target."""
 _EXTERNAL_MOVED = re.compile(r"\b(?:moveextj|searchextj|ind[arcd]move)\b|\.\s*(?:extax|eax_[a-f])\b")
-"""Pattern of a text that moves any external axes."""
+"""Motion of any external axes."""
 _OFFSET_EXTERNAL = re.compile(r"\beoffs(?:on|set)\b")
-"""Pattern of a text that offsets external axes: only targets that name an axis are affected."""
+"""Offset of external axes: only targets that name an axis are affected."""
 _ANY_AXIS = "any"
 """Placeholder for the axes moved by an instruction that does not name the axes."""
 
 
 class _RapidReader(RapidStatements):
-    """The declarations of points, tools and work objects, and where they are hidden, shared or written to."""
+    """The declarations of points, tools and work objects, and what hides, shares or writes to them."""
 
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
@@ -67,7 +64,6 @@ class _RapidReader(RapidStatements):
             self.frames |= {f"frame {name}" for name in _WOBJ.findall(text)}
 
     def declare(self, file: int) -> None:
-        """Add what a module declares. Modules of the program are read first."""
         self.file, declares = file, set()
         for declared in _DATA.finditer(self.text):
             self.at = declared.start("name")
@@ -119,9 +115,8 @@ class _RapidReader(RapidStatements):
     def _declare_frame(self, kind: str, declared: re.Match[str], is_shared: bool) -> None:
         """Add a tool or work object.
 
-        The user can state a frame without numbers by name. A name declared twice is unknown, except for persistent data
-        shared by tasks with the same numbers. Two modules that declare a global name with different numbers are
-        variants or belong to different tasks: the user states the frame.
+        A name declared twice is unknown, except for persistent data shared by tasks with the same numbers. Two modules
+        that declare a global name with different numbers are variants or different tasks: the user states the frame.
         """
         family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
         name = self.as_written(declared["name"])
@@ -156,8 +151,7 @@ class _RapidReader(RapidStatements):
     def find_external_axes(self) -> None:
         """Add the external axes that the program moves. An axis that every target names with one value does not move.
 
-        A module beside the program with a main routine of its own belongs to another program, perhaps a variant of this
-        one.
+        A module beside the program with a main routine of its own belongs to another program.
         """
         has_main = [_MAIN.search(text) is not None for text in self.texts]
         any_main = any(has_main[: self.own])
@@ -185,7 +179,7 @@ class _RapidReader(RapidStatements):
                     self.shadowed |= {f"{kind} {word[0]}": why for kind in ("tool", "frame")}
 
     def add_other_tasks(self) -> None:
-        """Add the tools and work objects set by modules with a main routine of their own: other tasks or programs.
+        """Add the tools and work objects set by other tasks, which have a main routine of their own.
 
         Tasks may share persistent data of the same name.
         """

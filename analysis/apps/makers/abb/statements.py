@@ -1,7 +1,7 @@
-"""Statements of RAPID as statements of the state machine. `instructions` contains the effect of each instruction.
+"""Statements of RAPID as statements of the state machine; `instructions` has the effect of each instruction.
 
-PDispOn and PDispSet displace poses, not joint angles. Handlers (ERROR, UNDO) and traps may run at any moment, and may
-end a routine with a handler at any statement.
+PDispOn and PDispSet displace poses, not joint angles. Handlers (ERROR, UNDO) and traps may run at any moment, and a
+handler may end its routine at any statement.
 """
 
 from __future__ import annotations
@@ -49,9 +49,7 @@ _ASSIGNED = re.compile(
 _INSTRUCTION = re.compile(r"\s*(?P<name>[a-z]\w*)(?P<rest>.*)", re.DOTALL)
 _DATA = re.compile(r"\s*(?:(?:local|task)\s+)?(?:const|pers|var)\b")
 _HANDED = re.compile(r"\[\s*\[[^\[\]]*\](?:\s*,\s*\[[^\[\]]*\])+\s*\]")
-"""A literal target among the arguments of a routine."""
 EXTERNAL_AXES = tuple("abcdef")
-"""The external axes of a target, in order."""
 NO_AXIS = 8.9e9
 """The value 9E9 for an axis not present."""
 _INDEXED = re.compile(r"(\w+)\s*\{([^{},]*)\}")
@@ -69,7 +67,6 @@ _UNTIL = {
     "module": re.compile(r"\n|\)"),
     "record": re.compile(r"\bendrecord\b"),
 }
-"""The end of a header without a semicolon."""
 _FLOW = {
     "if": "if", "test": "switch", "elseif": "case", "case": "case", "else": "else", "default": "else",
     "while": "while", "for": "while", **dict.fromkeys(("endif", "endtest", "endwhile", "endfor"), "end"),
@@ -78,7 +75,7 @@ _AFTER_CONDITION = re.compile(
     r"(?:(?<=[)\]}\"])|(?<=\w)(?<!\bif)(?<!\band)(?<!\bor)(?<!\bxor)(?<!\bnot)(?<!\bdiv)(?<!\bmod)(?=\s))\s*"
     r"(?!(?:and|or|xor|div|mod)\b)(?=[a-z])"
 )
-"""The place between the condition of `IF condition statement;` and the statement: a name directly after a value."""
+"""Between condition and statement of `IF condition statement;`: a name directly after a value."""
 
 
 def _form(text: str) -> re.Pattern[str]:
@@ -92,7 +89,6 @@ _FRAMES = {
     "tooldata": _form(f"[true,{_POSE},[n,[n,n,n],[n,n,n,n],n,n,n]]"),
     "wobjdata": _form(f'[false,true,"",{_POSE},{_POSE}]'),
 }
-"""A tool held by the robot, and a work object not held by the robot."""
 _TARGETS = {
     "robtarget": _form("[[n,n,n],[n,n,n,n],[n,n,n,n],[n,n,n,n,n,n]]"),
     "jointtarget": _form("[[n,n,n,n,n,n],[n,n,n,n,n,n]]"),
@@ -119,7 +115,6 @@ class RapidStatements(RapidOffsets):
         """Points that all modules see, unless they declare the name themselves."""
         self.declares: list[set[str]] = []
         self.frames: set[str] = set()
-        """The tools and work objects, as state variables."""
         self.shadowed: dict[str, Unknown] = {}
         """Tools and work objects whose name has a different meaning in a routine."""
         self.by_name: Unknown | None = None
@@ -155,7 +150,10 @@ class RapidStatements(RapidOffsets):
         self.end_routine()
 
     def _flow(self, word: str, begin: int, end: int) -> None:
-        """Parse a block header with its condition in [begin, end), or a keyword that ends a block."""
+        """Parse a block header with its condition in [begin, end), or a keyword that ends a block.
+
+        A handler ends the routine. It may run at any moment, and the routine may then continue anywhere.
+        """
         self.at = begin
         if word == "if" and self.text[end - 1 : end] == ";":  # IF condition statement;
             statement = _AFTER_CONDITION.search(self.text, begin, end)
@@ -167,21 +165,17 @@ class RapidStatements(RapidOffsets):
         elif word in ("endproc", "endfunc", "endtrap", "endmodule"):
             self.end_routine()
         elif word in ("error", "undo", "backward"):
-            self._handler(word)
+            routine = str(self.routine).partition(" ")[0]
+            self.begin_routine(f"{routine} handler {len(self.routines)}")
+            why = self.why(f"the handler {word.upper()} may run")
+            self.beside.append(Call(str(self.routine), why))
+            self.broken.append(Call(routine, why))
         else:
             if word == "for":
                 self.numbers.enter(self.text[begin:end])
             elif word == "endfor" and self.numbers.loops:
                 self.numbers.loops.pop()
             self.blocks.keyword(_FLOW.get(word, ""), partial(self._functions, begin, end))
-
-    def _handler(self, word: str) -> None:
-        """End the routine before its handler, which may run at any moment; the routine may then continue anywhere."""
-        routine = str(self.routine).partition(" ")[0]
-        self.begin_routine(f"{routine} handler {len(self.routines)}")
-        why = self.why(f"the handler {word.upper()} may run")
-        self.beside.append(Call(str(self.routine), why))
-        self.broken.append(Call(routine, why))
 
     def _functions(self, begin: int, end: int) -> None:
         closes = brackets(self.text, begin, end)
@@ -193,7 +187,7 @@ class RapidStatements(RapidOffsets):
                 self._handed(call[1], call.end(), closes.get(call.end() - 1, end))
 
     def _handed(self, name: str, begin: int, end: int) -> None:
-        """Parse the arguments of a routine or instruction, which may write to tools and frames or move to targets."""
+        """Parse the arguments of a routine or instruction: tools and frames that it may set, and targets."""
         for handed in _HANDED.finditer(self.text, begin, end):
             if any(self.literal(kind, *handed.span(), "") for kind in _TARGETS):
                 self.list_left("handed", handed[0], handed.start())
@@ -219,8 +213,8 @@ class RapidStatements(RapidOffsets):
     def _instruction(self, instruction: re.Match[str]) -> None:
         name, rest = instruction["name"], instruction["rest"]
         if self.named(name):
-            self.add(self.call_of(instruction["name"]))
-            self._handed(instruction["name"], *instruction.span("rest"))
+            self.add(self.call_of(name))
+            self._handed(name, *instruction.span("rest"))
         elif move := MOVE.fullmatch(name):
             self._move(instruction, move)
         elif name in SWITCHES:
@@ -233,11 +227,10 @@ class RapidStatements(RapidOffsets):
         elif name in ("return", "exit", "exitcycle"):
             self.add(End(halts=name != "return"))
         else:
-            self._handed(instruction["name"], *instruction.span("rest"))  # Incr, UnpackRawBytes, WaitWObj write.
-            self._apply(instruction["name"])
+            self._handed(name, *instruction.span("rest"))  # Incr, UnpackRawBytes, WaitWObj write.
+            self._apply(name)
 
     def _apply(self, name: str) -> None:
-        """Apply the effect of an instruction that is neither a move nor a switch."""
         match EFFECT.get(name, "nothing" if name in FUNCTIONS else None):
             case "arm":
                 self.add(Elsewhere())
@@ -253,21 +246,20 @@ class RapidStatements(RapidOffsets):
 
     def _assigned(self, assignment: re.Match[str]) -> None:
         """Parse an assignment to a tool or a work object. Assigned points are detected elsewhere, by name."""
-        right = assignment["right"].strip()
+        name, part, right = assignment["name"], assignment["part"], assignment["right"].strip()
         for kind, data in (("tool", "tooldata"), ("frame", "wobjdata")):
-            variable = f"{kind} {assignment['name']}"
-            if variable not in self.frames:
+            if f"{kind} {name}" not in self.frames:
                 continue
-            value: Value | Ref = self.why(f"{assignment['name']} is assigned there")
-            frame = literal_frames(data, right)
-            if not assignment["part"] and frame is not None:
-                value = as_value(frame)
-            elif not assignment["part"] and f"{kind} {right}" in {*self.frames, "tool tool0", "frame wobj0"}:
-                value = Ref(f"{kind} {right}")
-            self.set(variable, value)
+            frame, value = literal_frames(data, right), self.why(f"{name} is assigned there")
+            if frame is not None and not part:
+                self.set(f"{kind} {name}", as_value(frame))
+            elif f"{kind} {right}" in {*self.frames, "tool tool0", "frame wobj0"} and not part:
+                self.set(f"{kind} {name}", Ref(f"{kind} {right}"))
+            else:
+                self.set(f"{kind} {name}", value)
 
     def _move(self, instruction: re.Match[str], move: re.Match[str]) -> None:
-        text, rest = self.text, instruction.span("rest")
+        text, name, rest = self.text, instruction["name"], instruction.span("rest")
         kind = next(found for found in move.groups() if found)
         places = [place for place in arguments(text, *rest) if not text.startswith("\\", place[0])]  # \Conc, \WObj
         may_stop, count = move["search"] or move["contact"], 2 if kind == "c" else 1
@@ -276,7 +268,7 @@ class RapidStatements(RapidOffsets):
         if len(places) < count + (2 if may_stop else 3):
             self._leave(self.at, "computed", instruction[0])
             return
-        of_tool = places[count + 2 if TOOL_THIRD.fullmatch(instruction["name"]) else -1]
+        of_tool = places[count + 2 if TOOL_THIRD.fullmatch(name) else -1]
         tool = self._active("tool", text[slice(*of_tool)].partition("\\")[0].strip())
         wobj = _WOBJ.search(text, *rest)
         frame = self._active("frame", wobj["name"].strip() if wobj else "wobj0")
@@ -291,11 +283,11 @@ class RapidStatements(RapidOffsets):
         for place, (begin, end) in enumerate(places[:count]):
             line = self.line(begin)
             state = Move("", way, self.file, line, tool, frame, needs, trusts, arc=arc, through=place == 0)
-            self._target(begin, end, state, "jointtarget" if kind == "absj" else "robtarget", instruction["name"])
+            self._target(begin, end, state, "jointtarget" if kind == "absj" else "robtarget", name)
         if may_stop:
             self.add(Elsewhere())
-        if instruction["name"].endswith("sync"):
-            self.add(ForgetAll(self.why(f"{instruction['name']} runs a procedure named in a string")))
+        if name.endswith("sync"):
+            self.add(ForgetAll(self.why(f"{name} runs a procedure named in a string")))
 
     def _active(self, family: str, name: str) -> Unknown | Ref:
         if not WORD.fullmatch(name):  # Parts of records and elements of arrays are not tracked.
@@ -336,7 +328,7 @@ class RapidStatements(RapidOffsets):
         )
 
     def _elements(self, key: str) -> tuple[str, list[str]]:
-        """Name of the point or array of a target, and the keys of the points it may be: all if the index is unknown."""
+        """Name of a point or array, and the keys of the points it may mean: all if the index is unknown."""
         indexed = _INDEXED.fullmatch(key)
         elements = self.arrays.get(indexed[1]) if indexed else None
         if indexed is None or elements is None:
@@ -365,7 +357,6 @@ class RapidStatements(RapidOffsets):
 
 
 def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
-    """Ranges of statements and headers; headers also with their match."""
     at = 0
     while at < len(text):
         head = _HEAD.match(text, at)
@@ -388,10 +379,10 @@ def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
 
 
 def agrees_with_confdata(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Mask (n,) of the solutions q (n, 6) rad in the quadrants of axes 1, 4 and 6 of confdata.
+    """Check the quadrants of axes 1, 4 and 6 of confdata, and cfx if several solutions agree.
 
-    cfx only decides between the remaining solutions, because some arms do not use it and show 0. It is the sum of 4 for
-    a wrist behind axis 1, 2 for a wrist behind the lower arm, and 1 for a negative axis 5.
+    Some arms do not use cfx and show 0. It is the sum of 4 for a wrist behind axis 1, 2 for a wrist behind the lower
+    arm, and 1 for a negative axis 5.
     """
     low = np.array(values[:3]) * np.pi / 2
     turned = q[:, [0, 3, 5]]
@@ -403,5 +394,4 @@ def agrees_with_confdata(arm: Arm, q: Array, values: tuple[int, ...], slack_rad:
 
 
 def quadrants(_arm: Arm, q: Array) -> tuple[int, ...]:
-    """cf1, cf4 and cf6 of joint angles q (6,) rad."""
     return tuple(np.floor(q[[0, 3, 5]] / (np.pi / 2)).astype(int).tolist())

@@ -43,7 +43,6 @@ _WORDS = Words("WaitTime\\InPos,{};", 3, "SetDO rig_do{},1;", "SetDO rig_do{},0;
 _QUATERNION_DECIMALS = 12
 _NO_EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _TURN_DEG_S, _OTHER_AXES = 500, "5000,1000"
-"""Speeds of reorientation and of external axes in the predefined speeddata."""
 _LIGHTEST_KG = 0.001
 """Mass of tool0. RAPID rejects a tool without a mass."""
 _JOINT_MOVE_MM_S = 250.0
@@ -116,7 +115,6 @@ def _speed(speed_mm_s: float, turn_deg_s: float, data: dict[str, str]) -> str:
 
 
 def _declare_data(text: str, letter: str, data: dict[str, str]) -> str:
-    """Name of a data item, declared on first use."""
     return data.setdefault(text, f"{letter}_{len(data) + 1}")
 
 

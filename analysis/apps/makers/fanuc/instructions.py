@@ -1,9 +1,8 @@
 """What the instructions and motion options of FANUC's teach pendant language can change.
 
 Sources: FANUC, R-30iB Operator's Manuals, Basic Operation B-83284EN, chapter 4, Arc Welding Function B-83284EN-3, Spot
-Welding Function B-83284EN-4, and public listings. An instruction that is not listed may change anything: a macro, for
-example, runs a program that its name does not state. Assignments to position registers, frames and their numbers, flow
-control and calls are read by their contents.
+Welding Function B-83284EN-4, and public listings. An instruction that is not listed may change anything: a macro runs a
+program that its name does not state.
 """
 
 from __future__ import annotations
@@ -51,7 +50,6 @@ _SWITCHES = (
 
 
 def switch_by(text: str) -> tuple[str, str] | None:
-    """State variable that an instruction switches, with its value."""
     found = ((pattern.fullmatch(text), part) for pattern, part in _SWITCHES)
     return next(((part, OFF if switch[1] else "on") for switch, part in found if switch), None)
 

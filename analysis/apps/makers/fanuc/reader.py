@@ -1,12 +1,9 @@
 """Reader of targets in listings of FANUC's teach pendant language (.LS): P[n] with joints, or a pose with CONFIG.
 
-Source: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4, and public backups in .LS. A position
-contains the user frame UF and the tool frame UT. UF 0 is the world, assumed to be the robot's base as in the arms of
-the library, and UT 0 is the flange. INC makes a move relative. Offset and Tool_Offset add a register stored in the
-controller. A listing is a single program. Other listings in the directory are read if the program calls them.
-
-The arm is motion group 1. The controller computes its angles from the numbers of this group and its extended axes
-alone, so other groups (guns, positioners) do not matter unless a move is coordinated with them (COORD).
+Source: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4, and public backups in .LS. UF 0 is the
+world, assumed to be the robot's base as in the arms of the library, and UT 0 is the flange. A listing is a single
+program; others in its directory are read for calls. The arm is motion group 1. Other groups (guns, positioners) matter
+only if a move is coordinated with them (COORD).
 """
 
 from __future__ import annotations
@@ -42,7 +39,7 @@ from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _DECIMALS = Decimals(place=(3, 7), turn=(3, 9))
-"""Decimals of corrected numbers. A controller prints three; whether it accepts more is unknown, so none are added."""
+"""A controller prints three decimals; whether it accepts more is unknown, so none are added."""
 _BLANK = re.compile(
     r"(?<=:)[ \t]*(?:!|//|--eg:)[^\n]*|^[ \t]*(?:\d+[ \t]*)?:[ \t]*(?:!|//)[^\n]*|\"[^\"\n]*\"|MESSAGE\[[^\n]*",
     re.MULTILINE,
@@ -64,16 +61,13 @@ _ALONG = re.compile(
     rf"(?P<action>P-SPS|POINT_LOGIC|CALL\s+[\w-]+(?:\s*\([^)]*\))?|[A-Z]+{INSIDE}\s*=\s*\S+)",
     re.IGNORECASE,
 )
-"""An action at a time before or after the arrival, or at a distance. Other options can follow it."""
+"""An action at a time or distance before or after the arrival. Other options can follow it."""
 _LOGIC = re.compile(r"\b(?:P-SPS|POINT_LOGIC)\b", re.IGNORECASE)
 """An action of several lines, which follow the move up to a line of dashes."""
 _SELECTED = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*(?:\[\s*GP1\s*\])?\s*=\s*(.*)", re.IGNORECASE)
-"""Pattern of the selection of a frame.
-
-A controller rejects a position if UF and UT differ from the selected numbers (INTP-250 to 253). A system variable can
-disable this check ($FRM_CHKTYP, in some controllers $MCR.$UFRCHK). No source describes which number then applies, so
-both have to agree.
-"""
+"""Selection of a frame. A controller rejects a position if UF and UT differ from the selected numbers (INTP-250 to
+253), unless a system variable disables the check ($FRM_CHKTYP, $MCR.$UFRCHK). No source describes which number then
+applies, so both have to agree."""
 _FRAME = re.compile(r"(UFRAME|UTOOL)\s*\[\s*(?:GP\d\s*:\s*)?(.*?)\]\s*=.*", re.IGNORECASE)
 _REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?((?:[^\[\]]|\[[^\[\]]*\])*)\]\s*=\s*(.*)")
 _WHOLE = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?(\d+)\s*(?::[^\]]*)?\]")
@@ -85,33 +79,29 @@ _EXTERNAL_TCP = re.compile(r"\bRTCP\b", re.IGNORECASE)
 _COORDINATED = re.compile(r"\bCOORD\b(?:\[[^\]]*\])?", re.IGNORECASE)
 _TRACKING = re.compile(r"\bLINE_TRACK|\bTRACK\b|TRACK_SCHEDULE")
 _SCHEDULE = re.compile(r"TRACK_SCHEDULE_NUM\w*\s*:\s*(\w+)")
-"""The conveyor of a listing. Controllers with the option write this header for each listing: 0 is no conveyor."""
+"""The conveyor of a listing, 0 for none: controllers with the option write this header for each listing."""
 _FRAMES = re.compile(r"UF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)")
 _CONFIG = re.compile(r"CONFIG\s*:\s*'\s*([FN])?\s*([UD])?\s*([TB])?\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*'")
 _JOINT = re.compile(rf"\bJ([1-6])\s*=\s*({NUMBER})\s*deg")
 _AXIS = re.compile(rf"\b([XYZWPR])\s*=\s*({NUMBER})\s*(?:mm|deg)")
 _OTHER_AXIS = re.compile(rf"\b(E\d|J[7-9])\s*=\s*({NUMBER})")
-"""An extended axis of the arm's group with the coordinate."""
 _GROUP = re.compile(r"\bGP(\d)\s*:")
 _ELBOW_RAD = np.radians(67.5)
-"""Middle of the range of J2 + J3, the angle of the elbow, which turns less than a full turn: -70° to 205° of an LR Mate
-200iD (ros-industrial/fanuc, lrmate200id_macro.xacro). No source states the range of other arms."""
+"""Middle of the range of J2 + J3, the angle of the elbow: -70° to 205° of an LR Mate 200iD (ros-industrial/fanuc,
+lrmate200id_macro.xacro). No source states the range of other arms."""
 
 
 @dataclass(frozen=True)
 class _Line:
-    """A statement with the positions of its first and last line, and the logic along a move."""
-
     text: str
     at: int
     last: int
+    """Position of the last line of the statement."""
     logic: tuple[_Line, ...] = ()
 
 
 @dataclass(frozen=True)
 class _Way:
-    """The motion to a target; options without offsets."""
-
     kind: str
     options: str
     offsets: Sequence[str]
@@ -120,7 +110,7 @@ class _Way:
 
 
 class _TpReader(ProgramParser):
-    """A teach pendant program during parsing. Only the positions of the program itself are points."""
+    """Only the positions of the program itself are points."""
 
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program, _BLANK)
@@ -183,7 +173,6 @@ class _TpReader(ProgramParser):
         self.end_routine()
 
     def _statement(self, text: str, last: int, logic: tuple[_Line, ...] = ()) -> None:
-        """Parse a statement whose last line begins at `last`."""
         if move := _MOVE.fullmatch(text):
             self._move(move, last, logic)
             return
@@ -202,8 +191,18 @@ class _TpReader(ProgramParser):
     def _flow(self, text: str, last: int) -> bool:
         """Parse an instruction of flow control; False for any other instruction."""
         word = (re.match(r"[A-Za-z_]+", text) or [""])[0].upper()
-        if word in ("IF", "ELSEIF", "SELECT", "ELSE", "FOR") or text.startswith("="):
-            self._branch(text, word, last)
+        if word == "FOR":
+            self.blocks.keyword("while")
+        elif word == "ELSE" and "," not in text:
+            self.blocks.keyword("else")
+        elif word in ("IF", "ELSEIF", "SELECT", "ELSE") or text.startswith("="):
+            if re.search(r"\bTHEN$", text, re.IGNORECASE):
+                self.blocks.keyword("case" if word == "ELSEIF" else "if")
+            else:  # IF …, action; and the lines of SELECT
+                action = arguments(text, 0, len(text))[1:2]
+                self.blocks.keyword("if")
+                self._statement(text[action[0][0] :] if action else "", last)
+                self.blocks.close()
         elif word in ("ENDIF", "ENDFOR"):
             self.blocks.close()
         elif label := re.match(r"LBL\[\s*(\d+)", text):
@@ -220,19 +219,6 @@ class _TpReader(ProgramParser):
         else:
             return False
         return True
-
-    def _branch(self, text: str, word: str, last: int) -> None:
-        if word == "FOR":
-            self.blocks.keyword("while")
-        elif word == "ELSE" and "," not in text:
-            self.blocks.keyword("else")
-        elif re.search(r"\bTHEN$", text, re.IGNORECASE):
-            self.blocks.keyword("case" if word == "ELSEIF" else "if")
-        else:  # IF …, action; and the lines of SELECT
-            action = arguments(text, 0, len(text))[1:2]
-            self.blocks.keyword("if")
-            self._statement(text[action[0][0] :] if action else "", last)
-            self.blocks.close()
 
     def _labels(self, text: str) -> tuple[str, ...]:
         """Labels of a jump: all if the number is in a register."""
@@ -327,7 +313,7 @@ class _TpReader(ProgramParser):
         self._action(along, last, logic)
 
     def _action(self, along: re.Match[str] | None, last: int, logic: tuple[_Line, ...]) -> None:
-        """Parse the action along a move, which may already have happened or follow later."""
+        """Parse the action along a move, which may happen before or after it."""
         if along is None:
             return
         self.blocks.keyword("if")
@@ -360,10 +346,14 @@ class _TpReader(ProgramParser):
             str(name) if name == "0" or not str(name).isdigit() else Ref(f"{family}[{name}]")
             for family, name in (("UTOOL", target.tool), ("UFRAME", target.frame))
         )
+        # A joint move to joint angles depends neither on tools, frames and registers nor on the position of the arm.
         is_free = target.joints and way.kind == "J"
+        tracking, shift = (
+            ComputedValue((name,), _unless_lost) if is_free else Ref(name) for name in ("tracking", "shift")
+        )
         needs: Needs = (
-            ("tracked", ComputedValue(("tracking",), _unless_lost) if is_free else Ref("tracking")),
-            ("displaced", ComputedValue(("shift",), _unless_lost) if is_free else Ref("shift")),
+            ("tracked", tracking),
+            ("displaced", shift),
             ("not_understood", self.why(f"{unknown} is unknown here") if unknown else OFF),
             ("external_tcp", "on" if _EXTERNAL_TCP.search(way.options) else OFF),
             ("coordinated", "on" if _COORDINATED.search(way.options) else OFF),
@@ -378,7 +368,7 @@ class _TpReader(ProgramParser):
         )
 
     def _offset(self, texts: Sequence[str]) -> tuple[str, Value | ComputedValue] | None:
-        """Register with the offset of a move, in the user frame or in the tool; None if there is no offset."""
+        """Kind and frame of the offset of a move; None if there is none."""
         if not texts:
             return None
         if len(texts) > 1:
@@ -394,7 +384,7 @@ class _TpReader(ProgramParser):
         return kind, ComputedValue((condition,), lambda values: why if values[0] == OFF else values[0])
 
     def _any_target(self, at: int, way: _Way) -> None:
-        """Parse a move to a point selected by a register: any point is possible."""
+        """Parse a move to a point selected by a register, which can be any."""
         self.blocks.keyword("switch")
         for key in tuple(self.points.declared):
             self.blocks.keyword("case")
@@ -421,10 +411,7 @@ def _section(text: str, name: str, otherwise: int, end: int | None = None) -> in
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Mask (n,) of the solutions q (n, 6) rad that agree with flip, up, front and the turns of axes 4 to 6.
-
-    CONFIG does not contain the turn of J3, whose range can exceed a full turn.
-    """
+    """Check flip, up, front and the turns of axes 4 to 6. CONFIG lacks the turn of J3, which can exceed a full turn."""
     mask = agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
     if arm.coupling[2, 1]:  # J3 is measured from the horizontal.
         mask &= np.abs(q[:, 1] + q[:, 2] - _ELBOW_RAD) <= np.pi
@@ -466,15 +453,10 @@ def _register(text: str, why: Unknown) -> Value | ComputedValue:
 
 
 def _unless_lost(values: tuple[Value, ...]) -> Value:
-    """Take a state variable as off if a program that is not understood made everything unknown.
-
-    A joint move to joint angles depends neither on tools, frames and registers nor on the position of the arm.
-    """
     return OFF if isinstance(values[0], Unknown) and values[0].everything else values[0]
 
 
 def _selected(number: str, values: tuple[Value, ...]) -> Value:
-    """Off if the number of a position is the selected number or F, else the selected number."""
     selected = values[0]
     return OFF if number in ("F", selected) else selected
 
@@ -488,4 +470,4 @@ READER = ProgramReader(
     beside=(".ls",),
     empty="/PROG  {0}\n/MN\n/POS\n/END\n",
 )
-"""Reader of FANUC programs. Remarks have at most 32 characters (B-83284EN, 4.13); longer remarks take several lines."""
+"""Remarks have at most 32 characters (B-83284EN, 4.13)."""

@@ -1,15 +1,11 @@
 """Writer of FANUC's teach pendant language (.LS) for the motion, and of KAREL for the feedback.
 
-Sources: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4 (motion, registers, WAIT, I/O; CONFIG
-with the turns of J4, J5 and J6), and programs as printed by controllers (public backups in .LS). Circular motion C
-rotates the tool evenly from start to end of the arc. Joint moves have joint positions, so the posture is unambiguous.
-Lines and arcs have Cartesian positions, because the points of an arc need micrometres. KAREL has had no motion
-statements since the R-30iB.
+Sources: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4, public backups in .LS, and R-30iB
+KAREL Reference Manual B-83144EN. Circular motion C rotates the tool evenly from start to end of the arc. Joint moves
+have joint positions, so the posture is unambiguous; lines and arcs need micrometres, so they have Cartesian ones.
 
-The KAREL program prints the joint angles, a line per sample, in the format read by `line_feed`. It moves nothing.
-Source: FANUC, R-30iB KAREL Reference Manual B-83144EN (CURJPOS, CNV_JPOS_REL, MSG_CONNECT, CONNECT TIMER, formats of
-WRITE; lines end with CHR(13) and CHR(10), because the output of CR depends on the port). It needs the option of user
-socket messaging and a server tag S3 in the host communication set-up of the controller.
+The KAREL program prints the joint angles, a line per sample, in the format read by `line_feed`. It needs the option of
+user socket messaging, and a server tag S3 in the host communication set-up of the controller.
 """
 
 from __future__ import annotations
@@ -145,7 +141,6 @@ _REGISTER = 99
 
 
 def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
-    """Write the program and, if the rig file reads lines, the program sending the joint angles."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: dict[str, int] = {}
     remarks = _WORDS.remarks(*heading(plan, demand, f"(world) {shown_pose(start_of(plan).T, 'WPR')}"))
@@ -183,7 +178,6 @@ def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:
 
 
 def _number(text: str, positions: dict[str, int]) -> int:
-    """Number of a position, listed on first use."""
     return positions.setdefault(text, len(positions) + 1)
 
 

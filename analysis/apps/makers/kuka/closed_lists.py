@@ -15,8 +15,7 @@ NOTHING = re.compile(
     r"\s*(?:INTERRUPT\s+(?:ON|OFF|ENABLE|DISABLE)|WAIT|HALT|BRAKE|CONTINUE|PULSE|ANOUT|ANIN|CWRITE|CREAD|COPEN|CCLOSE|"
     r"SREAD|SWRITE|SPLINE|ENDSPLINE|PTP_SPLINE|ON_ERROR_PROCEED)\b.*"
 )
-"""Statements that change neither tool, base nor arm, except through function calls: waiting, stopping, inputs and
-outputs. BRAKE only interrupts the motion to a target, which continues after the interrupt."""
+"""Statements that change neither tool, base nor arm, except through function calls. BRAKE only interrupts a motion."""
 SYSTEM = re.compile(
     r"\$(?:VEL|ACC|APO|VEL_AXIS|ACC_AXIS|VEL_EXTAX|ACC_EXTAX|OV_PRO|OV_APPL|ADVANCE|OUT|ANOUT|FLAG|CYCFLAG|TIMER|"
     r"TIMER_STOP|TIMER_FLAG|CIRC_TYPE|CIRC_MODE|SPL_ORI_JOINT_AUTO|BWDSTART|H_POS|LOAD|LOAD_A1|LOAD_A2|LOAD_A3|"
@@ -24,8 +23,7 @@ SYSTEM = re.compile(
     r"COLLMON_TOL_PRO|TORQMON|TORQMON_COM|REDVEL|RED_VEL|VEL_AXIS_MA|LOOP_CONT|LOOP_MSG|OUTPUT|FILTER|ECO_LEVEL|"
     r"OVERRIDE|ANIN|DIGIN\w*|SOFTPLCBOOL|SOFTPLCINT|SOFTPLCREAL|WORKSPACE|AXWORKSPACE|WBOXDISABLE|ERR)"
 )
-"""System variables that change neither tool, base nor the target of a move: speeds, accelerations, blending, outputs,
-flags, timers, loads, workspaces, and limits of the collision detection."""
+"""System variables that change neither tool, base nor the target of a move."""
 CORRECTIONS = re.compile(r"(?:TOOL|BASE)_CORR(?:_ON)?")
 """Variables of bas.src that displace the tool and base of inline forms."""
 
@@ -55,13 +53,12 @@ _ROUTINES: dict[Effect, str] = {
 }
 """Routines of the maker by what they can change: nothing; only their arguments; the position of the arm; or the
 position and, by the correction of a search, the base. H50 and GRP… are grippers, A10, A20 and ARC… arc welding,
-USERSPOT a spot gun, H70 TouchSense. Any other routine without a text can change everything, in particular all that run
-or select a program elsewhere or correct the motion: CWRITE on $CMD, RESUME, RSI_…, ST_…, CONV_… ."""
+USERSPOT a spot gun, H70 TouchSense. Any other routine without a text can change everything."""
 _EFFECTS: dict[str, Effect] = {name: effect for effect, names in _ROUTINES.items() for name in words(names)}
 _WITHOUT_SEARCH = words("1 6 7 8")
 """First arguments of H70 that only prepare and record a search, as in the INI fold of the pendant."""
 _USER_EDITED = words("USER_GRP USERSPOT")
-"""Routines whose text the maker delivers for changes by the user: their text counts, if it is available."""
+"""Routines that the user may edit: their text counts, if it is available."""
 _FOLDERS = words("SYSTEM TP MADA STEU")
 _MODULES = words("BAS IR_STOPM P00 H50 H70 A10 A20 ARC_MAIN MSGLIB")
 _OPENED = re.compile(r"\bCOPEN\s*\([^,()]*,\s*(\w+)\s*\)")

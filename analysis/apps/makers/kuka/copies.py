@@ -1,7 +1,7 @@
 """Copies of points in KRL: POS=XP1 and POS.Z=POS.Z+350, the usual form of an approach and of a pallet.
 
-A move to a copy reaches the point with an offset. A variable counts as a copy only if every mention of it in its module
-assigns a single point to it, shifts a position of it by a constant, or moves to it.
+A move to a copy reaches the point with an offset. A variable counts as a copy only if its module does nothing with it
+but to assign a single point, to shift it by a constant, and to move to it.
 """
 
 from __future__ import annotations
@@ -31,39 +31,47 @@ _HANDED = re.compile(r"\(([^()]*)\)")
 
 
 class KrlCopies(KrlLiterals):
-    """A program during parsing, with the copies of points and the constants of the current module."""
-
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
         self.copies: dict[str, str] = {}
         self.constants: dict[str, float] = {}
 
     def find_copies(self, lines: Sequence[str]) -> None:
-        """Find the copies and constants in the lines of a module."""
+        """Find the copies of points, and the variables assigned a single number and nothing else, in a module."""
         points = frozenset(name for line in lines for name in _WORD.findall(line) if self.key(name))
-        self.copies, self.constants = copies_in(lines, points), constants_in(lines)
+        found: dict[str, set[str]] = {}
+        for whole in filter(None, map(_WHOLE.fullmatch, lines)):
+            if whole["from"] in points and whole["left"] not in points:
+                found.setdefault(whole["left"], set()).add(whole["from"])
+        declared = {word for line in lines if _DECLARED.fullmatch(line) for word in _WORD.findall(line)}
+        self.copies = {name: next(iter(of)) for name, of in found.items() if len(of) == 1 and name in declared}
+        for line in lines:
+            for name in self.copies.keys() & _WORD.findall(line):
+                if not _is_understood(line, name, self.copies[name]):
+                    del self.copies[name]
+        written = Counter(name for line in lines for name in _WRITTEN.findall(line))
+        handed = {word for line in lines for inside in _HANDED.findall(line) for word in _WORD.findall(inside)}
+        constants = ((match[1], float(match[2])) for match in filter(None, map(_CONSTANT.fullmatch, lines)))
+        self.constants = {name: value for name, value in constants if written[name] == 1 and name not in handed}
 
-    def offset_of(self, copy: str) -> tuple[str, ComputedValue]:
-        """Offset of a copy from its point."""
-        return "frame", ComputedValue((self._variable(copy),), lambda values: values[0])
-
-    def _variable(self, copy: str) -> str:
+    def variable_of(self, copy: str) -> str:
+        """State variable with the offset of a copy from its point."""
         return f"copy {self.module}:{copy}"
 
     def is_copy(self, line: str) -> bool:
         """Parse a line about a copy; False for any other line."""
         if (whole := _WHOLE.fullmatch(line)) and whole["left"] in self.copies:
-            self._read_point(whole.start("from"))
-            self.set(self._variable(whole["left"]), as_value(np.eye(4)))
+            self.spent.add((self.file, self.at + whole.start("from")))
+            self.set(self.variable_of(whole["left"]), as_value(np.eye(4)))
             return True
         shift = _SHIFT.fullmatch(line)
         if shift is None or (name := shift["left"]) not in self.copies:
             return False
-        part, by, why = self._variable(name), shift["by"], self.why(f"{line.strip()} is computed")
+        part, by, why = self.variable_of(name), shift["by"], self.why(f"{line.strip()} is computed")
         number = float(by) if re.fullmatch(NUMBER, by) else self.constants.get(by)
         from_point = shift["from"] != name
         if from_point:
-            self._read_point(shift.start("from"))
+            self.spent.add((self.file, self.at + shift.start("from")))
         if number is None:
             self.set(part, why)
             return True
@@ -78,24 +86,6 @@ class KrlCopies(KrlLiterals):
         self.set(part, ComputedValue((part,), shifted))
         return True
 
-    def _read_point(self, column: int) -> None:
-        self.spent.add((self.file, self.at + column))
-
-
-def copies_in(lines: Sequence[str], points: frozenset[str]) -> dict[str, str]:
-    """Copies in the lines of a module with their points, both in upper case."""
-    found: dict[str, set[str]] = {}
-    for whole in filter(None, map(_WHOLE.fullmatch, lines)):
-        if whole["from"] in points and whole["left"] not in points:
-            found.setdefault(whole["left"], set()).add(whole["from"])
-    declared = {word for line in lines if _DECLARED.fullmatch(line) for word in _WORD.findall(line)}
-    single = {name: next(iter(of)) for name, of in found.items() if len(of) == 1 and name in declared}
-    for line in lines:
-        for name in single.keys() & _WORD.findall(line):
-            if not _is_understood(line, name, single[name]):
-                del single[name]
-    return single
-
 
 def _is_understood(line: str, name: str, point: str) -> bool:
     if (whole := _WHOLE.fullmatch(line)) and whole["left"] == name:
@@ -105,11 +95,3 @@ def _is_understood(line: str, name: str, point: str) -> bool:
     if move := _MOVE.match(line):
         return move[1] == name and name not in _WORD.findall(line, move.end())
     return bool(_DECLARED.fullmatch(line))
-
-
-def constants_in(lines: Sequence[str]) -> dict[str, float]:
-    """Variables of a module to which it assigns a single number and nothing else."""
-    written = Counter(name for line in lines for name in _WRITTEN.findall(line))
-    handed = {word for line in lines for inside in _HANDED.findall(line) for word in _WORD.findall(inside)}
-    numbers = {match[1]: float(match[2]) for match in filter(None, map(_CONSTANT.fullmatch, lines))}
-    return {name: number for name, number in numbers.items() if written[name] == 1 and name not in handed}

@@ -1,10 +1,8 @@
 """Interpreter of KRL for emulated controllers: a .src file with the .dat file of the same name.
 
-Source: KUKA System Software 8.x. Supported are $TOOL, $BASE, $VEL in m/s, PTP, LIN, CIRC with C_DIS, WAIT SEC, HALT and
-$OUT. A, B, C rotate about z, then the new y, then the new x. With $CIRC_TYPE = #PATH and $ORI_TYPE = #VAR the tool
-rotates from start to end relative to the path, with #BASE evenly in space. Declarations precede instructions, and names
-have at most 24 characters. $BASE refers to $WORLD, and $ROBROOT is the robot in $WORLD: points in the robot's base
-frame need $BASE = $ROBROOT.
+Source: KUKA System Software 8.x. A, B, C rotate about z, then the new y, then the new x. With $CIRC_TYPE = #PATH and
+$ORI_TYPE = #VAR the tool rotates from start to end relative to the path, with #BASE evenly in space. $BASE refers to
+$WORLD, so points in the robot's base frame need $BASE = $ROBROOT.
 """
 
 from __future__ import annotations
@@ -44,7 +42,6 @@ def run(source: str, data: str, machine: Machine) -> None:
 
 
 def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list[list[str]]]:
-    """Name of a module, and the words of each line inside."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     lines = [line.split(";")[0].strip() for line in text.replace("\r\n", "\n").split("\n")]

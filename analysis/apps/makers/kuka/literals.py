@@ -21,13 +21,12 @@ _AXES = tuple(f"A{axis}" for axis in range(1, 7))
 _POSE = ("X", "Y", "Z", "A", "B", "C")
 EXTERNAL_AXES = tuple(f"E{axis}" for axis in range(1, 7))
 _TYPE = re.compile(r"^\s*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s*:")
-"""The type before the numbers of an aggregate, {E6POS: X …}."""
 _COMPONENT = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER}|'B[01]{{1,16}}'|'H[0-9A-F]{{1,8}}')\s*")
 BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]")
 
 
 class KrlLiterals(ProgramParser):
-    """A program in KRL during parsing. Its texts are in upper case, because KRL ignores the case."""
+    """A program in KRL, in upper case, because KRL ignores the case."""
 
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program, _BLANK, UPPER_CASE)
@@ -42,7 +41,6 @@ class KrlLiterals(ProgramParser):
         return f"{self.module}:{name}", name
 
     def key(self, name: str) -> str | None:
-        """Key of the point that a name refers to."""
         return next(filter(self.points.declared.__contains__, self.scopes(name)), None)
 
     def _components(self, text: str, start: int) -> dict[str, Number] | None:

@@ -1,11 +1,9 @@
 """Reader of targets in KRL: E6AXIS and AXIS in degrees; E6POS, POS and FRAME in mm and degrees.
 
-Targets are in a .src file or in the .dat file of the same name. Source: KUKA System Software 8.x, Operating and
-Programming Instructions for System Integrators, and public programs with the inline forms of the pendant (FDAT_ACT =
-F…, PTP X…, SLIN … WITH $TOOL = STOOL2(F…)). The numbers of tools and bases are in $config.dat: the user states them, or
-copies that file into the directory of the program. $NULLFRAME and base 0 are $WORLD. This is assumed to be the robot's
-foot if the arm of the rig file is upright, as KUKA delivers it ($ROBROOT zero). `statements` contains the effect of
-each statement.
+Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and public programs
+with the inline forms of the pendant (FDAT_ACT = F…, PTP X…, SLIN … WITH $TOOL = STOOL2(F…)). The numbers of tools and
+bases are in $config.dat: the user states them, or copies that file into the directory of the program. $NULLFRAME and
+base 0 are $WORLD, assumed to be the robot's foot if the arm is upright, as KUKA delivers it ($ROBROOT zero).
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Parsed, ProgramTexts
 
 _DECIMALS = Decimals(place=(4, 7), turn=(6, 9))
-"""Decimals of corrected numbers: 0.1 µm and 1e-6°, which is 0.02 µm at 1 m. A REAL of KRL has about seven digits."""
+"""0.1 µm and 1e-6°, which is 0.02 µm at 1 m. A REAL of KRL has about seven digits."""
 _SCOPE = r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*"
 _TYPES = "(?:E6POS|POS|FRAME|E6AXIS|AXIS)"
 _DECLARED = re.compile(
@@ -40,31 +38,28 @@ _TYPED = re.compile(rf"{_SCOPE}{_TYPES}\s+([\w\s,\[\]]+)")
 _FDAT = re.compile(rf"{_SCOPE}FDAT\s+(\w+)\s*=\s*\{{([^{{}}]*)\}}?")
 _DATA = re.compile(r"\s*(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(\{[^{}]*\})\s*")
 _OWN_LIST = re.compile(rf"{_SCOPE}FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b")
-"""Pattern of a list of tools or bases that hides the list of the controller."""
+"""A list of tools or bases that hides the list of the controller."""
 _EXTERNAL_MOVED = re.compile(rf"(?<![\w$.])(E[1-6])\s+({NUMBER})|\.\s*(E[1-6])\b|\bASYPTP\b|\$EX_AX_\w+|\$ASYNC_\w+")
-"""Pattern of a text that moves or assigns an external axis."""
 _GLOBAL = re.compile(r"\bGLOBAL\b")
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$")
-"""Pattern of the text before a set of tool and base that is read but not written."""
+"""Text before a set of tool and base that is read but not written."""
 _IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)")
-"""Pattern of an import, which gives a point of this program another name that other programs can write to."""
+"""Import, which gives a point another name that other programs can write to."""
 _HOME = re.compile(r"\$H_POS\s*=\s*$")
-"""Pattern of the text before a point that becomes the home position, which follows the correction of the point."""
+"""Text before a point that becomes the home position, which follows the correction of the point."""
 _OUTSIDE = re.compile(r"\$IPO_MODE\s*=(?!\s*#BASE\b)|\bIPO_FRAME\s+#(?!BASE\b)")
-"""Pattern of a text that may select a tool fixed outside of the robot."""
+"""Text that may select a tool fixed outside of the robot."""
 _WRITTEN = re.compile(r"(?:\s*\[[^\]\n]*\])?(?:\.\w+)*[ \t]*=(?!=)")
 _COMPONENT = re.compile(r"[ \t]+[-+.\w'#$]")
-"""What follows the name of a component in an aggregate: its value."""
 
 
 class _KrlReader(KrlStatements):
-    """The declarations: which name means which point, routine, tool and base, and what writes to it."""
+    """The declarations of points, routines, tools and bases, and what writes to them."""
 
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
         self.arrays: dict[str, list[str]] = {}
-        """Keys of the elements with numbers of an array of points."""
         self.stated: dict[str, Value] = {}
         for text in self.texts:
             for mention in _EXTERNAL_MOVED.finditer(text):
@@ -109,7 +104,7 @@ class _KrlReader(KrlStatements):
     def define(self, line: str) -> None:
         """Add a routine or, from $config.dat, the numbers of a tool or base.
 
-        Visible to all files are global routines and routines named like their file.
+        All files see global routines and those named like their file.
         """
         if routine := ROUTINE.match(line):
             if not (self.is_of_maker and is_of_maker(routine[2])):
@@ -171,7 +166,6 @@ class _KrlReader(KrlStatements):
         return [key for key in elements if not index or key.endswith(f"[{int(index[1])}]")]
 
     def drop_unused_routines(self) -> None:
-        """Keep the routines of the user, and the routines of the maker that they call."""
         of_maker = set[str]()
         for file, module in enumerate(self.modules):
             self.file = file

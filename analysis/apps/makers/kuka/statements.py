@@ -1,9 +1,7 @@
 """Statements of KRL, and what each can change: the closed list of the dialect, with the names in `closed_lists`.
 
 BAS(#PTP_PARAMS), BAS(#CP_PARAMS) and BAS(#FRAMES) use tool, base and interpolation frame of FDAT_ACT; BAS(#TOOL, n) and
-BAS(#BASE, n) use the lists. BAS(#INITMOV) sets the values in the controller's bas.src. IR_STOPM handles stops and
-appears in every program of the pendant. SET_CD_PARAMS and USE_CM_PRO_VALUES set the sensitivity of collision detection
-and appear in every inline form of KSS 8.5 and newer.
+BAS(#BASE, n) use the lists. BAS(#INITMOV) sets the values in the controller's bas.src.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ from analysis.apps.makers.target import NamedFrame, Notice, ProgramTexts
 from analysis.robot.kinematics.arm import Array
 
 CORRECTION = "correction of bas.src"
-"""The state variable that is off unless TOOL_CORR or BASE_CORR displaces tools and bases of inline forms."""
+"""State variable, off unless TOOL_CORR or BASE_CORR displaces tools and bases of inline forms."""
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _CALL = re.compile(r"(?<![\w$.#])([A-Za-z_]\w*)\s*\(")
 _MOVE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?(?:\s+(?!=)|(?=\{))(?P<rest>.+)")
@@ -82,11 +80,9 @@ class KrlStatements(KrlCopies):
         self.fdat: dict[str, str] = {}
         self.fdat_written: set[str] = set()
         self._spline: dict[str, Setting] = {}
-        """Settings in the head of a spline, valid for all segments."""
         self._may_keep_orientation = any(_CONSTANT.search(text) for text in self.texts)
 
     def statement(self, line: str) -> None:
-        """Parse a line of a .src file."""
         move, word = _MOVE.fullmatch(line), (_WORD.match(line.strip()) or [""])[0]
         if routine := ROUTINE.match(line):
             self.begin_routine(f"{self.module}:{routine[2]}")
@@ -100,8 +96,13 @@ class KrlStatements(KrlCopies):
         elif move:
             self._functions(line)
             self._move(line, move)
-        elif action := _BESIDE.match(line):
-            self._action(action[1])
+        elif action := _BESIDE.match(line):  # of an interrupt or a trigger
+            if _ASSIGNED.match(action[1]):
+                text = re.sub(r"\bPRIO\s*=.*", "", action[1])
+                why = self.why("an interrupt may set the value at any moment")
+                self.concurrently(why, partial(self._other, text))
+            else:
+                self._calls_concurrently(action[1])
         elif word in _FLOW:
             self.blocks.keyword(_FLOW[word], partial(self._functions, line))
         elif label := _LABEL.fullmatch(line):
@@ -119,7 +120,7 @@ class KrlStatements(KrlCopies):
                 self.concurrently(why, partial(self._written_by, call[1], line[call.end() :]))
 
     def _functions(self, line: str) -> None:
-        """Parse the function calls in a line. Arguments passed by reference may be written, and may be targets."""
+        """Parse the function calls in a line. Arguments may be written, and may be targets."""
         closes = brackets(line)
         for call in _CALL.finditer(line):
             end = closes.get(call.end() - 1, len(line))
@@ -149,14 +150,6 @@ class KrlStatements(KrlCopies):
             if argument not in _PARTS_OF:
                 self.forget(argument, why)
 
-    def _action(self, action: str) -> None:
-        """Parse the action of an interrupt or a trigger, which may happen at any moment."""
-        if _ASSIGNED.match(action):
-            text = re.sub(r"\bPRIO\s*=.*", "", action)
-            self.concurrently(self.why("an interrupt may set the value at any moment"), partial(self._other, text))
-        else:
-            self._calls_concurrently(action)
-
     def _calls_concurrently(self, text: str) -> None:
         for call in _CALL.finditer(text):
             after = text[call.end() :]
@@ -168,7 +161,6 @@ class KrlStatements(KrlCopies):
                 self.concurrently(why, partial(self._written_by, call[1], after))
 
     def _other(self, line: str) -> None:
-        """Parse an assignment, a call of BAS or of a routine, or a statement without effect."""
         text = line.strip()
         if (bas := _BAS.fullmatch(line)) and not self.named("BAS"):
             self._bas(bas[1], (bas[2] or "").strip())
@@ -227,7 +219,7 @@ class KrlStatements(KrlCopies):
             case "TOOL_DATA" | "BASE_DATA":
                 self._data(left, right)
             case "FDAT_ACT":
-                for part_of_fdat, of in self._fdat(right.strip() if left == name else "a part of FDAT_ACT").items():
+                for part_of_fdat, of in self._fdat(value if left == name else "a part of FDAT_ACT").items():
                     self.set(_OF_FDAT[part_of_fdat], of)
                 why = self.why("FDAT_ACT is set, but not used by BAS")
                 self.set("tool", why)
@@ -257,7 +249,6 @@ class KrlStatements(KrlCopies):
         self.points.sets.append(NamedFrame(number, kind, self.file, self.line(), as_value(frame)))
 
     def _fdat(self, right: str) -> dict[str, Setting]:
-        """Tool, base and mode of an FDAT, given by name or as an aggregate."""
         name = next((scope for scope in self.scopes(right) if scope in self.fdat), "")
         text = right[1:-1] if right.startswith("{") and right.endswith("}") else self.fdat.get(name)
         if text is None or name in self.fdat_written:
@@ -288,7 +279,6 @@ class KrlStatements(KrlCopies):
         return state
 
     def _move(self, line: str, move: re.Match[str]) -> None:
-        """Parse a motion in the active tool and base or those given after WITH."""
         kind, end = move["kind"].lstrip("S"), move.end("rest")
         active = {"TOOL": "tool", "BASE": "base", "IPO_MODE": "external_tcp", "ORI_TYPE": "switch"}
         state: dict[str, Setting] = {name: Ref(part) for name, part in active.items()} | self._spline
@@ -331,7 +321,8 @@ class KrlStatements(KrlCopies):
         of_lines = "checked" if point.flags and len(point.flags.values) == 2 else OFF
         moved_to, base, offset = key, "", None
         if copied:
-            moved_to, base, offset = f"{key} copied at {self.file}:{self.at}", key, self.offset_of(text)
+            moved_to, base = f"{key} copied at {self.file}:{self.at}", key
+            offset = "frame", ComputedValue((self.variable_of(text),), lambda values: values[0])
         self.add(
             Move(
                 moved_to, "line" if is_line else "joint", self.file, self.line(), state["TOOL"], state["BASE"], needs,
@@ -340,7 +331,6 @@ class KrlStatements(KrlCopies):
         )  # fmt: skip
 
     def _point(self, text: str, start: int, kind: str) -> str | None:
-        """Key of the point of a move; None if there is no such point."""
         if text.startswith("{") and text.endswith("}"):
             target, reason = self.literal(text[1:-1], start + 1, kind)
             if target is None:
@@ -365,7 +355,7 @@ def _by_number(family: str, number: int) -> ComputedValue:
     """Tool or base of the lists as BAS and the inline forms select it, with the corrections of bas.src."""
 
     def make(values: tuple[Value, ...]) -> Value:
-        correction, value = values[0], values[1] if number else "0"
-        return value if correction == OFF else correction
+        correction, *value = values
+        return (*value, "0")[0] if correction == OFF else correction
 
     return ComputedValue((CORRECTION, *([f"{family}[{number}]"] if number else [])), make)

@@ -1,10 +1,8 @@
 """Writer of KRL: a .src file with the motion and a .dat file with the points.
 
-Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and KUKA's Expert
-Programming (E6AXIS, FRAME, PTP, LIN, CIRC, $VEL, $APO, $ORI_TYPE, $CIRC_TYPE). With $CIRC_TYPE = #PATH an arc rotates
-the tool with the path. A FRAME has no Status and Turn: lines and arcs keep the posture of the arm. $BASE refers to
-$WORLD, which differs from the robot's base if the arm hangs or is elsewhere. $BASE is therefore set to $ROBROOT, the
-base in $WORLD.
+Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and Expert Programming.
+With $CIRC_TYPE = #PATH an arc rotates the tool with the path. A FRAME has no Status and Turn: lines and arcs keep the
+posture of the arm. $BASE is $ROBROOT, because $WORLD differs from the robot's base if the arm hangs or is elsewhere.
 """
 
 from __future__ import annotations
@@ -43,7 +41,6 @@ from analysis.robot.kinematics.arm import Arm, Array
 from rigs.schema.feedback import KUKARSI
 
 _NAME_LENGTH = 24
-"""Maximum length of a name in KRL, in characters."""
 _WORDS = Words("WAIT SEC {}", 3, "$OUT[{}] = TRUE", "$OUT[{}] = FALSE", "; {}", 100, "HALT")
 _FIRST_MM_S = 100.0
 """Speed of the tool before the first move with a speed. A turn about the tool's origin has no path speed."""
@@ -110,7 +107,6 @@ def _speed(speed_mm_s: float) -> str:
 
 
 def _point(T: Array, points: dict[str, str]) -> str:
-    """Name of a point, declared on first use."""
     return points.setdefault(f"FRAME @ = {_frame(T)}", f"P{len(points) + 1:04d}")
 
 

@@ -1,9 +1,8 @@
 """Interpreter of G-code for emulated controllers: LinuxCNC with genserkins.
 
-Source: LinuxCNC 2.9, G-code reference and Switchable Kinematics. Supported are G1 to G3 with all six numbers in inverse
-time (G93), G4, G10 L2 of the last work offset, G59.3, G61.1 and G64, M0, M2, M64, M65 and M68, and a condition. In the
-second kinematics (analog output 3) X … C are joint angles in degrees. A, B, C are roll, pitch and yaw in degrees and
-change evenly along a move; A, B, C of an offset are whole turns. The pose is that of the flange.
+Source: LinuxCNC 2.9, G-code reference and Switchable Kinematics. Moves have all six numbers, in inverse time (G93). In
+the second kinematics (analog output 3) X … C are joint angles in degrees. A, B, C are roll, pitch and yaw in degrees
+and change evenly along a move; A, B, C of an offset are whole turns. The pose is that of the flange.
 """
 
 from __future__ import annotations
@@ -36,7 +35,6 @@ _LETTERS = "XYZABC"
 _PLANES = {"G17": (0, 1, "I", "J"), "G18": (2, 0, "K", "I"), "G19": (1, 2, "J", "K")}
 _PREPARATION = {"G21", "G90", "G40", "G49", "G80", "G93", "G94", "G92.1", "G20", "G59.3"}
 _SAME_RAD = 1e-6
-"""Rounding of equal orientations."""
 _LEAST_MM_S = 0.1
 """Speed of a move with a duration but no length, which the machine of the emulation cannot express."""
 
@@ -121,7 +119,6 @@ class _LinuxCNC:
         return np.array([values[letter] for letter in _LETTERS])
 
     def _pose(self, numbers: Array) -> ToolPose:
-        """Pose of the tool for numbers X … C (6,) of the flange."""
         tool, turn = self._machine.tool, Rotation.from_euler("xyz", numbers[3:], degrees=True)
         return ToolPose(numbers[:3] + turn.apply(tool.place), turn * tool.turn)
 

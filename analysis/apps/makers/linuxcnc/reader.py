@@ -1,11 +1,8 @@
 """Reader of targets in G-code of LinuxCNC for arms with genserkins.
 
 Source: LinuxCNC 2.9, G-code reference, O-codes and Switchable Kinematics. A target is a G0 or G1, or a G2 or G3 with R,
-with all of X Y Z A B C as numbers in mm and degrees. G0 and G1 are straight lines, in the second kinematics (M68 E3 Q1)
-joint moves. A word that a line omits keeps its value: a target is not corrected if a later line takes words from it.
-
-A work offset shifts X, Y and Z, and adds to A, B and C, which is no rotation of a frame: only shifts are known frames.
-Tool lengths (G43) shift in the world and not along the tool. The pose is that of the last frame of genserkins.
+with all of X Y Z A B C as numbers. A word that a line omits keeps its value: a target is not corrected if a later line
+takes words from it. A work offset adds to A, B and C, which is no rotation of a frame: only shifts are known frames.
 """
 
 from __future__ import annotations
@@ -43,7 +40,7 @@ _WORD = re.compile(rf"(?P<letter>[a-zA-Z])[ \t]*(?:(?P<number>{NUMBER})|(?P<comp
 _EXPRESSION = re.compile(r"[-+]?(?:(?P<parameter>#+(?:<[^>]*>|\d+))|#?(?=\[))")
 _ASSIGNED = re.compile(r"(?:#\s*(?:\d+|<[^>]*>)\s*=[^#=]*(?:#[^=]*)?)+")
 _SYSTEM = re.compile(r"#\s*(?:5[0-9]{3}|#|\[)[^=]*=")
-"""Assignment to a parameter of the interpreter, such as a work offset (5221 to 5390), or to a computed one."""
+"""Assignment to a parameter of the interpreter (work offsets: 5221 to 5390), or to a computed one."""
 _TURNS = re.compile(r"([ABC])\[360 \* ROUND\[[^\n]*?\] / 360\]\]")
 """Whole turns as the offset of an angle, as `rig program` writes them."""
 _AXES, _OTHERS = "XYZABC", "UVW"
@@ -51,7 +48,7 @@ _SYSTEMS = {54: 1, 55: 2, 56: 3, 57: 4, 58: 5, 59: 6, 59.1: 7, 59.2: 8, 59.3: 9}
 _SYSTEM_NAMES = tuple(f"G{code:g}" for code in _SYSTEMS)
 _NOTHING_G = {4, 17, 18, 19, 61, 61.1, 64, 80, 90.1, 91.1, 93, 94, 95, 96, 97, 98, 99, 28.1, 30.1, 8, 7}
 _NOTHING_M = {0, 1, 3, 4, 5, 7, 8, 9, 19, 48, 49, 50, 51, 52, 53, 60, 61, 62, 63, 64, 65, 66, 67, 70, 71, 73}
-"""Codes that change neither position nor offsets nor the meaning of numbers."""
+"""Codes that change neither the position nor the meaning of numbers."""
 _SWITCHES: dict[float, tuple[str, Value]] = {
     20: ("switch units", "inch"), 21: ("switch units", OFF), 90: ("switch distance", OFF),
     91: ("switch distance", "relative"), 40: ("shift radius", OFF), 41: ("shift radius", "on"),
@@ -63,7 +60,7 @@ _LATER = {
     "shift radius": r"G\s*4[12]", "shift tool": r"G\s*43", "shift G92": r"G\s*92(?!\.[12])",
     "switch poses": r"E\s*3|M\s*(?:128|129|130|428|429|430)|G\s*1[23]\.1",
 }  # fmt: skip
-"""Patterns of codes that make the initial value of a variable unknown: the controller keeps values between programs."""
+"""Codes that make the initial value of a variable unknown: the controller keeps values between programs."""
 _POSES, _JOINTS = "switch poses", "switch joints"
 _MOVES = {0, 1, 2, 3}
 _FLOW_WORDS = {
@@ -73,7 +70,6 @@ _FLOW_WORDS = {
 
 
 def _selected(values: tuple[Value, ...]) -> Value:
-    """Numbers or name of the selected work offset."""
     system, *offsets = values
     return offsets[_SYSTEM_NAMES.index(system)] if isinstance(system, str) else system
 
@@ -83,11 +79,10 @@ _SYSTEM_FRAME = ComputedValue(("system", *(f"offset[{name}]" for name in _SYSTEM
 
 @dataclass(frozen=True)
 class _Words:
-    """Words of a line: codes of G and M, and numbers of the other letters, None if computed."""
-
     g: tuple[float, ...]
     m: tuple[float, ...]
     values: dict[str, Number | None]
+    """Numbers of the other letters, None if computed."""
 
 
 class _GCodeReader(ProgramParser):
@@ -96,7 +91,7 @@ class _GCodeReader(ProgramParser):
         self.motion: float | None = None
         """Code of the last move; None if unknown."""
         self.is_relative = self.joints = False
-        """Whether numbers are distances or joint angles, in the order of the lines."""
+        """Meaning of the numbers: distances, or joint angles."""
         self.partial: set[str] = set()
         """Keys of moves that take words from the previous position."""
         self.centred: set[str] = set()
@@ -118,7 +113,7 @@ class _GCodeReader(ProgramParser):
             self._codes(line)
 
     def _flow(self, name: str, word: str, rest: str) -> None:
-        """Parse an o-word. The modal motion is unknown after any of them, because paths join."""
+        """Parse an o-word. The modal motion is unknown after it, because paths join."""
         self.motion = None
         is_bare_loop = word in ("while", "repeat") and not rest.strip()
         is_stray_end = word.startswith("end") and not self.blocks.open
@@ -134,7 +129,6 @@ class _GCodeReader(ProgramParser):
             self.broken.append(Call("\0", self.why(f"{word} is unknown here")))
 
     def end(self) -> None:
-        """Close what the program leaves open."""
         if self.around or self.blocks.open:
             self.broken.append(Call("\0", self.why("a block does not end")))
         while self.around:
@@ -180,7 +174,6 @@ class _GCodeReader(ProgramParser):
             self.not_known(f"G{code:g}")
 
     def _analog_output(self, words: _Words) -> None:
-        """Parse the change of the kinematics by analog output 3."""
         output, value = words.values.get("E"), words.values.get("Q")
         if output and output.value != 3:
             return
@@ -192,7 +185,7 @@ class _GCodeReader(ProgramParser):
         self.set(_JOINTS, OFF if self.joints else "on")
 
     def _offset(self, words: _Words) -> None:
-        """Parse the work offset set by G10 L2. It is known if all numbers are given, and it only shifts."""
+        """Parse the work offset set by G10 L2, known if all numbers are given and it only shifts."""
         kind, system = words.values.get("L"), words.values.get("P")
         if not kind or not system or kind.value != 2 or system.value not in _SYSTEMS.values():
             self.add(ForgetAll(self.why("G10 sets offsets that rig does not follow")))
@@ -238,7 +231,7 @@ class _GCodeReader(ProgramParser):
         return next((reason for reason, applies in reasons.items() if applies), None)
 
     def change_sources(self) -> None:
-        """Mark the points from which an incomplete line takes words, and the starts of arcs with a centre."""
+        """Mark the points from which a line takes words, and the starts of arcs with a centre."""
         sources: dict[str, set[str]] = {}
         for usage in usages_of(self.program(kept=_KEPT, starts="")):
             sources.setdefault(usage.move.key, set()).update(key for key in usage.comes_from if key)
@@ -279,7 +272,6 @@ def parse(program: ProgramTexts) -> Parsed:
 
 
 def _words(line: str, begin: int) -> _Words | None:
-    """Words of a line that starts at `begin`; None if it has other text."""
     plain = _TURNS.sub(lambda turns: f"{turns[1]}0" + " " * (len(turns[0]) - 2), line)
     codes: dict[str, list[float]] = {"G": [], "M": []}
     values: dict[str, Number | None] = {}
@@ -293,21 +285,17 @@ def _words(line: str, begin: int) -> _Words | None:
         letter, at = word["letter"].upper(), word.end()
         if word["computed"]:
             values[letter] = None
-            if (at := _expression_end(plain, word.start("computed"))) == 0:
+            expression = _EXPRESSION.match(plain, word.start("computed"))
+            if expression is None:
+                return None
+            at = expression.end()
+            if not expression["parameter"] and (at := brackets(plain, at).get(at, -1) + 1) == 0:
                 return None
         elif letter in codes:
             codes[letter].append(float(word["number"]))
         else:
             values[letter] = number_at(word, "number", begin)
     return _Words(tuple(codes["G"]), tuple(codes["M"]), values)
-
-
-def _expression_end(text: str, at: int) -> int:
-    """End of an expression in brackets, or of a parameter, that starts at a place; 0 if it has no end."""
-    begin = _EXPRESSION.match(text, at)
-    if begin is None or begin["parameter"]:
-        return begin.end() if begin else 0
-    return brackets(text, begin.end()).get(begin.end(), -1) + 1
 
 
 READER = ProgramReader(parse, _DECIMALS, Remark("; "), null_tools=("flange",), null_frames=("G53",))

@@ -1,7 +1,7 @@
 """Files with the values of a correction: a HAL file that sets the pins of genserkins, and HOME_OFFSET for the INI file.
 
-A pin is set to an absolute value, the controller's constant in the rig file plus the change. The rig file therefore has
-to contain the present pins, and no constant that genserkins lacks.
+A pin is set to the controller's constant in the rig file plus the change, so the rig file has to contain the present
+pins, and no constant that genserkins lacks.
 """
 
 from __future__ import annotations

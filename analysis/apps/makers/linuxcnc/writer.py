@@ -1,17 +1,15 @@
 """Writer of G-code for LinuxCNC with the kinematics genserkins.
 
-Sources: LinuxCNC 2.9, G-code reference (G1 to G3, G10 L2, G59.3, G61.1, G64, G93, M66, M68, parameters 5420 to 5425),
-Switchable Kinematics, manual page kins(9); and linuxcnc-uspace 2.9.0, which drove the programs.
+Sources: LinuxCNC 2.9, G-code reference, Switchable Kinematics, manual page kins(9); linuxcnc-uspace 2.9.0 drove the
+programs.
 
-- X Y Z A B C is the last frame of genserkins, the flange: A, B, C are its roll, pitch and yaw in degrees. genserkins
-  has no tool, so the poses are those of the flange, and the controller does not need the tool of the rig file.
-- G0 and G1 are straight lines, and A, B, C change evenly. A joint move therefore selects the second kinematics, in
-  which X … C are the joints 0 to 5. Joints are in degrees, but X, Y, Z in the unit of the machine: G20 if it is inch.
-- Other paths are divided into lines that deviate from them by at most `_CHORD_MM` at the tool. An arc is a G2 or G3 if
-  the flange moves on a circle in a coordinate plane while A, B, C change evenly.
+- X Y Z A B C is the pose of the flange, with roll, pitch and yaw in degrees: genserkins has no tool.
+- G0 and G1 are straight lines along which A, B, C change evenly. Joint moves select the second kinematics, in which
+  X … C are joints in degrees, but X, Y, Z in the unit of the machine: G20 if it is inch.
+- Other paths become lines, or a G2 or G3 if the flange moves on a circle in a coordinate plane.
 - Each move states its duration (G93), because F would count the path of the flange and not that of the tool.
-- A controller starts with A, B, C between -180 and 180 after a change of kinematics. Whole turns to the numbers of the
-  program are put into the offset of G59.3, so that no move turns the long way round.
+- After a change of kinematics A, B, C are between -180 and 180. Whole turns are put into the offset of G59.3, so that
+  no move turns the long way round.
 """
 
 from __future__ import annotations
@@ -55,15 +53,15 @@ from rigs.schema.feedback import LinuxCNC
 _WORDS = Words("G4 P{}", 3, "M64 P{}", "M65 P{}", "; {}", 100, "M0")
 _NAME_LENGTH = 60
 _CHORD_MM, _COARSE_MM = 1e-3, 2e-2
-"""Largest deviation of the tool between the ends of a line of a curve. Where probes read along the curve, it is their
-resolution. Between the stops of a test, the link has to follow, which has some 0.1 mm of play for the probes."""
+"""Largest deviation of the tool from a curve: the resolution of probes that read along it. Between the stops of a test
+only the link has to follow, which has some 0.1 mm of play for the probes."""
 _SHORTEST = 2.0**-14
 """Smallest share of a move for a line. A shorter line would be needed where B passes ±90°."""
 _LEAST_S = 0.5
-"""Duration of a line without length. If constants were entered since, it moves by up to some mm."""
+"""Duration of a line without length, which moves by some mm if constants were entered since."""
 _AWAY_MM = 10.0
-"""Largest difference, summed over X, Y and Z, between the start and the displayed pose: above it the units or the arm
-differ, and the program ends. Chosen: larger than any correction of constants."""
+"""Difference, summed over X, Y and Z, between the start and the displayed pose above which the program ends, because
+units or arm differ. Chosen: larger than any correction of constants."""
 _JOINTS, _POSES = ("M68 E3 Q1", "M66 E0 L0"), ("M68 E3 Q0", "M66 E0 L0")
 """Change of the kinematics and synchronisation, by the usual output of motion.switchkins-type."""
 _ZERO = "G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0"
@@ -71,13 +69,13 @@ _ZERO = "G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0"
 
 @dataclass
 class _Program:
-    """Lines of a program during writing, with the last commanded numbers X … C and the mode at the ends of moves."""
-
     plan: MotionPlan
     lines: list[str] = field(default_factory=list)
     numbers: Array = field(default_factory=lambda: np.zeros(6))
+    """The last commanded X … C."""
     at: PlannedTarget | None = None
     stops: bool | None = None
+    """The mode at the ends of moves: exact stop, or blending."""
 
     def joints(self, step: JointMove) -> None:
         joints = np.degrees(step.target.q)
@@ -154,12 +152,8 @@ class _Program:
         while len(begins):
             if ends[0] - begins[0] < _SHORTEST:
                 problem = "B of the flange passes ±90°, where A and C have no definite values"
-                raise FileError(
-                    self.plan.name,
-                    problem,
-                    "turn the tool on the flange, or choose a different posture",
-                    code="path.singularity",
-                )
+                remedy = "turn the tool on the flange, or choose a different posture"
+                raise FileError(self.plan.name, problem, remedy, code="path.singularity")
             middles = (begins + ends) / 2
             first, middle, last = np.split(self.flanges(path(np.concatenate([begins, middles, ends])).poses), 3)
             # The middle of a line is at the mean of the numbers of its ends.
@@ -168,12 +162,10 @@ class _Program:
             off = transforms(np.concatenate([(first + last)[:, :3, 3] / 2, mean_deg], axis=1)) - middle
             at_tool = off @ self.plan.arm.T_flange_tool
             off_mm = np.linalg.norm([off[:, :3, 3], at_tool[:, :3, 3]], axis=2).max(axis=0)
-            fine.append(ends[off_mm <= chord_mm])
             split = off_mm > chord_mm
-            begins, ends = (
-                np.concatenate([begins[split], middles[split]]),
-                np.concatenate([middles[split], ends[split]]),
-            )
+            fine.append(ends[~split])
+            begins = np.concatenate([begins[split], middles[split]])
+            ends = np.concatenate([middles[split], ends[split]])
         shares = np.concatenate([[0.0], np.sort(np.concatenate(fine))])
         return shares, self._unwound(path(shares).poses)
 
@@ -194,14 +186,12 @@ def _nearest(angles: Array, to: Array) -> Array:
 _PLANES = ((17, 2, (0, 1), "IJ"), (18, 1, (2, 0), "KI"), (19, 0, (1, 2), "JK"))
 """Plane, its normal, its axes so that G3 turns from the first to the second, and the words of the centre."""
 _PLANE_MM, _EVEN_DEG = 1e-7, 1e-7
-"""Rounding of a path in a plane, and of angles that change evenly."""
 
 
 def _arc_words(begin: Array, numbers: Array) -> str:
-    """Words of a G2 or G3 from numbers X … C (6,) along numbers (n, 6), or an empty text.
+    """Words of a G2 or G3 along numbers X … C (n, 6) at equal shares of a path.
 
-    The rows are at equal shares of a path. They have to lie on a circle in a coordinate plane, and A, B, C must change
-    evenly.
+    Empty unless they lie on a circle in a coordinate plane, and A, B, C change evenly.
     """
     rows = np.concatenate([begin[None], numbers])
     shares = np.linspace(0, 1, len(rows))[:, None]

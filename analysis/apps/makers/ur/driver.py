@@ -63,8 +63,6 @@ def _value(node: ast.expr) -> Any:
 
 
 class _Functions:
-    """The functions of URScript that a program can call."""
-
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
 

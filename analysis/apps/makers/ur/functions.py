@@ -67,8 +67,7 @@ NOTHING = words("""
     socket_read_binary_integer socket_read_byte_list socket_read_line socket_read_string socket_send_byte
     socket_send_int socket_send_line socket_send_string socket_set_var
     """)
-"""Functions with no effect on arm, tool and base: those of the manual that compute, read, write outputs and
-registers, wait, or show messages. `get_inverse_kin` is a target if it is the argument of a move."""
+"""Functions of the manual with no effect on arm, tool and base. `get_inverse_kin` is a target as argument of a move."""
 OF_LISTS = words("append clear excluding extend insert pop remove slice length size to_string")
 NO_TARGETS = words("""
     set_tcp force_mode path_offset_set is_within_safety_limits

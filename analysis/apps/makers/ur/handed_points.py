@@ -1,7 +1,7 @@
 """Points that a script hands to its own routines: def pick(goal): movel(goal).
 
-A parameter is traced if its routine only moves to it, or hands it on to such a parameter. Each call of the routine with
-points is then a routine of its own, whose moves go to these points.
+A parameter is traced if its routine only moves to it, or hands it on to such a parameter. Each call with points is then
+a routine of its own, which moves to these points.
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ from analysis.apps.makers.ur.poses import WORD, parameter_key
 from analysis.apps.makers.ur.statements import UrStatements
 
 NAME_OR_POSE = re.compile(r"(?<!\w)p\[(?=[^\]]*,)|[A-Za-z_]\w*")
-"""A name, or the beginning of a pose, which is not the variable p."""
+"""A name, or the beginning of a pose, where p is no variable."""
 
 
 class UrRoutines(UrStatements):
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
         self._made: dict[str, tuple[Statement, ...]] = {}
-        """The routines, with points for their parameters."""
 
     def hand(self) -> None:
         """Let the moves of each routine go to the points that its calls hand to it."""
@@ -76,7 +75,6 @@ class UrRoutines(UrStatements):
             keys = kept
 
     def _make(self, name: str, points: Mapping[str, str]) -> str:
-        """Add a routine with points for its parameters, and return its name."""
         label = f"{name}({', '.join(f'{key}: {point}' for key, point in sorted(points.items()))})" if points else name
         if label not in self._made:
             self._made[label] = ()
@@ -102,16 +100,12 @@ class UrRoutines(UrStatements):
             return replace(statement, arc=arc)
         point = points.get(of, "")
         is_joints = bool(point) and self.points.declared[point].target.joints
-        if not point or (statement.base and is_joints):
-            self._leave_unknown(statement)
+        if not point or (statement.base and is_joints):  # The argument is unknown.
+            self.listed.add(statement.line)
+            place = UncorrectedTarget(0, statement.line, of.rpartition(".")[2], "not_literal")
+            if place not in self.points.left:
+                self.points.left.append(place)
             return Elsewhere()
         by_angles = statement.way == "joint" and (statement.near is not None or is_joints)
         key, base = (f"{point} by {statement.key}", point) if statement.base else (point, "")
         return replace(statement, key=key, base=base, arc=arc, trusts="on" if by_angles else OFF)
-
-    def _leave_unknown(self, move: Move) -> None:
-        """List a move to an unknown argument, once."""
-        self.listed.add(move.line)
-        place = UncorrectedTarget(0, move.line, (move.base or move.key).rpartition(".")[2], "not_literal")
-        if place not in self.points.left:
-            self.points.left.append(place)

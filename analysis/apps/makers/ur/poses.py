@@ -1,7 +1,5 @@
-"""Literals and parameters of a script, and the poses that it derives from a point: pose_trans(NAME, p[…]),
-pose_add(NAME, p[…]), p[NAME[0] + 0.1, NAME[1], …].
-
-Such a pose is the point with an offset, or a point in a frame: pose_trans(plane, p[…]).
+"""Literals and parameters of a script, and the poses that it derives from a point: the point with an offset,
+pose_trans(NAME, p[…]), pose_add(NAME, p[…]), p[NAME[0] + 0.1, NAME[1], …], or in a frame, pose_trans(plane, p[…]).
 """
 
 from __future__ import annotations
@@ -41,7 +39,6 @@ _REACHED = re.compile(
     r"\b(?:movej|movel|movep|movec|servoj|servoc|optimovej|optimovel|get_inverse_kin)\s*\(\s*"
     r"(?:\w+\s*=\s*)?([A-Za-z_]\w*)\s*[,)]"
 )
-"""A variable that a move reaches without an offset."""
 _PAIR = re.compile(r"pose_trans\s*\(\s*([A-Za-z_]\w*)\s*,\s*([A-Za-z_]\w*)\s*\)")
 _FUNCTION = re.compile(r"(pose_trans|pose_add)\s*\(")
 _NAMED = re.compile(r"[A-Za-z_]\w*\s*=\s*(?!=)")
@@ -49,15 +46,12 @@ WORD = re.compile(r"[A-Za-z_]\w*")
 _COORDINATE = re.compile(r"([A-Za-z_]\w*)\s*\[\s*(\d)\s*\]\s*([-+][^\[\]]*)?", re.DOTALL)
 _OPERATORS: Operators = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, "d2r": math.radians}
 _LONGEST = 500
-"""Maximum length of an expression in characters."""
 _OPENS = frozenset(("if", "while", "for", "switch"))
 _Place = tuple[int, int]
 
 
 @dataclass(frozen=True)
 class Routine:
-    """A routine of the script, from `begin` to `end` of its text."""
-
     kind: str
     name: str
     parameters: tuple[str, ...]
@@ -67,20 +61,19 @@ class Routine:
 
 @dataclass(frozen=True)
 class DerivedPose:
-    """A pose derived from the point at `begin` to `end` by an offset, or taken in a frame."""
+    """A pose derived from the point at `begin` to `end`."""
 
     begin: int
     end: int
     offset: tuple[str, Value] | None = None
     """Unknown, with the cause, if it is computed."""
     frame: Value = ""
-    """In mm, as a value of the state."""
     reads: tuple[int, ...] = ()
     """Positions of names and of numbers that the expression only reads."""
 
 
 class UrPoses(ProgramParser):
-    """A script during parsing. Positions stand for what begins there."""
+    """A script during parsing. Positions identify what begins there."""
 
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program, _BLANK)
@@ -93,7 +86,7 @@ class UrPoses(ProgramParser):
         for event in self.events:
             if event["routine"]:
                 self.defined.setdefault(event["name"], []).append(event["name"])
-        self.all_routines = routines_in(self.events, len(text))
+        self.all_routines = _routines_in(self.events, len(text))
         self.joints: dict[str, tuple[float, ...]] = {}
         self.poses: dict[str, tuple[float, ...]] = {}
         """Variables with a single list of joint angles, or a single pose."""
@@ -107,14 +100,12 @@ class UrPoses(ProgramParser):
         self._pairs: frozenset[tuple[str, str]] = frozenset(_PAIR.findall(text))
 
     def misread(self, fault: str, at: int) -> None:
-        """Treat the complete state as unknown, because the text cannot be parsed."""
         self.beside.append(Call("\0", self.why(fault, at)))
 
     def scopes(self, name: str) -> tuple[str, ...]:
         return (name,)
 
     def routine_at(self, at: int) -> Routine | None:
-        """Innermost routine at a position."""
         return next((one for one in reversed(self.all_routines) if one.begin <= at < one.end), None)
 
     def parameter(self, name: str, at: int) -> str:
@@ -134,7 +125,7 @@ class UrPoses(ProgramParser):
         self.points.declare(key, Target(name, 0, self.line(at), form, literal[1], "tcp", "base"))
 
     def derived_pose(self, begin: int, end: int) -> DerivedPose | None:
-        """Derived pose from `begin` to `end`; None for other expressions."""
+        """Parse an expression; None if it is no derived pose."""
         if end - begin > _LONGEST:
             return None
         call = _FUNCTION.match(self.text, begin, end)
@@ -166,8 +157,7 @@ class UrPoses(ProgramParser):
         return DerivedPose(*first, ("tool", as_value(frame_of("rotation_vector", offset))), reads=second[:1])
 
     def _is_in_frame(self, name: str, other: str, place: _Place) -> bool:
-        """True if pose_trans(name, other) is a point in a frame, rather than a point with an offset: the frame is the
-        one that occurs with several others."""
+        """True if pose_trans(name, other) is a point in a frame, which occurs with several others, not an offset."""
         if not self._is_point(*place):
             return False
         return sum(a == name for a, _ in self._pairs) >= sum(b == other for _, b in self._pairs)
@@ -201,7 +191,7 @@ class UrPoses(ProgramParser):
         return arguments(self.text, begin + 2, end - 1) if is_pose else []
 
     def _values(self, begin: int, end: int) -> tuple[float, ...] | None:
-        """Six numbers of a pose, in its variable or in place, with constants; None if they are not known."""
+        """Six numbers of a pose, by variable or in place; None if they are not known."""
         if WORD.fullmatch(self.text, begin, end):
             return self.poses.get(self.text[begin:end])
         numbers = [self._number(self.text[slice(*place)]) for place in self._inside(begin, end)]
@@ -224,7 +214,6 @@ def _shift(metres: Sequence[float]) -> Value:
 
 
 def _in_one_line(text: str, closes: dict[int, int]) -> str:
-    """Replace line breaks inside brackets by spaces."""
     parts, at = [], 0
     for opening in sorted(closes):
         if opening >= at:
@@ -233,27 +222,24 @@ def _in_one_line(text: str, closes: dict[int, int]) -> str:
     return "".join((*parts, text[at:]))
 
 
-def routines_in(events: Iterable[re.Match[str]], end: int) -> list[Routine]:
+def _routines_in(events: Iterable[re.Match[str]], end: int) -> list[Routine]:
     """Routines of a text, inner routines after the outer."""
-    open_at: list[tuple[re.Match[str], bool]] = []
-    found: list[Routine] = []
+    open_at: list[re.Match[str]] = []
+    ends: list[tuple[re.Match[str], int]] = []
     for event in events:
         if event["routine"] or event["flow"] in _OPENS:
-            open_at.append((event, bool(event["routine"])))
+            open_at.append(event)
         elif event["flow"] == "end" and open_at:
-            begin, is_routine = open_at.pop()
-            if is_routine:
-                found.append(_routine(begin, event.start()))
-    found += [_routine(begin, end) for begin, is_routine in open_at if is_routine]
+            ends.append((open_at.pop(), event.start()))
+    found = []
+    for event, stop in (*ends, *((event, end) for event in open_at)):
+        parts = (event["parameters"] or "").strip("()").split(",")
+        names = tuple(part.partition("=")[0].strip() for part in parts if part.strip())
+        if event["routine"]:
+            found.append(Routine(event["routine"], event["name"], names, event.end(), stop))
     return sorted(found, key=lambda routine: routine.begin)
 
 
-def _routine(event: re.Match[str], end: int) -> Routine:
-    inside = (event["parameters"] or "").strip("()")
-    names = tuple(part.partition("=")[0].strip() for part in inside.split(",") if part.strip())
-    return Routine(event["routine"], event["name"], names, event.end(), end)
-
-
 def parameter_key(routine: Routine, name: str) -> str:
-    """Key of a parameter, which no point has."""
+    """Key of a parameter, different from that of any point."""
     return f"\1{routine.name}.{name}"

@@ -1,9 +1,8 @@
 """Reader of targets in URScript: joint lists in rad, and poses p[x, y, z, rx, ry, rz] in m and rad.
 
-Targets are in moves or in variables. Source: Universal Robots, Script Manual (e-Series, 5.x). Poses refer to the base.
-movel and movec keep the current posture of the arm, and get_inverse_kin selects the solution closest to qnear. For a
-waypoint NAME, PolyScope writes a pose NAME_p and the taught joint angles NAME_q, which serve only as qnear of a joint
-move (scripts of PolyScope 5 in public repositories). A script is a single file.
+Source: Universal Robots, Script Manual (e-Series, 5.x). Poses refer to the base. movel and movec keep the posture of
+the arm, and get_inverse_kin selects the solution closest to qnear. For a waypoint NAME, PolyScope writes a pose NAME_p
+and the taught joint angles NAME_q, used only as qnear of a joint move (public scripts of PolyScope 5).
 """
 
 from __future__ import annotations
@@ -19,12 +18,11 @@ from analysis.apps.makers.ur.functions import NO_TARGETS, NOTHING, OF_LISTS
 from analysis.apps.makers.ur.handed_points import NAME_OR_POSE, UrRoutines
 
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
-"""Decimals of corrected numbers: 1e-8 m is 0.01 µm. PolyScope writes at least twelve decimals."""
+"""1e-8 m is 0.01 µm. PolyScope writes at least twelve decimals."""
 _ASSIGNED = re.compile(
     r"^[ \t]*(?P<scope>global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*(?P<value>[p\[][^\n]*)",
     re.MULTILINE,
 )
-"""A list or a derived pose that a line assigns to a variable."""
 _POSE = re.compile(r"(?<!\w)p\[([^\[\]]*)\]")
 _PART_DECLARED = re.compile(
     r"(?<![\w.])(?P<name>[A-Za-z_]\w*(?:\.\w+|\[[^\[\]\n]*\])+)[ \t]*=[ \t]*p?\[(?P<list>[^\[\]]*)\]"
@@ -34,13 +32,10 @@ _METHOD = re.compile(r"(?<![\w.])([A-Za-z_]\w*)[ \t]*\.[ \t]*([A-Za-z_]\w*)[ \t]
 
 
 class _UrReader(UrRoutines):
-    """The points: variables with numbers, what calls hand to routines, and what is used otherwise."""
+    """The points of a script, and the variables used otherwise."""
 
     def declare(self) -> None:
-        """Add the variables assigned with lists of six numbers. Only variables without other assignments are literals.
-
-        Numbers assigned to parts of structs and lists are listed: moves to them are computed.
-        """
+        """Add the variables assigned with six numbers or a derived pose; list numbers in parts of structs and lists."""
         assignments = list(_ASSIGNED.finditer(self.text))
         for assigned in assignments:
             name, begin = assigned["name"], assigned.start("value")
@@ -64,7 +59,6 @@ class _UrReader(UrRoutines):
                 self.list_left("not_literal", part["name"], part.start())
 
     def notice_other_programs(self) -> None:
-        """Note each function of another program called through a handle, such as rpc_factory."""
         names = {f"{call[1]}.{call[2]}": call for call in reversed([*_METHOD.finditer(self.text)])}
         for name, call in sorted(names.items(), key=lambda item: item[1].start()):
             if call[2] not in OF_LISTS:
@@ -72,7 +66,7 @@ class _UrReader(UrRoutines):
                 self.points.notices.append(Notice(0, self.line(call.start()), f"{fact} tool"))
 
     def watch_points(self) -> None:
-        """Mark the points that are tools as well, or that the script computes with."""
+        """Mark the points that are also tools, or that the script computes with."""
         for name in self.tools.keys() & self.reached:
             self.change(name, self.tools[name])
         for word in self.mentions(NAME_OR_POSE):
@@ -80,7 +74,7 @@ class _UrReader(UrRoutines):
             self.change(self.text[pose.begin : pose.end] if pose else word[0])
 
     def list_other_poses(self) -> None:
-        """List the poses in numbers that are neither points nor tools, frames and offsets."""
+        """List the poses in numbers that have no known use."""
         calls = [
             (call["call"], call.end(), end)
             for call in self.events

@@ -1,4 +1,4 @@
-"""Statements of URScript as statements of the state machine. `functions` contains the effect of each function."""
+"""Statements of URScript as statements of the state machine; `functions` has the effect of each function."""
 
 from __future__ import annotations
 
@@ -28,13 +28,12 @@ _STREAMED = ("servoj", "servoc")
 _TARGET = re.compile(r"(?:q|pose|pose_via|pose_to|x)\s*=\s*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\(")
 _LONGEST = 1000
-"""Maximum length of a literal tool in characters; six numbers need less."""
 _FLOW = {
     "if": "if", "switch": "switch", "while": "while", "for": "while", "break": "break", "continue": "continue",
     **dict.fromkeys(("elif", "case"), "case"), **dict.fromkeys(("else", "default"), "else"),
 }  # fmt: skip
 Arguments = dict[str, tuple[str, int]]
-"""For each parameter of a call the key of a point, or of a parameter of the calling routine, and its position."""
+"""For each parameter of a call the key of a point, or of a parameter of the caller, and its position."""
 _Arc = tuple[str, bool, bool]
 """Name of an arc, whether it rotates the tool with the tangent, and whether the target is the via point."""
 
@@ -43,17 +42,14 @@ class UrStatements(UrPoses):
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
         self.outer: list[str] = []
-        """The routines that are in no other."""
         self.sites: dict[str, tuple[Routine, Arguments]] = {}
         """Calls of routines with points, by the name of the call."""
         self.tools: dict[str, int] = {}
         """Names passed to set_tcp, with a position."""
         self.reached: set[str] = set()
-        """Names passed to moves."""
         self.literals: set[int] = set()
         """Poses in numbers that are points, tools, or listed."""
         self.listed: set[int] = set()
-        """Lines with a listed place."""
         self.derived: dict[str, DerivedPose] = {}
 
     def list_left(self, reason: Reason, name: str, at: int | None = None) -> None:
@@ -163,22 +159,18 @@ class UrStatements(UrPoses):
     def _move(self, name: str, places: list[tuple[int, int]]) -> None:
         named = [place for place in places if _TARGET.match(self.text, *place)]
         named.sort(key=lambda place: not self.text.startswith("pose_via", place[0]))  # The via point is passed first.
-        is_arc = name == "movec" and len(places) > 1
-        arc, is_tangent = (f"arc at {self.at}", self._is_tangent(places)) if is_arc else ("", False)
+        is_arc, is_tangent = name == "movec" and len(places) > 1, False
+        if is_arc:  # Mode 1, also if computed, keeps the orientation fixed to the tangent.
+            texts = [self.text[slice(*place)] for place in places]
+            mode = [stated[1] for text in texts if (stated := _MODE.fullmatch(text))] or texts[_MODE_PLACE:]
+            is_tangent = bool(mode) and (not re.fullmatch(NUMBER, mode[0]) or float(mode[0]) != 0)
+        arc = f"arc at {self.at}" if is_arc else ""
         for k, place in enumerate(named or places[: 1 + is_arc]):
             self._target(name, *place, arc=(arc, is_tangent, k == 0))
         if name in _STREAMED:
             self.add(Elsewhere())
 
-    def _is_tangent(self, places: list[tuple[int, int]]) -> bool:
-        """True if a movec keeps the orientation fixed to the tangent: mode 1, also if computed."""
-        texts = [self.text[slice(*place)] for place in places]
-        named = [mode[1] for text in texts if (mode := _MODE.fullmatch(text))]
-        number = named[0] if named else texts[_MODE_PLACE] if len(texts) > _MODE_PLACE else "0"
-        return not re.fullmatch(NUMBER, number) or float(number) != 0
-
     def _tool(self, opening: int) -> Value:
-        """Tool of a set_tcp with the bracket at `opening`, or unknown."""
         unknown, end = self.why("set_tcp sets a computed tool"), self.closes.get(opening, 0)
         if not opening < end < opening + _LONGEST:
             return unknown
@@ -198,7 +190,7 @@ class UrStatements(UrPoses):
         return value
 
     def _use_as_numbers(self, name: str, at: int) -> None:
-        """Record that a variable is a tool, a frame or an offset: it is no target of moves."""
+        """Record that a variable is a tool, a frame or an offset, and no target."""
         self.spent.add((0, at))
         self.tools[name] = at
         self.points.silent.add(name)
@@ -213,7 +205,7 @@ class UrStatements(UrPoses):
         solved: bool = False,
         arc: _Arc = ("", False, False),
     ) -> None:
-        """Parse a target of a move, perhaps inside get_inverse_kin with the joint angles `near` (6,) rad."""
+        """Parse a target of a move. near (6,): joint angles in rad, if get_inverse_kin solved the pose."""
         line = self.line(begin)
         if named := _TARGET.match(self.text, begin, end):
             begin = named.end()
@@ -231,8 +223,8 @@ class UrStatements(UrPoses):
                 return
             near = near if way == "joint" else None
             by_angles = way == "joint" and (near is not None or is_joints)
-            # The text does not specify the configuration at the end of a line, or of a joint move to a bare pose: the
-            # arm keeps it, even on the way to a waypoint with taught joint angles.
+            # The arm keeps its configuration on a line and on a joint move to a bare pose, even on the way to a
+            # waypoint with taught joint angles.
             move = Move(
                 key, way, 0, line, Ref("tool"), needs=_NEEDS, trusts="on" if by_angles else OFF,
                 near=near, arc=arc[0], tangent=arc[1], through=arc[2],
@@ -265,7 +257,6 @@ class UrStatements(UrPoses):
         return pose
 
     def _point(self, call: str, begin: int, end: int) -> str:
-        """Key of the point of a move: numbers in place, a variable or a parameter; empty for other text."""
         name = self.text[begin:end]
         if literal := self.literal(begin, end):
             if begin not in self.literals:

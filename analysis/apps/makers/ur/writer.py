@@ -39,7 +39,6 @@ _FIRST_CONFIGURABLE, _FIRST_OF_TOOL = 8, 16
 
 
 def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
-    """Write the script: a function and the call of it."""
     name = identifier(plan.name, _NAME_LENGTH)
     values = _values(start_of(plan).T)
     begin = f"X {values[0] * 1e3:.1f} Y {values[1] * 1e3:.1f} Z {values[2] * 1e3:.1f} mm, RX RY RZ " + " ".join(

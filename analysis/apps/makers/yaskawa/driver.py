@@ -1,13 +1,10 @@
 """Interpreter of INFORM for emulated controllers: Yaskawa jobs (.JBI).
 
-Source: Yaskawa, DX100 Options, data transmission 156191-1CD, chapter 4. Each position C00000 … belongs to a single
-instruction. RCONF applies to the positions that follow: 0 for flip, and whether R, T and S are beyond 180°. The
-attribute RJ marks a job whose positions are not pulses. Rx, Ry, Rz rotate about fixed axes in this order. Comments and
-names have at most 32 characters.
+Source: Yaskawa, DX100 Options, data transmission 156191-1CD, chapter 4, and the INFORM manual. Each position belongs to
+a single instruction. RCONF applies to the positions that follow. Rx, Ry, Rz rotate about fixed axes in this order.
 
-INFORM: the arm reaches the first MOVC of a chain on a line. The first three are an arc, and each further MOVC continues
-on the circle of the last three. Any other move ends the chain. The frame of the tool is in the tool file of the
-controller, which the operator fills in.
+The arm reaches the first MOVC of a chain on a line. The first three are an arc, and each further MOVC continues on the
+circle of the last three. Any other move ends the chain. The operator enters the tool.
 """
 
 from __future__ import annotations
@@ -133,7 +130,6 @@ class _YaskawaController:
             self._machine.line(pose, self._speed(match[4]), stops=match[6] == " PL=0", speed=MoveLimits())
 
     def _drive(self, chain: list[tuple[ToolPose, float, bool]]) -> None:
-        """Drive to the first point of a chain of MOVC on a line, then arc by arc."""
         if not chain:
             return
         if len(chain) < 3:

@@ -2,13 +2,11 @@
 
 Source: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4, and Instructions for INFORM
 language (RE-CKI-A457). BASE and ROBOT refer to the robot's base, because poses are corrected only with the base axis
-at zero. USER n is a frame stated by the user. IMOV is relative. Between SFTON and SFTOF every position is shifted,
-including those in called jobs. A file can contain several jobs.
+(BC, BP), which carries the arm, at zero. Station axes (EC, EX) matter only if the move is coordinated with them
+(SMOVL). Pulses are joint angles and depend on neither.
 
-Station axes (EC, EX) move the workpiece: they do not matter unless the move is coordinated with them (SMOVL). A base
-axis (BC, BP) carries the arm. Pulses are joint angles and do not depend on either. A job contains the values of the
-position variables (P) that it uses, which the controller takes when it loads the job. All jobs share them, so a
-variable that another job contains, too, is not corrected.
+The controller takes the values of position variables (P) when it loads a job, and all jobs share them: a variable that
+another job also contains is not corrected.
 """
 
 from __future__ import annotations
@@ -44,7 +42,6 @@ from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _DECIMALS = Decimals(place=(3, 3), turn=(4, 4))
-"""The resolution of the job format."""
 _BLANK = re.compile(r"\"[^\"\n]*\"|(?:^|(?<=\s))'[^\n]*|(?<=\S)[ \t]+//[^\n]*", re.MULTILINE)
 _POSITION = re.compile(r"\s*(C|P|BC|BP|EC|EX)(\d{1,6})\s*=(.*)")
 _MOVE = re.compile(r"(?P<kind>S?MOV[JLCS]|E?IMOV)\s+(?P<point>\S+)(?P<rest>.*)")
@@ -55,15 +52,14 @@ _BASE_PART = f"{EXTERNAL}[BC]"
 _CALL = re.compile(r"(?P<word>CALL|PSTART)\b.*?\bJOB\s*:\s*(?P<job>\S+)(?P<rest>.*)")
 _FIRST_ROBOT = "RB1"
 _BASE_AXIS = re.compile(r"\bB[CPX]\d+")
-"""A position or a variable of a base axis."""
 _GROUP = re.compile(r"^///GROUP1[ \t]+(\w+)", re.MULTILINE)
 _NAME = re.compile(r"(?:\b|ARGF)(C|PX?)(\d{1,6})\b")
 _ANY_VARIABLE = re.compile(r"(?<![A-Z])PX?\[")
-"""A position variable whose number is in a variable: it can be any."""
+"""Any position variable: its number is in a variable."""
 _MODIFIERS = re.compile(
     r"\b(?:VJ|VR|VE|V|PL|ACC|DEC|CR|P|SPD|AVP|ATT)\s*=\s*(?:L?[IDRB])?[\d.]+|\b(?:NWAIT|FPT|CONT)\b|[\s,]"
 )
-"""Options after a target without influence on the position or posture: speeds, corners, no waiting."""
+"""Options after a target that change neither position nor posture: speeds, corners, no waiting."""
 _UNTIL = re.compile(r"\bUNTIL\b.*")
 _TRACKED = re.compile(r"\bCV#|\bSYNC\b")
 _FRAME = re.compile(r"(?P<word>MFRAME|SETTOOL|SETUFRAME|SETUF|SETFILE(?=.*\b(?:UF|TL)#))\b(?P<rest>.*)")
@@ -74,9 +70,7 @@ _NOTHING = words("""
     VAL2STR STR2VAL ASC CHR$ MID$ LEN CAT$ GETREG SETREG BIND REFP HAND HSEN TOOLON TOOLOF PAINTON PAINTOF SPYON SPYOF
     HPVELON HPVELOF GETFILE SETFILE DOUTWAIT CLRSTP LATCH ADVINIT ADVSTOP DELAY SWAIT CWAIT TSYNC MSHIFT
     """)
-"""Instructions that do not change tool, frame, shift or arm position: variables, signals, waiting, messages,
-welding.
-"""
+"""Instructions that change neither tool, frame and shift nor the position of the arm."""
 _SWITCHES = {
     "SFTON": ("shift", "on"), "SFTOF": ("shift", OFF), "CVON": ("tracking", "on"), "CVOF": ("tracking", OFF),
     "SYSTART": ("tracking", "on"), "SYEND": ("tracking", OFF), "COMARCON": ("tracking", "on"),
@@ -102,16 +96,14 @@ class _State:
 
 
 class _InformReader(ProgramParser):
-    """Jobs during parsing. Only the positions of the first file are points."""
+    """Only the positions of the first file are points."""
 
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program, _BLANK)
         self.base_at: dict[str, str] = {}
         """Position of the base axis, off at zero, by the key of its BC."""
         self.is_foreign = False
-        """Whether the current job moves another robot."""
         self.frame: str | None = None
-        """The frame of a relative job."""
         for file, text in enumerate(self.texts):
             lines = text.split("\n")
             jobs = {str(number): line[6:].strip() for number, line in enumerate(lines) if line.startswith("//NAME")}
@@ -119,7 +111,7 @@ class _InformReader(ProgramParser):
                 self.defined.setdefault(name.upper(), []).append(f"{file}:{number}")
             self.points.axes |= {"BC"} if _BASE_AXIS.search(text) else set()
         self.group = next(iter(_GROUP.findall(self.texts[0])), "")
-        """The robot whose jobs are corrected: the robot of the first job."""
+        """The robot of the first job, whose jobs are corrected."""
         if self.group not in ("", _FIRST_ROBOT):
             fact = f"the jobs move {self.group}, not the first robot of the controller: is the rig file that robot's?"
             self.points.notices.append(Notice(0, 1, fact))
@@ -134,7 +126,6 @@ class _InformReader(ProgramParser):
         return f"{'' if kind == 'P' else self.routine}/{kind}{int(number)}"
 
     def read(self, file: int) -> None:
-        """Parse the jobs of a file, each with positions and instructions."""
         self.begin_routine(f"{file}:")
         state, is_moving, has_moves = _State(), False, False
         for number, line in enumerate(self.lines(file)):
@@ -190,7 +181,8 @@ class _InformReader(ProgramParser):
             self._move(move)
             return
         self._mentioned(text)
-        label, word = text.split(maxsplit=1)[0], text.split(maxsplit=1)[0].upper()
+        label = text.split(maxsplit=1)[0]
+        word = label.upper()
         is_conditional = re.search(r"\bIF\b", text[len(word) :]) is not None
         add = self.blocks.add_conditional if is_conditional else self.blocks.add
         if text.startswith("*"):
@@ -222,7 +214,6 @@ class _InformReader(ProgramParser):
             self.forget(family, why)
 
     def _mentioned(self, text: str) -> None:
-        """Mark the positions in an instruction as changed. A number in a variable can be any variable."""
         keys = [self.key(mention[1][0], mention[2]) for mention in _NAME.finditer(text)]
         if _ANY_VARIABLE.search(text):
             keys += [key for key in self.points.declared if key.startswith("/P")]
@@ -232,8 +223,7 @@ class _InformReader(ProgramParser):
     def _heading(self, text: str) -> None:
         """Parse the frame of a relative job, or the robot that the job moves."""
         if text.startswith("////FRAME"):
-            kind, user = (*text.upper().split()[1:3], "", "")[:2]
-            self.frame = _frame(kind, user)
+            self.frame = _frame(*(*text.upper().split()[1:3], "", "")[:2])
         if group := _GROUP.match(text):
             self.is_foreign = self.group not in ("", group[1])
 
@@ -310,19 +300,17 @@ def parse(program: ProgramTexts) -> Parsed:
 
 
 def _frame(kind: str, user: str) -> str:
-    """Name of the frame of positions, or of a relative job."""
     return {"BASE": "base", "ROBOT": "base", "USER": user}.get(kind, kind.lower())
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Mask (n,) of the solutions q (n, 6) rad that agree with RCONF: no flip, not up, not front, and whether R, T and S
-    are beyond half a turn."""
+    """Check RCONF: no flip, not up, not front, and whether R, T and S are beyond half a turn."""
     sides, numbers = tuple(1 - value for value in values[:3]), dict(zip((3, 5, 0), values[3:], strict=True))
     return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
 
 
 def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
-    """Frame of a position: a known value or else the name; unknown if the job runs in the frame of its call."""
+    """Frame of a position, by value or name; unknown if the job runs in the frame of its call."""
     relative, *frame = values
     return relative if isinstance(relative, Unknown) else frame[0] if frame else name
 
@@ -335,4 +323,4 @@ READER = ProgramReader(
     beside=(".jbi",),
     empty="/JOB\n//NAME {0}\n//POS\n//INST\nNOP\nEND\n",
 )
-"""Reader of Yaskawa jobs. Comments have at most 32 characters (RE-CKI-A457); longer remarks take several lines."""
+"""Comments have at most 32 characters (RE-CKI-A457)."""

@@ -1,13 +1,10 @@
 """Writer of INFORM: a job (.JBI) with positions in the base coordinate system.
 
-Sources: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4, for the format of jobs
-(NPOS, RECTAN, RCONF; 0.001 mm and 0.0001°), and the INFORM manual for MOVJ, MOVL, MOVC, TIMER, DOUT, PAUSE. Positions
-in pulses are not used: they need the counts per degree of each axis, which Yaskawa does not publish.
+Sources: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4 (0.001 mm and 0.0001°), and
+the INFORM manual. Positions are not in pulses, which need the unpublished counts per degree: the job is relative (RJ).
 
-An arc is three MOVC in a row. Further MOVC continue it: three neighbours define a circle, the same circle in this case.
-A MOVL between two chains separates the way back from the lap.
-
-Positions that are not pulses make this a relative job (RJ), and the frame is the base.
+An arc is three MOVC in a row. Further MOVC continue on the circle of three neighbours, here the same. A MOVL between
+two chains separates the way back from the lap.
 """
 
 from __future__ import annotations
@@ -40,7 +37,6 @@ TOOL_NUMBER = 9
 """The tool file in which the operator enters the frame of the tool."""
 _MM_DECIMALS, _DEG_DECIMALS = 3, 4
 _UNUSED = ",0" * 18
-"""r1 … r18 of RCONF."""
 
 
 def write(plan: MotionPlan, demand: Demand) -> dict[str, str]:
