@@ -218,8 +218,9 @@ def _errors(
         problem = "the constants of the controller are unknown, and values to enter are differences from them"
         errors.append(FileError(rig_file, problem, how_to_state_controller(rig), code="controller.unknown"))
     for file, why in in_vain.items():
-        problem, remedy = f"{why}, so no corrected targets were written", "keep the targets unchanged, or measure there"
-        errors.append(FileError(str(file), problem, f"{remedy}; --anyway writes them", code="correct.no_gain"))
+        problem = f"{why}, so no corrected targets were written"
+        remedy = "keep the targets unchanged, or measure there; --anyway writes them"
+        errors.append(FileError(str(file), problem, remedy, code="correct.no_gain"))
     for program in corrections.programs:
         if program.held:
             problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"

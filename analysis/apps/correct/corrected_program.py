@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.correct.postures import agreeing
-from analysis.apps.correct.shared_corrections import Correction, SharedCorrection, shared_corrections
+from analysis.apps.correct.shared_corrections import SharedCorrection, shared_corrections
 from analysis.apps.correct.solved_program import SolvedProgram, solve_program
 from analysis.apps.correct.stated_frames import NO_FRAMES, Frames
 from analysis.apps.makers.numbers import frame_numbers, frame_of, joint_numbers, joints_of, replaced, written
@@ -115,7 +115,7 @@ def correct_program(
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - program.nominal[:, :3, 3], axis=1)
     flags = _flags_after(program, done)
     reasons = _refused(program, done, flags, moved_mm, rail=rig.robot.rail is not None)
-    shared = shared_corrections(Correction(program, done, reasons), rig, supported)
+    shared = shared_corrections(program, done, reasons, rig, supported)
     reasons |= {k: why for k, (why, _) in shared.refused.items()}
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
     new = _new_texts(program, done, flags, kept)

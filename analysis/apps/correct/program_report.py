@@ -11,7 +11,6 @@ import numpy as np
 
 from analysis.apps.correct.corrected_program import MOST_MM, CorrectedProgram
 from analysis.apps.correct.shared_corrections import REMAINING_SHARE, SharedCorrection
-from analysis.apps.makers.target import UncorrectedTarget
 from analysis.apps.report.blocks import Block, Heading, Sentence
 from analysis.apps.report.texts import joined, texts_of
 from analysis.correction.corrected_targets import WorkError
@@ -88,16 +87,14 @@ def _left(program: CorrectedProgram) -> Iterator[Block]:
     """For each reason, the uncorrected targets and the lines of the program that cause it."""
     for reason, number in Counter(one.reason for one in program.left).most_common():
         yield Sentence(_TEXTS("program_left", count=number, why=f"{WHY[reason]}{_MORE.get(reason, '')}"))
-        targets = [_target(program, one) for one in program.left[:_LISTED] if one.reason == reason]
+        targets = []
+        for left in (one for one in program.left[:_LISTED] if one.reason == reason):
+            causes = [f"{_place(program, at.file, at.line)}: {at.why}" if at.line else at.why for at in left.because]
+            place = _place(program, left.file, left.line)
+            targets.append(f"{place}: {left.name} ({'; '.join(causes)})" if causes else f"{left.name} ({place})")
         yield from [Sentence("; ".join(targets), "note")] * bool(targets)
     if (others := len(program.left) - _LISTED) > 0:
         yield Sentence(_TEXTS("program_left_more", count=others), "note")
-
-
-def _target(program: CorrectedProgram, left: UncorrectedTarget) -> str:
-    causes = [f"{_place(program, at.file, at.line)}: {at.why}" if at.line else at.why for at in left.because]
-    place = _place(program, left.file, left.line)
-    return f"{place}: {left.name} ({'; '.join(causes)})" if causes else f"{left.name} ({place})"
 
 
 def _shared(program: CorrectedProgram, position: SharedCorrection) -> str:

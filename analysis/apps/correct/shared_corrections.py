@@ -46,6 +46,11 @@ class SharedCorrection:
 
 @dataclass
 class SharedCorrections:
+    """Positions that share the corrections of a program, apart from targets with reasons to stay uncorrected."""
+
+    program: SolvedProgram
+    done: CorrectedTargets
+    reasons: Mapping[int, Reason]
     kept_mm: Array
     """Largest remaining error (n,) of the moves to each target with an offset, NaN without such moves."""
     listed: dict[int, list[SharedCorrection]] = field(default_factory=dict)
@@ -62,96 +67,75 @@ class SharedCorrections:
                 worst[key] = position
         return tuple(worst[key] for key in sorted(worst))
 
-    def add(self, k: int, position: SharedCorrection, bound_mm: float) -> None:
-        """List a position that shares the correction of target k, if its error exceeds the bound."""
-        if not position.after_mm <= bound_mm:
-            self.listed.setdefault(k, []).append(position)
+    def add(
+        self, of: int, k: int, kind: Literal["offset", "via"], reached: Array, wanted: Array, unknown: Reason | None
+    ) -> tuple[float, float, float]:
+        """List position k, if its error with the correction of target `of` exceeds a bound.
+
+        reached, wanted (4, 4): poses of the arm's tool, without meaning if `unknown`. Returns the errors before and
+        after the correction in mm, NaN if unknown, and the bound.
+        """
+        target, before_mm, after_mm, bound_mm = self.program.targets[k], np.nan, np.nan, 0.0
+        if unknown is None:
+            *tips, intended = (self.program.tip(k, T) for T in (self.program.nominal[k], reached, wanted))
+            before_mm, after_mm = (float(np.linalg.norm(tip - intended)) for tip in tips)
+            u_mm = min(self.done.u_mm[k], self.done.u_frame_mm[k])
+            bound_mm = float(np.fmax(u_mm, REMAINING_SHARE * before_mm))  # Without an uncertainty, the share.
+        if not after_mm <= bound_mm:
+            position = SharedCorrection(target.file, target.line, target.name, kind, before_mm, after_mm, unknown)
+            self.listed.setdefault(of, []).append(position)
+        return before_mm, after_mm, bound_mm
 
 
-@dataclass(frozen=True)
-class Correction:
-    """The corrected targets of a program, and the reasons for the uncorrected ones."""
-
-    program: SolvedProgram
-    done: CorrectedTargets
-    reasons: Mapping[int, Reason]
-
-    def off_mm(self, k: int, T: Array, wanted: Array) -> float:
-        """Distance of the program's tool between two poses (4, 4) of the arm's tool at target k."""
-        return float(np.linalg.norm(self.program.tip(k, T) - self.program.tip(k, wanted)))
-
-    def is_allowed(self, k: int) -> bool:
-        """True if the nominal angles at target k are within the limits."""
-        low, high = self.program.arm.limits.T
-        return bool(((self.program.q[k] >= low) & (self.program.q[k] <= high)).all())
-
-    def bound_mm(self, k: int, before_mm: float) -> float:
-        """Error up to which a position is not listed: the uncertainty or the share."""
-        u_mm = min(self.done.u_mm[k], self.done.u_frame_mm[k])
-        return float(np.fmax(u_mm, REMAINING_SHARE * before_mm))  # Without an uncertainty, the share is the limit.
-
-
-def shared_corrections(correction: Correction, rig: Rig, supported: Sequence[Support]) -> SharedCorrections:
-    shared = SharedCorrections(np.full(len(correction.program.targets), np.nan))
-    _add_offsets(shared, correction)
-    _add_vias(shared, correction, rig, supported)
+def shared_corrections(
+    program: SolvedProgram,
+    done: CorrectedTargets,
+    reasons: Mapping[int, Reason],
+    rig: Rig,
+    supported: Sequence[Support],
+) -> SharedCorrections:
+    shared = SharedCorrections(program, done, reasons, np.full(len(program.targets), np.nan))
+    _add_offsets(shared)
+    if passed := list(_passed(program, reasons)):
+        at = np.array([angles for _, angles in passed])
+        angles, is_solved, _ = corrected_angles(rig, supported, at, wanted=forward(program.arm, at))
+        for (via, _), wanted, solved in zip(passed, forward(program.arm, angles), is_solved, strict=True):
+            shared.add(via, via, "via", done.T[via], wanted, None if solved else "singular")
     return shared
 
 
-def _add_offsets(shared: SharedCorrections, correction: Correction) -> None:
+def _add_offsets(shared: SharedCorrections) -> None:
     """Add the moves to points with an offset.
 
     A point that is used only with offsets is refused if any position would be farther off than before, or cannot be
     computed. Any point is refused if the correction might move a position beyond a limit or its posture flags.
     """
-    program, T = correction.program, correction.done.T
-    reached = {move.target for move in program.parsed.steps}
+    program, T = shared.program, shared.done.T
+    used_itself = {move.target for move in program.parsed.steps}
+    low, high = program.arm.limits.T
     for k, target in enumerate(program.targets):
         point = target.of
-        if point is None or point in correction.reasons:
+        if point is None or point in shared.reasons:
             continue
-        unknown = correction.reasons.get(k)
-        before_mm = after_mm = np.nan
-        bound_mm = 0.0
-        if unknown is None:
-            X = with_offset(target, program.located[point].in_program(T[point]))
-            before_mm = correction.off_mm(k, program.nominal[k], T[k])
-            after_mm = correction.off_mm(k, program.located[k].in_world(X), T[k])
-            bound_mm = correction.bound_mm(k, before_mm)
-            shared.kept_mm[point] = np.fmax(shared.kept_mm[point], after_mm)
+        unknown = shared.reasons.get(k)
+        reached = program.located[k].in_world(with_offset(target, program.located[point].in_program(T[point])))
+        before_mm, after_mm, bound_mm = shared.add(point, k, "offset", reached, T[k], unknown)
+        shared.kept_mm[point] = np.fmax(shared.kept_mm[point], after_mm)
         move = Unknown(target.file, target.line, "the move with the offset")
-        if unknown in ("changes_flags", "beyond_limits") and correction.is_allowed(k):
+        was_allowed = bool(((program.q[k] >= low) & (program.q[k] <= high)).all())
+        if unknown in ("changes_flags", "beyond_limits") and was_allowed:
             shared.refused[point] = unknown, move  # The controller could not reach the position any more.
-        elif point not in reached and not after_mm <= max(before_mm, bound_mm):
+        elif point not in used_itself and not after_mm <= max(before_mm, bound_mm):
             shared.refused[point] = "offset", move
-        position = SharedCorrection(target.file, target.line, target.name, "offset", before_mm, after_mm, unknown)
-        shared.add(point, position, bound_mm)
 
 
-def _add_vias(shared: SharedCorrections, correction: Correction, rig: Rig, supported: Sequence[Support]) -> None:
-    """Add the via points of arcs that a controller may pass in another orientation than written."""
-    program, passed = correction.program, list(_passed(correction))
-    if not passed:
-        return
-    at = np.array([angles for _, angles in passed])
-    angles, done, _ = corrected_angles(rig, supported, at, wanted=forward(program.arm, at))
-    for (k, _), wanted, solved in zip(passed, forward(program.arm, angles), done, strict=True):
-        before_mm, after_mm = (
-            correction.off_mm(k, T, wanted) if solved else np.nan for T in (program.nominal[k], correction.done.T[k])
-        )
-        target = program.targets[k]
-        unknown: Reason | None = None if solved else "singular"
-        position = SharedCorrection(target.file, target.line, target.name, "via", before_mm, after_mm, unknown)
-        shared.add(k, position, correction.bound_mm(k, before_mm))
-
-
-def _passed(correction: Correction) -> Iterator[tuple[int, Array]]:
-    """Via points of arcs, each with the joint angles (6,) rad at which the arm passes it."""
-    program, q = correction.program, correction.program.q
+def _passed(program: SolvedProgram, reasons: Mapping[int, Reason]) -> Iterator[tuple[int, Array]]:
+    """Via points of arcs that a controller may pass in another orientation than written, with the angles there."""
+    q = program.q
     arcs: dict[Arc, None] = {move.arc: None for move in program.parsed.steps if move.arc and not move.arc.tangent}
     for arc in arcs:
         via, end = arc.through, arc.end
-        if via is None or via in correction.reasons or end is None or not np.isfinite(q[end]).all():
+        if via is None or via in reasons or end is None or not np.isfinite(q[end]).all():
             continue
         for start in arc.starts:
             if start not in (None, AT_BEGIN) and np.isfinite(q[start]).all():

@@ -77,8 +77,9 @@ class McapBag:
                 size = max(record.uncompressed_size, _frame_bytes(record))  # A few bytes can claim any size.
                 remedy = "record the topics of joints and gauges only, or import the file in several runs"
                 if (unpacked := unpacked + size) > _MOST_UNPACKED or size > _MOST_OF_CHUNK:
-                    limits = f"{_MOST_UNPACKED / 1e9:g} GB, or a chunk to more than {_MOST_OF_CHUNK / 1e6:g} MB"
-                    raise FileError(self.where, f"expands to more than {limits}", remedy, code="bag.too_large")
+                    gigabytes, megabytes = _MOST_UNPACKED / 1e9, _MOST_OF_CHUNK / 1e6
+                    problem = f"expands to more than {gigabytes:g} GB, or a chunk to more than {megabytes:g} MB"
+                    raise FileError(self.where, problem, remedy, code="bag.too_large")
             else:
                 checked &= not isinstance(record, Message)
             for part in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else (record,):

@@ -65,8 +65,7 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
     required, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
     is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # Reported later
     if not is_corrected and set(required) <= set(names) and (both := [name for name in others if name in names]):
-        columns = f"{required[0]} … {required[-1]} and {both[0]}"
-        what = f"has the columns {columns}: joint angles and poses cannot be combined"
+        what = f"has {required[0]} … {required[-1]} and {both[0]}: joint angles and poses cannot be combined"
         remedy = f"keep one of both; measured poses calibrate an arm: rig calibrate {as_argument(path)} --arm ARM"
         raise FileError(str(path), what, remedy, code="targets.mixed")
     return _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
@@ -97,8 +96,8 @@ def compensated_plans(
     joints, poses = read_corrected_path(path)
     against = AGAINST in joints.columns
     if against and not anyway:
-        remedy = "use the nominal targets, or add --anyway; the programs then contain a warning"
-        raise FileError(str(path), f"was {ANYWAY}", remedy, code="targets.against_verdict")
+        use = "use the nominal targets, or add --anyway; the programs then contain a warning"
+        raise FileError(str(path), f"was {ANYWAY}", use, code="targets.against_verdict")
     made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
     remarks = [Comment(f"{MARK}: do not correct twice")]
     remarks += [Comment(ANYWAY)] if against or why_nothing(rig) else []
