@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeGuard
 
 import numpy as np
 
@@ -73,30 +74,27 @@ def solved(
     poses. start (6,): rad, if known. tips (n, 3): points that the program moves, in mm in the arm's tool.
     """
     q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # The last row has index AT_BEGIN.
-    reasons: dict[int, Reason] = {}
     poses = poses.copy()
     asked = [k for k, target in enumerate(targets) if not target.joints and np.isfinite(poses[k]).all()]
     lines = {step.target for step in steps if step.way == "line" and targets[step.target].joints}
     by_line = [k for k in sorted(lines) if np.isfinite(q[k]).all()]  # A line to joint angles ends at their pose.
     poses[by_line] = forward(arm, q[by_line])
     branches = dict(zip([*asked, *by_line], _branches(arm, poses[[*asked, *by_line]]), strict=True))
+    postures = _Postures(arm, targets, poses, branches, q, np.zeros((len(targets), 3)) if tips is None else tips)
     for k in asked:
         solutions, target = branches[k], targets[k]
         if isinstance(solutions, str):
-            reasons[k] = solutions
+            postures.take(k, solutions)
         elif target.near is not None:
-            _take(q, reasons, k, _nearest(solutions, np.array(target.near)))
+            postures.take(k, _nearest(solutions, np.array(target.near)))
         elif target.flags:
             chosen = solutions[agreeing(arm, solutions, target.flags)]
-            _take(q, reasons, k, chosen[0] if len(chosen) == 1 else "ambiguous" if len(chosen) else "other_flags")
-    tips = np.zeros((len(targets), 3)) if tips is None else tips
-    ways = _Ways(arm, poses, branches, q, tips, [target.joints for target in targets])
-    _derive_postures(ways, targets, steps, reasons)
-    _take_from_approaches(ways, targets, steps, reasons)
+            postures.take(k, chosen[0] if len(chosen) == 1 else "ambiguous" if len(chosen) else "other_flags")
+    postures.derive(steps)
     for k in asked:
-        if k not in reasons and not np.isfinite(q[k]).all():
-            reasons[k] = "no_posture"
-    return q[:AT_BEGIN], reasons
+        if k not in postures.reasons and not postures.is_solved(k):
+            postures.take(k, "no_posture")
+    return q[:AT_BEGIN], postures.reasons
 
 
 def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:
@@ -110,13 +108,6 @@ def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:
         allowed, _ = within_limits(arm, q[in_reach])
         every.append(allowed if len(allowed) else "beyond_limits")
     return every
-
-
-def _take(q: Array, reasons: dict[int, Reason], k: int, solution: Array | Reason) -> None:
-    if isinstance(solution, str):
-        reasons[k] = solution
-    else:
-        q[k] = solution
 
 
 def _nearest(solutions: Array, near: Array) -> Array | Reason:
@@ -141,62 +132,30 @@ def _closest(solutions: Array, stands: Array) -> Array | Reason:
     return closest
 
 
-def _derive_postures(
-    ways: _Ways, targets: Sequence[Target], steps: Sequence[TargetMove], reasons: dict[int, Reason]
-) -> None:
-    """Derive postures that are not stated from the previous targets, and reject targets with different postures on
-    different paths."""
-    free = {k for k, target in enumerate(targets) if not target.joints and target.near is None and target.flags is None}
-    waiting = [step for step in steps if step.target in free and step.target in ways.branches]
-    solved_some = True
-    while solved_some:
-        solved_some = False
-        for step in waiting:
-            k = step.target
-            sources = [at for at in step.comes_from if at is not None and ways.is_solved(at) and at not in reasons]
-            if sources and not ways.is_solved(k) and k not in reasons:
-                _take(ways.q, reasons, k, ways.reached(min(sources), k, step.way))
-                solved_some = True
-    bad: dict[int, Reason] | None = None
-    while bad is None or bad:
-        bad = {}
-        for step in steps:
-            if step.target in reasons:
-                continue
-            if why := _not_the_same(ways, step, free, reasons) or _turned(ways, step.arc, reasons):
-                bad[step.target] = why
-        reasons.update(bad)
-
-
-def _take_from_approaches(
-    ways: _Ways, targets: Sequence[Target], steps: Sequence[TargetMove], reasons: dict[int, Reason]
-) -> None:
-    """Determine the posture of points that the program reaches only with an offset: it is that of an approach."""
-    reached = {step.target for step in steps}
-    for approach, target in enumerate(targets):
-        k = target.of
-        if k is None or k in reached or k in reasons or isinstance(ways.branches.get(k, "unreachable"), str):
-            continue
-        if ways.is_solved(approach) and approach not in reasons and not ways.is_solved(k):
-            arrived = ways.reached(approach, k, "line")
-            if not isinstance(arrived, str):
-                ways.q[k] = arrived
-
-
 @dataclass
-class _Ways:
-    """Joint angles after a move from a target to another, each computed once. The search fills in q (n, 6) rad."""
+class _Postures:
+    """The postures at the targets of a program during the search, and the reasons for missing ones."""
 
     arm: Arm
+    targets: Sequence[Target]
     poses: Array
     branches: dict[int, Array | Reason]
     q: Array
     tips: Array
-    joints: Sequence[bool]
+    reasons: dict[int, Reason] = field(default_factory=dict)
     arrivals: dict[tuple[bytes, bytes, Way], Array | Reason] = field(default_factory=dict)
+
+    def take(self, k: int, solution: Array | Reason) -> None:
+        if isinstance(solution, str):
+            self.reasons[k] = solution
+        else:
+            self.q[k] = solution
 
     def is_solved(self, k: int) -> bool:
         return bool(np.isfinite(self.q[k]).all())
+
+    def is_known(self, k: int | None) -> TypeGuard[int]:
+        return k is not None and k not in self.reasons and self.is_solved(k)
 
     def reached(self, source: int, k: int, way: Way) -> Array | Reason:
         """Joint angles (6,) rad at target k after a move from the target `source`, or the reason if unknown."""
@@ -207,53 +166,78 @@ class _Ways:
             self.arrivals[key] = _reached(self.arm, self.q[source], self.poses[k], solutions, way)
         return self.arrivals[key]
 
+    def derive(self, steps: Sequence[TargetMove]) -> None:
+        """Derive postures that are not stated from the previous targets, and reject targets with different postures on
+        different paths."""
+        free = {k for k, of in enumerate(self.targets) if not of.joints and of.near is None and of.flags is None}
+        waiting = [step for step in steps if step.target in free and step.target in self.branches]
+        solved_some = True
+        while solved_some:
+            solved_some = False
+            for step in waiting:
+                k, sources = step.target, list(filter(self.is_known, step.comes_from))
+                if sources and not self.is_solved(k) and k not in self.reasons:
+                    self.take(k, self.reached(min(sources), k, step.way))
+                    solved_some = True
+        bad: dict[int, Reason] | None = None
+        while bad is None or bad:
+            bad = {}
+            for step in (step for step in steps if step.target not in self.reasons):
+                if why := self._not_the_same(step, free) or self._turned(step.arc):
+                    bad[step.target] = why
+            self.reasons.update(bad)
+        # Points that the program reaches only with an offset have the posture of an approach.
+        itself = {step.target for step in steps}
+        for approach, target in enumerate(self.targets):
+            point = target.of
+            if point is None or point in itself or point in self.reasons or self.is_solved(point):
+                continue
+            if self.is_known(approach) and not isinstance(self.branches.get(point, "unreachable"), str):
+                arrived = self.reached(approach, point, "line")
+                if not isinstance(arrived, str):
+                    self.q[point] = arrived
 
-def _not_the_same(ways: _Ways, step: TargetMove, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
-    """Reason if a move may reach the target in another posture than the corrected one."""
-    k = step.target
-    if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.is_solved(k):  # A joint target, or no posture
+    def _not_the_same(self, step: TargetMove, free: set[int]) -> Reason | None:
+        """Reason if a move may reach the target in another posture than the corrected one."""
+        k = step.target
+        if isinstance(self.branches.get(k, "unreachable"), str) or not self.is_solved(k):  # Joints, or no posture
+            return None
+        if self.targets[k].joints and step.way != "line":
+            return None
+        by_way = k in free or not step.by_flags
+        for source in step.comes_from:
+            if not self.is_known(source):
+                if by_way:
+                    return "no_posture"
+                continue
+            if not by_way and step.way != "line":
+                continue
+            arrived = self.reached(source, k, step.way)
+            if isinstance(arrived, str):
+                return arrived
+            if np.abs(np.sin((arrived - self.q[k]) / 2) if not by_way else arrived - self.q[k]).max() > SAME_RAD:
+                return "two_postures"
         return None
-    if ways.joints[k] and step.way != "line":
-        return None
-    by_way = k in free or not step.by_flags
-    for source in step.comes_from:
-        if source is None or source in reasons or not ways.is_solved(source):
-            if by_way:
-                return "no_posture"
-            continue
-        if not by_way and step.way != "line":
-            continue
-        arrived = ways.reached(source, k, step.way)
-        if isinstance(arrived, str):
-            return arrived
-        if np.abs(np.sin((arrived - ways.q[k]) / 2) if not by_way else arrived - ways.q[k]).max() > SAME_RAD:
-            return "two_postures"
-    return None
 
-
-def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason | None:
-    """Reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
-    if arc is None or not arc.tangent:
-        return None
-    places = [
-        k for k in (*arc.starts, arc.through, arc.end) if k is not None and k not in reasons and ways.is_solved(k)
-    ]
-    if arc.through is None or arc.end is None or len(places) < len(arc.starts) + 2:
-        return "arc_turns"
-    through, end = ways.poses[arc.through], ways.poses[arc.end]
-    if not np.isfinite([through, end]).all():  # Joint targets
-        return "arc_turns"
-    tip = np.append(ways.tips[arc.end], 1.0)
-    for start in places[:-2]:
-        begin = forward(ways.arm, ways.q[start][None])[0]
-        turns = _turns_on_arc(np.array([T @ tip for T in (begin, through, end)])[:, :3])
-        if turns is None:
+    def _turned(self, arc: Arc | None) -> Reason | None:
+        """Reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
+        if arc is None or not arc.tangent:
+            return None
+        if arc.through is None or arc.end is None or not all(map(self.is_known, (*arc.starts, arc.through, arc.end))):
             return "arc_turns"
-        for R, T in zip(turns, (through, end), strict=True):
-            away = T[:3, :3].T @ R @ begin[:3, :3]
-            if np.trace(away) < 1 + 2 * np.cos(_SAME_ORIENTATION_RAD):
+        through, end = self.poses[arc.through], self.poses[arc.end]
+        if not np.isfinite([through, end]).all():  # Joint targets
+            return "arc_turns"
+        tip = np.append(self.tips[arc.end], 1.0)
+        for begin in forward(self.arm, self.q[[*filter(self.is_known, arc.starts)]]):
+            turns = _turns_on_arc(np.array([T @ tip for T in (begin, through, end)])[:, :3])
+            if turns is None:
                 return "arc_turns"
-    return None
+            for R, T in zip(turns, (through, end), strict=True):
+                away = T[:3, :3].T @ R @ begin[:3, :3]
+                if np.trace(away) < 1 + 2 * np.cos(_SAME_ORIENTATION_RAD):
+                    return "arc_turns"
+        return None
 
 
 def _turns_on_arc(places: Array) -> Array | None:

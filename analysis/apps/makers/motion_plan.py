@@ -83,6 +83,8 @@ class Signal:
 
 @dataclass(frozen=True)
 class Hold:
+    """A pause until the operator continues the program."""
+
     request: str
 
 

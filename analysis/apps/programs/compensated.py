@@ -92,12 +92,8 @@ def compensated(
 
 def _with_targets(plan: MotionPlan, targets: Sequence[PlannedTarget], lines: Sequence[int], where: str) -> MotionPlan:
     old = targets_of(plan)
-    farthest = _require_small_correction(old, targets, lines, where)
-    for line, target in zip(lines, targets, strict=True):
-        for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
-            at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
-            problem = f"axis {axis + 1} would be at {at_deg:.3f}°, beyond the limits {low:g}° and {high:g}°"
-            raise FileError(f"{where}, line {line}", problem, "move the test away from the limit", code="path.limits")
+    each = zip(lines, old, targets, strict=True)
+    farthest = max(_correction_mm(plan, nominal, target, f"{where}, line {line}") for line, nominal, target in each)
     new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
     steps: list[Step] = [Comment(f"the targets are corrected by up to {farthest:.2f} mm")]
     moved_by_ends: dict[tuple[int, int], tuple[Step, ...]] = {}  # Laps and visits repeat identical moves.
@@ -148,23 +144,21 @@ def _followed(plan: MotionPlan, way: ToolPath, begin: PlannedTarget) -> Array:
     return way.followed(plan.arm, begin.q, f"the corrected program {plan.name}")
 
 
-def _require_small_correction(
-    old: Sequence[PlannedTarget], targets: Sequence[PlannedTarget], lines: Sequence[int], where: str
-) -> float:
-    """Largest distance in mm from the nominal targets. Raises FileError if one is too large for a correction."""
-    farthest = 0.0
-    for line, nominal, target in zip(lines, old, targets, strict=True):
-        mm = float(np.linalg.norm(target.T[:3, 3] - nominal.T[:3, 3]))
-        deg = float(np.degrees(np.linalg.norm(rotation_vector(nominal.T, target.T))))
-        joint_deg = float(np.degrees(np.abs(target.q - nominal.q).max()))
-        if mm > _FURTHEST_MM or deg > _FURTHEST_DEG or joint_deg > _OTHER_POSTURE_DEG:
-            problem = (
-                f"is {mm:.0f} mm and {deg:.0f}° from the target of this test, with a joint difference of "
-                f"{joint_deg:.0f}°: too large for a correction"
-            )
-            raise FileError(f"{where}, line {line}", problem, _REMEDY, code="targets.other_test")
-        farthest = max(farthest, mm)
-    return farthest
+def _correction_mm(plan: MotionPlan, nominal: PlannedTarget, target: PlannedTarget, where: str) -> float:
+    """Distance from the nominal target. Raises FileError if it is too large for a correction, or beyond a limit."""
+    mm = float(np.linalg.norm(target.T[:3, 3] - nominal.T[:3, 3]))
+    deg = float(np.degrees(np.linalg.norm(rotation_vector(nominal.T, target.T))))
+    joint_deg = float(np.degrees(np.abs(target.q - nominal.q).max()))
+    if mm > _FURTHEST_MM or deg > _FURTHEST_DEG or joint_deg > _OTHER_POSTURE_DEG:
+        differs = (
+            f"{mm:.0f} mm and {deg:.0f}° from the target of this test, with a joint difference of {joint_deg:.0f}°"
+        )
+        raise FileError(where, f"is {differs}: too large for a correction", _REMEDY, code="targets.other_test")
+    for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
+        at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
+        problem = f"axis {axis + 1} would be at {at_deg:.3f}°, beyond the limits {low:g}° and {high:g}°"
+        raise FileError(where, problem, "move the test away from the limit", code="path.limits")
+    return mm
 
 
 _BETWEEN = 16
