@@ -237,14 +237,6 @@ class ControllerChange:
 
 
 @dataclass(frozen=True)
-class NotEntered:
-    """An effect that neither constants nor targets represent, and its rms tool displacement over the work area."""
-
-    effect: Effect
-    worth_um: float
-
-
-@dataclass(frozen=True)
 class ControllerEntries:
     """All changes at a controller, and the remaining rms error of the tool's position in a taught frame."""
 
@@ -258,7 +250,8 @@ class ControllerEntries:
     """Changes as effects of the arm in the controller; empty if they remove no error."""
     twins: tuple[tuple[str, ...], ...]
     """Parameters of which only a combination is determined."""
-    not_entered: tuple[NotEntered, ...]
+    not_entered: tuple[tuple[Effect, float], ...]
+    """Effects that neither constants nor targets represent, and their rms tool displacement over the work in µm."""
     before_um: float
     """Error over the work area before the changes, including the uncorrectable error."""
     after_um: float
@@ -289,12 +282,8 @@ def controller_entries(
     """
     controller = maker_by(name).controller
     if scale and not controller.scale:
-        raise UseError(
-            "--scale",
-            f"must be omitted: {controller.maker} uses {controller.unit}, without a scale",
-            "remove it",
-            code="controller.scale",
-        )
+        problem = f"must be omitted: {controller.maker} uses {controller.unit}, without a scale"
+        raise UseError("--scale", problem, "remove it", code="controller.scale")
     used, uncorrected = used_effects(rig, supported), rest_effects(rig, supported)
     uncertainty = pose_uncertainty(rig, supported)
     spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
@@ -328,7 +317,7 @@ def controller_entries(
         tuple(readings_deg.tolist()),
         effects,
         tuple(tuple(entries[k].parameter for k in group) for group in twins),
-        tuple(NotEntered(effect, rms_um(left_out_mm(rig, [effect], q)[:, 0])) for effect in uncorrected),
+        tuple((effect, rms_um(left_out_mm(rig, [effect], q)[:, 0])) for effect in uncorrected),
         before_um,
         after_um,
         rms_um(doubt_mm),
@@ -449,10 +438,9 @@ def scale_of(text: str | None) -> tuple[float, ...] | None:
         return None
     scale = numbers_in(text)
     if len(scale) != 6 or not all(scale):
-        raise UseError(
-            "--scale",
+        problem, remedy = (
             f"{text!r} is not a list of six nonzero numbers",
             "give a number per axis, separated by commas",
-            code="controller.scale",
         )
+        raise UseError("--scale", problem, remedy, code="controller.scale")
     return scale

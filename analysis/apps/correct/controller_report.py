@@ -58,9 +58,9 @@ def blocks(entries: ControllerEntries, rig: Rig, *, entered: bool = False) -> li
         parts.append(Sentence(_TEXTS("entries_scale", scale=controller.scale, unit=controller.unit)))
     parts += [Sentence(_TEXTS("entries_twins", names=", ".join(group))) for group in entries.twins]
     parts += [
-        Sentence(_TEXTS("entries_not_entered", name=plain(rig, each.effect), um=f"{each.worth_um:.0f}"))
-        for each in entries.not_entered
-        if each.worth_um >= _REPORTED_UM
+        Sentence(_TEXTS("entries_not_entered", name=plain(rig, effect), um=f"{um:.0f}"))
+        for effect, um in entries.not_entered
+        if um >= _REPORTED_UM
     ]
     if not entries.entries:
         return parts
@@ -115,9 +115,7 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
             for entry in entries.entries
         ],
         "readings_deg": [short(degrees) for degrees in entries.readings_deg],
-        "not_entered": [
-            {"name": label_of(kept.effect), "worth_um": round(kept.worth_um, 3)} for kept in entries.not_entered
-        ],
+        "not_entered": [{"name": label_of(effect), "worth_um": round(um, 3)} for effect, um in entries.not_entered],
         **{name: round(um, 3) for name, um in errors.items()},
         "elsewhere_um": [round(um, 3) for um in entries.elsewhere_um],
         "known_only_together": [list(group) for group in entries.twins],
