@@ -12,7 +12,7 @@ import re
 from dataclasses import replace
 
 from analysis.apps.makers.kuka.closed_lists import is_file_of_maker, is_of_maker
-from analysis.apps.makers.kuka.literals import EXTERNAL_AXES
+from analysis.apps.makers.kuka.positions import EXTERNAL_AXES
 from analysis.apps.makers.kuka.statements import (
     CORRECTION,
     ELEMENT,

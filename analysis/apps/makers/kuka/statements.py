@@ -11,8 +11,7 @@ from functools import partial
 from typing import Literal
 
 from analysis.apps.makers.kuka.closed_lists import CORRECTIONS, NOTHING, SYSTEM, effect_of
-from analysis.apps.makers.kuka.copies import KrlCopies
-from analysis.apps.makers.kuka.literals import BY_NUMBER
+from analysis.apps.makers.kuka.positions import BY_NUMBER, KrlPositions
 from analysis.apps.makers.points import as_value
 from analysis.apps.makers.program_machine import (
     EXTERNAL,
@@ -74,7 +73,7 @@ _FLOW = {
 }  # fmt: skip
 
 
-class KrlStatements(KrlCopies):
+class KrlStatements(KrlPositions):
     def __init__(self, program: ProgramTexts) -> None:
         super().__init__(program)
         self.fdat: dict[str, str] = {}
