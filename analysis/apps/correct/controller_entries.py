@@ -3,11 +3,9 @@
 The constants of the controller are fitted to the error of the tool over the work area of the rig file, position and
 orientation together. Zeros and lengths thereby absorb part of a compliant joint or a gear error.
 
-- Postures outside the work area have enough weight to keep the constants from being wrong there.
-- A rotation of the tool counts as the displacement of the tool tip, or of a point at 100 mm for a short tool.
-- Each constant has a prior of a few usual sizes. The error not represented by constants counts as scatter of the
-  postures, so a large value is never chosen for a small gain.
-- Constants with equal effects (d2 and d3 of parallel axes) share the error in proportion to their usual sizes.
+Each constant has a prior of a few usual sizes, and the error that no constant represents counts as scatter, so a large
+value is never chosen for a small gain. Constants with equal effects (d2 and d3 of parallel axes) share the error in
+proportion to their usual sizes. A rotation of the tool counts as the displacement of its tip.
 """
 
 from __future__ import annotations

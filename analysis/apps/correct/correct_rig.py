@@ -88,8 +88,8 @@ def correct_rig(
     together would correct twice. scale (6,): counts per degree or gear ratios of the axes. entered: the controller
     already has the entries, and the targets are computed accordingly.
 
-    Raises FileError for a rig without effects, for a path that cannot be read or reached, and for a program that cannot
-    be read, is already corrected or belongs to a different maker. Raises UseError for options that exclude each other.
+    Raises FileError for a rig without effects, and for a path or program that cannot be read or corrected. Raises
+    UseError for options that exclude each other.
     """
     if not model_of(rig).effects:
         remedy = "diagnose or calibrate the arm, and give the written rig file"

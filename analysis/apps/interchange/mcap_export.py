@@ -1,9 +1,8 @@
 """Export of a run as MCAP, for Foxglove and PlotJuggler: the streams, and the moving arm.
 
-Each stream is a channel of JSON messages with every column of the store. Log times are the first-byte stamps shifted by
-the clock anchor of the manifest. `t_s` of an imported table counts from 1970; MCAP has no earlier times, so a negative
-start becomes zero. The arm is `foxglove.JointStates` (docs.foxglove.dev/docs/sdk/schemas) and a URDF with the same
-joint names, as `std_msgs/String`.
+Each stream is a channel of JSON messages. Log times are the first-byte stamps shifted by the clock anchor of the
+manifest; `t_s` of an imported table counts from 1970, and a negative start becomes zero. The arm is
+`foxglove.JointStates` (docs.foxglove.dev/docs/sdk/schemas) and a URDF with the same joint names.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Conversion of a ROS 2 bag to a table of poses: joint angles, and positions of the tool measured at the same time.
 
-Joints come from a topic of JointState, and positions from a topic of poses, points or transforms, by the stamps of the
-senders, or by the times of reception if stamps are missing or come from different clocks. Each standstill of the robot
-becomes a row. The table is then treated like any table of unknown layout (`analysis.intake.map_proposal`).
+The times are the stamps of the senders, or those of reception if stamps are missing or come from different clocks. Each
+standstill of the robot becomes a row of a table of unknown layout (`analysis.intake.map_proposal`).
 """
 
 from __future__ import annotations

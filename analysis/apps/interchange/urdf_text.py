@@ -1,8 +1,7 @@
 """Export of an arm as a URDF, `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`, and as a xacro macro.
 
-Joint values are the controller's angles: each joint turns about z of a frame fixed in the previous link. A rail is a
-prismatic joint between `rail_base`, fixed in the world, and `base_link`. Unknown moments of inertia and torques are
-zero, with a comment. The macro has a prefix and a parent link instead of the world.
+Joint values are the controller's angles. A rail is a prismatic joint between `rail_base`, fixed in the world, and
+`base_link`. Unknown moments of inertia and torques are zero. The macro has a prefix and a parent link.
 """
 
 from __future__ import annotations

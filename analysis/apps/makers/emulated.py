@@ -1,8 +1,6 @@
 """Emulated controllers: an interpreter drives a robot as the controller would, and records all actions.
 
-The parameters that an operator can enter follow from the maker's formula, independently of the code that writes
-corrections. Lengths are in mm, angles in rad. Positions (3,) and orientations are those of the tool in the robot's
-base frame.
+Lengths are in mm, angles in rad. Positions (3,) and orientations are those of the tool in the robot's base frame.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The points of a program with the moves that use them, and the reasons for leaving points uncorrected.
 
-A point with a name is a single target. It is corrected only if every move to it has the same tool and frame on every
-path, no other setting displaces it, and nothing else refers to it. An external axis may carry the arm, so a pose is
-corrected only if every external axis moved by the program is at zero when the arm arrives.
+A point is corrected only if every move to it has the same tool and frame on every path, no other setting displaces it,
+nothing else refers to it and, for a pose, every external axis moved by the program is at zero.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Abstract interpretation of programs: the tool, frame and displacement that are certain at each move.
 
-The machine follows every path through the routines of a program: it joins branches, runs loops to a fixed point and
-follows calls. A variable of the state has a value, or is unknown because of a line. `ForgetAll` stands for a statement
-outside the closed list of a dialect. Concurrent code may run at any moment: what it may change is unknown everywhere.
-
-A routine is analysed once for each state in which it is called; the positions of the arm are joined at the end.
+The machine joins branches, runs loops to a fixed point and follows calls. A variable of the state has a value, or is
+unknown because of a line. `ForgetAll` stands for a statement outside the closed list of a dialect. Concurrent code may
+run at any moment: what it may change is unknown everywhere.
 """
 
 from __future__ import annotations

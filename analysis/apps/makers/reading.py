@@ -81,8 +81,8 @@ def _tree(root: Path, suffixes: Sequence[str], *, deep: bool = True) -> dict[str
 def read_program(path: Path, neutral: Sequence[str] = ()) -> tuple[Maker, ProgramTexts]:
     """Read a program and the files that it can use, in its directory or in the backup of the controller around it.
 
-    neutral: routines that change nothing, as stated by the user. They count as empty, unless a file has the name of the
-    routine. Raises UseError if the language has no such files, and FileError.
+    neutral: routines stated to change nothing. They count as empty, unless a file has their name. Raises UseError if
+    the language has no such files, and FileError.
     """
     maker, files = program_texts(path)
     reader, full = maker.reader, path.resolve()

@@ -2,8 +2,7 @@
 
 Along each path the tool rotates evenly about a fixed axis. Poses are (4, 4) and (n, 4, 4), with positions in mm.
 
-A joint move between two targets of the hemisphere would leave the sphere by centimetres, which no link can follow. The
-tool therefore moves on an arc about the ball, or turns if two targets differ only in orientation.
+Between targets of the hemisphere the tool moves on an arc about the ball, or turns: no link can follow a joint move.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Interpreter of FANUC's teach pendant language (.LS) for emulated controllers.
 
 Source: FANUC, R-30iB Operator's Manual B-83284EN, chapter 4. W, P, R rotate about the fixed x, y, z axes in this order.
-A circular move rotates the tool evenly. A move to a position of a frame that is not selected is rejected. CONFIG
-contains F or N for the wrist, flipped or not, and the turns of J4, J5 and J6 (HandlingTool, section 11.21.2: 1 from
-180° to 539°).
+A circular move rotates the tool evenly. CONFIG contains F or N for the wrist, flipped or not, and the turns of J4, J5
+and J6 (HandlingTool, section 11.21.2: 1 from 180° to 539°).
 """
 
 from __future__ import annotations

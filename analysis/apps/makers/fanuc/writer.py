@@ -1,11 +1,11 @@
 """Writer of FANUC's teach pendant language (.LS) for the motion, and of KAREL for the feedback.
 
 Sources: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4, public backups in .LS, and R-30iB
-KAREL Reference Manual B-83144EN. Circular motion C rotates the tool evenly from start to end of the arc. Joint moves
-have joint positions, so the posture is unambiguous; lines and arcs need micrometres, so they have Cartesian ones.
+KAREL Reference Manual B-83144EN. Joint moves have joint positions, so the posture is unambiguous; lines and arcs need
+micrometres, so they have Cartesian ones.
 
-The KAREL program prints the joint angles, a line per sample, in the format read by `line_feed`. It needs the option of
-user socket messaging, and a server tag S3 in the host communication set-up of the controller.
+The KAREL program prints the joint angles as lines for `line_feed`. It needs the option of user socket messaging, and a
+server tag S3 in the host communication set-up of the controller.
 """
 
 from __future__ import annotations

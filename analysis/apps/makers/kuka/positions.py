@@ -184,12 +184,10 @@ def _is_understood(line: str, name: str, point: str) -> bool:
 
 
 def _agreeing(letters: str, arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Mask (n,) of the solutions q (n, 6) rad that agree with the stated parts of Status (S) and Turn (T).
+    """Check the stated parts of Status (S) and Turn (T); a missing part depends on the moves before.
 
-    The controller takes the stated part; the other one depends on the moves before, so a target with one part is
-    corrected only if this part identifies the solution. Source: KUKA, Expert Programming. Status: bit 0 is the side of
-    axis 1 on which the wrist is, bit 1 the side of the outstretched arm on which axis 3 is. Bit 2 is not used, because
-    its sense differs between arms: Turn has the signs of all axes.
+    Source: KUKA, Expert Programming. Bit 0 of Status is the side of axis 1 on which the wrist is, bit 1 the side of the
+    outstretched arm on which axis 3 is. The sense of bit 2 differs between arms. Turn has the signs of all axes.
     """
     stated, good = dict(zip(letters, values, strict=True)), np.full(len(q), fill_value=True)
     if "S" in stated:

@@ -1,8 +1,8 @@
 """Writer of KRL: a .src file with the motion and a .dat file with the points.
 
 Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and Expert Programming.
-With $CIRC_TYPE = #PATH an arc rotates the tool with the path. A FRAME has no Status and Turn: lines and arcs keep the
-posture of the arm. $BASE is $ROBROOT, because $WORLD differs from the robot's base if the arm hangs or is elsewhere.
+A FRAME has no Status and Turn: lines and arcs keep the posture of the arm. $BASE is $ROBROOT, because $WORLD differs
+from the robot's base if the arm hangs or is elsewhere.
 """
 
 from __future__ import annotations

@@ -3,13 +3,11 @@
 Sources: LinuxCNC 2.9, G-code reference, Switchable Kinematics, manual page kins(9); linuxcnc-uspace 2.9.0 drove the
 programs.
 
-- X Y Z A B C is the pose of the flange, with roll, pitch and yaw in degrees: genserkins has no tool.
-- G0 and G1 are straight lines along which A, B, C change evenly. Joint moves select the second kinematics, in which
-  X … C are joints in degrees, but X, Y, Z in the unit of the machine: G20 if it is inch.
-- Other paths become lines, or a G2 or G3 if the flange moves on a circle in a coordinate plane.
+- X Y Z A B C is the pose of the flange, with roll, pitch and yaw: genserkins has no tool. Paths become lines, along
+  which A, B, C change evenly, or G2 and G3 if the flange moves on a circle in a coordinate plane.
+- Joint moves select the second kinematics. Its X, Y, Z are joints in the unit of the machine: G20 if it is inch.
 - Each move states its duration (G93), because F would count the path of the flange and not that of the tool.
-- After a change of kinematics A, B, C are between -180 and 180. Whole turns are put into the offset of G59.3, so that
-  no move turns the long way round.
+- A change of kinematics takes A, B, C into ±180. The offset of G59.3 restores whole turns.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 Source: Yaskawa, DX100 Options, data transmission 156191-1CD, chapter 4, and the INFORM manual. Each position belongs to
 a single instruction. RCONF applies to the positions that follow. Rx, Ry, Rz rotate about fixed axes in this order.
 
-The arm reaches the first MOVC of a chain on a line. The first three are an arc, and each further MOVC continues on the
-circle of the last three. Any other move ends the chain. The operator enters the tool.
+The arm reaches the first MOVC of a chain on a line. Three are an arc, and each further MOVC continues on the circle of
+the last three.
 """
 
 from __future__ import annotations

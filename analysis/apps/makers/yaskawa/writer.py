@@ -3,8 +3,7 @@
 Sources: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4 (0.001 mm and 0.0001°), and
 the INFORM manual. Positions are not in pulses, which need the unpublished counts per degree: the job is relative (RJ).
 
-An arc is three MOVC in a row. Further MOVC continue on the circle of three neighbours, here the same. A MOVL between
-two chains separates the way back from the lap.
+Three MOVC in a row are an arc, which further MOVC continue. A MOVL separates the way back from the lap.
 """
 
 from __future__ import annotations
