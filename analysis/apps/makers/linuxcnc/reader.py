@@ -201,8 +201,17 @@ class _GCodeReader(ProgramParser):
         self.set(f"offset[{name}]", value)
 
     def _motion(self, words: _Words) -> None:
-        numbers = [words.values.get(letter) for letter in _AXES]
-        line, joints, reason = self.line(), self.joints, self._reason(words)
+        values, numbers = words.values, [words.values.get(letter) for letter in _AXES]
+        reasons: dict[Reason, bool] = {
+            "not_understood": self.motion is None,
+            "external_axes": any(letter in values for letter in _OTHERS),
+            "relative": self.is_relative,
+            "computed": any(letter in values and values[letter] is None for letter in _AXES),
+            "incomplete": not all(numbers),
+            "arc_centre": self.motion in (2, 3) and "R" not in values,
+        }
+        reason = next((reason for reason, applies in reasons.items() if applies), None)
+        line, joints = self.line(), self.joints
         key, name = f"line {line}", "G?" if self.motion is None else f"G{self.motion:g}"
         form: Form = "joints_deg" if joints else "roll_pitch_yaw"
         self.points.declare(key, Target(name, 0, line, form, tuple(filter(None, numbers)), "flange", "G54"), reason)
@@ -217,18 +226,6 @@ class _GCodeReader(ProgramParser):
         way: Way = "joint" if joints else "line"
         frame = "G53" if 53 in words.g else _SYSTEM_FRAME
         self.add(Move(key, way, 0, line, "flange", frame, needs, "on" if joints else OFF))
-
-    def _reason(self, words: _Words) -> Reason | None:
-        values = words.values
-        reasons: dict[Reason, bool] = {
-            "not_understood": self.motion is None,
-            "external_axes": any(letter in values for letter in _OTHERS),
-            "relative": self.is_relative,
-            "computed": any(letter in values and values[letter] is None for letter in _AXES),
-            "incomplete": not all(values.get(letter) for letter in _AXES),
-            "arc_centre": self.motion in (2, 3) and "R" not in values,
-        }
-        return next((reason for reason, applies in reasons.items() if applies), None)
 
     def change_sources(self) -> None:
         """Mark the points from which a line takes words, and the starts of arcs with a centre."""

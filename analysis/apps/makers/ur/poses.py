@@ -137,39 +137,30 @@ class UrPoses(ProgramParser):
         named = [_NAMED.match(self.text, *place) for place in places]
         starts = [name.end() if name else start for name, (start, _) in zip(named, places, strict=True)]
         first, second = ((start, stop) for start, (_, stop) in zip(starts, places, strict=True))
-        return self._transformed(first, second) if call[1] == "pose_trans" else self._sum(first, second)
+        values, is_sum = self._values(*second), call[1] == "pose_add"
+        if not is_sum and (frame := self._frame(first, second, values)):
+            return DerivedPose(*second, frame=as_value(frame_of("rotation_vector", frame)), reads=first[:1])
+        if not self._is_point(*first):
+            return None
+        value: Value = self.why("the offset is computed", first[0])
+        if values and not is_sum:
+            value = as_value(frame_of("rotation_vector", values))
+        elif values and not any(values[3:]):
+            value = _shift(values[:3])
+        return DerivedPose(*first, ("frame" if is_sum else "tool", value), reads=second[:1] if values else ())
+
+    def _frame(self, first: _Place, second: _Place, values: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        """Numbers of the frame if pose_trans(first, second) is a point in a frame, which occurs with several points."""
+        name, other = self.text[slice(*first)], self.text[slice(*second)]
+        is_point = bool(values) and other.startswith("p")
+        if not is_point and self._is_point(*second):
+            is_point = sum(a == name for a, _ in self._pairs) >= sum(b == other for _, b in self._pairs)
+        return self._values(*first) if is_point and name not in self._reached else None
 
     def _is_point(self, begin: int, end: int) -> bool:
         """True if a text is the name of a pose with numbers, or of a parameter."""
         name = self.text[begin:end]
         return bool(WORD.fullmatch(name)) and (name in self.poses or bool(self.parameter(name, begin)))
-
-    def _transformed(self, first: _Place, second: _Place) -> DerivedPose | None:
-        name, other = self.text[slice(*first)], self.text[slice(*second)]
-        frame, offset = self._values(*first), self._values(*second)
-        is_literal = offset is not None and other.startswith("p")
-        if frame is not None and name not in self._reached and (is_literal or self._is_in_frame(name, other, second)):
-            return DerivedPose(*second, frame=as_value(frame_of("rotation_vector", frame)), reads=first[:1])
-        if not self._is_point(*first):
-            return None
-        if offset is None:
-            return DerivedPose(*first, ("tool", self.why("the offset is computed", first[0])))
-        return DerivedPose(*first, ("tool", as_value(frame_of("rotation_vector", offset))), reads=second[:1])
-
-    def _is_in_frame(self, name: str, other: str, place: _Place) -> bool:
-        """True if pose_trans(name, other) is a point in a frame, which occurs with several others, not an offset."""
-        if not self._is_point(*place):
-            return False
-        return sum(a == name for a, _ in self._pairs) >= sum(b == other for _, b in self._pairs)
-
-    def _sum(self, first: _Place, second: _Place) -> DerivedPose | None:
-        if not self._is_point(*first):
-            return None
-        values = self._values(*second)
-        if values is None:
-            return DerivedPose(*first, ("frame", self.why("the offset is computed", first[0])))
-        value = self.why("the offset is computed", first[0]) if any(values[3:]) else _shift(values[:3])
-        return DerivedPose(*first, ("frame", value), reads=second[:1])
 
     def _shifted(self, begin: int, end: int) -> DerivedPose | None:
         parts = [_COORDINATE.fullmatch(self.text, *place) for place in self._inside(begin, end)]
