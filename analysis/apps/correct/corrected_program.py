@@ -104,8 +104,7 @@ def correct_program(
 ) -> CorrectedProgram:
     """Correct all targets of a program for which this is certain.
 
-    whole: hold the program if any target of a move stays uncorrected. start (6,): joint angles in rad at the start.
-    Raises FileError for an invalid program.
+    whole: hold the program if any target of a move stays uncorrected. Raises FileError for an invalid program.
     """
     program = solve_program(rig, path, frames, scale, start)
     texts, parsed, targets = program.texts, program.parsed, program.targets

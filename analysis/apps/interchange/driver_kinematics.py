@@ -84,8 +84,7 @@ LAYOUTS: dict[str, tuple[KinematicsFormat, ...]] = {"franka": (_FRANKA,), "xarm"
 def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: Sequence[str] = ()) -> str:
     """Write kinematics.yaml of a calibrated arm for the description of a maker.
 
-    robot: nominal arm of the rig file. maker: a key of LAYOUTS. where: rig file, for errors. remarks: comment lines at
-    the top. Raises FileError for an arm of a different maker.
+    robot: nominal arm of the rig file. maker: a key of LAYOUTS. Raises FileError for an arm of a different maker.
     """
     joint_senses(arm, where, "kinematics.yaml")
     # Find the layout with the axes of the nominal arm: each pair of frames shares the axis, and the flange is common.
@@ -140,10 +139,9 @@ _MOST_DEG = 5.0
 
 
 def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, remarks: Sequence[str] = ()) -> str:
-    """Write calibration.yaml of an arm.
+    """Write calibration.yaml of an arm, with the hash from the file extracted by the driver's tool.
 
-    where: rig file, for errors. calibration_hash: from the file extracted by the driver's tool. remarks: comment lines
-    at the top. Raises FileError for an arm of a different kind, and UseError for an invalid hash.
+    Raises FileError for an arm of a different kind, and UseError for an invalid hash.
     """
     if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
         problem = f"{calibration_hash!r} is not a valid hash of the driver"

@@ -112,8 +112,7 @@ def geometric_share(model: Model) -> GeometricShare:
 def simulated_arm(rig: Rig, arm: Arm, where: str, carried: str, friction: Mapping[int, float]) -> tuple[str, str]:
     """Write an arm as a MuJoCo model with the joint properties; the description starts with `carried`.
 
-    where: rig file, for errors. friction: friction of the joints in Nm, by axis from 1. Raises the errors of
-    `mjcf_text`.
+    friction: of the joints in Nm, by axis from 1. Raises the errors of `mjcf_text`.
     """
     traits = joint_traits(rig, friction)
     soft = traits.compliance_deg_per_nm

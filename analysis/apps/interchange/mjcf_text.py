@@ -51,10 +51,9 @@ class JointTraits:
 
 
 def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: Sequence[str] = ()) -> str:
-    """Write an arm as MJCF, with names, limits and masses of a robot. The site `tool` is the robot's tool.
+    """Write an arm as MJCF, with names, limits and masses of a robot; the site `tool` is its tool.
 
-    where: rig file named in errors. remarks: sentences at the top. Raises FileError if axes are coupled or a name is
-    invalid.
+    Raises FileError if axes are coupled or a name is invalid.
     """
     senses = joint_senses(arm, where, "MJCF")
     require_names(robot, where)

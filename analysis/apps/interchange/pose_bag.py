@@ -45,10 +45,7 @@ _MOST_JOINTS, _LONGEST_NAME = 50, 200
 _GAP_S = 1.0
 """Maximum gap in the joint angles: the robot may have moved in a longer gap."""
 _DRIFTS, _LEAST_M = 6.0, 5e-5
-"""Smallest drift of an instrument during a standstill that is reported.
-
-It is the difference between the means of the two halves, in multiples of its uncertainty and in m.
-"""
+"""Reported drift of an instrument during a standstill: between the means of its halves, in uncertainties and in m."""
 
 
 def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTable:
@@ -94,10 +91,7 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
 
 
 def _of_use(messages: Iterable[BagMessage]) -> list[BagMessage]:
-    """Keep the relevant messages, and an empty message per other topic.
-
-    Bags also contain images. The size of a bag limits the number of messages.
-    """
+    """Keep the relevant messages, and an empty message per other topic, such as images."""
     seen = set[str]()
     kept = []
     for message in messages:

@@ -125,10 +125,9 @@ median step. Chosen: a network makes times of reception uneven, and never evens 
 
 
 def uneven_header(ns: Integers, sent_ns: Integers) -> str:
-    """Describe messages (n,) that came evenly although the stamps in their headers are uneven.
+    """Describe messages (n,) that came evenly although the stamps in their headers are uneven: their clock is wrong.
 
-    The clock of the header is then wrong. The text is empty if the stamps are plausible, or explained by two publishers
-    that both send evenly.
+    Empty if the stamps are plausible, or explained by two publishers that both send evenly.
     """
     fresh = newest(ns, sent_ns)
     if np.count_nonzero(fresh) < _FEWEST_STEPS:

@@ -19,15 +19,13 @@ from rigs.schema.robot import Robot
 
 RAIL_JOINT = "rail"
 _ZERO = 1e-15
-"""Magnitude in m and rad below which a number is a rounded zero. It is a thousandth of the permitted difference
-between file and arm.
-"""
+"""Magnitude in m and rad of a rounded zero: a thousandth of the permitted difference between file and arm."""
 
 
 def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
-    """Direction 1 or -1 of each axis relative to the controller's angle.
+    """Direction 1 or -1 of each axis relative to the controller's angle. kind: of file, for errors.
 
-    kind: of file, named in errors. Raises FileError if an axis is coupled to another, or turns by a different ratio.
+    Raises FileError if an axis is coupled to another, or turns by a different ratio.
     """
     senses = np.sign(np.diag(arm.coupling))
     if not np.array_equal(arm.coupling, np.diag(senses)) or not senses.all():
@@ -77,8 +75,7 @@ _RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is unkn
 def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
     """Write an arm as URDF, with names, limits and masses of a robot.
 
-    where: rig file named in errors. remarks: sentences at the top. Raises FileError if axes are coupled or a name is
-    invalid.
+    remarks: sentences at the top. Raises FileError if axes are coupled or a name is invalid.
     """
     return xml_text(_urdf(robot, arm, where, remarks))
 
@@ -185,7 +182,7 @@ def macro_name(robot: Robot) -> str:
 def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
     """Write a macro of an arm with a prefix for all names and a parent link as parameters.
 
-    where: rig file named in errors. Raises FileError like `urdf_text`, and for a name that xacro would evaluate.
+    Raises FileError like `urdf_text`, and for a name that xacro would evaluate.
     """
     for name in (robot.name, *(axis.name for axis in robot.axes)):
         if _EXPANDS.search(name):

@@ -86,10 +86,7 @@ class Words:
 
 
 def fixed_xyz_deg(T: Array) -> Array:
-    """Roll, pitch and yaw (3,) in degrees: angles about the fixed x, y, z axes, in this order, of a frame (4, 4).
-
-    Makers call them W, P, R, or Rx, Ry, Rz; A, B, C are the same angles in reverse order.
-    """
+    """Roll, pitch and yaw (3,) in degrees: W, P, R or Rx, Ry, Rz of the makers, and A, B, C in reverse order."""
     return np.degrees(roll_pitch_yaw(T))
 
 

@@ -151,7 +151,7 @@ class _RapidReader(RapidStatements):
     def find_external_axes(self) -> None:
         """Add the external axes that the program moves. An axis that every target names with one value does not move.
 
-        A module beside the program with a main routine of its own belongs to another program.
+        Other modules with a main routine belong to other programs.
         """
         has_main = [_MAIN.search(text) is not None for text in self.texts]
         any_main = any(has_main[: self.own])
