@@ -214,10 +214,8 @@ class Chain:
 
     @property
     def turning(self) -> tuple[UrdfJoint, ...]:
-        return tuple(joint for joint in self.down if self.turns(joint))
-
-    def turns(self, joint: UrdfJoint) -> bool:
-        return joint.moves and joint is not self.rail
+        """The axes of the arm."""
+        return tuple(joint for joint in self.down if joint.moves and joint is not self.rail)
 
 
 def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain:
