@@ -66,6 +66,9 @@ class MoveLimits:
     """Duration of the move, which overrides the other limits."""
 
 
+NO_LIMITS = MoveLimits()
+
+
 @dataclass(frozen=True)
 class PointToPointMove:
     """A joint move of a tool to joint angles q (6,) rad or to a pose."""
@@ -224,7 +227,7 @@ class Machine:
         self._pose = _finite(pose)
         self.events.append(PointToPointMove(pose, None, self.tool, speed))
 
-    def line(self, pose: ToolPose, speed_mm_s: float, *, stops: bool, speed: MoveLimits) -> None:
+    def line(self, pose: ToolPose, speed_mm_s: float, *, stops: bool, speed: MoveLimits = NO_LIMITS) -> None:
         self.events.append(LinearMove(self.pose, _finite(pose), _speed(speed_mm_s), stops, self.tool, speed))
         self._pose = pose
 
@@ -235,7 +238,14 @@ class Machine:
         self.line(pose, _FASTEST_MM_S / 2, stops=True, speed=MoveLimits(rad_s=speed_rad_s))
 
     def arc(
-        self, via: Array, end: ToolPose, speed_mm_s: float, *, turning: Turning, stops: bool, speed: MoveLimits
+        self,
+        via: Array,
+        end: ToolPose,
+        speed_mm_s: float,
+        *,
+        turning: Turning,
+        stops: bool,
+        speed: MoveLimits = NO_LIMITS,
     ) -> None:
         """Move the tool on the arc through a position `via` (3,) mm to a pose."""
         begin = self.pose

@@ -113,15 +113,13 @@ class _FanucController:
                     raise ProgramError("this interpreter supports joint moves only to joint positions, at 1 to 100 %")
                 self._machine.joints(position.q, MoveLimits(share=int(match[2]) / 100))
             elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT0)", line):
-                self._machine.line(
-                    self._pose_at(match[1]), float(match[2]), stops=match[3] == "FINE", speed=MoveLimits()
-                )
+                self._machine.line(self._pose_at(match[1]), float(match[2]), stops=match[3] == "FINE")
             elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}deg/sec FINE", line):
                 self._machine.turn(self._pose_at(match[1]), np.radians(float(match[2])))
             elif match := re.fullmatch(rf"C P\[(\d+)\]\n    :  P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT100)", line):
                 via, end = self._pose_at(match[1]), self._pose_at(match[2])
                 stops, speed_mm_s = match[4] == "FINE", float(match[3])
-                self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops, speed=MoveLimits())
+                self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops)
             else:
                 self._act(line)
 

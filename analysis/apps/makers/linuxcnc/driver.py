@@ -159,7 +159,7 @@ class _LinuxCNC:
         via = centre + Rotation.from_rotvec(angle / 2 * axis).apply(away)
         turning: Turning = "even" if turned.magnitude() < _SAME_RAD else "fixed to path"
         speed = abs(angle) * float(np.linalg.norm(np.cross(axis, away))) / seconds
-        machine.arc(via, target, speed, turning=turning, stops=self._stops, speed=MoveLimits())
+        machine.arc(via, target, speed, turning=turning, stops=self._stops)
 
 
 DRIVER = ProgramDriver(

@@ -127,17 +127,17 @@ class _YaskawaController:
         elif match[5]:
             self._machine.turn(pose, np.radians(float(match[5])))
         else:
-            self._machine.line(pose, self._speed(match[4]), stops=match[6] == " PL=0", speed=MoveLimits())
+            self._machine.line(pose, self._speed(match[4]), stops=match[6] == " PL=0")
 
     def _drive(self, chain: list[tuple[ToolPose, float, bool]]) -> None:
         if not chain:
             return
         if len(chain) < 3:
             raise ProgramError("an arc needs three MOVC")
-        self._machine.line(chain[0][0], chain[0][1], stops=chain[0][2], speed=MoveLimits())
+        self._machine.line(chain[0][0], chain[0][1], stops=chain[0][2])
         for number in range(1, len(chain) - 1, 2):
             via, (end, speed, stops) = chain[number][0], chain[number + 1]
-            self._machine.arc(via.place, end, speed, turning="even", stops=stops, speed=MoveLimits())
+            self._machine.arc(via.place, end, speed, turning="even", stops=stops)
         if len(chain) % 2 == 0:
             raise ProgramError("this interpreter supports only complete arcs")
 
