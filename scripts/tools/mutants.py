@@ -11,7 +11,9 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
+from compileall import compile_dir
 from pathlib import Path
+from py_compile import PycInvalidationMode
 
 from tests.support.durations import Durations, durations
 from tests.support.mutants import Mutant, drawn, files_for
@@ -52,7 +54,7 @@ def main() -> int:
 
 
 def copied(root: Path, tree: Path) -> Path:
-    """Copy a tree without generated files."""
+    """Copy a tree without generated files, and compile it so that a changed file is recognised by its content."""
     for name in FOLDERS:
         shutil.copytree(root / name, tree / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     for file in root.iterdir():
@@ -60,6 +62,7 @@ def copied(root: Path, tree: Path) -> Path:
             shutil.copy(file, tree)
     if (data := root.parent / "shared").exists():
         (tree.parent / "shared").symlink_to(data.resolve())
+    compile_dir(tree, quiet=2, invalidation_mode=PycInvalidationMode.CHECKED_HASH)
     return tree
 
 

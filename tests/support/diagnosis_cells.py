@@ -61,11 +61,11 @@ def measured(table: Table, test: TestName, name: str, rig: Rig = RIG) -> Measure
 def poses(seed: int, *off: JointOffset) -> Measured:
     """Simulate random poses measured by a tracker with an unknown frame and 40 µm noise."""
     rng = np.random.default_rng(seed)
-    q = rng.uniform(-1.0, 1.0, (150, 6))
+    q = rng.uniform(-1.0, 1.0, (100, 6))
     true = q.copy()
     for one in off:
         true[:, one.axis - 1] += np.radians(one.offset_deg)
-    xyz = forward(arm_of(RIG.robot), true)[:, :3, 3] + [100.0, -40.0, 10.0] + rng.normal(0.0, 0.04, (150, 3))
+    xyz = forward(arm_of(RIG.robot), true)[:, :3, 3] + [100.0, -40.0, 10.0] + rng.normal(0.0, 0.04, (100, 3))
     return measured(PoseTable(q, xyz, None), "pose", "pose")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import random
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -150,22 +150,30 @@ def _is_of_types(node: ast.expr) -> bool:
 
 
 def files_for(root: Path, path: str) -> list[str]:
-    """Test files for a mutant of a module, most specific first: the module's own tests, tests that import
-    it, other tests of the folder, and tests that import anything from the folder.
+    """Test files for a mutant of a module, most specific first: the module's own tests, tests that import it, tests
+    named after its folder or below the same path, tests that import the folder, and the same for the parent folder.
     """
     module = path.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
     package, name = module.rpartition(".")[::2]
+    parent, folder = package.rpartition(".")[::2]
     texts = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in _tests(root)}
-    imports = re.compile(rf"{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{re.escape(name)}\b")
-    folder = f"tests/{path.rpartition('/')[0]}/"
-    own = package.rpartition(".")[2] if name == "evaluate" else name  # of a test that is named after its folder
-    ranks: Sequence[list[str]] = (
-        [test for test in texts if test.endswith(f"/test_{own}.py")],
-        [test for test, text in texts.items() if imports.search(text)],
-        [test for test in texts if test.startswith(folder)],
-        [test for test, text in texts.items() if re.search(rf"\b{re.escape(package)}\b", text)],
+    ranks = (
+        [test for test in texts if test.endswith(f"/test_{name}.py")],
+        _importing(texts, rf"{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{re.escape(name)}\b"),
+        [
+            test
+            for test in texts
+            if f"/test_{folder}_" in test or test.startswith(f"tests/{package.replace('.', '/')}/")
+        ],
+        _importing(texts, rf"\b{re.escape(package)}\b"),
+        _importing(texts, rf"\b{re.escape(parent)}\b(?!\.\w+\.)") if "." in parent else [],
     )
     return list(dict.fromkeys(test for rank in ranks for test in rank))
+
+
+def _importing(texts: Mapping[str, str], pattern: str) -> list[str]:
+    imports = re.compile(pattern)
+    return [test for test, text in texts.items() if imports.search(text)]
 
 
 def _tests(root: Path) -> list[Path]:

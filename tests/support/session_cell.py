@@ -82,7 +82,7 @@ def _model_files() -> dict[str, bytes]:
         ]
         from analysis.apps.report.diagnosis_report import write  # noqa: PLC0415
 
-        found = analysis.diagnose(runs)
+        found = analysis.calibrate(runs, "joint_offset:3")
         assert found.calibrated is not None
         write(replace(found, calibrated=_of_few_terms(found.calibrated)), cell.read_text(), place / "found")
         return {path.name: path.read_bytes() for path in (place / "found").iterdir() if path.suffix != ".png"}

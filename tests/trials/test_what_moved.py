@@ -172,6 +172,7 @@ def test_command_names_the_moved_part(tmp_path):
     assert done.stdout.splitlines()[0].split(".")[0] in page.read_text(encoding="utf-8")
     said = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)
     assert said["causes"][0]["what"] == "base" and len(said["causes"][0]["translation_mm"]) == 3
+    assert "together" not in said["causes"][0]
     tables = ["moved", str(tmp_path / "before.csv"), "--new", str(tmp_path / "after.csv"), "--json"]
     of_tables = json.loads(CliRunner().invoke(app, [*tables, "--rig", str(tmp_path / "cell.yaml")]).stdout)
     assert of_tables["causes"] == said["causes"]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from analysis.apps.planning import pose_plan
 from rigs.errors import RigError
 from rigs.load import load
 from rigs.readiness import missing_for, readiness_lines
@@ -45,7 +46,8 @@ def told(folder: Path, file: DrawnFile, *words: str) -> tuple[int, str]:
 
 @pytest.mark.cpu_limit(120)
 @pytest.mark.parametrize("seed", (0, 3, 17))
-def test_one_mistake_is_answered_in_a_line(seed, tmp_path):
+def test_one_mistake_is_answered_in_a_line(seed, tmp_path, monkeypatch):
+    monkeypatch.setattr(pose_plan, "_POOL", 60)
     file = drawn(seed)
     try:
         (tmp_path / "cell.yaml").write_text(file.text)

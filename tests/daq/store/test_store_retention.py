@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from analysis.cli import app
+from daq import clock
 from daq.service.maintenance import RunRetention
 from daq.store import durable, mark_exported, mark_kept, survey, verify
 from daq.store.marks import MARKS, Export, RunMarks, load_marks
@@ -206,6 +207,15 @@ def test_deletions_are_reported_and_counted(tmp_path, caplog):
     assert caplog.text.count("retention: deleted") == 2 and "exported to" in caplog.text
     retention.apply()
     assert caplog.text.count("allowed") == 1  # not each time
+
+
+def test_exported_run_is_deleted_once_it_is_older_than_the_days(tmp_path, monkeypatch):
+    path = _exported(tmp_path)
+    ended_s, retention = look(path).ended_s, RunRetention(tmp_path, "cell", Retention(days=1))
+    for age_days, stays in ((0.5, True), (1.5, False)):
+        monkeypatch.setattr(clock, "wall_ns", lambda now_s=ended_s + age_days * DAY_S: int(now_s * 1e9))
+        retention.apply()
+        assert path.exists() == stays
 
 
 def test_runs_of_another_rig_are_nobodys_business_here(tmp_path):

@@ -85,6 +85,8 @@ def test_a_circle_from_one_pose_has_that_pose():
     np.testing.assert_allclose(np.array(circle.centre_mm) + 55.0 * np.array(circle.zero), T[:3, 3], atol=2e-3)
     np.testing.assert_allclose(circle.normal, T[:3, 0], atol=1e-6)
     np.testing.assert_allclose(np.dot(circle.normal, circle.zero), 0.0, atol=2e-6)
+    for values, decimals in ((circle.centre_mm, 3), (circle.posture_deg, 3), (circle.normal, 6), (circle.zero, 6)):
+        assert list(values) == np.round(values, decimals).tolist()
 
 
 @pytest.mark.parametrize(

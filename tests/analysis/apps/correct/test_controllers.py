@@ -167,6 +167,7 @@ def test_effects_without_a_constant_are_listed_with_their_error(tmp_path: Path) 
     assert [one["parameter"] for one in entries["entries"]] == ["delta_theta[2]", "delta_d[1]"]
     assert entries["entries"][1]["add"] == pytest.approx(0.5e-3, rel=1e-3)
     assert entries["entries"][1]["worth_um"] == pytest.approx(500, rel=1e-3), "d1 moves the tool by itself, everywhere"
+    assert entries["entries"][1]["leaves_um"] == pytest.approx(3, rel=0.05)
     (left,) = entries["not_entered"]
     assert left["name"] == "backlash 1" and left["worth_um"] > 100
     assert entries["after_um"] == pytest.approx(np.hypot(left["worth_um"], 3), rel=0.05)

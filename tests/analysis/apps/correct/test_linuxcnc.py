@@ -104,6 +104,9 @@ def test_values_set_all_pins_with_the_change_and_count_joints_from_zero(
     assert float(pins["A-2"]) == pytest.approx((431.8 + added[3, "a_mm"]) * per_mm)
     assert float(pins["D-3"]) == pytest.approx((433.0 + added.get((4, "d_mm"), 0.0)) * per_mm)
     assert float(pins["ALPHA-1"]) == pytest.approx(np.pi / 2 + added.get((2, "alpha_deg"), 0.0))
+    before = dict(re.findall(r"^setp genserkins\.(\S+) \S+  # before: (\S+)", files["rig-arm.hal"], re.M))
+    assert len(before) == sum(key != "q_deg" for _, key in added)
+    assert float(before["A-2"]) == pytest.approx(431.8 * per_mm)
     offsets = dict(re.findall(r"\[JOINT_(\d)\]\n# HOME_OFFSET = (\S+)", files["home-offsets.ini"]))
     zeros = {str(axis - 1): change for (axis, key), change in added.items() if key == "q_deg"}
     assert {joint: float(change) for joint, change in offsets.items()} == pytest.approx(zeros, abs=1e-6)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.apps.planning import possible_readings as candidates
 from analysis.apps.planning.next_reading import decide, next_step, next_touch
 from analysis.apps.planning.possible_readings import Reading, possible_readings
 from analysis.apps.planning.reading_pool import ReadingPool, as_readings
@@ -25,6 +26,12 @@ ERRORS: tuple[tuple[Effect, float], ...] = (
     (JointOffset(axis=5, offset_deg=0.2), 1.0),
     (LinkGeometry(axis=3, field="a", delta=1.0), 1.0),
 )
+
+
+@pytest.fixture(autouse=True)
+def _fewer_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(candidates, "_POSES", 60)
+    monkeypatch.setattr(candidates, "_TOUCHES", 30)
 
 
 def pool(sizes: tuple[float, ...], minutes: tuple[float, ...]) -> ReadingPool:

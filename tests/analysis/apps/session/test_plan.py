@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -70,8 +72,16 @@ def test_test_with_another_link_is_not_inserted(rig: Rig) -> None:
     assert found is not None and [step.test for step in found[1]] == ["radial"]
 
 
-def test_too_little_time_and_a_rig_without_gauges_are_refused(rig: Rig) -> None:
+def test_shortest_session_fits_into_the_time_that_its_refusal_states(rig: Rig) -> None:
+    with refused("session.minutes") as refusal:
+        planned(rig, "faults", 10, BY_HAND, lambda _: None)
+    shortest_min = float(re.findall(r"[\d.]+", refusal.value.what)[0])
+    assert planned(rig, "faults", shortest_min + 0.1, BY_HAND, lambda _: None)
+    with refused("session.minutes"):
+        planned(rig, "faults", shortest_min - 0.1, BY_HAND, lambda _: None)
+
+
+def test_a_rig_without_gauges_is_refused() -> None:
     bare = parse(f"name: cell\nrobot: {load_arm('ur5').robot.model_dump_json()}\n", "cell.yaml")
-    for cell, minutes, code in ((rig, 10, "session.minutes"), (bare, 50, "session.no_gauges")):
-        with refused(code):
-            planned(cell, "faults", minutes, BY_HAND, lambda _: None)
+    with refused("session.no_gauges"):
+        planned(bare, "faults", 50, BY_HAND, lambda _: None)

@@ -101,7 +101,9 @@ def test_nothing_but_numbers_of_targets_changes(dialect: MakerName, name: str, t
 
 @pytest.mark.parametrize("dialect", MAKERS)
 def test_without_anything_to_correct_the_program_stays_byte_for_byte(dialect: MakerName, tmp_path: Path) -> None:
-    rig = rig_of("paper-fanuc").model_copy(update={"effects": ()})
+    rig = rig_of("paper-fanuc")
+    circle = rig.tests.circle.model_copy(update={"laps": 1, "radius_mm": 40})
+    rig = rig.model_copy(update={"effects": (), "tests": rig.tests.model_copy(update={"circle": circle})})
     path, _ = _written(dialect, rig, tmp_path)
     found = _corrected(rig, path)
     assert found.names and not found.moved_mm.any() and not found.left
