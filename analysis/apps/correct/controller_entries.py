@@ -125,10 +125,9 @@ class Projection:
         return projection, np.linalg.norm(changes[:, kept] - changes[:, out] @ share, axis=0)
 
     def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
-        """True if this projection certainly leaves less position error than one with fewer changes.
+        """True if this projection certainly leaves less error over the work area q than one with fewer changes.
 
-        The comparison is over the work area q (n, 6) rad, in the robot's base or with frame and tool taught. moves (k,
-        n and more, 6): argument of `changes`.
+        moves (k, n and more, 6): argument of `changes`.
         """
         now = at_controller(rig)
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(now, ()), q)
@@ -198,10 +197,7 @@ def _solved(rig: Rig, real: Array, constants: Sequence[Constant], q: Array, weig
 
 
 def _twins(unknown: Array) -> tuple[tuple[int, ...], ...]:
-    """Groups of constants of which only a combination is determined, given the directions without effect.
-
-    Such directions are determined up to a rotation among themselves, so they form a single group.
-    """
+    """Groups of constants of which only a combination is determined, given the directions without effect."""
     shared = unknown.T @ unknown
     groups = [
         tuple(np.flatnonzero(np.abs(row) > _SHARE * row[k]).tolist()) for k, row in enumerate(shared) if row[k] > _SHARE
@@ -328,10 +324,7 @@ def controller_entries(
 def _significant(
     rig: Rig, used: Sequence[Effect], controller: Controller, postures: tuple[Array, Array], moves: Array
 ) -> Projection:
-    """Project onto the constants of a controller with changes above the standard uncertainty.
-
-    A removal may make others certain, so insignificant changes are removed in turn, the least certain first.
-    """
+    """Project onto constants with changes above the standard uncertainty; others are removed in turn."""
     constants, axes = [Constant(axis, "q_deg") for axis in range(1, 7)], controller_robot(rig.robot).axes
     for parameter in controller.constants:
         constants += [

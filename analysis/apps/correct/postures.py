@@ -38,19 +38,18 @@ _NEAR_RAD = np.radians(60.0)
 """Largest joint rotation to the nearest solution that still identifies the solution. Chosen: in other postures a
 wrist joint differs by 180° less twice axis 5."""
 _CLOSEST_RAD = np.radians(150.0)
-"""The same for a controller that chooses the closest solution, if this solution is clearly the closest by the largest,
-the mean and the rms rotation. Chosen: the manual does not state the measure."""
+"""The same for a controller that chooses the closest solution, by an unknown measure. Chosen."""
 _CLEARLY, _CLOSER = 2.0, 1.5
-"""Minimum ratio of the distances to the second nearest and the nearest solution; below it, the solution is
-ambiguous. Chosen. The second is sufficient if several measures agree."""
+"""Ratio of the distances to the second nearest and the nearest solution below which it is ambiguous; the second value
+if several measures agree. Chosen."""
 _ANY_MM_S = 100.0
 """Speed for computing a path. The positions do not depend on the speed."""
 _PAST_SINGULARITY = 0.01
 """Conditioning below which the controller decides to which side the wrist turns on a line: an angle of axis 5 below
 2.3°, or 4 mm at the wrist, which a robot passes between two set points."""
 _HALF_TURN_RAD = np.radians(178.0)
-"""Rotation of the tool along a line above which its direction is uncertain: the smallest change of a target may reverse
-it, and axis 6 ends a turn away. Chosen: twice the largest correction of an orientation."""
+"""Rotation of the tool along a line above which a correction may reverse its direction. Chosen: half a turn less twice
+the largest correction of an orientation."""
 _SAME_ORIENTATION_RAD = np.radians(0.1)
 """Tolerance for equal orientations. Chosen: it changes a correction of 1 mm by 2 µm."""
 _FLAT = 1e-4

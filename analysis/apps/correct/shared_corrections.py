@@ -72,8 +72,7 @@ class SharedCorrections:
     ) -> tuple[float, float, float]:
         """List position k, if its error with the correction of target `of` exceeds a bound.
 
-        reached, wanted (4, 4): poses of the arm's tool, without meaning if `unknown`. Returns the errors before and
-        after the correction in mm, NaN if unknown, and the bound.
+        reached, wanted (4, 4): poses of the arm's tool. Returns the errors before and after in mm, and the bound.
         """
         target, before_mm, after_mm, bound_mm = self.program.targets[k], np.nan, np.nan, 0.0
         if unknown is None:

@@ -116,8 +116,8 @@ def _frame_bytes(chunk: Chunk) -> int:
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 _VERSIONS, _NO_LOG = 18, b"\1\1"
-"""Position in the header of the flags for a log file (WAL, used by the resilient preset of rosbag2), and the value
-for no log: a database in memory has none (sqlite.org, Database File Format, 1.3.3)."""
+"""Position in the header of the flags for a log file (WAL), and the value for none, as in memory (sqlite.org, Database
+File Format, 1.3.3)."""
 _MOST_STEPS = 500_000_000
 """Maximum number of steps of SQLite's virtual machine: half a minute, several times the steps for five million
 messages.

@@ -65,8 +65,7 @@ class ConstantParameter:
 class Controller:
     """Zeros and constants in the controllers of a maker.
 
-    Each additional degree of the reading changes the zero of an axis by `per_deg` of `unit`, multiplied by the scale of
-    the axis if `scale` describes one.
+    Each additional degree of the reading changes the zero by `per_deg` of `unit`, times the scale of the axis, if any.
     """
 
     maker: str

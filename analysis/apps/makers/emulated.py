@@ -303,8 +303,7 @@ READING = ControllerParameter("reading of axis {axis}", "deg", "reading", math.r
 @dataclass(frozen=True)
 class ProgramDriver:
     run: Callable[[str, str, Machine], None]
-    """Executes a program, given the texts of the file with the motion and of the data list. Raises ProgramError if the
-    controller would reject it."""
+    """Executes the texts of a program and its data list. Raises ProgramError if the controller would reject them."""
     parameters: tuple[ControllerParameter, ...]
     tool_entered: bool = False
     """True if the operator enters the tool, because the program does not set it."""

@@ -64,8 +64,7 @@ class Arc:
     speed_mm_s: float
     stops: bool = True
     with_path: bool = False
-    """True if the tool keeps its orientation to the path and rotates about the axis of the circle by the angle of the
-    arc. Otherwise it rotates evenly to the orientation of the end."""
+    """True if the tool keeps its orientation to the path. Otherwise it rotates evenly to that of the end."""
     q: Array = field(kw_only=True)
 
 

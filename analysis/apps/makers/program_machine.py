@@ -472,10 +472,7 @@ def reachable(routines: Mapping[str, tuple[Statement, ...]], first: Iterable[str
 
 
 class Blocks:
-    """Statements of a routine during parsing, with blocks translated to jumps.
-
-    Conditions are not evaluated: each branch is a possible path, and a loop runs any number of times.
-    """
+    """Statements of a routine during parsing, with blocks translated to jumps, whatever their conditions."""
 
     def __init__(self) -> None:
         self.body: list[Statement] = []

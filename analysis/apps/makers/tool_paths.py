@@ -130,8 +130,7 @@ def moves_over_sphere(
 ) -> tuple[list[Step], PlannedTarget]:
     """Steps between two targets on a sphere about centre_mm (3,) in the base frame, and the target reached.
 
-    It may differ from `end` in the configuration. If the arm cannot follow the path, or only slowly, the operator
-    removes the link for a joint move.
+    It may differ from `end` in the configuration. If the arm cannot follow the path, the operator removes the link.
     """
     turn = float(np.linalg.norm(rotation_vector(begin.T, end.T)))
     via = None

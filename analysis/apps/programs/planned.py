@@ -107,9 +107,8 @@ def tracker_plan(rig: Rig, name: str, steps: Sequence[Step]) -> MotionPlan:
 
 
 LONGEST_ARC_DEG = 90.0
-"""Controllers rotate the tool along an arc in different ways. Below half a turn all agree: the x axis of the tool is
-the normal of the circle, so the rotation changes only one of the three angles (W, C, Rx). Shorter arcs would add
-transitions, each of which may disturb the motion."""
+"""Controllers rotate the tool along an arc in different ways, but all agree below half a turn about the x axis of the
+tool, which changes only one of the angles (W, C, Rx). Shorter arcs would add transitions that disturb the motion."""
 _FINE_RAD = np.radians(1.0)
 _Piece = tuple[PlannedTarget, PlannedTarget, PlannedTarget, Array]
 """Start, middle and end of an arc, and the joint angles (n, 6) rad along it."""

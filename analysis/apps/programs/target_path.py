@@ -86,8 +86,7 @@ def compensated_plans(
 ) -> list[MotionPlan]:
     """Replace the targets of plans by those of a corrected path.
 
-    Raises FileError if the model of the rig or the path must not be used for correction, unless `anyway`, and the
-    errors of `read_path` and `compensated`.
+    Raises FileError if the model or the path must not be used, unless `anyway`, or is invalid.
     """
     require_usable_model(rig, rig_file, anyway=anyway)
     if rig.controller == "unknown":

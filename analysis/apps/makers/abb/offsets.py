@@ -25,8 +25,8 @@ from analysis.robot.kinematics.arm import Array
 
 _BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
 _MOST_POSITIONS = 8
-"""Positions of a move in loops: the corners of three loops. Of more positions, the corners of the pattern are taken:
-between them the correction of an arm changes smoothly."""
+"""Positions of a move in loops. Of more positions, the corners of the pattern are taken: between them the correction
+changes smoothly."""
 _LONGEST_LOOP = 1000
 _TURN = re.compile(r"\\\s*r([xyz])\s*:=(.*)", re.DOTALL)
 _LOOP = re.compile(r"\s*(\w+)\s+from\b(.*?)\bto\b(.*?)(?:\bstep\b(.*?))?\bdo\b", re.DOTALL)
@@ -86,10 +86,7 @@ class Numbers:
 
 
 def offset_frames(function: str, texts: Sequence[str], numbers: Numbers) -> list[Array]:
-    """Possible frames (4, 4) in mm of the arguments of "offs" or "reltool"; none if an argument is unknown.
-
-    RelTool rotates about x, then the new y, then the new z.
-    """
+    """Possible frames (4, 4) in mm of the arguments of "offs" or "reltool" (about x, the new y, the new z)."""
     parts = [part.strip(" \n\t,") for part in re.split(r"(?=\\)", ",".join(texts))]
     places, turns = parts[0].split(","), {"x": "0", "y": "0", "z": "0"}
     for text in parts[1:]:

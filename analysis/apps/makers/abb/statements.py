@@ -150,9 +150,9 @@ class RapidStatements(RapidOffsets):
         self.end_routine()
 
     def _flow(self, word: str, begin: int, end: int) -> None:
-        """Parse a block header with its condition in [begin, end), or a keyword that ends a block.
+        """Parse a block header with its condition in [begin, end), or a keyword that ends a block or begins a handler.
 
-        A handler ends the routine. It may run at any moment, and the routine may then continue anywhere.
+        A handler may run at any moment, and the routine may then continue anywhere.
         """
         self.at = begin
         if word == "if" and self.text[end - 1 : end] == ";":  # IF condition statement;

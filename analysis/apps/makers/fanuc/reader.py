@@ -65,9 +65,8 @@ _ALONG = re.compile(
 _LOGIC = re.compile(r"\b(?:P-SPS|POINT_LOGIC)\b", re.IGNORECASE)
 """An action of several lines, which follow the move up to a line of dashes."""
 _SELECTED = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*(?:\[\s*GP1\s*\])?\s*=\s*(.*)", re.IGNORECASE)
-"""Selection of a frame. A controller rejects a position if UF and UT differ from the selected numbers (INTP-250 to
-253), unless a system variable disables the check ($FRM_CHKTYP, $MCR.$UFRCHK). No source describes which number then
-applies, so both have to agree."""
+"""Selection of a frame. UF and UT of a position have to agree with it: a controller checks that (INTP-250 to 253),
+unless a system variable disables the check ($FRM_CHKTYP, $MCR.$UFRCHK)."""
 _FRAME = re.compile(r"(UFRAME|UTOOL)\s*\[\s*(?:GP\d\s*:\s*)?(.*?)\]\s*=.*", re.IGNORECASE)
 _REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?((?:[^\[\]]|\[[^\[\]]*\])*)\]\s*=\s*(.*)")
 _WHOLE = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?(\d+)\s*(?::[^\]]*)?\]")

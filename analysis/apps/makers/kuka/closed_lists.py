@@ -67,8 +67,7 @@ _OPENED = re.compile(r"\bCOPEN\s*\([^,()]*,\s*(\w+)\s*\)")
 def effect_of(name: str, arguments: str, texts: tuple[str, ...] = ()) -> Effect | None:
     """What a routine of the maker can change; None if it can change everything or is unknown.
 
-    CWRITE writes to the channel of a handle. The channel $CMD executes commands, so only a handle that the texts open
-    and never assign is certain to be a different one.
+    CWRITE to the channel $CMD executes commands. A handle that the texts open and never assign is certainly another.
     """
     first = arguments.split(",", maxsplit=1)[0].strip()
     if name == "CWRITE":
@@ -79,8 +78,7 @@ def effect_of(name: str, arguments: str, texts: tuple[str, ...] = ()) -> Effect 
 
 
 def is_file_of_maker(name: str) -> bool:
-    """True for a file of the maker by its path in a backup: in the folders System and TP, $config.dat, and copies of
-    the modules in a directory of the user."""
+    """True for a file of the maker, by its path in a backup, and for copies of its modules in other directories."""
     *folders, file = name.upper().split("/")
     return any(folder in _FOLDERS for folder in folders) or file[:1] == "$" or file.partition(".")[0] in _MODULES
 

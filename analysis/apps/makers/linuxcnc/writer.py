@@ -58,8 +58,8 @@ _SHORTEST = 2.0**-14
 _LEAST_S = 0.5
 """Duration of a line without length, which moves by some mm if constants were entered since."""
 _AWAY_MM = 10.0
-"""Difference, summed over X, Y and Z, between the start and the displayed pose above which the program ends, because
-units or arm differ. Chosen: larger than any correction of constants."""
+"""Difference between the start and the displayed pose, summed over X, Y and Z, above which units or arm are wrong.
+Chosen: larger than any correction of constants."""
 _JOINTS, _POSES = ("M68 E3 Q1", "M66 E0 L0"), ("M68 E3 Q0", "M66 E0 L0")
 """Change of the kinematics and synchronisation, by the usual output of motion.switchkins-type."""
 _ZERO = "G10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0"
