@@ -44,12 +44,11 @@ def test_poses_are_within_limits_clear_of_the_floor_and_seen():
 
 
 def test_an_arm_between_tracker_and_target_hides_it():
-    q = drawn_poses(ARM, 200, None, np.random.default_rng(2))
+    q = drawn_poses(ARM, 600, None, np.random.default_rng(2))
     tool = places(q)
     behind = q[(tool[:, 0] < -400) & (np.abs(tool[:, 1]) < 60) & (np.abs(tool[:, 2] - 200) < 300)]
     low = Sight(np.array([3000.0, 0.0, 100.0]))
-    if len(behind):
-        assert not is_seen(ARM, behind, low).any()
+    assert len(behind) and not is_seen(ARM, behind, low).any()
     assert is_seen(ARM, q[tool[:, 0] > 700], low).mean() > 0.8
 
 
