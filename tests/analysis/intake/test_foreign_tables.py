@@ -98,6 +98,15 @@ def test_misfitting_unit_of_the_header_is_a_question(tmp_path):
     assert proposal.table_map.joints and proposal.table_map.joints.unit == "deg"
 
 
+def test_a_time_before_columns_without_names_is_no_joint(tmp_path):
+    p = poses()
+    table = np.column_stack([np.linspace(0, 17.3, len(p.q)), np.degrees(p.q), p.xyz_mm])
+    np.savetxt(tmp_path / "t.csv", table, "%.5f", ",")
+    found = propose_map([tmp_path / "t.csv"], "ur10e").table_map
+    assert found.joints and found.joints.columns == tuple(f"column {k}" for k in range(2, 8))
+    assert found.place and found.place.columns == tuple(f"column {k}" for k in range(8, 11))
+
+
 def test_arm_with_a_far_wrong_zero_is_imported_with_a_doubt(tmp_path):
     p = poses()
     q_deg, off_deg = np.degrees(p.q), np.array([0, 0, 4.0, 0, 0, 0])

@@ -292,7 +292,12 @@ def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_
     before, after = (Deviation(um=um, largest_um=200, u_um=1.0, runs=2) for um in (93.0, 4.0))
     verified = VerifiedError(same_before=before, same_after=after)
     correction = SessionCorrection(way="programs", sentence="s", before_um=93, expected_um=4)
-    corrected = shown_summary(session.model_copy(update={"verified": verified, "correction": correction}))
+    verified_session = session.model_copy(update={"verified": verified, "correction": correction})
+    assert [(side.place, side.before, side.after) for side in verified_session.sides] == [("same", before, after)]
+    both = verified.model_copy(update={"elsewhere_before": before})
+    other = session.model_copy(update={"verified": both, "correction": correction}).sides[-1]
+    assert (other.place, other.before, other.after) == ("elsewhere", before, None)
+    corrected = shown_summary(verified_session)
     assert corrected and corrected["command"] == "rig moved"
     assert corrected["next"] == f"B. {EN('then_without_programs')}" and "; b." in corrected["headline"]
     assert corrected["error"]["size"] == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"
