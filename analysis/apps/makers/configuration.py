@@ -39,7 +39,8 @@ def agreeing(
 ) -> Mask:
     """Mask (n,) of the solutions q (n, 6) rad with the given flags and turns.
 
-    sides: flip, up and front. numbers: by axis, from 0, the `number_of` its angle or of one up to slack_rad away.
+    sides: flip, up and front. numbers: by axis, from 0, what `number_of` gives for its angle, or for one up to
+    slack_rad away.
     """
 
     def agrees(angles: Array) -> bool:

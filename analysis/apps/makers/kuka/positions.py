@@ -1,7 +1,7 @@
 """Points and frames of KRL: written in place, by the names that a module sees, and as copies of points.
 
-POS=XP1 and POS.Z=POS.Z+350 is the usual form of an approach and of a pallet. A variable counts as a copy only if its
-module does nothing with it but to assign a single point, to shift it by a constant, and to move to it.
+POS=XP1 and POS.Z=POS.Z+350 is the usual form of an approach and of a pallet. A variable counts as a copy if its module
+only assigns a single point to it, shifts it by constants, and moves to it.
 """
 
 from __future__ import annotations
