@@ -32,7 +32,10 @@ def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ())
 
     scales: sizes of a count in the unit of the readings, in addition to decimal sizes.
     """
-    seen = np.unique(values[np.isfinite(values)])
+    values = values[np.isfinite(values)]
+    if len(values) and (np.abs(values - (values.min() + values.max()) / 2) < _MOST_SHARE * np.ptp(values)).any():
+        return None  # the two sides are far apart, so no reading lies in the middle; sorting is slow
+    seen = np.unique(values)
     if len(seen) < 2 * _FEWEST:
         return None
     gaps = np.diff(seen)

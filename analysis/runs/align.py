@@ -195,10 +195,10 @@ def _columns_at(rows_ns: Array, tracks: Sequence[InstrumentTrack]) -> Array:
             # The positions of the track's rows among the requested times give the interval of each time.
             passed = np.searchsorted(at_ns, ns[1:-1], side="left")
             before = np.repeat(np.arange(len(ns) - 1), np.diff(passed, prepend=0, append=len(at_ns)))
-            chords = np.diff(values, axis=0)[before]
-            chords *= ((at_ns - ns[before]) / np.diff(ns)[before])[:, None]
-            chords += values[before]
-            at_rows[rows, columns] = chords
+            share = (at_ns - ns[before]) / np.diff(ns)[before]
+            for at_column, column in zip(at_rows[rows, columns].T, values.T, strict=True):
+                np.multiply(np.diff(column)[before], share, out=at_column)
+                np.add(at_column, column[before], out=at_column)
     return at_rows
 
 

@@ -28,8 +28,10 @@ from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
-_TOLERANCE = 1e-10
-"""Largest height of the polyline above a corner, relative to the range of the corners; the smallest of the solver."""
+_TOLERANCE = 1e-12
+"""Relative size below which a direction, its rise at a corner, or the force at a corner counts as zero."""
+_MOST_STEPS = 20
+"""Most steps per knot. Trials took 1 to 1.8."""
 
 
 def highest_under(pull: Array, right: Integers, share: Array, corners: Array) -> Array | None:
@@ -37,22 +39,39 @@ def highest_under(pull: Array, right: Integers, share: Array, corners: Array) ->
 
     pull (k,): at least 0. right, share, corners (m,): a corner lies between knots right - 1 and right, at the relative
     position share, and has the ordinate corners, in the unit of the heights.
-    """
-    from scipy import optimize, sparse  # noqa: PLC0415 - slow to import, needed for long runs only
 
-    size, rows = float(np.abs(corners).max()) or 1.0, np.arange(len(corners))
-    places = np.concatenate([rows, rows]), np.concatenate([right - 1, right])
-    at_corners: Any = sparse.csr_array(  # the stubs know dense matrices only
-        (np.concatenate([1 - share, share]), places), shape=(len(corners), len(pull))
-    )
-    best = optimize.linprog(
-        -pull / pull.sum(),
-        at_corners,
-        corners / size,
-        bounds=(None, None),
-        options={"primal_feasibility_tolerance": _TOLERANCE},
-    )
-    return np.asarray(best.x, dtype=float) * size if best.success else None
+    This is a linear program. An active-set method climbs along the pull from corner to corner, because the import of
+    scipy.optimize takes longer than the rest of a run of a million rows.
+    """
+
+    def at_corners(heights: Array) -> Array:
+        return np.asarray(heights[right - 1] * (1 - share) + heights[right] * share)
+
+    force, heights = pull / pull.sum(), np.full(len(pull), corners.min())
+    touched: list[int] = []
+    for _ in range(_MOST_STEPS * len(pull)):
+        held = np.zeros((len(pull), len(touched)))
+        for place, corner in enumerate(touched):
+            held[right[corner] - 1 : right[corner] + 1, place] = 1 - share[corner], share[corner]
+        basis, factors = np.linalg.qr(held)
+        along = basis.T @ force
+        way = force - basis @ along
+        way -= basis @ (basis.T @ way)  # again, because a short way consists of rounding errors
+        if np.abs(way).max() < _TOLERANCE:
+            forces = np.linalg.solve(factors, along)  # of the touched corners against the pull
+            if forces.min(initial=0.0) > -_TOLERANCE:
+                return heights
+            del touched[int(forces.argmin())]
+            continue
+        rise = at_corners(way)
+        rise[touched] = 0.0
+        above = np.flatnonzero(rise > _TOLERANCE * np.abs(way).max())
+        if not len(above):
+            return None
+        steps = np.maximum(corners - at_corners(heights), 0.0)[above] / rise[above]
+        heights = heights + steps.min() * way
+        touched.append(int(above[steps.argmin()]))
+    return None
 
 
 TICK_S = 1e-9
@@ -346,6 +365,8 @@ _AHEAD = 32
 """Number of consecutive messages of which at least one has almost no delay. It covers several beats between the
 message period and an adapter's timer.
 """
+_ONE_BY_ONE = 4 * _AHEAD
+"""Rows that are counted without arrays after a change of the lag, because changes come in groups."""
 _EARLY = 0.15
 """Fraction of a period by which the smallest delay may decrease, due to the beat or an inaccurate period."""
 _MOSTLY = 0.75
@@ -394,15 +415,18 @@ def through_pace(host_ns: Array) -> FittedClock:
     """
     if len(host_ns) < 2 * _AHEAD:
         return FittedClock(host_ns, _uneven_s(host_ns))
-    number = np.arange(len(host_ns), dtype=np.int64)
+    number, period_ns = np.arange(len(host_ns), dtype=np.int64), 0.0
     for apart in _APART:
         # Pairs of messages at this distance, about `_PAIRS` of them.
         lag, every = min(apart, len(number) // 4), max(1, len(host_ns) // _PAIRS)
         later, earlier = slice(lag, None, every), slice(None, -lag, every)
+        former_ns, former = period_ns, number
         period_ns = float(np.median((host_ns[later] - host_ns[earlier]) / (number[later] - number[earlier])))
         if not period_ns > 0:
             return FittedClock(host_ns, _uneven_s(host_ns))  # most messages arrived at once, after a stall
-        former, number = number, numbered(host_ns, period_ns)
+        if period_ns == former_ns:
+            break
+        number = numbered(host_ns, period_ns)
         if apart > _APART[0] and np.array_equal(number, former):
             break
     number = _not_early(number, host_ns, period_ns)
@@ -492,22 +516,37 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
 def _count_missing_periods(least: Array, period_ns: float) -> Integers:
     """Lag of each smallest delay (n,) relative to the corrected delays of the previous `_AHEAD` rows, in
     periods.
+
+    The lag rarely changes. Blocks of growing size are therefore computed with the last lag, up to the first row with
+    another one.
     """
     missing = np.empty(len(least), dtype=np.int64)
-    before = deque([float(least[0])] * _AHEAD, maxlen=_AHEAD)
-    lowest = before[0]
-    for begin in range(0, len(least), _BLOCK):
-        counts = list[int]()
-        for late in least[begin : begin + _BLOCK].tolist():  # Python's own numbers are four times as fast here
-            count = math.floor((late - lowest) / period_ns + _EARLY)
-            leaves, comes = before[0], late - count * period_ns
-            before.append(comes)
+    before = np.full(_AHEAD, least[0])
+    row, count, block = 0, 0, _AHEAD
+    while row < len(least):
+        late = least[row : row + block]
+        corrected = np.concatenate([before, late - count * period_ns])
+        counts = np.floor((late - _least_of_next(corrected)[:-1]) / period_ns + _EARLY)
+        changed = counts != count
+        same = int(changed.argmax()) if changed.any() else len(late)
+        missing[row : row + same] = count
+        row, before = row + same, corrected[same : same + _AHEAD]
+        if same == len(late):
+            block = min(2 * block, _BLOCK)
+            continue
+        recent = deque(before.tolist(), maxlen=_AHEAD)
+        lowest, counted = min(recent), list[int]()
+        for delay in least[row : row + _ONE_BY_ONE].tolist():
+            count = math.floor((delay - lowest) / period_ns + _EARLY)
+            leaves, comes = recent[0], delay - count * period_ns
+            recent.append(comes)
             if comes <= lowest:
                 lowest = comes
             elif leaves == lowest:
-                lowest = min(before)
-            counts.append(count)
-        missing[begin : begin + _BLOCK] = counts
+                lowest = min(recent)
+            counted.append(count)
+        missing[row : row + len(counted)] = counted
+        row, before, block = row + len(counted), np.array(recent), _AHEAD
     return missing
 
 

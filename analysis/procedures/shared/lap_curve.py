@@ -49,6 +49,8 @@ _SOLVED = 1e-9
 _COARSEST = 10.0
 """Smallest travel of a gauge in quantisation steps. A smaller travel gives a curve of two or three values."""
 _BASE_ROWS = 20_000
+_BLOCK = 1 << 13
+"""Number of rows processed at a time, to fit into the cache of the processor."""
 _JUMPS = 2.0
 """Limit of an outlier in multiples of the line's change within two nodes."""
 
@@ -137,7 +139,10 @@ def reduced(laps: Laps) -> Reduced:
     # The level and the first two orders are removed before fitting polylines.
     some = slice(None, None, max(1, len(phi) // _BASE_ROWS))
     base = np.linalg.lstsq(_waves(phi[some]), g_mm[some], rcond=None)[0]
-    rough = g_mm - _waves(phi) @ base
+    rough = np.empty(g_mm.shape, order="F")
+    for begin in range(0, len(phi), _BLOCK):
+        rows = slice(begin, begin + _BLOCK)
+        rough[rows] = g_mm[rows] - _waves(phi[rows]) @ base
     wild = outliers_of(phi, rough, lap)
     hats = _hat_sums(phi, rough, lap, ~np.any(wild, axis=0))
     added = _waves(PHI) @ base
@@ -215,13 +220,15 @@ def _waves(phi: Array) -> Array:
 def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
     """Sums over the kept rows of each lap; values (n, k) at phi (n,) rad."""
     shape = (int(lap.max()) + 1, NODES)
-    cell, share = place_of(phi[keep])
-    at = lap[keep] * NODES + cell
+    if not keep.all():
+        phi, values, lap = phi[keep], values[keep], lap[keep]
+    cell, share = place_of(phi)
+    at = lap * NODES + cell
 
     def summed(weights: Array) -> Array:
         return np.asarray(np.bincount(at, weights, shape[0] * NODES).reshape(shape), dtype=np.float64)
 
-    near, far = (np.stack([summed(weight * column) for column in values[keep].T]) for weight in (1 - share, share))
+    near, far = (np.stack([summed(weight * column) for column in values.T]) for weight in (1 - share, share))
     return HatSums(summed((1 - share) ** 2), summed(share * (1 - share)), summed(share**2), near, far)
 
 

@@ -59,7 +59,7 @@ def impossible_rad(q: Array) -> float:
     Angles are impossible if more joints exceed the limit than an arm can have endless axes. Their unit is probably
     wrong.
     """
-    most = np.abs(q).max(axis=0, initial=0.0)
+    most = np.maximum(q.max(axis=0, initial=0.0), -q.min(axis=0, initial=0.0))
     return float(most.max(initial=0.0)) if np.count_nonzero(most > _MOST_RAD) > _WIND else 0.0
 
 
