@@ -85,8 +85,8 @@ _ROUNDS = 4
 class Circularity:
     """Circular deviation of one direction.
 
-    deviation_mm (NODES,): radial deviation at the circle angles PHI, positive outwards, at the stated resolution.
-    curve: distance between tool and ball. ball_mm (2,): centre of the least-squares circle, along u and v.
+    deviation_mm (NODES,): over PHI, positive outwards, at the stated resolution. curve: distance between tool and ball.
+    ball_mm (2,): centre of the least-squares circle, along u and v.
     """
 
     deviation_mm: Array
@@ -96,10 +96,8 @@ class Circularity:
 
 
 def evaluate_distance(run: Reduced, radius: float, u_lag_s: float, like: LapNoise | None = None) -> Circularity:
-    """Circular deviation and eccentricity of one direction.
-
-    figures: circular_deviation_mm G, noise-corrected; eccentricity_u_mm, _v_mm and _mm of the ball from the distance,
-    independent of orientation errors.
+    """Circular deviation G, noise-corrected, and eccentricity of the ball from the distance, which orientation errors
+    do not change.
     """
     curve = curve_of(run, mean_of_gauges, np.sqrt(0.5), 1, like)
     turned = curve.turned(np.random.default_rng(SEED).normal(0.0, u_lag_s, DRAWS))
@@ -126,18 +124,17 @@ def distance_figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def mean_of_gauges(g_mm: Array) -> Array:
-    """Distance (...,) mm, relative to the gauge zeros, for readings (..., 2) mm."""
+    """Distance in mm relative to the gauge zeros."""
     return np.asarray((g_mm[..., 0] + g_mm[..., 1]) / 2)
 
 
 def fit_circle(distance: Array, radius_mm: float) -> Array:
-    """Least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c for distances (..., NODES)
-    mm."""
+    """Least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c for distances (..., NODES) mm."""
     return circle_through(distance, radius_mm)[0]
 
 
 def circle_through(distance: Array, radius_mm: float) -> tuple[Array, Array]:
-    """Fit (..., 3) mm of `fit_circle`, and the distances (..., NODES) mm of the fitted circle.
+    """Fit of `fit_circle`, and the distances of the fitted circle.
 
     The derivatives by e_u and e_v are close to -cos and -sin, so each round removes the orders 0 and 1 of the residual.
     """
@@ -193,23 +190,18 @@ class Sine:
 
 
 def sine_of(y: Array) -> tuple[Array, Array, Array]:
-    """A, a and b (...,) of the least-squares sine of eq. (2) for curves (..., NODES).
-
-    Nodes are equidistant, so the paper's sums are those of the level and the first order.
-    """
+    """A, a and b (...,) of the least-squares sine of eq. (2) for curves (..., NODES), whose nodes are equidistant."""
     fitted = y @ _FIRST_ORDER
     return fitted[..., 0], fitted[..., 1], fitted[..., 2]
 
 
 def fit_sine(y: Array) -> Sine:
-    """Sine of one curve (NODES,)."""
     A, a, b = sine_of(y)
     return Sine(float(A), float(a), float(b))
 
 
 def error_of(y: Array) -> tuple[Array, Array]:
-    """Orientation errors (..., NODES) rad of angles y (..., NODES) rad, and these plus their sine, at the stated
-    resolution."""
+    """Orientation errors (..., NODES) rad of angles, and these plus their sine, at the stated resolution."""
     A, a, b = sine_of(y)
     sine = np.asarray(A[..., None] + a[..., None] * np.sin(PHI) + b[..., None] * np.cos(PHI))
     error = at_resolution(y - sine)
@@ -217,7 +209,7 @@ def error_of(y: Array) -> tuple[Array, Array]:
 
 
 def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
-    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's 2.1.
+    """Band, amplitude, shift and offset in degrees: the paper's 2.1.
 
     The shift is alpha of eq. (11), by atan2, because arctan(b/a) loses the quadrant. (The paper's last formula for it
     has b11 instead of b21.)
@@ -232,7 +224,7 @@ def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
 
 
 def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
-    """Eccentricity (...,) of the base-ball in mm along u and v = n × u, and its length; y (..., NODES) rad."""
+    """Eccentricity of the base-ball in mm along u and v = n × u, and its length."""
     _, a, b = sine_of(y)
     return {
         "eccentricity_u_mm": -radius_mm * a,
@@ -242,8 +234,7 @@ def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
-    """Range (...,) of the total angle and the circle angles of all extremes in degrees, for angles y (..., NODES)
-    rad."""
+    """Range of the total angle, and the circle angles of all extremes, in degrees."""
     error, whole = error_of(y)
     at = np.degrees(PHI)
     return {
@@ -257,9 +248,8 @@ def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class CircleResult:
-    """Result of one direction.
+    """Result of one direction: angle and residual (NODES,) rad over PHI, the residual at the stated resolution.
 
-    angle, residual: (NODES,) rad over PHI, the residual at the stated resolution. curve: angle with its noise.
     distance: from the mean of the gauges. u_lag_s, u_scale: assumed uncertainties of the gauges' time and of the
     baseline (relative).
     """
@@ -289,7 +279,7 @@ class CircleResult:
 
     @property
     def eccentricities_mm(self) -> tuple[Array, Array]:
-        """Ball position relative to the centre along u and v, (2,) each: from the angle of a yaw, from the distance."""
+        """Ball position along u and v, (2,) each: from the angle of a yaw, from the distance."""
         return self.laps.frame.radius * np.array([-self.sine.a, self.sine.b]), self.distance.ball_mm
 
     @property
@@ -348,7 +338,7 @@ class Circle(TestKind[CircleTable]):
         where: str = "the run",
         like: tuple[LapNoise, LapNoise] | None = None,
     ) -> CircleResult:
-        """Compute the figures of a run's laps with uncertainties, ranges corrected for noise.
+        """Figures of a run's laps, ranges corrected for noise.
 
         like: noise of angle and distance in a different run of the cell, for a run of one lap. Raises FileError for
         readings impossible with a ball link.
@@ -378,7 +368,7 @@ class Circle(TestKind[CircleTable]):
         return {name: value for measure in self.measures for name, value in measure(y, radius_mm).items()}
 
     def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
-        """Figures of a noise-free curve y (n,) rad over phi (n,) rad, defined in docs/conventions.md."""
+        """Figures of a noise-free curve y (n,) rad over phi (n,) rad."""
         return {name: float(value) for name, value in self.figures_at(nodes_of(phi, y), radius_mm).items()}
 
     def require_evaluable(self, table: CircleTable, rig: Rig, where: str) -> None:
@@ -473,13 +463,12 @@ class Roll(Circle):
 
 
 def planted_setup(rig: Rig) -> SetUp:
-    """Set-up of simulations and emulated cells on a circle: the ball at the position of the rig file."""
     ball = np.array(circle_of(rig).centre_mm) + np.array(circle_of(rig).eccentricity_mm)
     return SetUp(ball, np.zeros(2), np.eye(4), np.eye(4))
 
 
 def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
-    """Angle (...,) rad of readings (..., 2) mm of gauges with a baseline. Importable, because curves are pickled."""
+    """Angle in rad of readings (..., 2) mm. Importable, because curves are pickled."""
     return link_angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
 
 

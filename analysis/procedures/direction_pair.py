@@ -129,8 +129,6 @@ def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float]
 
 
 def _harmonics(y: Array) -> Complex:
-    """Complex harmonics (..., h) of curves (..., NODES): y = sum of the real parts of each times exp(i h
-    phi)."""
     both: Complex = 2 * np.fft.rfft(y)[..., _HARMONICS] / NODES
     return both
 

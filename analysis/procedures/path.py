@@ -82,7 +82,6 @@ class PathMove:
 
 
 def moves_of(t_s: Array, xyz_mm: Array) -> list[PathMove]:
-    """Moves between standstills, in order, for positions xyz_mm (n, 3) at increasing times t_s (n,)."""
     if len(t_s) < 10 * _SAMPLES:
         return []
     step_s = float(np.median(np.diff(t_s)))
@@ -131,9 +130,8 @@ _ENDS = 0.02
 class DrivenPath:
     """A path in all cycles.
 
-    places: positions of each cycle, (k, 3) mm in the world. s_mm (m,): stations along the path. off_mm (cycles, m, 3):
-    mean deviation at each station, across the path, in the world. speed_mm_s (cycles,): mean speed along the middle
-    half.
+    places: positions of each cycle, (k, 3) mm in the world. off_mm (cycles, m, 3): mean deviation at each station s_mm
+    (m,), across the path. speed_mm_s (cycles,): along the middle half.
     """
 
     command: CommandPath
@@ -153,10 +151,9 @@ class DrivenPaths:
 
 
 def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
-    """Paths of a cube in a recording.
+    """Paths of a cube in a recording. T_world_instrument (4, 4): None to fit the tracker frame.
 
-    T_world_instrument (4, 4): tracker frame in mm, None to fit it. Raises FileError if the recording contains no paths,
-    or not those of this cube.
+    Raises FileError if the recording contains no paths, or not those of this cube.
     """
     table, left_out = measured_places(table)
     commands, moves = paths_of(cube), moves_of(table.t_s, table.xyz_mm)
@@ -280,7 +277,7 @@ _SEED, _DRAWS = 1, 400
 
 @dataclass(frozen=True)
 class PathResult:
-    """Result of a path test. driven: paths found. figures: by name. notes: as text. samples: number of positions."""
+    """Result of a path test; samples: number of positions."""
 
     driven: DrivenPaths
     cube: Cube
@@ -389,8 +386,7 @@ def _corners(rectangle: DrivenPath) -> dict[str, Quantity]:
 
 
 def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float, float]:
-    """CR and CO in mm of one pass, positions (n, 3) mm, at a corner of a polygon, and the spacing of the
-    positions there."""
+    """CR and CO in mm of one pass, positions (n, 3) mm, at a corner of a polygon, and the spacing there."""
     corner, before, after = command.knots[knot], command.knots[knot - 1], command.knots[knot + 1]
     old, new = (corner - before) / np.linalg.norm(corner - before), (after - corner) / np.linalg.norm(after - corner)
     reach = _NEAR * float(np.linalg.norm(after - corner))
@@ -415,7 +411,6 @@ def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float,
 
 
 def _radial(acw: DrivenPath, cw: DrivenPath) -> dict[str, Quantity]:
-    """F and D of the large circle in both directions, with stations at equal positions."""
     ring, n = acw.command, min(len(acw.places), len(cw.places))
     stations = min(len(acw.s_mm), len(cw.s_mm))
     if not isinstance(ring, Ring) or n < FEWEST_CYCLES or len(acw.s_mm) != len(cw.s_mm):

@@ -1,8 +1,8 @@
-"""Combine runs of one test: mean, spread between runs, and pairs of acw and cw; and the figures as columns per
-direction, the basis of displays and limits.
+"""Combine runs of one test: means, spread between runs, pairs of acw and cw, and columns of figures for displays and
+limits.
 
-u of one run is the uncertainty of that run's figure; the spread between runs is not included and only visible in
-repeated runs. The mean of m runs follows Student's distribution with m - 1 degrees of freedom.
+u of one run excludes the spread between runs, which only repeated runs show. The mean of m runs follows Student's
+distribution with m - 1 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class BetweenRuns:
 
 @dataclass(frozen=True)
 class Pooled:
-    """Combined runs of one test and direction. left_out: excluded runs, each with the reason."""
+    """Combined runs of one test and direction; runs left out, with the reason."""
 
     title: str
     runs: tuple[Result, ...]
@@ -73,9 +73,7 @@ class Pooled:
 
 @dataclass(frozen=True)
 class Pairs:
-    """Pairs of acw and cw runs with their figures, including the lag of the gauges in ms, and the reasons for
-    unpaired runs.
-    """
+    """Pairs of acw and cw runs with their figures, the lag of the gauges in ms, and the reasons for unpaired runs."""
 
     runs: tuple[tuple[Result, Result], ...]
     figures: dict[str, Quantity | BetweenRuns]
@@ -84,7 +82,6 @@ class Pairs:
 
 
 def pooled(group: Sequence[Result]) -> list[Pooled]:
-    """Combine runs of one test by direction; directions with a single run are left out."""
     means = []
     for title in dict.fromkeys(result.title for result in group):
         runs, left_out = _of_one_setup([result for result in group if result.title == title])
@@ -98,10 +95,10 @@ def pooled(group: Sequence[Result]) -> list[Pooled]:
 
 
 def figures_between_runs(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
-    """Figures common to all runs, combined over the runs.
+    """Figures common to all runs, combined.
 
-    The u of a mean is at least the smallest u of a run, because a part of it (time and baseline of the gauges) is
-    common to all runs.
+    The u of a mean is at least the smallest u of a run, a part of which (time and baseline of the gauges) is common to
+    all.
     """
     over_runs = {}
     for name in (name for name in runs[0] if all(name in run for run in runs)):
@@ -121,9 +118,7 @@ def figures_between_runs(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, Be
 
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
-    """Runs that belong together, and the other runs with the reason: repeated readings, other poses, or a
-    remounted ball.
-    """
+    """Runs that belong together, and the others with the reason: repeated readings, other poses, a remounted ball."""
     by_digest: dict[str, Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:
@@ -195,10 +190,10 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
 
 @dataclass(frozen=True)
 class FigureColumn:
-    """Figures by name, of the mean of `count` runs, of one `run`, or of `count` pairs of acw and cw.
+    """Figures by name, of the mean of `count` runs, of one `run`, or of `count` pairs of acw and cw (without
+    direction).
 
-    `direction` is that of the runs, empty for pairs and tests without direction; `run` names a single run. `sd`
-    contains the standard deviation between runs of repeated figures.
+    sd: standard deviation between runs of repeated figures.
     """
 
     kind: Literal["mean", "run", "pairs"]

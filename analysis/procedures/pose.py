@@ -197,8 +197,7 @@ def evaluate(
 
 
 def _in_frame(arm: Arm, table: PoseTable, instrument: TrackerPose) -> tuple[Array, Array | None]:
-    """Errors (n, 3) mm and (n, 3) rad, or None, in the arm's base, with the tool of the rig file and the
-    measured instrument frame, without a fit."""
+    """Errors (n, 3) mm and (n, 3) rad, or None, with the tool of the rig file and the measured instrument frame."""
     T = np.linalg.inv(arm.T_world_base) @ forward(arm, table.q)
     to_base: Array = np.linalg.inv(arm.T_world_base) @ transform(instrument)
     place = table.xyz_mm @ to_base[:3, :3].T + to_base[:3, 3] - T[:, :3, 3]
@@ -211,10 +210,7 @@ def _in_frame(arm: Arm, table: PoseTable, instrument: TrackerPose) -> tuple[Arra
 def _of_visits(
     placed: Array, twisted: Array | None, group: NDArray[np.int64], pose: Integers, instrument: TrackerPose | None
 ) -> tuple[dict[str, Quantity], list[str], Scatter, Scatter | None]:
-    """Figures, notes, and the scatter of positions and rotations of repeated poses.
-
-    pose (n,): pose number of the cube. u of AP includes the uncertainty of the instrument frame.
-    """
+    """Figures, notes, and the scatter of positions and rotations of repeated poses; pose (n,): number in the cube."""
     counts = np.bincount(group)
     again = np.flatnonzero(counts >= 2)
     seen = _padded(placed, group, again)
@@ -238,8 +234,7 @@ def _of_visits(
 
 
 def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Array | None]:
-    """Errors (n, 3) mm and (n, 3) rad, or None, of the poses of a table, with base and tool fitted to a
-    second table."""
+    """Errors (n, 3) mm and (n, 3) rad, or None, of a table, with base and tool fitted to a second table."""
     setup = fit_setup(forward(bare, of_fit.q), of_fit.xyz_mm)
     T = forward(bare, table.q)
     position = position_error(T, table.xyz_mm, setup)
@@ -255,11 +250,7 @@ _MANY_ROWS = 2000
 
 
 def groups(q: Array, same_rad: float, *, rail: bool = False) -> NDArray[np.int64]:
-    """Group number (n,) of each row: rows with all joints within same_rad of the group's first, modulo a
-    turn.
-
-    rail: whether the last column is a rail position.
-    """
+    """Group number (n,) of each row: all joints within same_rad of the group's first row, modulo a turn."""
     number, count = np.full(len(q), -1, dtype=np.int64), 0
     box = np.where(np.arange(q.shape[1]) < q.shape[1] - rail, 2 * np.pi, 0.0)
     places = np.where(box > 0, wrapped(q) % (2 * np.pi) % (2 * np.pi), q)
@@ -296,10 +287,9 @@ def _noise(
     u: float,
     stops: LogUniform | None = None,
 ) -> Array:
-    """Draws (m, n, 3) of the noise of all rows.
+    """Draws (m, n, 3) of the noise of all rows: the scatter of the row's group, or of any group.
 
-    The noise is taken from the scatter of the group of the row, or else of any group. If both are unknown, it combines
-    the uncertainty u of the instrument with the usual scatter of robot stops.
+    If both are unknown, it combines the uncertainty u of the instrument with the usual scatter of robot stops.
     """
     rng = np.random.default_rng(SEED)
     if scatter is None:
@@ -375,7 +365,6 @@ def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -
 
 
 def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Array]:
-    """Set-up with the tool orientation, and the remaining rotation vectors (n, 3) rad, in the arm's base."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     seen = _turns_seen(rpy, setup)
@@ -391,15 +380,13 @@ def _turns_seen(rpy: Array, setup: PoseSetUp) -> Rotation:
 
 
 def _remaining_rotations(T: Array, seen: Rotation, R_tool: Array) -> Array:
-    """Rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool rotation R_tool (3, 3) to the measured
-    ones."""
+    """Rotation vectors (n, 3) rad from flanges with a tool rotation R_tool to the measured rotations."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     return np.asarray((seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec())
 
 
 def _doubts(rms: Quantity, setup: PoseSetUp) -> list[str]:
-    """Doubts about errors far beyond those of any nominal arm, and about an undetermined base or tool."""
     doubts = []
     if not (rms.value < _MISSES_MM or rms.value < _DOUBTFUL_U * rms.u):
         doubts.append(

@@ -99,7 +99,7 @@ def conditioned(points: Array) -> bool:
 
 
 def outlying_targets(points: Array) -> NDArray[np.bool_]:
-    """Mask (t,) of outliers of a robust sphere; points (t, o, 3) mm: o readings per target, NaN if missing."""
+    """Mask (t,) of outliers of a robust sphere; points (t, o, 3) mm, NaN if missing."""
     # Robust sphere: soft_l1 by reweighting.
     read = points[np.isfinite(points).all(axis=-1)]
     x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))
@@ -121,7 +121,6 @@ def _distances_from_sphere(points: Array, x: Array) -> Array:
 
 
 def _design(points: Array, centre: Array) -> Array:
-    """Derivatives (n, 4) of each point's distance from a sphere by centre and radius, outwards."""
     line = points - centre
     unit = line / np.linalg.norm(line, axis=1)[:, None]
     return np.concatenate([unit, np.ones((len(points), 1))], axis=1)
@@ -165,7 +164,7 @@ class Cells:
 
     @property
     def rounds(self) -> bool:
-        """True if the visits of a target are separated in time, as in repeated programs."""
+        """True if the visits of a target are separated in time."""
         visited = np.isfinite(self.t_s)
         first = np.where(visited, self.t_s, np.inf).min(axis=-1)
         last = np.where(visited, self.t_s, -np.inf).max(axis=-1)
@@ -302,7 +301,6 @@ def _plain(
 
 
 def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
-    """Readings by target and orientation. Raises FileError for a table impossible in a radial test."""
     if len(table.g_mm) == 0:
         raise FileError(where, "has no rows", "give a table with readings", code="table.no_rows")
     check_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)

@@ -131,7 +131,7 @@ def _range(x: Array) -> Array:
 
 
 def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tuple[str, ...]]:
-    """Targets with at least two readings from each side, and these readings padded with NaN: (t, 2, n) mm."""
+    """Targets with at least two readings from each side, and these readings (t, 2, n) mm padded with NaN."""
     every = np.unique(table.target)
     cells = {
         int(target): [table.g_mm[(table.target == target) & (table.approach == side)] for side in SIDES]
@@ -173,7 +173,6 @@ class Repeatability(TargetTest[RepeatabilityTable]):
     def recorded(
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[RepeatabilityTable, list[str]]:
-        """Table of stops at targets, each with its side of approach."""
         stands, program = stands_of(data.t_s, data.q, data.g_mm), repeatability_program(rig)
         frame, arm = hemisphere_frame(hemisphere_of(rig)), arm_of(rig.robot)
         limit_mm = repeatability_of(rig).approach_mm / 2
@@ -229,7 +228,6 @@ class Repeatability(TargetTest[RepeatabilityTable]):
 
 
 def _program_table(rig: Rig) -> RepeatabilityTable:
-    """Visits of each target: one reading, then rounds with an approach from outside and one from inside."""
     at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
     approach = np.array(["none", *["out", "in"] * rounds])
     number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])

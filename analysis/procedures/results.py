@@ -89,8 +89,8 @@ class Result(Tabular):
 
     @property
     def without_rows(self) -> Result:
-        """The same result without the rows of a circle, which saves memory for many runs. The digest of the readings
-        is kept.
+        """The same result without the rows of a circle, which saves memory for many runs, but with the digest of the
+        readings.
         """
         measured, table = self.measured, self.measured.table
         if not isinstance(self.found, CircleResult) or not isinstance(table, CircleTable):
@@ -105,7 +105,7 @@ class Result(Tabular):
 
     @property
     def lap_noise(self) -> BothNoises | None:
-        """Noise of angle and distance estimated from the differences between laps; None for fewer than two laps."""
+        """Noise of angle and distance from the differences between laps; None for fewer than two."""
         if not isinstance(self.found, CircleResult) or self.found.laps.count < 2:
             return None
         return self.found.curve.noise, self.found.distance.curve.noise
@@ -151,18 +151,15 @@ def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
 def evaluate_path(path: Path, like: Mapping[Path, BothNoises] | None = None, *, with_rows: bool = True) -> Result:
     """Read and evaluate a run. Raises FileError.
 
-    like: noise of a different run by path, for runs of a single lap. with_rows: keep the rows, which take most of the
-    memory of a result; figures and remarks take some 0.2 MB.
+    like: noise of another run by path, for runs of a single lap. with_rows: keep the rows, most of the memory of a
+    result.
     """
     result = result_of(load_measured(path), like[path] if like else None)
     return result if with_rows else result.without_rows
 
 
 def borrowed_noise(results: Sequence[Result]) -> dict[int, BothNoises]:
-    """Noise for runs of a single lap, taken from the first longer run of the same test in the same cell.
-
-    The keys are indices into `results`. Runs without such a longer run are absent.
-    """
+    """Noise for runs of a single lap, by index: that of the first longer run of the same test in the same cell."""
     places = {id(result): place for place, result in enumerate(results)}
     noises: dict[int, BothNoises] = {}
     for group in by_test(results):
@@ -233,8 +230,7 @@ Both are five times those of a standstill.
 class Fitness:
     """Usability of a finished run.
 
-    why: reason why `rig analyse` would refuse the run, or empty. drove: actual direction, if only the label is wrong.
-    still_driving: True if the robot was moving at the end.
+    why: reason why `rig analyse` would refuse it, or empty. drove: actual direction, if only the label is wrong.
     """
 
     why: str
@@ -243,7 +239,6 @@ class Fitness:
 
 
 def fitness(run: Path) -> Fitness:
-    """Whether a run is usable, and how to repair it."""
     why, drove, still_driving = "", None, False
     try:
         recorded = read_run(run)
@@ -275,11 +270,11 @@ _LENGTHS = ("radius_mm", "held_radius_mm", "ap_mm", "ap_mean_mm")
 
 
 def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Figures:
-    """Figures of a run with the uncertainty of certificates added in quadrature.
+    """Figures with the uncertainty of certificates added in quadrature.
 
-    The error of a gauge is modelled as an unknown smooth function of the reading, with standard deviation u. A wave as
-    long as the gauge's travel affects a figure almost fully, longer ones less: the worst case is used. Comparisons
-    between runs are not affected, because both have the same gauges.
+    The error of a gauge is an unknown smooth function of the reading. A wave as long as the gauge's travel affects a
+    figure almost fully, longer ones less: the worst case is used. Comparisons between runs are not affected, because
+    both have the same gauges.
     """
     if systematic == NO_CERTIFICATE or test in WITHOUT_GAUGES:
         return figures

@@ -92,16 +92,12 @@ def touch_of(rig: Rig) -> Touch:
 
 
 def planned_touches(rig: Rig, seed: int = 0) -> TouchTable:
-    """Touches of the nominal arm, distributed over the sockets of the rig file. Raises FileError without a touch
-    test, or without postures."""
+    """Touches of the nominal arm, distributed over the sockets. Raises FileError without a touch test, or postures."""
     return _standing(rig, _planned(rig, np.random.default_rng(seed))[0])
 
 
 def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> TouchTable:
-    """Touches of an arm with effects, `seed` None for no scatter.
-
-    effects: in place of those of the rig file. Raises FileError like `planned_touches`.
-    """
+    """Touches of an arm with effects, in place of those of the rig file; seed: None for no scatter."""
     rng = np.random.default_rng(seed or 0)
     table, sockets = _planned(rig, rng)
     model = model_of(rig, effects)
@@ -151,7 +147,7 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
 def _somewhere(
     arm: Arm, count: int, rng: np.random.Generator, where: str, distances: Sequence[tuple[Array, float]]
 ) -> tuple[Array, Array]:
-    """A random socket position (3,) mm at given distances from other sockets, and postures (count, axes) rad."""
+    """A random socket position at given distances from others, and postures (count, axes) rad."""
     low, high = arm.limits.T
     free = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
     base = arm.T_world_base[:3, 3]
@@ -176,7 +172,7 @@ def _somewhere(
 
 
 def postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -> Array:
-    """Random postures (at most count, axes) rad with the tool at a position (3,) mm in any orientation."""
+    """Random postures (at most count, axes) rad with the tool at a position in any orientation."""
     low, high = arm.limits.T
     free = _OFF_LIMIT * (high - low)
     postures = np.empty((0, arm.axes))
@@ -210,11 +206,9 @@ _PATH_STEPS = 2000
 
 
 def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array, Array]:
-    """Simulate tracker measurements of the cube poses.
+    """Joints (n, 6) rad, positions (n, 3) mm in the tracker frame, and the previous joints of the cube poses.
 
-    Returns joints (n, 6) rad, positions (n, 3) mm in the tracker frame, and the previous joints (n, 6) rad. seed: None
-    for no noise. effects: in place of those of the rig file. Raises FileError if the cube does not fit into the work
-    space.
+    seed: None for no noise. Raises FileError if the cube does not fit into the work space.
     """
     q, rng = cycle_stops(rig), np.random.default_rng(seed or 0)
     noise = 0.0 if seed is None else float(np.hypot(TRACKER_MM, STOPS_MM))
@@ -224,10 +218,7 @@ def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
 
 
 def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array]:
-    """Simulate a tracker recording of the program that drives the paths at full speed. See `simulated_cube`.
-
-    Returns times (n,) s and positions (n, 3) mm.
-    """
+    """Times (n,) s and positions (n, 3) mm of the paths at full speed. See `simulated_cube`."""
     rng = np.random.default_rng(seed or 0)
     test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
     where, legs = RigPlace.of(rig.name, "tests.iso9283"), dict[str, Array]()
@@ -299,7 +290,6 @@ def simulate(
 
 
 def noise_seed(seed: int, direction: Direction | None) -> int:
-    """Noise seed of a run, different for each direction."""
     return 2 * seed + (direction == "cw")
 
 

@@ -59,8 +59,6 @@ _BLIND = 1e-3
 
 @dataclass(frozen=True)
 class SocketDistance:
-    """Distance between two sockets according to the arm, and to the rig file, None if not stated."""
-
     between: tuple[str, str]
     distance: Quantity
     known: Quantity | None

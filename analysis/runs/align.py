@@ -1,10 +1,9 @@
 """Align a recorded run to one table: each gauge reading with the joint angles at the same instant.
 
-Gauge 1 defines the rows. The second gauge and the robot are interpolated to its instants. Rows in a gap of either
+Gauge 1 defines the rows; the second gauge and the robot are interpolated to its instants. Rows in a gap of either
 stream are dropped and counted, because interpolation across missing data is not a measurement.
 
-A run is refused if a stream contains timestamps that `rigd` cannot have written, even if the checksums are valid. Host
-timestamps never decrease, so such a stream was modified. Impossible values are dropped and counted.
+A run is refused if a stream contains timestamps that `rigd` cannot have written: such a stream was modified.
 """
 
 from __future__ import annotations
@@ -94,14 +93,10 @@ WANDERS_S = 1e-3
 
 @dataclass(frozen=True)
 class Aligned:
-    """A run as one table.
+    """A run as one table: times t_s (n,) since the first row, reported angles q (n, 6) rad, readings g_mm (n, k).
 
-    t_s (n,): time since the first row.
-    q (n, 6): reported joint angles in rad.
-    g_mm (n, k): readings of g1, and of g2 on a circle.
-    u_lag_s: standard uncertainty of the gauges' time relative to the robot's, common to all rows.
-    u_t_s (n,): individual part of the time uncertainty.
-    doubts: as text.
+    u_lag_s: standard uncertainty of the gauges' time relative to the robot's, common to all rows. u_t_s (n,):
+    individual part.
     """
 
     t_s: Array
@@ -125,7 +120,7 @@ class InstrumentTrack:
 
 
 def align(path: Path, streams: Streams, test: TestName, rig: Rig) -> Aligned:
-    """Align the streams of a test to a table. Tests at targets use gauge 1 only; `path` names the run in errors.
+    """Align the streams of a test; tests at targets use gauge 1 only.
 
     Raises FileError if a stream is missing or has no common time with the others.
     """
@@ -161,19 +156,13 @@ def _left_out(name: str, count: int) -> str:
 
 
 def robot_only(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
-    """Times (n,) s since the first row, reported angles (n, 6) rad, and doubts of a recorded run.
-
-    Gauges are ignored. Raises FileError if the robot was not recorded.
-    """
+    """Times (n,) s since the first row, reported angles (n, 6) rad, and doubts. Raises FileError without a robot."""
     track = _robot(path, run.streams)
     return (track.ns - track.ns[0]) / 1e9, track.values, track.doubts
 
 
 def _columns_at(rows_ns: Array, tracks: Sequence[InstrumentTrack]) -> Array:
-    """Interpolate all tracks linearly at increasing times (n,) ns and return the values (n, k).
-
-    Each track must span the times. The computation is done in blocks.
-    """
+    """Values (n, k) of all tracks at increasing times (n,) ns, which each track must span, in blocks."""
     at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)), order="F")
     first = 0
     for track in tracks:
@@ -203,10 +192,7 @@ def _columns_at(rows_ns: Array, tracks: Sequence[InstrumentTrack]) -> Array:
 
 
 def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
-    """True if the gaps exceed the delays caused by rigd itself.
-
-    gaps: number of rows in gaps. longest_ns: length of the longest gap.
-    """
+    """True if the gaps exceed the delays caused by rigd itself."""
     return longest_ns > MOVES_NS or gaps > _OFTEN * rows
 
 
@@ -257,7 +243,7 @@ def timing_doubts(name: str, instants: Instants) -> list[str]:
 
 
 def _track(path: Path, name: str, instants: Instants, values: Array, sound: Mask, doubtful: int = 0) -> InstrumentTrack:
-    """Values in order of time with a single row per instant. Rows lacking a valid reading or time are dropped.
+    """Values in order of time with a single row per instant.
 
     If several messages arrived together, the last one is kept, because the others waited for it. If a coarse clock
     repeats a time, the first row is kept.
@@ -302,7 +288,7 @@ def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: st
 
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
-    """For each of the rows (n,) ns the length in ns of the gap containing it, 0 outside gaps.
+    """Length (n,) ns of the gap containing each row, 0 outside gaps.
 
     times (m,) ns: instants of the other instrument; both arrays increase. A row equal to one of the times is outside.
     """

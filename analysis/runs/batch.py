@@ -1,11 +1,9 @@
-"""Runs given by paths, and work on each: in this process, in several processes, or on a Dask cluster, with equal
-results.
+"""Work on runs: in this process, in several processes, or on a Dask cluster, with equal results.
 
-A local process has one item at a time. If it is killed, the item is therefore known; `concurrent.futures` abandons all
+A local process has one item at a time, so the item is known if the process is killed; `concurrent.futures` abandons all
 work in that case. This process has no threads, because a fork could copy a thread in the middle of an operation.
 
-The cluster must be running already. The scheduler reassigns the items of a dead worker. Workers see the same files
-under the same paths and have the same versions of numerical packages, so the results equal local results.
+Workers of a cluster see the same files under the same paths and have the same versions of numerical packages.
 """
 
 from __future__ import annotations
@@ -40,7 +38,7 @@ _REMEDY = "check those in the rig file and in the readings"
 
 @dataclass(frozen=True)
 class CompletedItem(Generic[Item, Value]):
-    """An item with a value. deaths: number of processes killed before while working on it."""
+    """An item with its value, and the number of processes killed before while working on it."""
 
     item: Item
     value: Value
@@ -49,7 +47,7 @@ class CompletedItem(Generic[Item, Value]):
 
 @dataclass(frozen=True)
 class FailedItem(Generic[Item]):
-    """An item with an error. deaths: number of processes killed while working on it."""
+    """An item with its error, and the number of processes killed while working on it."""
 
     item: Item
     error: RigError
@@ -113,7 +111,7 @@ def cores() -> int:
 
 @dataclass
 class _Worker:
-    """A process and the connection to it. place: index of the current item."""
+    """A process, the connection to it, and the index of its item."""
 
     process: BaseProcess
     line: Connection[Any, Any]
@@ -231,14 +229,14 @@ def _serve(work: Callable[[Any], Any], line: Connection[Any, Any]) -> None:
 def each(
     work: Callable[[Item], Value], items: Sequence[Item], *, jobs: int = 1, scheduler: str | None = None
 ) -> Generator[Outcome[Item, Value], None, None]:
-    """Outcome for each item in order, as soon as the outcome and all previous outcomes are available.
+    """Outcome for each item in order, as soon as it and all previous outcomes are available.
 
-    work: a stateless module-level function, importable by other processes. A RigError or a numerical error becomes the
-    outcome of the item; other exceptions are bugs and are raised here. items, values: picklable. jobs: number of local
-    processes; 0 for one per core. scheduler: address of a Dask scheduler to use instead.
+    work: a stateless module-level function. items, values: picklable. jobs: local processes; 0 for one per core.
+    scheduler: address of a Dask scheduler to use instead. Exceptions other than a RigError or a numerical error are
+    bugs and are raised here.
 
-    Remote runs are always fetched by separate processes: store packages start threads, and a process waiting for a
-    store can be ended immediately.
+    Remote runs are fetched by separate processes: store packages start threads, and a process waiting for a store can
+    be ended immediately.
 
     If a process is killed, for example by the out-of-memory killer, the item is repeated once and then fails. Closing
     the iteration, as after Ctrl-C, kills the processes.
@@ -269,7 +267,7 @@ _COMPUTING = (NAME, "numpy", "scipy")
 def on_cluster(
     work: Callable[[Item], Value], items: Sequence[Item], address: str
 ) -> Generator[Outcome[Item, Value], None, None]:
-    """Outcomes in order of the items. Items that have not started are cancelled at the end of the iteration.
+    """Outcomes in order of the items. Items that have not started are cancelled at the end.
 
     Raises FileError if dask.distributed is not installed, and CellError for a cluster that does not respond, has no
     workers, or has different versions.
@@ -368,10 +366,10 @@ def remote_runs(top: RemotePath) -> list[RemoteRun]:
 
 
 def run_directories(paths: Iterable[Path]) -> list[Path]:
-    """Runs given by paths, in the given order without repetition, and in order of names within a directory.
+    """Runs at or below paths, without repetition, sorted by name within a directory.
 
-    A path that contains no runs is returned unchanged, and reading it then reports the problem. Raises CellError if a
-    store does not respond.
+    A path without runs is returned unchanged, and reading it then reports the problem. Raises CellError if a store does
+    not respond.
     """
     runs: dict[Path, Path] = {}
     for path in paths:

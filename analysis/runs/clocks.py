@@ -1,8 +1,8 @@
 """Determine measurement times from host timestamps, transmission times and instrument clocks.
 
 A byte can only arrive late. A requested reading was taken after the request was transmitted and before the answer was
-sent. The best estimate is therefore the tightest bound of all timestamps, and the remaining interval is the
-uncertainty. Part of the uncertainty is common to all readings, and the rest is individual.
+sent. The best estimate is the tightest bound of all timestamps; the remaining interval is the uncertainty, in part
+common to all readings.
 """
 
 from __future__ import annotations
@@ -78,15 +78,10 @@ Columns = Mapping[str, np.ndarray[Any, Any]]
 
 @dataclass(frozen=True)
 class Instants:
-    """Times of samples: ns (n,) on the host's clock.
+    """Times of samples on the host's clock, with the common (u_s) and the individual (own_u_s) standard uncertainty.
 
-    u_s: common standard uncertainty. own_u_s (n,): individual part.
-    restarts: number of restarts of the instrument's clock.
-    wrong: number of ignored timestamps.
-    held: whether an adapter buffers bytes.
-    wanders_s: size of permanent changes in the delay of a steadily sending instrument.
-    arrived: whether the times are arrivals, which bundled network messages share.
-    doubts: further doubts.
+    wrong: ignored timestamps. held: an adapter buffers bytes. wanders_s: permanent changes in the delay of a steadily
+    sending instrument. arrived: the times are arrivals, which bundled network messages share.
     """
 
     ns: Array
@@ -120,7 +115,6 @@ def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
 
 
 def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[str, ...]]:
-    """Ignore an instrument clock that does not advance, and report it as a doubt."""
     if not is_stalled(stream["device_time_s"]):
         return stream, ()
     return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (_NOT_ADVANCING,)
@@ -226,8 +220,7 @@ def _listened(fitted: FittedClock, before_ns: float) -> Instants:
 def _keeps_pace(late: Array, timer_ns: float) -> bool:
     """True if delays late (n,) ns relative to a steady rate are caused by transmission.
 
-    Transmission delays are independent of each other, or multiples of a timer period. If the rate is not steady, the
-    differences from a straight line drift slowly, in small steps.
+    Such delays are independent, or multiples of a timer period. If the rate is not steady, they drift in small steps.
     """
     if len(late) < 2 or not late.any():
         return len(late) < 2
@@ -246,10 +239,9 @@ def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:
 
 
 def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
-    """Times in the middle of windows (n,) ns between request and answer, as in NTP clock comparisons.
+    """Middle of the windows (n,) ns between request and answer, as in NTP.
 
-    Behind a buffering adapter only the fastest answer shows the instrument's answer time. Longer answers contain delays
-    of the adapter.
+    Behind a buffering adapter only the fastest answer shows the instrument's answer time.
     """
     shortest = float(np.partition(window, 1)[:2].max())  # the second shortest: the shortest may have a wrong timestamp
     if held:
@@ -263,5 +255,5 @@ def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
 
 
 def _anywhere_in(window_ns: Any) -> Any:
-    """Standard uncertainty in s of the middle of a window in ns, assuming a uniform distribution."""
+    """Standard uncertainty in s of the middle of a window in ns: a uniform distribution."""
     return window_ns / math.sqrt(12) / 1e9

@@ -1,7 +1,5 @@
-"""Poses that a controller computed in a run, next to the joint angles that they belong to.
-
-They show with which constants the controller computes, whatever the real arm does: an interface that transmits both
-makes a question to the user unnecessary.
+"""Poses that a controller computed, next to the joint angles that they belong to. They show its constants, so no
+question to the user is necessary.
 """
 
 from __future__ import annotations
@@ -43,7 +41,7 @@ class ControllerPoses:
     T: Array
 
     def is_flange(self, rig: Rig) -> bool:
-        """True if the poses are of the flange in the base: no tool and no frame are part of them."""
+        """True if neither a tool nor a frame is part of the poses."""
         bare = without_setup(controller_arm(rig.robot))
         return bool(np.linalg.norm(forward(bare, self.q[:1])[0, :3, 3] - self.T[0, :3, 3]) < _SAME_MM)
 
@@ -91,7 +89,6 @@ def controller_poses(robot: Mapping[str, np.ndarray[Any, Any]]) -> ControllerPos
 
 
 def controller_doubt(rig: Rig, poses: ControllerPoses | None) -> list[str]:
-    """A doubt if the controller computes with other constants than the rig file states."""
     if poses is None or (apart_mm := poses.distance_mm(rig)) <= RESOLUTION_MM:
         return []
     problem = f"the controller computes poses with other constants than the rig file: up to {apart_mm:.2f} mm apart"
@@ -110,7 +107,7 @@ class ControllerPlaces:
 
 
 def controller_places(table: pa.Table | None) -> ControllerPlaces | None:
-    """Poses of the controller in a table of poses, such as `run.run.table` of an imported run; None if it has none."""
+    """Poses of the controller in a table such as `run.run.table` of an imported run; None if it has none."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     if table is None or not (rows := Rows(table)).has(CONTROLLER_PLACE):

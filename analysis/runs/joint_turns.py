@@ -29,7 +29,7 @@ turn is empty is at most n (1 - g)^(n - 1).
 
 
 def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]:
-    """Poses or touches with each joint counted in the same turn, and a message about all corrected joints."""
+    """Count each joint of poses or touches in the same turn; also returns messages about the corrected joints."""
     if not isinstance(table, PlaceTable):
         return table, ()
     limits, turned, counted = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
@@ -46,9 +46,8 @@ def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]
 
 
 def turns_further(angle: Array, limits: Array) -> Integers:
-    """Number of excess turns in each angle (n,) rad of a joint, zero if the joint really turned.
-
-    The excess is relative to the other angles, or to the limits (2,) rad.
+    """Excess turns (n,) of joint angles relative to the others, or to the limits (2,) rad; zero if the joint really
+    turned.
     """
     if np.ptp(angle) < _TURN:
         return _turns_beyond(angle, limits)
@@ -68,8 +67,8 @@ def turns_further(angle: Array, limits: Array) -> Integers:
 
 
 def _with_neighbours(angle: Array, turns: Integers) -> Integers:
-    """Excess turns of angles (n,) rad, given those of angles beyond the limits: also of fewer angles within
-    the limits, but outside the turn of most angles, such as one at -354° and six below -360°.
+    """Excess turns, also of the few angles within the limits but outside the turn of most angles, such as one at -354°
+    and six below -360°.
     """
     counted = angle - _TURN * turns
     ordered = np.sort(counted)
@@ -80,10 +79,7 @@ def _with_neighbours(angle: Array, turns: Integers) -> Integers:
 
 
 def _turns_beyond(angle: Array, limits: Array) -> Integers:
-    """Number of turns to subtract from angles (n,) rad to bring them within limits (2,) rad.
-
-    Zero for an angle already inside, and for one that no number of turns brings inside.
-    """
+    """Turns (n,) to subtract to bring angles within limits (2,) rad; zero if no number of turns does."""
     low, high = limits[0] - _SLACK_RAD, limits[1] + _SLACK_RAD
     above, below = np.ceil((angle - high) / _TURN), np.floor((angle - low) / _TURN)
     turns = np.where(angle > high, above, np.where(angle < low, below, 0.0))

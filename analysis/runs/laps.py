@@ -1,8 +1,4 @@
-"""Complete laps of a circle run, without lead-in and lead-out.
-
-The circle angle phi follows from the reported joint angles by nominal kinematics. It is the position assumed by the
-robot.
-"""
+"""Complete laps of a circle run. The circle angle phi follows from the reported joint angles by nominal kinematics."""
 
 from __future__ import annotations
 
@@ -47,13 +43,9 @@ _JUMP_SPEEDS = 3.0
 
 @dataclass(frozen=True)
 class Laps:
-    """Complete laps in order of time.
+    """Complete laps in order of time, with phi continuous from lap to lap.
 
-    t_s (n,), q (n, 6) rad, g_mm (n, k): times, joint angles and readings.
-    phi (n,): circle angle in rad, continuous from lap to lap regardless of the motion in between.
-    lap_s: mean duration of a lap. apart_s: time between the starts of laps. count: number of laps.
-    u_t_s: rms of the individual time uncertainties.
-    notes: remarks on the selection.
+    apart_s: time between the starts of laps. u_t_s: rms of the individual time uncertainties.
     """
 
     direction: Direction
@@ -75,7 +67,6 @@ class Laps:
 
     @property
     def without_rows(self) -> Laps:
-        """The laps, containing a copy of the first row only."""
         rows = {name: getattr(self, name)[:1].copy() for name in ("t_s", "phi", "q", "g_mm")}
         return replace(self, **rows)
 
@@ -85,10 +76,10 @@ class Laps:
 
 
 def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
-    """All complete laps of a circle table in its direction. `where` names the run in errors.
+    """All complete laps of a circle table in its direction, kept with the table for all parts of a diagnosis.
 
-    Laps are consecutive, or separated by returns, because few wrists have two spare turns. They are kept with the table
-    and shared by all parts of a diagnosis. Raises FileError if the robot did not drive the circle of the rig file.
+    Laps are consecutive, or separated by returns, because few wrists have two spare turns. Raises FileError if the
+    robot did not drive the circle of the rig file.
     """
     cell = (rig.robot, rig.tests.circle)
     kept: tuple[object, Laps] | None = vars(table).get("_laps")
@@ -144,7 +135,7 @@ def _ways_along(
 ) -> list[tuple[slice, Array]]:
     """Rows of each motion along the circle, with angles in rad from the start in the direction of the table.
 
-    Raises FileError if the robot drove a different circle, and DirectionError if it drove in the opposite direction.
+    Raises FileError for a different circle, and DirectionError for the opposite direction.
     """
     # Compute poses at the reporting rate of controllers. Rows in between are interpolated.
     step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(table.t_s[:_SEEN]))), 1e-9)))
@@ -175,14 +166,13 @@ def _ways_along(
 
 
 def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
-    """Mask (n,) of tool positions (n, 3) mm on the circle, within the accuracy of a program."""
     from_centre = tool - frame.centre
     radius, height = np.linalg.norm(from_centre, axis=1), from_centre @ frame.n
     return np.asarray(np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM)
 
 
 def _ways(ahead: Array) -> list[tuple[int, int]]:
-    """Rows (begin, end) of each motion between reversals, along circle angles (n,) rad."""
+    """Rows (begin, end) between reversals of the circle angle (n,) rad."""
     step = max(1, len(ahead) // _SEEN)
     turns, extreme, sense = [0], 0, 0.0
     for row in range(0, len(ahead), step):
@@ -199,18 +189,12 @@ def _ways(ahead: Array) -> list[tuple[int, int]]:
 
 
 def _turns_before(ahead: Array, lead: float) -> float:
-    """Circle angle, in whole turns, at which the first lap of a motion (n,) begins.
-
-    The first row is at the lead-in, or at the start itself.
-    """
+    """Circle angle, in whole turns, of the first lap; the first row is at the lead-in, or at the start itself."""
     return float(2 * np.pi * np.round((ahead[0] + lead) / (2 * np.pi)))
 
 
 def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
-    """Rows of the lap that begins at a circle angle, with circle angles (n,) rad from 0.
-
-    The rows are contiguous in time, so a standstill or an approach to the start is excluded.
-    """
+    """Rows of the lap that begins at a circle angle, with angles (n,) rad from 0, without standstill or approach."""
     since = ahead - begins
     end = int(np.argmax(since >= 2 * np.pi)) or len(since)
     begin = int(np.flatnonzero(since[:end] < 0).max(initial=-1)) + 1
@@ -218,7 +202,6 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
 
 
 def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
-    """Tool positions (m, 3) mm at selected rows (m,) of joint angles (n, 6) rad."""
     places = np.empty((len(rows), 3))
     for begin in range(0, len(rows), _BLOCK):
         places[begin : begin + _BLOCK] = forward(arm, q[rows[begin : begin + _BLOCK]])[:, :3, 3]
@@ -226,10 +209,10 @@ def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
 
 
 def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> list[slice]:
-    """Rows of each stay on the circle. tool (m, 3) mm: positions at the rows seen (m,).
+    """Rows of each stay on the circle.
 
-    Approach and departure, which may be at any angle, are excluded. One or two faulty rows off the circle do not
-    interrupt a stay. They are detected later.
+    Approach and departure, which may be at any angle, are excluded. One or two faulty rows do not interrupt a stay;
+    they are detected later.
     """
     on = np.flatnonzero(is_on_circle(tool, frame))
     if not len(on):
@@ -241,9 +224,9 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> l
 
 
 def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
-    """A section without the part before or after a jump at standstill, as caused by a move to a start.
+    """Cut off the part before or after a jump at standstill, as caused by a move to a start.
 
-    Raises FileError if a joint jumps in the middle of the circle by more than its speed permits.
+    Raises FileError if a joint jumps in the middle of the circle.
     """
     t_s, q = table.t_s[rows], table.q[rows]
     begin, end = 0, len(q)
@@ -265,10 +248,7 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
 
 
 def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
-    """Jumps of q (n, 6) rad at t_s (n,) s: steps that exceed the joint speeds.
-
-    Each jump is the row before it, the axis, and the size in rad. Axes are processed singly, because a run may be long.
-    """
+    """Steps that exceed the joint speeds: the row before, the axis, and the size in rad."""
     leaps = []
     for axis, joint in enumerate(q.T):
         step = np.abs(np.diff(joint))

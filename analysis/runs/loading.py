@@ -1,4 +1,4 @@
-"""Load a run for analysis: table, rig file, and doubts. For locating a circle, the robot's motion is sufficient."""
+"""Load a run for analysis: table, rig file, and doubts."""
 
 from __future__ import annotations
 
@@ -77,7 +77,6 @@ class Measured(Tabular):
     condition: Condition = NOT_SHOWN
 
     def __repr__(self) -> str:
-        """One line for a console, instead of all readings."""
         return f"<run {self.run.manifest.name}: {self.table.test} of {self.rig.name}, {len(self.table.q)} rows>"
 
     @property
@@ -120,8 +119,8 @@ def as_recorded(rig: Rig, runs: Iterable[Measured]) -> Rig:
 
 
 def with_controller_of(rig: Rig, runs: Iterable[Measured]) -> list[Measured]:
-    """Runs with the constants of the controller of a rig, in place of the same ones that each run showed, and of
-    those of a data sheet in runs of that model whose rig file does not state the controller.
+    """Runs with the constants of the controller of a rig, in place of the same ones that each run showed, and of those
+    of a data sheet in runs whose rig file does not state the controller.
     """
     robot, made = rig.robot, []
     for run in runs:
@@ -136,7 +135,7 @@ def with_controller_of(rig: Rig, runs: Iterable[Measured]) -> list[Measured]:
 
 
 def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
-    """Raise FileError if two runs have equal readings. runs: path and digest of the readings of each run.
+    """Raise FileError if two runs have equal readings; runs: path and digest of each.
 
     A copy would be mistaken for a noise-free repeat, or for an independent held-out run.
     """
@@ -156,8 +155,9 @@ last digit.
 
 
 def refuse_copied_rows(runs: Sequence[Measured]) -> None:
-    """Raise FileError if most poses of a run also occur in an earlier one, in any order of the rows and any turn of the
-    joints (n, axes) rad, or if many rows of a run are copies: a copy shows no repeatability."""
+    """Raise FileError if most poses also occur in an earlier run, in any order and any turn of the joints, or if many
+    rows of a run are copies: a copy shows no repeatability.
+    """
     seen: list[tuple[str, set[bytes]]] = []
     for run in runs:
         if not isinstance(run.table, PoseTable):
@@ -187,7 +187,7 @@ def rig_of(run: Run) -> Rig:
 
 
 def measured_of(run: Run, rig: Rig | None = None) -> Measured:
-    """Build the table of a loaded run, with the given rig or the one in the manifest. Raises FileError."""
+    """Build the table of a loaded run. rig: in place of the one in the manifest. Raises FileError."""
     path = run.path
     rig = rig or rig_of(run)
     if run.table is None:
@@ -217,9 +217,9 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
 
 
 def known_doubts(run: Run, rig: Rig) -> list[str]:
-    """Doubts about a run that do not depend on the readings, as text.
+    """Doubts that do not depend on the readings.
 
-    Raises FileError if the run is invalid, or if it is a replay with instruments out of step.
+    Raises FileError if the run is invalid, or a replay with instruments out of step.
     """
     seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
     if out_of_step := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
@@ -244,10 +244,7 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
-    """Doubts about corrections in the rig file that imported readings may lack.
-
-    There are none if the import states the correction, or if the readings are simulated.
-    """
+    """Doubts about corrections of the rig file that imported readings may lack, unless the import states them."""
     table_format, table = format_of(run.manifest.test), run.manifest.table
     names = table_format.gauges
     if not names or table is None or table.file.startswith(SIMULATED):
@@ -302,10 +299,7 @@ def _doubts(run: Run) -> list[str]:
 
 @dataclass(frozen=True)
 class RobotMotion:
-    """Reported angles q (n, 6) rad at times t_s (n,) s.
-
-    where: name of the run in messages. direction: label of the run, if any. doubts: as text.
-    """
+    """Reported angles q (n, 6) rad at times t_s (n,) s. where: name of the run in messages."""
 
     where: str
     t_s: Array

@@ -37,11 +37,11 @@ _MOST_STEPS = 20
 def highest_under(pull: Array, right: Integers, share: Array, corners: Array) -> Array | None:
     """Heights (k,) below all corners that maximise pull @ heights, or None if there is no solution.
 
-    pull (k,): at least 0. right, share, corners (m,): a corner lies between knots right - 1 and right, at the relative
-    position share, and has the ordinate corners, in the unit of the heights.
+    pull (k,): at least 0. A corner lies between knots right - 1 and right, at the relative position share, at the
+    height corners, (m,) each.
 
-    This is a linear program. An active-set method climbs along the pull from corner to corner, because the import of
-    scipy.optimize takes longer than the rest of a run of a million rows.
+    An active-set method for this linear program: it climbs along the pull from corner to corner. The import of
+    scipy.optimize takes as long as the rest of a run of a million rows.
     """
 
     def at_corners(heights: Array) -> Array:
@@ -92,10 +92,7 @@ _FEW = 0.002
 
 
 def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
-    """Lower envelope (n,) of y (n,) at increasing x (n,), both in s, and a mask of impossibly low points.
-
-    At least two points are required. If there are few points, all are treated as valid.
-    """
+    """Lower envelope (n,) of y (n,) at increasing x (n,), both in s, and a mask of impossibly low points."""
     low = low_outliers(x, y)
     under = (x[~low], y[~low]) if low.any() else (x, y)
     windows = int(np.clip((x[-1] - x[0]) // window, 1, max(1, len(x) // _HULL_ROWS)))
@@ -126,10 +123,9 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
-    """Mask of wrong timestamps y (n,) at increasing x (n,), in s: isolated values well below their neighbours.
+    """Mask of wrong timestamps y (n,) at x (n,), in s: isolated minima well below those of the neighbouring blocks.
 
-    The minimum of each block is compared with those of the neighbouring blocks. At most one in 500 points, or three, is
-    treated as wrong, because repeated low points are short delays.
+    At most one in 500 points, or three, is wrong, because repeated low points are short delays.
     """
     none = np.zeros(len(x), dtype=bool)
     size = max(_HULL_ROWS, len(x) // _BLOCKS)
@@ -161,10 +157,8 @@ def low_outliers(x: Array, y: Array) -> Mask:
 
 
 def lower_line(x: Array, y: Array) -> tuple[float, float]:
-    """Intercept and slope, in units of x and y, of the line below all points (n,) with the smallest mean
-    distance.
-
-    The line is the edge of the lower convex hull at the mean of x.
+    """Intercept and slope of the line below all points (n,) with the smallest mean distance: the edge of the lower
+    convex hull at the mean of x.
     """
     hx, hy = lower_hull(x, y)
     if len(hx) == 1:
@@ -175,7 +169,7 @@ def lower_line(x: Array, y: Array) -> tuple[float, float]:
 
 
 def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
-    """Corners (m,) of the lower convex hull of points x, y (n,) in any unit, with increasing x."""
+    """Corners (m,) of the lower convex hull of points (n,), with increasing x."""
     blocks = len(x) // _HULL_BLOCK
     if not (x[1:] > x[:-1]).all():
         order = np.lexsort((y, x))
@@ -224,10 +218,8 @@ _AROUND = 8
 class FittedClock:
     """Host times (n,) ns of an instrument's timestamps. u_s (n,): uncertainty of times derived from arrivals, else 0.
 
-    restarts: number of restarts of the clock.
-    wrong: number of ignored timestamps.
-    wanders_s: size of permanent changes in the delay of a steadily sending instrument.
-    shared_u_s: common uncertainty caused by these changes.
+    wrong: number of ignored timestamps. wanders_s: permanent changes in the delay of a steadily sending instrument.
+    shared_u_s: common uncertainty caused by these.
     """
 
     ns: Array
@@ -239,14 +231,13 @@ class FittedClock:
 
 
 def is_stalled(device_s: Array) -> bool:
-    """True if a clock device_s (n,) is not advancing, within the resolution of host timestamps."""
+    """True if the clock does not advance, within the resolution of host timestamps."""
     return len(device_s) > 1 and bool(device_s.max() <= device_s.min() + TICK_S)
 
 
 def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
-    """Host times of timestamps device_s (n,) s. host_ns (n,): arrival times or other upper bounds.
-
-    If the instrument has no clock, the result is host_ns.
+    """Host times of timestamps device_s (n,) s; host_ns (n,): arrivals or other upper bounds, returned if there is no
+    clock.
     """
     if len(device_s) < 3 or not -_LATEST_S < device_s.min() <= device_s.max() < _LATEST_S:
         return FittedClock(host_ns, np.zeros(len(host_ns)))
@@ -271,7 +262,6 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
 
 
 def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
-    """Expand values from the valid rows to all rows (n,). The filler replaces the values of wrong timestamps."""
     values = np.full(len(wrong), filler, dtype=kept.dtype)
     values[~wrong] = kept
     return values
@@ -293,10 +283,7 @@ def _starts(device_s: Array, host_ns: Array) -> Integers:
 
 
 def unwrapped(device_s: Array, host_ns: Array) -> Array:
-    """Timestamps (n,) s of a counter, continued after each wrap.
-
-    A wrap is a decrease by the range of the counter.
-    """
+    """Timestamps (n,) s of a counter, continued after each decrease by its range."""
     ticks, passed = np.diff(device_s), np.diff(host_ns) / 1e9
     leaps = np.flatnonzero(np.abs(ticks - passed) > min(_WRAPS_S) - _LEAP_S)
     if not len(leaps):
@@ -352,7 +339,6 @@ def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
 
 
 def _by_arrival(ns: Array, wrong: Mask, restarts: int, host_ns: Array) -> FittedClock:
-    """Replace wrong timestamps with the arrival time minus the usual delay."""
     u_s = np.zeros(len(ns))
     if wrong.any() and not wrong.all():
         delay = (host_ns - ns)[~wrong]
@@ -405,13 +391,13 @@ recovers earlier, it was a stall of a few seconds, because an instrument that wa
 def through_pace(host_ns: Array) -> FittedClock:
     """Host times (n,) ns of messages that arrived at host_ns (n,), assuming a steady rate.
 
-    A crystal keeps its rate regardless of the computer. A temporary delay is therefore a transmission delay, and the
-    lower envelope is the clock. An instrument that waits never catches up, for example a program timed by software. A
-    permanent delay is therefore a delay of the instrument. If the delay wanders, the times follow the lower envelope of
-    the arrivals, and the shared uncertainty covers both interpretations.
+    A crystal keeps its rate, so a temporary delay is one of the transmission, and the lower envelope is the clock. An
+    instrument that waits never catches up (a program timed by software), so a permanent delay is its own. If the delay
+    wanders, the times follow the lower envelope of the arrivals, and the shared uncertainty covers both
+    interpretations.
 
-    The rate is not steady if the smallest delays differ between groups of messages. A stalling host delays many
-    messages, but never all of them. In this case the result is the arrival times, and their scatter is the uncertainty.
+    The rate is not steady if the smallest delays differ between groups of messages, because a stalling host never
+    delays all of many. The result is then the arrival times, with their scatter as uncertainty.
     """
     if len(host_ns) < 2 * _AHEAD:
         return FittedClock(host_ns, _uneven_s(host_ns))
@@ -441,7 +427,7 @@ def through_pace(host_ns: Array) -> FittedClock:
 def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
     """Correct the numbers (n,) of the last messages before a missing one.
 
-    If they are very late, they are counted as the first messages after the missing one, and then seem too early.
+    Very late ones are counted as the first messages after it, and then seem too early.
     """
     number = number.copy()
     for row in (np.flatnonzero(np.diff(number) > 1) + 1).tolist():
@@ -456,10 +442,7 @@ def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
 
 
 def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
-    """A clock that follows slow changes of the delay, if they exceed the scatter.
-
-    late_ns (n,): delay of each message. The least delay of a block of messages contains no short delays.
-    """
+    """A clock that follows slow changes of the delay late_ns (n,), if they exceed the scatter."""
     least_ns = _least_of_blocks(late_ns, block)
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
@@ -484,19 +467,18 @@ def _least_of_blocks(values: Array, block: int) -> Array:
 
 
 def _floor_around(late_ns: Array, width: int) -> Array:
-    """Larger of the smallest delays in `width` messages up to each message and from it on, (n,) ns.
-
-    The result steps exactly at the start of a permanent delay.
+    """Larger of the smallest delays in `width` messages up to each message and from it on: it steps exactly at the
+    start of a permanent delay.
     """
     least = _least_of_next(late_ns, width)
     return np.maximum(np.pad(least, (0, width - 1), mode="edge"), np.pad(least, (width - 1, 0), mode="edge"))
 
 
 def numbered(host_ns: Array, period_ns: float) -> Integers:
-    """Sequence number (n,) of each arrival (n,) ns. A missing message delays all later ones by a period.
+    """Sequence number (n,) of each of at least `_AHEAD` arrivals. A missing message delays all later ones by a period.
 
     A single message may be late for other reasons, but rarely all of the next `_AHEAD`. A missing message near the end
-    of a run is not detected. At least `_AHEAD` arrivals are required.
+    is not detected.
     """
     least = np.empty(len(host_ns) - _AHEAD + 1)  # smallest of `_AHEAD` delays relative to the period
     for begin in range(0, len(least), _BLOCK):
@@ -560,11 +542,7 @@ def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
 
 
 def _uneven_s(host_ns: Array) -> Array:
-    """Standard uncertainty (n,) s of arrivals without a steady rate. Their delays are as large as their
-    scatter.
-
-    It combines the usual scatter with the deviation of each arrival.
-    """
+    """Standard uncertainty (n,) s of arrivals without a steady rate: the usual scatter and the deviation of each."""
     if len(host_ns) < 2:
         return np.zeros(len(host_ns))
     steps = np.diff(host_ns)

@@ -61,7 +61,6 @@ class Bounds:
 
     @property
     def repeating(self) -> bool:
-        """True if values repeated during motion more often than the resolution explains."""
         runs = np.diff(self.row)[self.jumps[1:]]
         if len(runs) < FEW or self.jumps.mean() < 0.5 or self.usual_ns <= 0:
             return False
@@ -81,7 +80,6 @@ def changes(asked_ns: Array, values: Array) -> Bounds:
 
 
 def repeats(values: Array) -> bool:
-    """True if readings (n, k) mm repeat often enough to search for an internal cycle."""
     return bool(np.count_nonzero(_changed(values)) < _REPEATS * len(values))
 
 
@@ -113,10 +111,7 @@ give the same result.
 
 
 def period_of(middle_ns: Array, usual_ns: float, within: float) -> float:
-    """Period of which the distances of changes at middle_ns (m,) are multiples.
-
-    within: relative range of the search around usual_ns.
-    """
+    """Period of which the distances of changes at middle_ns (m,) are multiples, within a relative range of usual_ns."""
     period_ns = usual_ns
     for lag in _LAGS:
         if 2 * lag > len(middle_ns):
@@ -164,7 +159,7 @@ class CycleLine:
     u_ns: Array
 
     def tick_ns(self, number: Array) -> Array:
-        """Times in ns of ticks by number (n,). The cycle is extrapolated beyond both ends."""
+        """Times in ns of ticks, extrapolated beyond both ends."""
         inside = np.clip(number, self.knots[0], self.knots[-1])
         return np.asarray(np.interp(inside, self.knots, self.at_ns) + (number - inside) * self.period_ns)
 
@@ -174,7 +169,7 @@ class CycleLine:
 
 
 def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
-    """Fit a polyline in ns through the ticks with the given numbers (m,) within their bounds. Estimate the scatter."""
+    """Fit a polyline in ns through the ticks with the given numbers (m,) within their bounds."""
     each = np.linspace(0, len(number) - 1, max(2, len(number) // _KNOT + 1)).astype(int)
     knots = np.unique(np.sort(number)[each]).astype(float)
     width_ns = bounds.width_ns
@@ -204,7 +199,7 @@ def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
 
 
 def _broken(x: Array, y: Array, weight: Array, knots: Array) -> Array:
-    """Heights (k,) at increasing knots of the polyline closest to y (n,) at x (n,), in the unit of y."""
+    """Heights (k,) of the polyline closest to y (n,) at x (n,)."""
     from scipy.linalg import solveh_banded  # noqa: PLC0415 - slow to import, needed for such gauges only
 
     weight = weight + 1e-6  # a knot may have no agreeing change
@@ -234,13 +229,11 @@ def _expected(low: Array, high: Array, scatter: float) -> tuple[Array, Array, Ar
 
 
 def _likely(inside: Array, by_chance: Array) -> Array:
-    """Probability (n,) that a change is a tick of the cycle."""
     tick = (1 - _WRONG) * inside
     return np.asarray(tick / (tick + _WRONG * by_chance))
 
 
 def _sampled(bounds: Bounds, line_ns: Array) -> tuple[Array, Array]:
-    """Lower and upper bounds (m,) ns relative to a line, at up to `_SAMPLE` evenly spaced changes."""
     each = np.linspace(0, len(line_ns) - 1, min(len(line_ns), _SAMPLE)).astype(int)
     return bounds.low_ns[each] - line_ns[each], bounds.high_ns[each] - line_ns[each]
 
@@ -253,7 +246,7 @@ def _log_likelihood(low: Array, high: Array, scatter_ns: float, period_ns: float
 def _phase(bounds: Bounds, line_ns: Array, scatter_ns: float, period_ns: float) -> tuple[float, float]:
     """Standard deviation and mean of a shift common to all ticks of the line.
 
-    If requests are synchronous with the cycle, all changes have the same bounds, and any phase within them is possible.
+    If requests are synchronous with the cycle, any phase within the bounds is possible.
     """
     low, high = _sampled(bounds, line_ns)
     reach, mean, sd = float(np.median(high - low)) + 2 * scatter_ns, 0.0, 0.0
@@ -281,10 +274,7 @@ _STEADY = 0.15
 
 @dataclass(frozen=True)
 class Ticks:
-    """Reading times ns (n,) of n answers.
-
-    own_u_s (n,), u_s: individual and common uncertainty. period_ns: period. steady: whether the cycle is steady.
-    """
+    """Reading times of n answers. own_u_s (n,), u_s: individual and common uncertainty."""
 
     ns: Array
     own_u_s: Array
@@ -294,10 +284,9 @@ class Ticks:
 
 
 def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Ticks | None:
-    """Ticks of answers at asked_ns (n,) with values (n, k), or None if ticks cannot be detected.
+    """Ticks of answers at asked_ns (n,) with values (n, k), or None if they cannot be detected.
 
-    cycle_ns: stated cycle. An unstated cycle is accepted only if values were repeated while the gauge moved by more
-    than its resolution.
+    An unstated cycle is accepted only if values repeated while the gauge moved by more than its resolution.
     """
     start_ns = float(asked_ns[0])
     asked_ns = asked_ns - start_ns
@@ -328,7 +317,7 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
 
 
 def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> Ticks:
-    """Tick of each answer at asked_ns (n,): the last change, or a later tick with an equal value."""
+    """Tick of each answer: the last change, or a later tick with an equal value."""
     # Changes that agree with no tick are garbled readings, and the correct readings after them.
     true = ~close
     true[close] = line.agreeing
@@ -359,8 +348,8 @@ def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> 
 def anywhere_in_a_cycle(asked_ns: Array, cycle_ns: float) -> tuple[Array, float]:
     """Individual (n,) and common standard uncertainty in s of readings half a cycle older than asked_ns (n,).
 
-    If requests are synchronous with the cycle, all readings have the same age. The common part is the mean resultant
-    length of the phases, maximised over cycles near the stated value.
+    If requests are synchronous with the cycle, all readings have the same age: the common part is the mean resultant
+    length of the phases, maximised over cycles near the stated one.
     """
     each = asked_ns[np.linspace(0, len(asked_ns) - 1, min(len(asked_ns), _SAMPLE)).astype(int)] - asked_ns[0]
     off = np.linspace(-1e-3, 1e-3, 41)

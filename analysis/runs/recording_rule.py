@@ -1,7 +1,5 @@
-"""Derive from a recorded run the rule that would have started the recording.
-
-The rule uses a signal that changed during the recording. If there is none, it uses the departure of the robot from a
-posture. Angles are those reported by the controller, independent of the arm's constants and the ball.
+"""Derive from a recorded run the rule that would have started it: a signal that changed, or the departure of the robot
+from a posture as its controller reports it.
 """
 
 from __future__ import annotations
@@ -28,7 +26,6 @@ _FIRST_BLOCK = 64
 
 
 def rule_of(run: Run) -> Rule:
-    """Rule for the program of a recorded run. Raises FileError if the run contains no suitable event."""
     manifest, where = run.manifest, str(run.path)
     if "robot" not in run.streams:
         raise FileError(
@@ -86,10 +83,7 @@ def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[d
 
 
 def _leaves(q_deg: Array, by_deg: float, begin: int = 0) -> int:
-    """First row from `begin` on in which a joint has moved by more than by_deg, or the number of rows.
-
-    Block sizes double, so rows after the result are not examined.
-    """
+    """First row from `begin` on in which a joint has moved by more than by_deg, or the number of rows."""
     end = begin
     while end < len(q_deg):
         block = q_deg[end : end + max(end - begin, _FIRST_BLOCK)]

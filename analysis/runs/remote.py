@@ -130,13 +130,12 @@ _CHUNKS = (".parquet", ".arrow")
 
 
 def is_run(names: Iterable[str]) -> bool:
-    """True if these file names belong to a run, however damaged. A ledger is sufficient, even if the manifest
-    is missing."""
+    """True if a run has these file names, however damaged. A ledger is sufficient."""
     return not OF_A_RUN.isdisjoint(names)
 
 
 def has_figures(name: str) -> bool:
-    """True if figures depend on a file. Marks of exports and protection do not affect figures."""
+    """True if figures depend on a file: marks of exports and protection do not affect them."""
     return name in (MANIFEST, LEDGER) or name.endswith(_CHUNKS)
 
 
@@ -182,7 +181,6 @@ class RemoteFile:
 
 @contextmanager
 def explained(where: RemotePath) -> Iterator[None]:
-    """Convert exceptions of a store to RigError, and to StoreLost if it does not respond."""
     try:
         yield
     except (RigError, MemoryError):
@@ -206,10 +204,7 @@ def opened(path: RemotePath) -> tuple[Any, str]:
 
 
 def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
-    """Files and the subdirectory names of a directory, excluding links to directories.
-
-    Raises exceptions of the packages.
-    """
+    """Files and subdirectory names of a directory, without links to directories. Raises exceptions of the packages."""
     files: list[RemoteFile] = []
     folders: list[str] = []
     store.invalidate_cache(folder)
@@ -239,7 +234,7 @@ def name_below(folder: str, path: str) -> str:
 
 
 def is_plain(name: str) -> bool:
-    """True if a name is a plain file or directory name. Object keys can be any text."""
+    """True if a name is a plain file or directory name; object keys can be any text."""
     return name not in ("", ".", "..") and not {"/", "\\", "\0"} & set(name)
 
 
@@ -283,7 +278,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
 
 
 def _reason(error: Exception) -> str:
-    """Text of an error, with possible passwords and signatures removed from URLs."""
+    """Text of an error, without passwords and signatures in URLs."""
     words = " ".join((getattr(error, "strerror", None) or str(error)).split()) or type(error).__name__
     words = re.sub(r"(://[^\s?]*)\?[^\s'\"]*", r"\1", re.sub(r"//[^/@\s]*@", "//", words))
     return words[:_LONGEST].rstrip(".")
@@ -303,7 +298,7 @@ class RemoteRun:
 
 
 def listed(top: RemotePath) -> list[RemoteRun]:
-    """Runs, and directories that may contain runs, in this process. Nested runs are excluded."""
+    """Runs, and directories that may contain runs, without nested runs."""
     runs: list[RemoteRun] = []
     run: Steps | None = None
     with explained(top):
@@ -318,7 +313,6 @@ def listed(top: RemotePath) -> list[RemoteRun]:
 
 
 def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFile, ...]]]:
-    """A directory and all directories below it, from the names of all objects."""
     folders: dict[Steps, list[RemoteFile]] = {}
     store.invalidate_cache(folder)
     for name, info in store.find(folder, detail=True).items():
@@ -330,8 +324,7 @@ def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFi
 
 
 def _walked(store: Any, top: str, where: RemotePath) -> Iterator[tuple[Steps, tuple[RemoteFile, ...] | None]]:
-    """A directory and all directories below it by listing each. Inaccessible directories have None in place of
-    files."""
+    """A directory and all directories below it; those that cannot be listed have None in place of files."""
     todo: list[Steps] = [()]
     while todo:
         steps = todo.pop()
@@ -357,10 +350,10 @@ _place: ContextVar[str | None] = ContextVar("place", default=None)
 
 @contextmanager
 def fetched(run: Path) -> Iterator[Path]:
-    """Provide the directory of a run. A remote run is copied, and the copy is removed at the end.
+    """Provide the directory of a run, copied from its store if it is remote and removed at the end.
 
-    A process has a single copy at a time and therefore needs space for the largest run only. Errors in the block name
-    the original run or table. Raises RigError if the run cannot be fetched.
+    A process has a single copy at a time, so the space of the largest run is enough. Errors in the block name the
+    original run or table. Raises RigError if the run cannot be fetched.
     """
     if isinstance(run, RemotePath):
         with _temporary_directory(_place.get()) as name:
@@ -394,16 +387,15 @@ def restore_run_path(text: str, copy: Path, run: Path) -> str:
 
 @contextmanager
 def place_of_copies() -> Iterator[str]:
-    """Provide a directory for the copies of several processes, which remains if a process dies.
+    """Provide a directory for the copies of several processes, removed at the end, even after SIGTERM or a hang-up.
 
-    It is removed at the end, even after SIGTERM or a hang-up. Raises CellError if it cannot be created.
+    Raises CellError if it cannot be created.
     """
     with _temporary_directory(None) as name, removed_at_signals(name, _kill_workers):
         yield name
 
 
 def fetching_into(place: str, work: Callable[[Item], Value], item: Item) -> Value:
-    """Run the work with copies in a directory that remains if this process dies."""
     before = _place.set(place)
     try:
         return work(item)
@@ -424,7 +416,7 @@ def _temporary_directory(within: str | None) -> Iterator[str]:
 
 
 def _kill_workers() -> None:
-    """Kill the processes that write copies; otherwise they would continue writing to a removed directory."""
+    """Kill the processes that write copies: they would write on to a removed directory."""
     workers = [child for child in multiprocessing.active_children() if child.daemon]
     for worker in workers:
         worker.kill()

@@ -54,7 +54,7 @@ _ORDER = 3
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction current of a joint's motor in A, the standard uncertainty, and the number of evaluated reversals."""
+    """Friction current of a joint's motor in A, its standard uncertainty, and the number of evaluated reversals."""
 
     current_a: float
     u_a: float
@@ -62,10 +62,7 @@ class Friction:
 
 
 def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[int, Friction]:
-    """Friction of each reversing axis, 1 … 6, from columns (n,) of the robot stream at times t_s (n,) s.
-
-    The uncertainty is the larger of the fit uncertainty and the scatter between reversals.
-    """
+    """Friction by axis 1 … 6. The uncertainty is the larger of that of the fit and the scatter between reversals."""
     friction = {}
     for axis, name in enumerate(CURRENTS, 1):
         current = robot.get(name, np.empty(0))
@@ -103,10 +100,7 @@ def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, floa
 
 
 def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) -> Array | None:
-    """Time from the reversal, side and mean current (pieces, 3) of the motion to or from a reversal.
-
-    None if the joint stands still or the motion is too short.
-    """
+    """Time from the reversal, side and mean current (pieces, 3) of the motion to or from it; None if too short."""
     step = 1 if end > turn else -1
     rows = np.arange(turn, end + step, step)
     rows = rows[: int(np.argmax(away_deg[rows] > _WAY_DEG)) or len(rows)]
@@ -136,7 +130,7 @@ _PART = 0.1
 
 @dataclass(frozen=True)
 class Warmth:
-    """Temperature of a joint during a run: mean and rise in °C, with standard uncertainties from the scatter."""
+    """Mean and rise of a joint's temperature in °C, with standard uncertainties from the scatter."""
 
     mean_c: float
     u_mean_c: float
@@ -146,7 +140,7 @@ class Warmth:
 
 @dataclass(frozen=True)
 class Condition:
-    """Condition of the robot in a run. doubts: as text. warmth, friction: by axis 1 … 6, if available."""
+    """Condition of the robot in a run; warmth and friction by axis 1 … 6, if available."""
 
     doubts: tuple[str, ...] = ()
     warmth: Mapping[int, Warmth] | None = None

@@ -41,10 +41,7 @@ _MOST_OUTLYING = 0.1
 
 @dataclass(frozen=True)
 class Stand:
-    """Rows [begin, end) of a standstill, with mean time in s, mean angles (6,) rad and mean readings (k,) mm.
-
-    The means are those of the settled part, excluding outliers. outliers: number of outliers.
-    """
+    """Rows [begin, end) of a standstill, and means of its settled part: time s, angles (6,) rad, readings (k,) mm."""
 
     begin: int
     end: int
@@ -59,7 +56,6 @@ class Stand:
 
 
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
-    """Standstills of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k)."""
     stands = []
     for begin, end in standing(t_s, q, STANDSTILL_RAD, _WINDOW_S):
         settled = _settled(begin, end)
@@ -73,7 +69,6 @@ def _settled(begin: int, end: int) -> slice:
 
 
 def _averaged(values: Array) -> tuple[Array, int]:
-    """Mean (k,) of the readings or angles (n, k) excluding outliers, and the number of outliers."""
     away = np.abs(values - np.median(values, axis=0))
     limit = _OUTLYING * 1.4826 * np.median(away, axis=0)
     # The median deviation is zero if most readings of a coarse gauge are equal. Outliers cannot be detected then.
@@ -94,8 +89,7 @@ _FOLLOWED = 0.5
 class Visits:
     """Standstills in the order of a program.
 
-    number: index of each visit among the standstills at targets. rows (n,): program row of each visit.
-    t_s (n,) s, q (n, 6) rad, g_mm (n,): means. doubts: as text.
+    number: index of each visit among the standstills at targets. rows (n,): program row. t_s, q, g_mm: means.
     """
 
     number: list[int]
@@ -116,8 +110,8 @@ def visits_of(
 ) -> Visits:
     """Select the visits among the standstills at targets, and assign the program rows.
 
-    places: target of each standstill. order: targets of the program in sequence. once: length of one pass. Raises
-    FileError if there is no standstill at a target.
+    places: target of each standstill. order: targets of the program. once: length of one pass. Raises FileError without
+    a standstill at a target.
     """
     pairs = _longest_common(places, order)
     if len(pairs) > 1 and pairs[-1][1] > 0 and pairs[-1][1] % once == 0:
@@ -145,7 +139,7 @@ def visits_of(
 
 
 def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> list[tuple[int, int]]:
-    """Index pairs of the longest common subsequence. If there are several, the latest is returned."""
+    """Index pairs of the latest longest common subsequence."""
     codes = {place: code for code, place in enumerate(dict.fromkeys([*places, *order]))}
     targets = np.array([codes[place] for place in order], dtype=np.int64)
     length = np.zeros((len(places) + 1, len(order) + 1), dtype=np.int32)
@@ -167,7 +161,7 @@ def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> li
 def at_targets(
     stands: Sequence[Stand], program: TargetProgram, rig: Rig, turned: float = _TURNED_RAD
 ) -> list[tuple[Stand, int]]:
-    """Assign each standstill to the closest program row. Standstills distant from all rows, or rotated, are omitted."""
+    """Assign each standstill to the closest program row, without those distant from all rows or rotated."""
     if not stands:
         return []
     arm = arm_of(rig.robot)
@@ -210,7 +204,6 @@ measurements of different things and are not averaged.
 
 
 def average_standstills(table: Table) -> Table:
-    """Average adjacent rows of one standstill. Circle tables are unchanged."""
     first = format_of(table.test).stands(table)
     if first is None or first.all():
         return table
@@ -231,26 +224,19 @@ def rows_per_standstill(table: Table) -> Integers:
 
 
 def standstill_starts(q: Array, differs: Mask) -> Mask:
-    """Mask (n,) of the rows that start a standstill: joints q (n, axes) rad moved, or the row differs from the
-    previous one otherwise (n - 1,)."""
+    """Mask (n,) of the rows that start a standstill: joints moved, or the row differs otherwise (n - 1,)."""
     if not len(q):
         return np.ones(0, dtype=bool)
     return np.concatenate([[True], (np.abs(np.diff(q, axis=0)) > STANDSTILL_RAD).any(axis=1) | differs])
 
 
 def standstill_starts_of_visits(q: Array, differs: Mask) -> Mask:
-    """Mask (n,) of `standstill_starts` for rows without times.
-
-    If the rows seem to be visits in any order, each row starts a standstill.
-    """
+    """Mask like `standstill_starts`; rows without times that seem to be visits in any order are all starts."""
     starts = standstill_starts(q, differs)
     return np.ones(len(q), dtype=bool) if len(q) and not _standstills_are_adjacent(q, starts[1:]) else starts
 
 
 def _standstills_are_adjacent(q: Array, moved: Mask) -> bool:
-    """True if most rows with equal postures q (n, axes) rad are adjacent.
-
-    If they are, rows without times are repeated readings of one standstill. Otherwise the rows are visits in any order.
-    """
+    """True if most rows with equal postures are adjacent: repeated readings of one standstill, not visits."""
     postures = len(np.unique(np.round(q / STANDSTILL_RAD), axis=0))
     return 2 * int(np.count_nonzero(~moved)) > len(q) - postures

@@ -1,10 +1,10 @@
 """Tables of docs/tables.md in memory, the common input of evaluation, simulation and fits, and their columns in files.
 
-Recorded runs are aligned to tables, and imported ones are read from files. Simulations produce the same tables. Angles
-are in rad and lengths in mm, but files contain degrees and mm.
+Recorded runs are aligned to tables, imported ones are read from files, and simulations produce the same tables. Angles
+are in rad, lengths in mm; files contain degrees and mm.
 
-A kind of test is a class. Rig's own are listed here, others are offered by installed packages as entry points
-`rig.tests`. What the layers above ask of the same class is in `analysis.procedures.shared.test_kind`.
+A kind of test is a class, listed here or offered by an installed package as an entry point `rig.tests`. What the layers
+above ask of it is in `analysis.procedures.shared.test_kind`.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ SAME_RAD = 3e-4
 
 @dataclass(frozen=True)
 class Table(ABC):
-    """Common part of all tables: the test, and reported joint angles q (n, axes) rad. `rail`: q has an additional
-    column with the rail position in m.
+    """Common part of all tables: the test, and reported joint angles q (n, axes) rad, with a last column for a `rail`,
+    in m.
     """
 
     if TYPE_CHECKING:
@@ -61,13 +61,13 @@ class Table(ABC):
 
     @property
     def rows(self) -> Integers:
-        """Row number (n,) in the file of each reading, or of the first averaged reading."""
+        """Row number (n,) in the file of each reading, or of the first averaged one."""
         row: Integers | None = getattr(self, "row", None)
         return np.arange(1, len(self.q) + 1) if row is None else row
 
     @property
     def numbers(self) -> Integers:
-        """Number (n,) identifying each row to the user: row in the file, or target."""
+        """Row in the file, or target, that identifies each row to the user."""
         return self.rows
 
     @property
@@ -80,29 +80,25 @@ class Table(ABC):
 
     @property
     def sides(self) -> Integers | None:
-        """Side of the backlash for each joint (n, axes): direction of the last move, -1 or 1, or 0 if the joint did not
-        move.
-
-        None if the table does not contain the approach of the joints.
-        """
+        """Direction (n, axes) of each joint's last move, -1, 0 or 1: the side of its backlash; None if unknown."""
         return None
 
     @property
     def lost(self) -> Mask:
-        """Mask (n,) of the rows without a measurement, identified by the value that an instrument then writes."""
+        """Mask (n,) of the rows without a measurement, by the value that an instrument then writes."""
         return np.zeros(len(self.q), dtype=bool)
 
     def thinned(self, count: int) -> Self:
-        """Reduce a table of millions of rows to about `count` rows. Shorter tables are not changed."""
+        """Reduce a table of millions of rows to about `count` rows."""
         return self
 
 
 @dataclass(frozen=True)
 class CircleTable(Table):
-    """A circle driven in one direction, including the recorded lead-in and lead-out.
+    """A circle driven in one direction, including lead-in and lead-out: q (n, 6) rad as reported, g_mm (n, 2) of g1 and
+    g2.
 
-    t_s (n,) s; q (n, 6) rad as reported; g_mm (n, 2): readings of g1 and g2; u_t_s (n,): individual standard
-    uncertainty of the times, None if unknown.
+    u_t_s (n,): individual standard uncertainty of the times, None if unknown.
     """
 
     in_order_of_time = swept = True
@@ -125,7 +121,6 @@ class CircleTable(Table):
         return self.direction
 
     def thinned(self, count: int) -> CircleTable:
-        """About `count` rows at equal intervals, without the uncertainty of their times."""
         if len(self.q) <= count:
             return self
         rows = slice(None, None, len(self.q) // count)
@@ -154,7 +149,6 @@ class TargetTable(Table):
 
     @property
     def numbers(self) -> Integers:
-        """Target number (n,) of each row."""
         return self.target
 
 
@@ -218,24 +212,22 @@ class PlaceTable(Table):
 
     @property
     def sides(self) -> Integers | None:
-        """Direction of the last move of each joint (n, axes)."""
         if self.last_moves is None:
             return None
         return np.where(np.abs(self.last_moves) > SAME_RAD, np.sign(self.last_moves), 0).astype(np.int64)
 
     def counted_back(self, turns_rad: Array) -> Self:
-        """Table with turns_rad (n, axes), multiples of a turn, subtracted from the joint angles."""
+        """Subtract turns_rad (n, axes), multiples of a turn, from the joint angles."""
         came_from = None if self.came_from is None else self.came_from - turns_rad
         return self.with_fields(q=self.q - turns_rad, came_from=came_from)
 
     def in_content_order(self) -> Self:
-        """Table sorted by `content_order`; each row keeps its number in the file."""
+        """Sort by `content_order`; each row keeps its number in the file."""
         order = content_order(self)
         columns = {name: values[order] for name, values in vars(self).items() if _is_content(name, values)}
         return self.with_fields(**columns, row=self.rows[order])
 
     def with_fields(self, **fields: Array | Integers | None) -> Self:
-        """Table with other values of fields that every table of positions has."""
         return replace(self, **fields)
 
 
@@ -261,7 +253,7 @@ class PoseTable(PlaceTable):
 
     @property
     def lost(self) -> Mask:
-        """Mask (n,) of positions 0, 0, 0, written by a tracker that lost its target."""
+        """Positions 0, 0, 0, written by a tracker that lost its target."""
         return np.asarray((self.xyz_mm == 0).all(axis=1))
 
 
@@ -281,7 +273,7 @@ class TouchTable(PlaceTable):
 
     @property
     def xyz_mm(self) -> Array:
-        """Position of the ball relative to the socket, (n, 3) mm: always zero."""
+        """Position of the ball relative to its socket: always zero."""
         return np.zeros((len(self.q), 3))
 
 
@@ -296,7 +288,7 @@ class PathTable(Table):
 
     @property
     def q(self) -> Array:
-        """Empty array (n, 0) rad: a tracker reads no joints, and the clocks of tracker and robot differ."""
+        """Empty (n, 0): a tracker reads no joints, and the clocks of tracker and robot differ."""
         return np.empty((len(self.t_s), 0))
 
     @property
@@ -307,8 +299,7 @@ class PathTable(Table):
 def content_order(table: Table) -> Integers:
     """Row indices (n,) that sort a table by content.
 
-    Tables that differ only in the order of rows become identical. Sums, random draws, neighbourhoods and ties then do
-    not depend on that order.
+    Sums, random draws and ties then do not depend on the order of the rows.
     """
     columns = [values.reshape(len(values), -1).T for name, values in vars(table).items() if _is_content(name, values)]
     keys = [column for of_field in reversed(columns) for column in of_field[::-1]]
@@ -384,15 +375,13 @@ class Rows:
 
     @cached_property
     def axes(self) -> int:
-        """Number of joints in the table, at least six. Unrelated columns with a joint name, such as a gripper,
-        contain text.
-        """
+        """Number of joints, at least six. Unrelated columns with a joint name, such as a gripper, contain text."""
         joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
         return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
 
     @cached_property
     def rail(self) -> bool:
-        """True if the table contains rail positions. An unrelated column of that name contains text."""
+        """True if the table contains rail positions; an unrelated column of that name contains text."""
         return self._is_measured(RAIL)
 
     def has(self, names: tuple[str, ...]) -> bool:
@@ -463,7 +452,6 @@ class TableFormat(ABC, Generic[T]):
     """Known columns that are no field, in groups that are complete or absent."""
 
     def layout(self, axes: int = DRIVEN_AXES, *, rail: bool = False) -> Layout:
-        """Columns of the table for an arm with this number of axes, with or without a rail."""
         axes = DRIVEN_AXES if self.gauges else axes  # an arm of six axes drives the link
         required, optional = (
             [name for field in fields for name in self._columns(field, axes, rail)]
@@ -479,7 +467,7 @@ class TableFormat(ABC, Generic[T]):
         return cast("T", self.table(**fields, **rail))
 
     def read_field(self, field: str, rows: Rows) -> Any:
-        """Values of a field in a file. A rail was at its present position if the previous one is not stated."""
+        """Values of a field. A rail was at its present position if the previous one is not stated."""
         names = self._columns(field, rows.axes, rows.rail)
         names = tuple(RAIL if name == RAIL_FROM and not rows.has((name,)) else name for name in names)
         if rows.has(names):
@@ -487,7 +475,7 @@ class TableFormat(ABC, Generic[T]):
         return np.zeros(rows.columns.num_rows) if field == "t_s" else None
 
     def columns(self, table: T) -> Mapping[str, Array | Integers | Sequence[str] | pa.Array]:
-        """Columns (n,) of docs/tables.md by name, in the documented order, in degrees and mm."""
+        """Columns (n,) of docs/tables.md in the documented order, in degrees and mm."""
         cells: dict[str, Any] = {}
         for field in (*self.fields, *self.optional):
             values = getattr(table, field)
@@ -512,31 +500,26 @@ class TableFormat(ABC, Generic[T]):
         return _COLUMNS.get(field, (field,))
 
     def recorded(self, data: Aligned, rig: Rig, direction: Direction | None, where: str) -> tuple[T, list[str]]:
-        """Convert a recorded run to a table, and return it with the doubts as text. Raises FileError."""
+        """Table of a recorded run, and doubts as text. Raises FileError."""
         problem = f"a recorded {self.test} run has no measuring instrument"
         raise FileError(where, problem, "import the table with rig import", code="test.not_recorded")
 
     def stands(self, table: T) -> Mask | None:
         """Mask (n,) of the rows that start a standstill of the robot.
 
-        None if no two rows belong to the same standstill, because the robot kept moving or each row is a separate
-        visit.
+        None if each row is a separate visit, or the robot kept moving.
         """
         return None
 
     def averaged(self, table: T, first: Mask, mean: Callable[[Array], Array]) -> T:
-        """Reduce a table to a row for each standstill.
-
-        first (n,): True for the first row of a standstill, which also supplies the labels. mean: function that averages
-        values (n, …) over each standstill to (s, …).
-        """
+        """Average the values over each standstill by `mean`; first (n,): its first row, which supplies the labels."""
         columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
         return replace(table, **{name: mean(c) if c.dtype.kind == "f" else c[first] for name, c in columns.items()})
 
 
 @cache
 def format_of(test: TestName) -> TableFormat[Table]:
-    """The kind of a test, with its table format. Raises FileError if the package that offers it is unusable."""
+    """The kind of a test. Raises FileError if the package that offers it is unusable."""
     own = EntryPoint(test, f"analysis.procedures.{_OWN[test]}", "rig.tests") if test in _OWN else None
     offer = own or OTHER_TESTS[test]
     try:
@@ -552,9 +535,9 @@ def format_of(test: TestName) -> TableFormat[Table]:
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
-    """Convert columns of docs/tables.md to a table in memory, ignoring additional columns.
+    """Table from columns of docs/tables.md, ignoring additional ones.
 
-    Raises FileError for columns of a different test, for an empty table, and for any content that import rejects.
+    Raises FileError for columns of a different test, an empty table, and any content that import rejects.
     """
     rows, table_format = Rows(columns), format_of(test)
     missing = [name for name in table_format.layout(rows.axes).required if name not in columns.column_names]
@@ -573,10 +556,7 @@ def u_lag_s_of(columns: pa.Table) -> float:
 
 
 def columns_of(table: Table) -> pa.Table:
-    """Convert a table to the columns of docs/tables.md, in their documented order, in degrees and mm.
-
-    Times that are all zero are omitted.
-    """
+    """Columns of docs/tables.md in their order, in degrees and mm. Times that are all zero are omitted."""
     return pa.table({name: pa.array(values) for name, values in format_of(table.test).columns(table).items()})
 
 
@@ -592,7 +572,7 @@ _REMEDY = "restore the run from a copy, or correct and re-import the table"
 
 
 def check_table_rows(table: Table, where: str) -> None:
-    """Raise FileError for the first row that import would reject. `where` names the table."""
+    """Raise FileError for the first row that import would reject."""
     columns = {name: values for name, values in vars(table).items() if isinstance(values, np.ndarray)}
     for field, values in columns.items():
         name = "g1_mm" if field == "g_mm" and values.ndim == 1 else field

@@ -80,7 +80,6 @@ _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 
 
 def no_formula(text: str) -> str:
-    """Mark text that a spreadsheet would interpret as a formula."""
     return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
@@ -102,7 +101,7 @@ def holding(data: bytes) -> Writer:
 
 
 def write_all_new(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
-    """Create files by name in a directory: all or none. A missing directory is created.
+    """Create files by name in a directory, all or none.
 
     Raises FileError if a file exists or cannot be created, and CellError if the disk refuses.
     """
@@ -110,12 +109,12 @@ def write_all_new(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
 
 
 def write_all_over(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
-    """Create files as `write_all_new` does, replacing existing files. Each file is completely old or completely new."""
+    """Like `write_all_new`, replacing existing files; each is completely old or completely new."""
     return _write_all(directory, files, over=True)
 
 
 def write_views(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
-    """Create pictures by name in a directory, replacing earlier ones made by rig.
+    """Create pictures, replacing earlier ones made by rig.
 
     Raises FileError for any other existing file, and the errors of `write_all_new`.
     """
@@ -148,7 +147,6 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
 
 
 def write_new(path: Path, write: Writer) -> None:
-    """Create a file completely or not at all. See `write_all_new`."""
     write_all_new(path.parent, {path.name: write})
 
 
@@ -171,10 +169,10 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
 
 
 def write_csv(table: pa.Table, file: BinaryIO) -> None:
-    """Write the table as UTF-8 CSV with a header. Numbers have the fewest digits that reproduce them.
+    """Write a UTF-8 CSV with the fewest digits that reproduce each number.
 
-    Text is sanitised (`rigs.text`), but line feeds are preserved. Text that a spreadsheet would interpret as a formula
-    gets a leading apostrophe, as spreadsheets write it. Parquet stores text unchanged.
+    Text is sanitised (`rigs.text`) except for line feeds, and gets an apostrophe if a spreadsheet would take it for a
+    formula.
     """
     file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
     for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
@@ -184,7 +182,7 @@ def write_csv(table: pa.Table, file: BinaryIO) -> None:
 
 
 def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
-    """Write the table as a workbook with a single sheet and a frozen header. Text never becomes a formula or a link.
+    """Write a workbook with one sheet and a frozen header; text never becomes a formula or a link.
 
     Raises FileError if the table has more rows than a sheet, and CellError if the library is missing.
     """
@@ -211,7 +209,6 @@ def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
 
 
 def _in_sheet(sheet: Any, value: Any) -> Any:
-    """Convert a value for a cell of a sheet. An unknown value leaves the cell empty."""
     if isinstance(value, str):
         from openpyxl.cell import WriteOnlyCell  # noqa: PLC0415
 

@@ -1,7 +1,7 @@
-"""List of all conventions checked at import, at the end of a recording and before every diagnosis.
+"""All conventions checked at import, at the end of a recording and before every diagnosis.
 
-Among them: a difference between commanded and measured angles correlated with the gravity torque comes from a compliant
-drive or a controller without integral action, and one correlated with the speed is a following error. rig uses the
+A difference between commanded and measured angles comes from a compliant drive or a controller without integral action
+if it is correlated with the gravity torque, and is a following error if it is correlated with the speed. rig uses the
 measured angles.
 """
 
@@ -33,8 +33,8 @@ _FEWEST = 6
 
 @dataclass(frozen=True)
 class CommandError:
-    """Following error of an axis: measured minus commanded angle in degrees, and its correlation with the gravity
-    torque and with the speed. A correlation is None if the torque or speed hardly changes.
+    """Measured minus commanded angle of an axis in degrees, and its correlation with the gravity torque and with the
+    speed, None if these hardly change.
     """
 
     axis: int
@@ -79,7 +79,6 @@ def command_errors(run: Measured) -> tuple[CommandError, ...]:
 
 
 def command_findings(run: Measured) -> Iterator[Finding]:
-    """A finding for the axes with a considerable following error."""
     large = [error for error in command_errors(run) if error.rms_deg > _LEAST_DEG]
     if not large:
         return
@@ -95,7 +94,7 @@ def _has_column(run: Measured, name: str) -> bool:
 
 
 def _both_angles(rows: Rows) -> tuple[Array, Array] | None:
-    """Measured and commanded angles (n, axes) rad of a table; None if one of them is missing."""
+    """Measured and commanded angles (n, axes) rad; None if one of them is missing."""
     axes = range(1, rows.axes + 1)
     for other, is_measured in (("measured", True), ("commanded", False)):
         names = tuple(f"q{axis}_{other}_deg" for axis in axes)
@@ -166,9 +165,7 @@ def check_runs(runs: Runs) -> list[Checked]:
 
 
 def findings_of(runs: Runs) -> list[Finding]:
-    """Findings against conventions in runs of a robot. For path recordings, which contain neither joints nor gauges,
-    only positions are checked.
-    """
+    """Findings against conventions in runs of a robot. Path recordings are checked by their positions only."""
     with_joints = [run for run in runs if shows_joints(run.table.test)]
     findings = [finding for run in with_joints for finding in _found("columns", run)]
     # The most certain finding of each run about order and sign of the gauges: from repeated runs, from changes that no
@@ -189,7 +186,7 @@ def findings_of(runs: Runs) -> list[Finding]:
 
 
 def doubts_of(run: Measured, *, with_refusals: bool = True) -> tuple[str, ...]:
-    """Doubts about a single run as text: those already known, then the findings against conventions.
+    """Doubts about a run: those already known, then the findings against conventions.
 
     with_refusals: include the findings for which a diagnosis refuses or ignores the run, which it reports itself.
     """
@@ -269,7 +266,6 @@ def _joints_hidden(runs: Runs) -> str:
 
 
 def _needs(convention: str, why: str) -> Callable[[Runs], str]:
-    """A function that gives the reason why no run of a suitable kind is available for a convention."""
     return lambda runs: "" if any(convention in kind_of(run.table.test).finders for run in runs) else why
 
 

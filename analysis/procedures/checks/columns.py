@@ -126,7 +126,6 @@ _ROWS = 2000
 
 
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Findings about the joint columns of a table: order, signs, zeros or coupling."""
     if kind_of(table.test).cannot_tell(table, rig):
         return
     best, as_labelled, as_good = kind_of(table.test).judged_joints(table, rig)
@@ -153,7 +152,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 def _another_arm(table: Table, rig: Rig) -> Finding | None:
     """A finding if an arm of the library fits poses or touches clearly better than the stated arm.
 
-    The stated arm must be an arm of the library too: a rig file with another length may contain a mistake.
+    The stated arm must be one of the library too: a rig file with another length may contain a mistake.
     """
     if not facts_of(table.test).of_places:
         return None
@@ -187,9 +186,7 @@ def _links(robot: Robot) -> list[tuple[float, ...]]:
 
 
 def _far_off(table: Table, rig: Rig, left_mm: float) -> Iterator[Finding]:
-    """A finding if the rms residual in mm of tracker positions, or of touches, exceeds that of an arm with
-    nominal constants in every meaning.
-    """
+    """A finding if tracker positions or touches miss by more than an arm with nominal constants, in every meaning."""
     if facts_of(table.test).of_places and not facts_of(table.test).of_tracker:
         yield from _far_from_sockets(table, rig, left_mm)
     if not facts_of(table.test).of_tracker:
@@ -252,9 +249,7 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
 
 
 def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Verdict:
-    """Meaning of joints q (n, axes) rad that fits the measured positions xyz_mm (n, 3) and rotations rpy
-    (n, 3) rad.
-    """
+    """Meaning of the joints that fits the measured positions xyz_mm (n, 3) and rotations rpy (n, 3) rad."""
     bare, measured = without_setup(arm_of(rig.robot)), np.flatnonzero((xyz_mm != 0).any(axis=1))
     few, many = (measured[evenly(len(measured), rows)] for rows in (_SCREENED, _JUDGED))
 
@@ -294,15 +289,12 @@ def _decided(judged: Sequence[JudgedMeaning], as_labelled: float, right_mm: floa
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
-    """Rms residual in mm of the positions xyz_mm (n, 3) that fit best, with fitted base and tool.
-
-    q (n, axes) rad: joint angles. Rotations rpy (n, 3) rad are included as lengths.
-    """
+    """Rms residual in mm of positions xyz_mm (n, 3), with fitted base and tool; rotations rpy count as lengths."""
     return fit_nearest(bare, q, xyz_mm, steps, rpy)[0]
 
 
 def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
-    """Residual of `left_mm`, in mm, for positions xyz_mm (n, 3), and the fitted base and tool."""
+    """Residual of `left_mm`, and the fitted base and tool."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     T = forward(bare, q)
@@ -340,9 +332,7 @@ _UPRIGHT = 0.3
 
 
 def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
-    """Deviation of the ball from the sockets at tool poses T (n, 4, 4), with fitted positions of sockets
-    and ball.
-    """
+    """Deviation of the ball from the sockets, with fitted positions of sockets and ball."""
     size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
     if size <= 0:
         return None
@@ -351,9 +341,7 @@ def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
 
 
 def off_places(T: Array, xyz_mm: Array) -> PathDeviation | None:
-    """Difference between the mutual distances of tool poses T (n, 4, 4) and those of measured positions
-    xyz_mm (n, 3).
-    """
+    """Difference between the mutual distances of tool poses and those of the measured positions."""
     rows = most_distant_rows(xyz_mm)
     size = float(np.median(steps(xyz_mm, rows)))
     if size <= 0:
@@ -365,8 +353,7 @@ def off_places(T: Array, xyz_mm: Array) -> PathDeviation | None:
 def off_circle(T: Array, circle: Circle) -> PathDeviation:
     """Deviation of tool poses T (n, 4, 4) from a circle.
 
-    On a circle, the x axis of the tool points along the normal. In a different orientation the deviation is an arc
-    length.
+    The x axis of the tool points along the normal; in a different orientation the deviation is an arc length.
     """
     frame = frame_of(circle)
     from_centre = T[:, :3, 3] - frame.centre
@@ -380,9 +367,7 @@ def off_circle(T: Array, circle: Circle) -> PathDeviation:
 
 
 def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> PathDeviation:
-    """Deviation of tool poses T (n, 4, 4) from their targets (n, 3) mm, or from the sphere if the targets
-    are unknown.
-    """
+    """Deviation of tool poses from their targets (n, 3) mm, or from the sphere if the targets are unknown."""
     frame, places = hemisphere_frame(hemisphere), T[:, :3, 3]
     away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
     off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))
@@ -390,10 +375,10 @@ def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Path
 
 
 def most_distant_rows(places: Array) -> int:
-    """Row distance at which positions (n, 3) differ most, among a few distances.
+    """Row distance at which positions (n, 3) differ most, among a few.
 
-    Rows half a table apart have equal positions if all poses are driven twice, and adjacent rows if each pose is
-    measured several times.
+    Rows half a table apart are equal if all poses are driven twice, adjacent ones if each pose is measured several
+    times.
     """
     n = len(places)
     return max((n // 2, n // 3, n // 5, 1), key=lambda rows: float(np.median(steps(places, rows))))
@@ -417,7 +402,7 @@ FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
 
 
 def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str, str]]:
-    """Faults of the gauges of a circle, each with a remedy. T (n, 4, 4): nominal tool poses."""
+    """Faults of the gauges of a circle, each with a remedy."""
     circle = rig.tests.circle
     if circle is None:
         return
@@ -455,9 +440,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
 
 
 def impossible_travel(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
-    """Fault and the remedy if a reading (n,) mm travels further than the radius, which is impossible with
-    a link.
-    """
+    """Fault and remedy if a reading travels further than the radius, which is impossible with a link."""
     travel = float(np.ptp(reading))
     if travel > radius_mm:
         fact = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
@@ -523,9 +506,7 @@ def off_in_its_unit(T: Array, xyz_mm: Array) -> PathDeviation | None:
 
 
 def _turns(R: Array, rows: int) -> Array:
-    """Angle (n,) rad between each rotation (n, 3, 3) and the one `rows` rows before, which is equal in
-    every frame.
-    """
+    """Angle (n,) rad between each rotation and the one `rows` rows before, which is equal in every frame."""
     trace = np.einsum("nij,nij->n", R, np.roll(R, rows, axis=0))
     return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
 
@@ -537,7 +518,7 @@ _POSES, _RAIL_STEPS = 200, 30
 
 
 def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """A finding if e1_mm of poses of an arm on a rail fits in a different unit, or if the rail is shorter."""
+    """A finding if the rail positions of poses fit in a different unit, or exceed the rail."""
     arm = without_setup(arm_of(rig.robot))
     if rig.robot.rail is None or table.q.shape[1] == arm.axes:
         return
@@ -569,7 +550,6 @@ _MIRROR = np.array([1.0, -1.0, 1.0])
 
 
 def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Finding]:
-    """A finding if poses fit the arm only with x, y or z inverted."""
     measured = np.flatnonzero(~table.lost)
     if len(measured) < FEWEST:
         return

@@ -118,7 +118,7 @@ def display_findings(run: Measured) -> Iterator[Finding]:
 
 
 def _faults(series: _Series) -> Iterator[tuple[str, str, str]]:
-    """What each display fault is, its rows, and the remedy. A wrap or a lost sign explains what else is odd."""
+    """Each display fault with its rows and the remedy. A wrap or a lost sign explains what else is odd."""
     if len(wraps := _wraps(series)):
         size_mm = float(np.median(np.abs(series.d_mm[wraps])))
         counts = size_mm / series.step_mm

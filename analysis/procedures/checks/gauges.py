@@ -68,9 +68,7 @@ Chosen: an error of the arm has the same size and direction only by chance.
 
 
 def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
-    """A finding if g1 and g2 of a yaw run appear exchanged, or one of them inverted, by comparing the two
-    eccentricities for each meaning of the columns.
-    """
+    """A finding if the two eccentricities of a yaw run agree only with g1 and g2 exchanged, or one inverted."""
     circle = rig.tests.circle
     if circle is None or rig.gauges.g2 is None:
         return
@@ -134,9 +132,6 @@ class _Eccentricities:
 
     @classmethod
     def of(cls, phi: Array, g_mm: Array, radius_mm: float, baseline_mm: float) -> _Eccentricities:
-        """Eccentricities for circle angles phi (n,) rad and readings g_mm (n, 2). Angles are multiplied
-        by the radius in mm.
-        """
         by_gauges = link_angle(g_mm[:, 0], g_mm[:, 1], baseline_mm)
         seen = np.stack([g_mm.mean(axis=1), radius_mm * by_gauges], axis=1)
         waves = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
@@ -171,7 +166,7 @@ class Lap:
 
     @property
     def place(self) -> tuple[object, ...]:
-        """Properties shared by runs with the same ball: test, circle and placement."""
+        """Properties shared by runs with the same ball."""
         manifest = self.run.run.manifest
         return (manifest.test, manifest.placement, self.run.rig.tests.circle, self.run.rig.robot)
 
@@ -190,9 +185,7 @@ def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
 
 
 def gridded(phi: Array, values: Array) -> Array:
-    """Mean (GRID, k) of values (n, k) around each angle of the grid; gaps are interpolated. phi (n,):
-    circle angles in rad.
-    """
+    """Mean (GRID, k) of values (n, k) around each angle of the grid; gaps are interpolated."""
     place = np.round(phi * GRID / (2 * np.pi)).astype(int) % GRID
     count = np.bincount(place, minlength=GRID)
     filled = np.flatnonzero(count)
@@ -201,8 +194,9 @@ def gridded(phi: Array, values: Array) -> Array:
 
 
 def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Findings about runs that contradict their repeats. If two equal halves contradict each other, the half
-    that contradicts the circles of the opposite direction is reported.
+    """Findings about runs that contradict their repeats.
+
+    Of two equal halves, the one that contradicts the circles of the opposite direction is reported.
     """
     laps = laps_on_grid(runs)
     for group in _grouped(laps, lambda lap: (lap.run.run.manifest.direction, lap.place)):
@@ -297,7 +291,6 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 
 def _known_effects(run: Measured) -> Iterator[Finding]:
-    """A finding if the effects of the rig file explain a run only with inverted gauges."""
     if not run.rig.effects and not run.rig.calibrated:
         return
     model, table = model_of(run.rig), run.table
@@ -322,7 +315,7 @@ _REMEDY = "press a probe: if its reading falls, set counts: towards in the rig f
 
 
 def _left_mm(model: Model, table: Table, sign: float) -> float:
-    """Rms residual in mm of readings multiplied by a sign, for a model with fitted ball and zeros."""
+    """Rms residual in mm of readings multiplied by a sign, with fitted ball and zeros."""
     setup = nominal_setup(model.rig, table)
     path = path_of(model, table)
     scene = moved(model, path)
@@ -403,7 +396,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class _GaugeContent:
-    """Alternative content of the two gauge columns: the gauge in each column (2,), and its sign (2,)."""
+    """Alternative content of the two gauge columns: the gauge in each, and its sign."""
 
     words: str
     columns: tuple[int, int]
@@ -426,9 +419,7 @@ def _as(way: _Way, meant: _GaugeContent) -> _Way:
 
 
 def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
-    """Circles of each test and placement driven in both directions, with their rig, on the grid. Runs
-    without a lap are reported elsewhere.
-    """
+    """Circles of each test and placement driven in both directions, with their rig, on the grid."""
     pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
         table = run.table

@@ -82,9 +82,7 @@ _LEAST_MM = 0.05
 
 
 def two_placings(table: PoseTable, bare: Arm) -> str:
-    """A description of the rows measured after target or instrument had moved; empty if there are none, or
-    too few poses.
-    """
+    """Words about rows measured after target or instrument had moved; empty if there are none, or too few poses."""
     count = len(table.q)
     chosen = evenly(count, FITTED)
     if count < 2 * _FEWEST_ROWS:
@@ -108,9 +106,7 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
 
 
 def _parts(rows: Integers, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
-    """Possible sets of moved rows with their descriptions: the rows after the split with the smallest residual
-    (first a few splits, then their neighbours), and every other row if there are enough.
-    """
+    """Possible sets of moved rows in words: those after the split with the smallest residual, and every other row."""
     place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
     tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
     near, step = min(tried, key=lambda first: left_mm(place >= first)), last // _SPLITS
@@ -122,9 +118,8 @@ def _parts(rows: Integers, left_mm: Callable[[Mask], float]) -> Iterator[tuple[M
 
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
-    """Rms residual in mm, corrected for the number of unknowns, of a fit of the constants.
-
-    The rows `part` of the tool poses T (n, 4, 4) have a separate shift, rotation and target offset.
+    """Rms residual in mm, corrected for the number of unknowns, if the rows `part` have a separate shift, rotation and
+    target offset.
     """
     p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
     (x, y, z), zero = p.T, np.zeros(len(p))
@@ -146,7 +141,6 @@ _OFF = 3.2
 
 
 def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
-    """A finding if the mean speed along the circle is wrong by a unit. Reading refuses decreasing timestamps."""
     circle = rig.tests.circle
     if circle is None:
         return
@@ -187,7 +181,6 @@ STANDS = "stands"
 
 
 def stand_findings(run: Measured) -> Iterator[Finding]:
-    """A finding about the first reading whose target is far from the tool position of the nominal arm."""
     manifest, table = run.run.manifest, run.run.table
     if table is None or run.table.swept:
         return
@@ -233,9 +226,7 @@ class PlaceSource:
 
 
 def source_of(bare: Arm, q: Array, xyz_mm: Array) -> PlaceSource | None:
-    """Compare places xyz_mm (n, 3) with an arm without base and tool at joints q (n, axes) rad; None if they do not
-    fit it.
-    """
+    """Compare places xyz_mm (n, 3) with an arm without base and tool at joints q; None if they do not fit it."""
     T = forward(bare, q)
     setup = fit_setup(T, xyz_mm)
     left_mm = float(np.sqrt((position_error(T, xyz_mm, setup) ** 2).sum(axis=1).mean()))
@@ -338,7 +329,6 @@ def places_of(table: PathTable) -> Places:
 
 
 def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
-    """A path without outliers and repeated positions, and messages about the removed rows."""
     places = places_of(table)
     kept = ~(places.wild | places.repeated)
     notes = [f"{words}; ignored" for words in places.words.values()]
@@ -379,7 +369,7 @@ Fit = Callable[[PoseTable, PoseTable], tuple[Array, Array | None]]
 
 
 def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
-    """Poses with a position far from that of an arm. Rows of 0, 0, 0 are no positions and not included.
+    """Poses with a position far from that of an arm, without rows of 0, 0, 0.
 
     fit: function for positions and rotations; positions only if absent.
     """
@@ -414,9 +404,9 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
 
 
 def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Array, Mask]:
-    """Distances (n,) mm from an arm with all constants fitted to the near poses, and the mask (n,) of far poses.
+    """Distances (n,) mm from an arm with all constants fitted to the near poses, and the mask of far poses.
 
-    If there are too few poses for the fit, the arguments are returned unchanged.
+    With too few poses for the fit, the arguments are returned.
     """
     near = ~far
     for _ in range(STEPS):
@@ -439,7 +429,7 @@ def _sample(rows: Integers, xyz_mm: Array) -> Integers:
 
 
 def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> tuple[PoseTable, Integers, list[str]]:
-    """Leave out outliers by position and rotation relative to an arm; also returns the kept rows (m,) and notes."""
+    """Leave out outliers relative to an arm; also returns the kept rows (m,) and notes."""
     far = far_poses(table, bare, fit)
     out = table.lost | far.wild
     if out.all():
@@ -459,7 +449,7 @@ def _of(table: PoseTable, mask: Mask) -> PoseTable:
 
 
 def far_touches(table: TouchTable, T: Array) -> Outliers:
-    """Touches far from all other touches of the same socket. T (n, 4, 4): tool poses of the arm, in mm."""
+    """Touches far from all other touches of the same socket."""
     names, socket = np.unique(table.socket, return_inverse=True)
     design, seen = socket_design(T, socket.ravel(), len(names)), -T[:, :3, 3].ravel()
 
@@ -557,7 +547,6 @@ def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
 
 
 def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
-    """Findings about path positions that repeat the previous one although the tool moved."""
     del rig
     if "repeated" in (words := places_of(table).words):
         remedy = "the analysis ignores these rows; set the instrument to pause output while the target is lost"

@@ -101,8 +101,8 @@ def _rows_of_joint(q: Array, sides: Integers, joint: int) -> Integers:
 
 
 def _about_circle(angle: Array, xyz_mm: Array) -> tuple[float, Array, Array]:
-    """Radius in mm of the circle through positions xyz_mm (n, 3) at angles (n,) rad, the deviations along it
-    (n,) mm, and those across it (n, 2) mm, radial and axial.
+    """Radius in mm of the circle through positions at angles (n,) rad, and the deviations along it (n,) and across it
+    (n, 2) mm.
 
     The circle is the least-squares similarity from the unit circle (Umeyama, IEEE PAMI 13, 1991).
     """

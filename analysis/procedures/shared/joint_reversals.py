@@ -102,7 +102,6 @@ def angle_difference(phi: float, other_phi: float) -> float:
 
 
 def _vertex(phi: Array, joint: Array, about: float) -> tuple[float, float]:
-    """Position and standard uncertainty, rad, of the extreme near `about`, by a local cubic fit."""
     near = np.abs(phi - about) < _NEIGHBOURHOOD
     if near.sum() < 8:
         return about, float(np.median(np.diff(phi)))

@@ -57,12 +57,11 @@ _JUMPS = 2.0
 
 @dataclass(frozen=True)
 class Reduced:
-    """Laps of a run at NODES circle angles.
+    """Laps of a run at NODES circle angles: g_mm (L, NODES, k) in order of time, at the angles order (NODES,).
 
-    g_mm (L, NODES, k): in order of time. order (NODES,): circle angle of each. samples: rows of all laps. rows: per
-    lap, without outliers. readings: per lap, changed readings of the gauge with most repetitions. rate: rad/s of phi.
-    step_mm, noise_mm (k,): quantisation of each gauge and the noise below it. blur: standard deviation, rad, of row
-    positions from their times.
+    samples: rows of all laps. rows: per lap, without outliers. readings: per lap, changed readings of the gauge with
+    most repetitions. rate: rad/s of phi. step_mm, noise_mm (k,): quantisation and the noise below it. blur: standard
+    deviation, rad, of row positions from their times.
     """
 
     g_mm: Array
@@ -95,14 +94,14 @@ class HatSums:
 
     @property
     def rows(self) -> Array:
-        """Sum (L, NODES) of all products of hat functions: the number of rows."""
+        """The sum of all products of hat functions is the number of rows."""
         return self.before + 2 * self.between + self.beyond
 
     def without(self, odd: Mask) -> HatSums:
         return HatSums(*(np.where(odd, 0.0, values) for values in vars(self).values()))
 
     def lines(self) -> Array:
-        """Closed least-squares polylines (L, NODES, k), in the unit of the readings, smoothed."""
+        """Closed least-squares polylines (L, NODES, k), smoothed."""
         # Cyclic normal equations, slightly stiff to bridge nodes without rows, solved by conjugate gradients (Hestenes
         # and Stiefel 1952); about thirty rounds are sufficient if every node has rows.
         pull, diagonal = self.near + np.roll(self.far, 1, axis=2), self.before + np.roll(self.beyond, 1, axis=1)
@@ -133,7 +132,6 @@ class HatSums:
 
 
 def reduced(laps: Laps) -> Reduced:
-    """Readings of a run at NODES circle angles per lap, with outliers removed and counted."""
     phi, g_mm = laps.phi, laps.g_mm
     lap = np.minimum(np.abs(phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
     # The level and the first two orders are removed before fitting polylines.
@@ -174,7 +172,6 @@ def reduced(laps: Laps) -> Reduced:
 
 
 def _remarks(g_mm: Array, steps: Sequence[float], wild: Mask, burst: int) -> list[str]:
-    """Notes on ignored readings, and on gauges with a resolution too coarse for their travel."""
     notes = []
     if wild.any():
         counts = ", ".join(map(str, np.count_nonzero(wild, axis=1)))
@@ -189,7 +186,7 @@ def _remarks(g_mm: Array, steps: Sequence[float], wild: Mask, burst: int) -> lis
 
 
 def outliers_of(phi: Array, rough: Array, lap: Integers) -> Mask:
-    """Mask (k, n) of the outliers among readings rough (n, k) at phi (n,) rad of laps (n,), numbered from 0."""
+    """Mask (k, n) of the outliers among readings rough (n, k) of laps (n,), numbered from 0."""
     wild = np.array([is_outlier(column) for column in rough.T])
     if not wild.any():
         return wild
@@ -206,7 +203,7 @@ def outliers_of(phi: Array, rough: Array, lap: Integers) -> Mask:
 
 
 def nodes_of(phi: Array, y: Array) -> Array:
-    """A noise-free curve y (n,) over phi (n,) rad, of one lap, at PHI (NODES,)."""
+    """A noise-free curve y (n,) over phi (n,) rad, of one lap, at PHI."""
     once, all_rows = np.zeros(len(phi), dtype=np.int64), np.ones(len(phi), dtype=bool)
     base = np.asarray(np.linalg.lstsq(_waves(phi), y[:, None], rcond=None)[0], dtype=np.float64)
     rough = y[:, None] - _waves(phi) @ base
@@ -218,7 +215,6 @@ def _waves(phi: Array) -> Array:
 
 
 def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
-    """Sums over the kept rows of each lap; values (n, k) at phi (n,) rad."""
     shape = (int(lap.max()) + 1, NODES)
     if not keep.all():
         phi, values, lap = phi[keep], values[keep], lap[keep]
@@ -233,14 +229,13 @@ def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
 
 
 def place_of(phi: Array) -> tuple[Integers, Array]:
-    """Node (n,) behind each circle angle (n,) rad, and the relative position (n,) to the next."""
+    """Node behind each circle angle, and the relative position to the next."""
     place = phi % (2 * np.pi) * (NODES / (2 * np.pi))
     node = np.floor(place)
     return node.astype(np.int64) % NODES, place - node
 
 
 def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
-    """Laps (L, NODES, k) mm of the gauges without slips, and notes."""
     steady, notes = [], []
     for name, laps in zip(("g1", "g2"), np.moveaxis(nodes, 2, 0), strict=False):
         whole, slips = without_slips(laps)
@@ -281,12 +276,8 @@ Plain = Callable[[Array], Mapping[str, Array]]
 class LapCurve:
     """Curve y (NODES,) over PHI, and possible noise errors (DRAWS, NODES).
 
-    power (NODES // 2 + 1,): likely mean square of the noise per order.
-    laps (L, NODES): laps averaged in y.
-    rate: circle speed in rad/s.
-    blur: standard deviation of the position of a row, in rad.
-    slips: removed level steps between laps.
-    again: function that recreates the curve with equal draws.
+    power (NODES // 2 + 1,): likely mean square of the noise per order. blur: standard deviation of the position of a
+    row, in rad. slips: removed level steps between laps. again: recreates the curve with equal draws.
     """
 
     y: Array
@@ -311,22 +302,19 @@ class LapCurve:
         return calmed(self.y, self.power)
 
     def turned(self, lag_s: Array) -> NDArray[np.complex128]:
-        """Factors of each order, (DRAWS, NODES // 2 + 1), for lags lag_s (DRAWS,) s of the gauges."""
+        """Factors of each order, (DRAWS, NODES // 2 + 1), for lags (DRAWS,) s of the gauges."""
         factors: NDArray[np.complex128] = np.exp(-1j * ORDERS * self.rate * lag_s[:, None])
         return factors
 
     def draw_noise(self, curve: Array, turned: NDArray[np.complex128], scale: Array) -> Array:
-        """Simulated curves (DRAWS, NODES): a curve (NODES,) with new noise, lag and relative scale.
-
-        curve: this curve or its smoothed version. turned: factors of the lags. scale (DRAWS,): relative scale.
-        """
+        """This curve (NODES,), or its smoothed version, with new noise, lag and relative scale: (DRAWS, NODES)."""
         return np.fft.irfft(np.fft.rfft(curve) * turned, NODES, axis=1) / scale[:, None] + self.errors
 
 
 def curve_of(
     run: Reduced, values: Callable[[Array], Array], per_mm: float, channel: int = 0, like: LapNoise | None = None
 ) -> LapCurve:
-    """Curve of `values`, a function (...,) of readings (..., k) mm, with sensitivity per_mm to gauge noise.
+    """Curve of `values`, a function of readings (..., k) mm, with sensitivity per_mm to gauge noise.
 
     like: noise of a different run of the cell, for a single lap.
     """
@@ -387,10 +375,9 @@ def figures(
 ) -> dict[str, Quantity]:
     """Figures of several curves by name, with uncertainties from simulated noise.
 
-    plain: computes the figures of stacked curves (curves, ..., NODES). drawn: function that returns simulated curves
-    (DRAWS, NODES) around each curve. ranges: names of figures that noise increases. Each is lowered by the median
-    contribution of the noise to that of a smoothed curve, to zero at least. calm (NODES,): smoothed curve for each
-    curve, by default its own.
+    plain: figures of stacked curves (curves, ..., NODES). drawn: simulated curves (DRAWS, NODES) around each curve.
+    ranges: figures that noise increases; each is lowered by its median contribution to that of a smoothed curve, to
+    zero at least. calm: smoothed curve for each curve, by default its own.
     """
     values = plain(np.stack([curve.y for curve in curves]))
     calm = [curve.calm for curve in curves] if calm is None else calm
@@ -411,7 +398,6 @@ def figures(
 
 
 def blurred(y: Array, blur: float) -> Array:
-    """Curve (NODES,) with row positions blurred by a standard deviation of `blur` rad."""
     return np.asarray(np.fft.irfft(np.fft.rfft(y) * np.exp(-0.5 * (blur * ORDERS) ** 2), NODES))
 
 
@@ -433,17 +419,17 @@ def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
 
 
 def _smeared(values: Array, width: int) -> Array:
-    """Running means (..., NODES) over `width` nodes, an odd number, around the closed circle."""
     half = width // 2
     summed = np.cumsum(np.concatenate([values[..., -half - 1 :], values, values[..., :half]], axis=-1), axis=-1)
     return np.asarray((summed[..., width:] - summed[..., :-width]) / width)
 
 
 def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
-    """Simulated errors (DRAWS, NODES, k) mm of rows with a wrong circle angle, at jumps of the curve.
+    """Simulated errors (DRAWS, NODES, k) mm of rows with a wrong circle angle, because of a wrong time, at jumps of the
+    curve.
 
-    The angle is wrong if the time of the row is wrong. If a gauge repeats its reading, the rows of a repetition are
-    wrong together, possibly equally in the next lap. On a steady slope these errors average out.
+    The rows of a repeated reading are wrong together, possibly equally in the next lap. On a steady slope these errors
+    average out.
     """
     readings = max(run.readings, _FEWEST)
     cells = int(min(NODES, readings))
@@ -462,10 +448,7 @@ def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
 
 
 def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
-    """Simulated quantisation errors (DRAWS, NODES, k) mm, for any position of the steps.
-
-    Laps have the same errors, because their rows may coincide.
-    """
+    """Simulated quantisation errors (DRAWS, NODES, k) mm, for any position of the steps, equal in all laps."""
     mean = np.fft.irfft(np.fft.rfft(run.g_mm.mean(axis=0), axis=0) * _COARSE[:, None], NODES, axis=0)
     errors = np.zeros((DRAWS, NODES, mean.shape[1]))
     for k, (step, noise) in enumerate(zip(run.step_mm, run.noise_mm, strict=True)):
@@ -476,7 +459,7 @@ def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
 
 
 def calmed(y: Array, power: Array) -> Array:
-    """Curve (NODES,) with reduced noise, of power (NODES // 2 + 1,).
+    """Curve (NODES,) with reduced noise.
 
     A running median preserves the jumps of backlash, whose many orders would preserve noise. Each order of the
     remainder is reduced by its likely share of noise (Wiener filter).

@@ -58,24 +58,19 @@ class Quantity:
         return _SIGNS.get(self.unit, self.unit)
 
     def rounded(self, value: float) -> str:
-        """Format a value with the number of digits of this figure."""
         digits = self._digits
         return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"  # adding 0 turns −0 into 0
 
     @property
     def rounded_u(self) -> str:
-        """The uncertainty, formatted with the number of digits of the value and rounded up if they show fewer than
-        two of it (JCGM 100, 7.2.6).
-        """
+        """The uncertainty with the digits of the value, rounded up if they show fewer than two (JCGM 100, 7.2.6)."""
         digits = self._digits
         if 0 < self.u < np.inf and digits < self._digits_of_u:
             return self.rounded(float(np.ceil(self.u * 10**digits - _EXACT)) / 10**digits)
         return self.rounded(self.u)
 
     def rounded_size(self, size: float) -> str:
-        """Format a non-zero size with the number of digits of this figure, or as `< 0.0001` if it is smaller than
-        the last digit.
-        """
+        """A non-zero size with the digits of this figure, or as `< 0.0001` below the last digit."""
         digits = max(0, self._digits)
         return f"< {10.0**-digits:.{digits}f}" if 0 < abs(size) < 0.5 * 10.0**-digits else self.rounded(size)
 
@@ -135,8 +130,8 @@ def figures_of(
 ) -> dict[str, Quantity]:
     """Figures by name, ending in the unit, from values and Monte Carlo draws (m,).
 
-    excess: mean noise bias of a range or maximum; the value is lowered by it, to zero at least, and the correction has
-    the relative uncertainty excess_u.
+    excess: mean noise bias of a range or maximum, by which the value is lowered, to zero at least; excess_u: relative
+    uncertainty of this correction.
     """
     figures = {}
     for name, plain in values.items():
@@ -161,7 +156,6 @@ def quantity_of(effect: Effect, field: str, sd: Mapping[str, float]) -> Quantity
 
 
 def parameters_of(effect: Effect) -> dict[str, float]:
-    """Parameters of an effect: sizes, shapes, and required numbers such as the order of a gear."""
     return {key: value for key, value in effect if key not in SEATS and isinstance(value, int | float)}
 
 

@@ -31,11 +31,7 @@ Plain = Callable[[Array], dict[str, Array]]
 
 
 def half_width(off: Array) -> float:
-    """Half the limit that contains 95 % of the absolute errors (m,), in their unit.
-
-    It is reported as the standard uncertainty u, so that 2 u contains 95 % even if the errors are not normally
-    distributed.
-    """
+    """Half the limit that contains 95 % of the absolute errors (m,): 2 u contains 95 % of any distribution."""
     return float(np.quantile(np.abs(off), _SHARE)) / 2
 
 
@@ -128,7 +124,7 @@ _SAME_RAD = float(np.radians(0.5))
 
 
 def poses_of_cube(q: Array, cube: Cube | None) -> Integers:
-    """Pose number 1 … 5 of each row of joints q (n, axes) rad, 0 for other poses."""
+    """Pose number 1 … 5 of each row of joints, 0 for other poses."""
     if cube is None or q.shape[1] != cube.q.shape[1]:
         return np.zeros(len(q), dtype=np.int64)
     away = np.abs(wrapped(q[:, None] - cube.q)).max(axis=2)
@@ -136,8 +132,6 @@ def poses_of_cube(q: Array, cube: Cube | None) -> Integers:
 
 
 def by_pose(pose: Integers, plain: Callable[[Array], dict[str, Array]]) -> Callable[[Array], dict[str, Array]]:
-    """A function for the figures of each cube pose and of all groups; pose (g,): number of each group."""
-
     def figures(x: Array) -> dict[str, Array]:
         by_name = plain(x)
         for group in np.flatnonzero(pose):

@@ -84,14 +84,14 @@ class Labels:
 
 
 def facts_of(test: TestName) -> Facts:
-    """Facts of a test. Raises FileError if the package that offers it is unusable."""
+    """Raises FileError if the package that offers the test is unusable."""
     kind: Any = format_of(test)
     facts: Facts = kind.facts
     return facts
 
 
 def labels_of(test: TestName) -> Labels:
-    """Labels of a test. Raises FileError if the package that offers it is unusable."""
+    """Raises FileError if the package that offers the test is unusable."""
     kind: Any = format_of(test)
     labels: Labels = kind.labels
     return labels
@@ -110,8 +110,6 @@ T = TypeVar("T", bound=Table)
 
 
 class Evaluated(Protocol):
-    """Result of a test: figures by name, number of samples, notes, and the underlying curve or points."""
-
     @property
     def figures(self) -> Mapping[str, Quantity]: ...
     @property
@@ -172,7 +170,7 @@ class Meaning:
     mistakes: int = 1
 
     def of(self, q: Array) -> Array:
-        """Convert labelled angles q (n, axes) rad to the true ones. Further columns, such as a rail, are kept."""
+        """Convert labelled angles to the true ones. Further columns, such as a rail, are kept."""
         axes = len(self.offset)
         return np.column_stack([q[:, :axes] @ self.matrix.T + self.offset, q[:, axes:]])
 
@@ -194,10 +192,9 @@ the labelled meaning, rms mm; and all meanings that fit as well as the best.
 
 @dataclass(frozen=True)
 class PathDeviation:
-    """Distance of tool poses from the path of a test.
+    """Median distance of tool poses from the path of a test, in mm and as a share of the path size.
 
-    off_mm: median. off: the same as a share of the path size. on: True if it is acceptable and the tool has the
-    prescribed orientation.
+    on: True if it is acceptable and the tool has the prescribed orientation.
     """
 
     off_mm: float
@@ -308,17 +305,17 @@ def path_of(model: Model, table: Table) -> Path:
 
 
 def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
-    """Predict the readings (m, k) of a table: gauges in mm; for poses T_instrument_target, (m, 16) row by row."""
+    """Readings (m, k) of a table: gauges in mm; for poses T_instrument_target, (m, 16) row by row."""
     return read(model, table, path, moved(model, path), setup)
 
 
 def read(model: Model, table: Table, path: Path, scene: ModelScene, setup: SetUp) -> Array:
-    """Predict like `predict` from an existing scene, because a set-up does not change the tool."""
+    """Like `predict`, from an existing scene, because a set-up does not change the tool."""
     return kind_of(table.test).read(model, table, path, scene, setup)
 
 
 def check_joints(where: str, q: Array, remedy: str) -> None:
-    """Raise FileError with the remedy if joints q (n, axes) rad never moved, or have a different unit."""
+    """Raise FileError if the joints never moved, or have a different unit."""
     if np.ptp(q, axis=0).max() < 1e-6:
         raise FileError(where, "the robot stood still in all rows", remedy, code="table.still")
     if most := impossible_rad(q):
@@ -327,7 +324,6 @@ def check_joints(where: str, q: Array, remedy: str) -> None:
 
 
 def check_numbers(where: str, **columns: Array) -> None:
-    """Raise FileError if a column (n, …) contains a value that is not a number."""
     for name, values in columns.items():
         if np.isfinite(values).all():
             continue
@@ -418,10 +414,7 @@ MOST_LISTED_ROWS = 40
 
 @dataclass(frozen=True)
 class Outliers:
-    """Poses (n,) far from the arm, with their distances in mm (n,).
-
-    They are excluded if they are accidents of the instrument, and kept if they are errors of the arm or of the labels.
-    """
+    """Poses (n,) far from the arm, with their distances in mm, excluded if they are accidents of the instrument."""
 
     far: Mask
     far_mm: Array

@@ -27,10 +27,8 @@ _MEET_MM = 1e-6
 
 @dataclass(frozen=True)
 class AxisLines:
-    """Axes of an arm in the base frame, with all joints at zero.
-
-    points (axes, 3) mm: a point on each axis. directions (axes, 3): unit vectors of positive rotation.
-    T_base_flange (4, 4): flange, in mm. rail: rail under the base, if any.
+    """Axes of an arm in the base frame, with all joints at zero: a point (axes, 3) mm and the direction of positive
+    rotation (axes, 3) of each, and the flange.
     """
 
     points: Array
@@ -41,14 +39,11 @@ class AxisLines:
 
 @dataclass(frozen=True)
 class DenavitHartenberg:
-    """Denavit-Hartenberg constants of an arm.
+    """Denavit-Hartenberg constants of an arm in mm and rad.
 
-    a, d (axes,) mm; alpha, beta, offset (axes,) rad.
-    senses (axes,): 1 or -1, with theta = senses · q + offset.
-    base_mm (3,): start of the first axis in the base frame.
-    T_base_link (axes, 4, 4): joint frames with all joints at zero.
-    T_last_flange (4, 4): remaining transformation after the last joint. It contains no rotation about and no
-    translation along the last axis.
+    senses (axes,): 1 or -1, with theta = senses · q + offset. base_mm (3,): start of the first axis. T_base_link (axes,
+    4, 4): joint frames with all joints at zero. T_last_flange: without rotation about and translation along the last
+    axis.
     """
 
     a: Array
@@ -74,10 +69,10 @@ class _Step:
 
 
 def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
-    """Compute the constants from the axes of an arm, joint by joint from the base.
+    """Constants from the axes of an arm, joint by joint from the base.
 
-    The z axis of the first joint points in the direction of the base's z axis, and that of the last in the direction of
-    the flange's. `senses` contains the direction of rotation. The x axes are chosen for the smallest offsets.
+    The z axes of the first and the last joint point in the directions of those of base and flange; the x axes give the
+    smallest offsets.
     """
     senses = np.ones(len(axes.directions))
     senses[0] = -1.0 if axes.directions[0, 2] < 0 else 1.0
@@ -114,7 +109,7 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
 
 
 def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Array) -> tuple[Array, Array, _Step]:
-    """Origin (3,) mm and x axis (3,) on the axis through point with direction z, and the step to the next."""
+    """Origin and x axis on the axis through point with direction z, and the step to the next."""
     normal = np.cross(z, z_next)
     sine = float(np.linalg.norm(normal))
     if sine < _PARALLEL:
@@ -133,9 +128,7 @@ def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Ar
 
 
 def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
-    """Step from a frame (3, 3) at origin (3,) mm to the axis z_next (3,), which intersects the frame's x
-    axis at a.
-    """
+    """Step from a frame at origin to the axis z_next, which intersects the frame's x axis at a."""
     x, y, z = R.T @ z_next
     beta, alpha = float(np.arcsin(np.clip(x, -1.0, 1.0))), float(np.arctan2(-y, z))
     x_next = R @ [np.cos(beta), np.sin(alpha) * np.sin(beta), -np.cos(alpha) * np.sin(beta)]
@@ -143,7 +136,6 @@ def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
 
 
 def _towards(before: Array, x: Array) -> Array:
-    """X or -x (3,), whichever is closer to the previous direction."""
     return -x if before @ x < -_MEET_MM else x
 
 

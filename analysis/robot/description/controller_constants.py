@@ -68,8 +68,8 @@ def robot_with(rig: Rig, read: ControllerConstants) -> Robot:
 def data_sheet_of(robot: Robot) -> Robot:
     """Robot with the constants of the data sheet, without base and tool.
 
-    If the axes are those of a controller, the arm of the library that the robot names has the data sheet. Raises
-    FileError if it names none.
+    If the axes are those of a controller, they are those of the arm that the robot names. Raises FileError if it names
+    none.
     """
     bare = robot.model_copy(update={"base": Pose(), "tool": Pose(), "controller": None, "controller_axes": ()})
     if robot.controller != "constants" or robot.controller_axes:
@@ -83,10 +83,9 @@ def data_sheet_of(robot: Robot) -> Robot:
 
 
 def constants_from_poses(robot: Robot, q: Array, xyz_mm: Array, R: Array | None, where: str) -> ControllerConstants:
-    """Determine the constants of a controller from flange poses that it computed.
+    """Determine the constants of a controller from flange poses that it computed; R (n, 3, 3) if reported.
 
-    robot: arm of the data sheet. q (n, axes) rad. xyz_mm (n, 3). R (n, 3, 3) if reported. Raises FileError if no
-    constants fit, or if the poses show own constants without determining them.
+    Raises FileError if no constants fit, or if the poses do not determine them.
     """
     arm = arm_of(robot)
     base = _base_of(arm, q, xyz_mm)
@@ -149,9 +148,8 @@ def _base_of(arm: Arm, q: Array, xyz_mm: Array) -> Array:
 
 
 def _rounding_mm(arm: Arm, q: Array) -> float:
-    """Largest distance in mm that the rounding of joint angles q (n, axes) rad and places explains.
-
-    The decimals of the table are those of the angles in degrees. Places of pendants have 0.01 mm.
+    """Largest distance in mm that the rounding of joint angles and places explains: the decimals of the angles in
+    degrees, and 0.01 mm of pendants.
     """
     degrees = np.degrees(q)
     rounded = [np.abs(degrees - np.round(degrees, k)).max() < 10.0 ** -(k + 3) for k in range(_MOST_DECIMALS)]

@@ -27,7 +27,6 @@ _PINS = {"A": "a_mm", "ALPHA": "alpha_deg", "D": "d_mm"}
 
 
 def configured_robot(path: Path) -> Robot:
-    """Arm of an INI file. Raises FileError for an arm that is not described by the pins of genserkins."""
     ini = _sections(read_text(path, _MAX_BYTES))
     kinematics = ini.get("KINS", {}).get("KINEMATICS", [""])[0]
     if kinematics.split(maxsplit=1)[:1] != ["genserkins"]:
@@ -55,7 +54,6 @@ def configured_robot(path: Path) -> Robot:
 
 
 def _sections(text: str) -> dict[str, dict[str, list[str]]]:
-    """Values of each key of each section of an INI file; a key may be repeated."""
     sections: dict[str, dict[str, list[str]]] = {}
     section: dict[str, list[str]] = {}
     for line in map(str.strip, text.splitlines()):
@@ -68,7 +66,6 @@ def _sections(text: str) -> dict[str, dict[str, list[str]]]:
 
 
 def _pins(path: Path, hal: Mapping[str, list[str]], mm: float) -> list[dict[str, float]]:
-    """Constants of each joint in mm and degrees. Raises FileError if one is not set to a number."""
     names = [value.split()[0] for value in hal.get("HALFILE", []) if not value.startswith("LIB:")]
     texts = [read_text(path.parent / name, _MAX_BYTES) for name in names if (path.parent / name).is_file()]
     text = "\n".join([*texts, *hal.get("HALCMD", [])])

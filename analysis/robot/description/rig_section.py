@@ -66,10 +66,7 @@ class RobotSection:
 
 
 def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], rail: Rail | None = None) -> Robot:
-    """Build a robot from constants and joints.
-
-    The transformation after the last joint becomes the `tool`. It is the identity if the flange is on axis 6.
-    """
+    """Robot from constants and joints. The transformation after the last joint becomes the `tool`."""
     dh, axes = constants, list[dict[str, object]]()
     columns = zip(dh.a, dh.alpha, dh.beta, dh.d, dh.offset, dh.T_base_link, joints, strict=True)
     for a, alpha, beta, d, offset, T, joint in columns:
@@ -92,7 +89,6 @@ def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], r
 
 
 def robot_text(robot: Robot) -> str:
-    """Format the section as YAML with one line per axis, omitting defaults."""
     fields = robot.model_dump(mode="json", exclude_defaults=True)
     if robot.coupling == identity(len(robot.axes)):
         fields.pop("coupling", None)
@@ -115,9 +111,8 @@ def checked_section(
 ) -> RobotSection:
     """Build a section, and compare it with the source.
 
-    head: comment lines above the section. source: function that returns flange poses (n, 4, 4) mm for joint angles q
-    (n, axes) rad and the rail position in m, computed independently. Raises FileError, naming path, if the section
-    cannot be written or the difference exceeds the tolerance.
+    source: flange poses (n, 4, 4) mm for joint angles q (n, axes) rad, computed independently. Raises FileError, naming
+    path, if the section cannot be written or the difference exceeds the tolerance.
     """
     try:
         section = robot_text(robot_of(name, denavit_hartenberg(axes), joints, axes.rail))
@@ -150,10 +145,7 @@ def parsed(text: str) -> Robot:
 
 
 def random_postures(robot: Robot) -> Array:
-    """Random joint angles (200, axes) rad within the limits, with the rail position in m if there is a rail.
-
-    Each call returns the same postures.
-    """
+    """The same random joint angles (200, axes) rad at each call, within the limits, with the rail position in m."""
     limits = np.radians([axis.limits_deg for axis in robot.axes])
     if robot.rail:
         limits = np.vstack([limits, np.array(robot.rail.limits_mm) / RAIL_MM])
@@ -166,14 +158,13 @@ def flange_poses(robot: Robot, q: Array) -> Array:
 
 
 def largest_difference(T: Array, its_T: Array) -> tuple[float, float]:
-    """Largest differences between two stacks of poses (n, 4, 4), in mm and in rad."""
     # Use the chord of the rotation: the arc cosine of its trace loses all digits near zero.
     chord = np.linalg.norm(T[:, :3, :3] - its_T[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
     return float(np.linalg.norm(T[:, :3, 3] - its_T[:, :3, 3], axis=1).max()), float(chord.max())
 
 
 def _written(value: float) -> float:
-    """Round a number to 13 decimals. A rounded zero becomes exactly zero."""
+    """Round to 13 decimals; a rounded zero becomes exactly zero."""
     return 0.0 if abs(value) < _ZERO else round(float(value), _DECIMALS)
 
 

@@ -101,7 +101,7 @@ class FactoryConstants:
 
     @property
     def is_data_sheet(self) -> bool:
-        """True if the file holds the constants of the data sheet, as of a robot that was not measured."""
+        """True if the robot was not measured."""
         return self.moved_mm < _DATA_SHEET_MM
 
 
@@ -181,7 +181,7 @@ def _lines(path: Path, robot: Robot) -> tuple[AxisLines, Callable[[Array], Array
 
 
 def _frames_along(links: Array, q: Array) -> Array:
-    """Frames (n, 7, 4, 4) in mm of the six joints before they turn, and of the flange, for joint angles q (n, 6) rad.
+    """Frames (n, 7, 4, 4) in mm of the six joints before they turn, and of the flange.
 
     links (7, 4, 4): each frame in the one before, with all joints at zero.
     """
@@ -258,7 +258,6 @@ def _frames(text: str, where: str) -> _Frames:
 
 
 def _ros_links(frames: _Frames) -> Array:
-    """Links (7, 4, 4) of `_frames_along`: each joint turns about the z axis of its frame."""
     rows = [getattr(frames, name) for name in _Frames.model_fields if name != "hash"]
     places = np.array([[MM_PER_M * row.x, MM_PER_M * row.y, MM_PER_M * row.z] for row in rows])
     angles = np.degrees([[row.roll, row.pitch, row.yaw] for row in rows])
@@ -293,7 +292,6 @@ def _differences(text: str, path: Path) -> tuple[list[Array], bool]:
 
 
 def _classic_links(theta: Array, a: Array, d: Array, alpha: Array) -> Array:
-    """Links (7, 4, 4) of `_frames_along` by classic constants: theta and alpha (6,) rad, and a, d (6,) mm."""
     c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
     none, one = np.zeros(6), np.ones(6)
     rows = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [none, sa, ca, d], [none, none, none, one]]

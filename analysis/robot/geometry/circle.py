@@ -81,8 +81,7 @@ class CircleFrame:
 
 
 def circle_frame(centre: Array, normal: Array, towards: Array, radius: float) -> CircleFrame:
-    """A circle about centre (3,) mm with a normal (3,) of any length; phi = 0 is the projected direction
-    towards (3,)."""
+    """A circle with a normal (3,) of any length; phi = 0 is the projected direction towards (3,)."""
     n = normal / np.linalg.norm(normal)
     u = towards - (towards @ n) * n
     u = u / np.linalg.norm(u)
@@ -108,7 +107,7 @@ def reversals(circle: Circle, arm: Arm, where: str) -> list[Reversal]:
     """Joint reversals on the nominal circle, by axis and phi (Table 1 of the paper).
 
     A joint moving by less than 0.05° around the point counts as standing. Raises FileError if the arm cannot follow the
-    circle; the joint limits are checked for programs, which move less than this function.
+    circle; joint limits are checked for programs.
     """
     frame = frame_of(circle)
     # Beyond a lap at both ends, so that a reversal near the start has both flanks.
@@ -159,15 +158,14 @@ def deviations(circle: CircleFrame, points: Array) -> Deviations:
 
 
 def moved(circle: CircleFrame, radial: Array, axial: Array) -> CircleFrame:
-    """Circle corrected by the regression coefficients (3,) mm of the radial and axial deviations."""
+    """Circle corrected by regression coefficients (3,) mm of the radial and axial deviations."""
     centre = circle.centre + axial[0] * circle.n + radial[1] * circle.u + radial[2] * circle.v
     n = circle.n - (axial[1] * circle.u + axial[2] * circle.v) / circle.radius
     return circle_frame(centre, n, circle.u, circle.radius + float(radial[0]))
 
 
 def circles_through(points: Array) -> tuple[Array, Array, Array]:
-    """Centre (k, 3) mm, unit normal (k, 3) and radius (k,) mm of circles through points (k, 3, 3) mm, three
-    each.
+    """Centre (k, 3), unit normal (k, 3) and radius (k,) mm of circles through points (k, 3, 3) mm, three each.
 
     Collinear points give a radius beyond any arm.
     """
@@ -180,10 +178,7 @@ def circles_through(points: Array) -> tuple[Array, Array, Array]:
 
 
 def largest_deviations(points: Array, centre: Array, normal: Array, radius: Array) -> Array:
-    """Larger absolute deviation (k, n) mm, radial or axial, of points (n, 3) mm from k circles.
-
-    centre (k, 3) mm, unit normal (k, 3), radius (k,) mm.
-    """
+    """Larger absolute deviation (k, n) mm, radial or axial, of points (n, 3) mm from k circles."""
     away = points[None] - centre[:, None]
     height = np.einsum("kni,ki->kn", away, normal)
     level = np.sqrt(np.maximum((away**2).sum(axis=2) - height**2, 0.0)) - radius[:, None]
@@ -191,7 +186,7 @@ def largest_deviations(points: Array, centre: Array, normal: Array, radius: Arra
 
 
 def nearest_circle(points: Array) -> CircleFrame | None:
-    """Least-squares circle of points (n, 3) mm, three or more; None for collinear or equal points."""
+    """Least-squares circle of points (n, 3) mm; None for collinear or equal points."""
     middle = points.mean(axis=0)
     _, extent, V = np.linalg.svd(points - middle, full_matrices=False)
     if extent[1] < 1e-6 * extent[0] + 1e-9:
@@ -217,10 +212,9 @@ BASELINE_AXIS: dict[str, int] = {"yaw": 1, "roll": 0}
 def link_readings(
     T: Array, ball: Array, offsets_mm: Array, test: CircleTest, link_mm: float, form_mm: Array | float = 0.0
 ) -> Array:
-    """Gauge readings (n, k) mm, before zero setting, of k gauges at `offsets_mm` (k,) along the baseline.
+    """Gauge readings (n, k) mm, before zero setting, of gauges at `offsets_mm` (k,) along the baseline.
 
-    T (n, 4, 4): link-side tool poses; ball (3,) mm in the world; link_mm: link constant, subtracted from |B - P|;
-    form_mm (n,): form error of the ball, added to the distance.
+    T (n, 4, 4): link-side tool poses; link_mm: subtracted from |B - P|; form_mm (n,): added to the distance.
     """
     to_ball = ball - T[:, :3, 3]
     distance = np.sqrt(np.einsum("ni,ni->n", to_ball, to_ball))

@@ -19,16 +19,12 @@ _LEAST_CONDITIONING = 0.01
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:
-    """Mask (n,) of joint angles q (n, 6) rad at a distance from the floor, from axis 1 and from
-    singularities.
-    """
+    """Mask (n,) of postures at a distance from the floor, from axis 1 and from singularities."""
     return np.asarray(is_collision_free(arm, q) & (conditioning(arm, q) > _LEAST_CONDITIONING))
 
 
 def is_collision_free(arm: Arm, q: Array) -> Mask:
-    """Mask (n,) of joint angles q (n, axes) rad at which the arm keeps its distance from the floor and from
-    axis 1.
-    """
+    """Mask (n,) of postures at a distance from the floor and from axis 1."""
     points = chain_points(arm, q)
     outer, last = points[:, 2:], points[:, 4:]  # from the elbow on, and from the wrist on
     off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)
@@ -36,11 +32,9 @@ def is_collision_free(arm: Arm, q: Array) -> Mask:
 
 
 def chain_points(arm: Arm, q: Array) -> Array:
-    """Joint and tool positions (n, 7, 3) mm in the robot's base."""
     frames = np.concatenate([link_frames(arm, q), forward(arm, q)[:, None]], axis=1)
     return np.asarray(in_base(arm, frames)[..., :3, 3])
 
 
 def in_base(arm: Arm, T: Array) -> Array:
-    """Frames T (..., 4, 4) of the world in the robot's base, lengths in mm."""
     return np.asarray(np.linalg.inv(arm.T_world_base) @ T)

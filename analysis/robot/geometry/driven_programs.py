@@ -67,7 +67,7 @@ def target_angles(hemisphere: Hemisphere) -> tuple[Array, Array]:
 
 
 def target_poses(frame: HemisphereFrame, polar: Array, azimuth: Array, orientation: Integers, count: int) -> Array:
-    """T_world_tool (k, 4, 4) at targets: TCP on the sphere, the tool tilted inwards.
+    """T_world_tool (k, 4, 4) at targets, with the tool tilted inwards.
 
     orientation (k,) from 1 to `count`: tilts about the tool's x axis, evenly around the middle one.
     """
@@ -120,8 +120,7 @@ def hemisphere_of(rig: Rig) -> Hemisphere:
 
 @dataclass(frozen=True)
 class CircleProgram:
-    """Laps with lead-in and lead-out, and the returns between them, at the controller's period. t_s (n,); phi (n,) rad;
-    q (n, 6) rad."""
+    """Laps with lead-in and lead-out, and the returns between them, at the controller's period."""
 
     t_s: Array
     phi: Array
@@ -130,11 +129,7 @@ class CircleProgram:
 
 @dataclass(frozen=True)
 class LapMotion:
-    """Equal laps of a circle from rest to rest, and the returns between them.
-
-    The returns are faster by the factor `back`. A lap with lead-in and lead-out has times t_s (n,), circle angles phi
-    (n,) rad and joint angles q (n, 6) rad.
-    """
+    """Equal laps of a circle from rest to rest, and the returns between them, faster by the factor `back`."""
 
     t_s: Array
     phi: Array
@@ -164,8 +159,7 @@ class LapMotion:
 
 
 def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
-    """Circle program of a rig, all laps, from rest to rest. Raises FileError if the robot cannot drive
-    it."""
+    """Circle program of a rig, all laps, from rest to rest. Raises FileError if the robot cannot drive it."""
     laps = circle_laps(rig, direction)
     t_s, back_s = laps.t_s, laps.t_s / laps.back
     times, rows = [t_s], [np.arange(len(t_s))]
@@ -179,8 +173,8 @@ def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
 def circle_laps(rig: Rig, direction: Direction) -> LapMotion:
     """Laps of a circle program. Raises FileError if the robot cannot drive them.
 
-    Between laps the robot returns along the circle, because few arms can turn the wrist by two more turns. The return
-    is twice as fast if the joint speeds permit it.
+    Between laps the robot returns along the circle, because few arms can turn the wrist by two more turns, twice as
+    fast if the joint speeds permit it.
     """
     circle = circle_of(rig)
     arm, frame = arm_of(rig.robot), frame_of(circle)
@@ -196,10 +190,10 @@ def circle_laps(rig: Rig, direction: Direction) -> LapMotion:
 
 
 def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:
-    """Reported angles (n, 6) rad along monotone circle angles phi (n,), in either direction.
+    """Reported angles (n, 6) rad along monotone circle angles phi (n,), in either direction, from the acw posture.
 
-    The posture is that of the acw start. A cw program reverses the same joint angles: a joint with a full turn starts
-    at the end of the acw lap, because most have no second turn.
+    A cw program reverses the same joint angles: a joint with a full turn starts at the end of the acw lap, because most
+    have no second turn.
     """
     order = slice(None) if phi[-1] > phi[0] else slice(None, None, -1)
     return follow(arm, frame.poses(phi[order]), posture, where)[order]
@@ -220,18 +214,16 @@ def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
 
 
 def _ramp(t: Array, begin: float, end: float) -> Array:
-    """Twice the distance for unit acceleration between begin and end, followed by constant speed."""
     inside = np.clip(t, begin, end) - begin
     return np.asarray(inside**2 + 2 * (end - begin) * np.maximum(t - end, 0.0))
 
 
 def way_back(arm: Arm, fastest: Array) -> float:
-    """Speed of the return relative to a lap with joint speeds `fastest` (6,) rad/s."""
+    """Speed of the return relative to a lap."""
     return _BACK if (_BACK * fastest < arm.speed).all() else 1.0
 
 
 def fastest_joints(t_s: Array, q: Array) -> Array:
-    """Maximum speed (6,) rad/s of each joint along angles q (n, 6) rad at times t_s (n,)."""
     return np.asarray(np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0))
 
 
@@ -247,7 +239,7 @@ class TargetProgram:
 
 
 def radial_program(rig: Rig) -> TargetProgram:
-    """Every target of the rig's hemisphere in each orientation, `visits` times.
+    """Every target of the hemisphere in each orientation, `visits` times.
 
     The whole list is repeated, so visits to a target are minutes apart. Raises FileError if one is out of reach.
     """
@@ -265,8 +257,7 @@ def radial_program(rig: Rig) -> TargetProgram:
 
 
 def repeatability_program(rig: Rig) -> TargetProgram:
-    """Rig's repeatability targets in their middle orientation, one row each. Raises FileError like
-    `radial_program`."""
+    """Repeatability targets in their middle orientation, one row each. Raises FileError like `radial_program`."""
     hemisphere, target = hemisphere_of(rig), repeatability_targets(rig)
     polar, azimuth = target_angles(hemisphere)
     polar, azimuth = polar[target - 1], azimuth[target - 1]
@@ -277,8 +268,7 @@ def repeatability_program(rig: Rig) -> TargetProgram:
 
 
 def repeatability_targets(rig: Rig) -> Integers:
-    """Target numbers (n,) of the rig's repeatability test, from 1. Raises FileError for a target outside
-    the hemisphere."""
+    """Target numbers (n,), from 1. Raises FileError for a target outside the hemisphere."""
     target, count = np.array(repeatability_of(rig).targets, dtype=np.int64), len(target_angles(hemisphere_of(rig))[0])
     if (unknown := target[target > count]).size:
         problem = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
@@ -295,7 +285,7 @@ def repeatability_of(rig: Rig) -> Repeatability:
 def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
     """Times (n,) s and reported angles (n, 6) rad of a program stopping at each of q (m, 6) for `dwell_s`.
 
-    Between stops all joints move together, smoothly, from rest to rest; the slowest joint determines the time.
+    Between stops all joints move together, from rest to rest; the slowest joint determines the time.
     """
     t, path = [np.zeros(1)], [q[:1]]
     for begin, end in pairwise(q):
@@ -316,8 +306,7 @@ def radial_stops(rig: Rig) -> Array:
 
 
 def repeatability_stops(rig: Rig) -> Array:
-    """Joint angles (m, 6) rad of a repeatability program: each target, then out and back, in and back, in
-    rounds."""
+    """Joint angles (m, 6) rad: each target, then out and back, in and back, in rounds."""
     program, plan = repeatability_program(rig), repeatability_of(rig)
     radius = hemisphere_frame(hemisphere_of(rig)).direction(program.polar, program.azimuth)
     arm = arm_of(rig.robot)
@@ -329,8 +318,7 @@ def repeatability_stops(rig: Rig) -> Array:
 
 
 def displace_tool(arm: Arm, q: Array, offset_mm: Array) -> Array:
-    """Joint angles (n, 6) rad with the tool displaced by offset_mm (n, 3) from its position at q (n, 6), same
-    orientation."""
+    """Joint angles (n, 6) rad with the tool displaced by offset_mm (n, 3) in the same orientation."""
     poses = forward(arm, q)
     poses[:, :3, 3] += offset_mm
     return newton(arm, poses, q)[0]
@@ -350,10 +338,7 @@ def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> 
 
 
 def feasible_tests(rig: Rig, file: str | Path) -> tuple[list[str], list[FileError]]:
-    """A line for each test that the robot can drive, and an error naming the rig file for each of the others.
-
-    A repeatability test requires targets of the hemisphere.
-    """
+    """A line for each test that the robot can drive, and an error for each of the others."""
     lines, errors = [], []
     for test in (_circle_lines, _hemisphere_lines, _repeatability_lines, _iso9283_lines):
         try:

@@ -79,7 +79,7 @@ class Cube:
         return FROM_CENTRE * self.side_mm, FROM_CENTRE * self.side_mm * float(np.sqrt(2))
 
     def on_plane(self, along: Array) -> Array:
-        """World positions (n, 3) mm for positions (n, 2) mm on the plane: horizontal and rising coordinate."""
+        """World positions (n, 3) mm of positions (n, 2) mm on the plane: horizontal and rising coordinate."""
         return np.asarray(self.centre_mm + along @ np.stack([self.level, self.rising]))
 
     @property
@@ -150,7 +150,6 @@ class _Starts:
 
 
 def _starts(arm: Arm, test: Iso9283) -> Iterator[_Starts]:
-    """Centre of a stated posture, or centres in each of four directions, starting in front of the base."""
     if test.posture_deg is not None:
         posture = np.radians(test.posture_deg)
         T = forward(arm, posture[None])
@@ -171,10 +170,9 @@ def _starts(arm: Arm, test: Iso9283) -> Iterator[_Starts]:
 
 
 def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
-    """Postures at positions (n, 3) mm with the tool pointing down or ahead (2,), in four rolls, most regular
-    first.
+    """Postures at positions (n, 3) mm with the tool down or ahead (2,), in four rolls, most regular first.
 
-    Postures are collision-free, regular, within half a turn, and with the elbow on the side of the position.
+    They are collision-free, regular, within half a turn, and with the elbow on the side of the position.
     """
     turns = []
     down, level, upwards = np.array([0.0, 0.0, -1.0]), np.array([*ahead, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -203,8 +201,7 @@ def _reach_mm(arm: Arm) -> float:
 
 
 def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Array, Mask]:
-    """Joints (m, k, 6) rad at offsets away (k, 3) mm from centres rows (m,), and a mask (m,) of completely
-    valid centres."""
+    """Joints (m, k, 6) rad at offsets away (k, 3) mm from centres, and a mask (m,) of completely valid centres."""
     poses = np.tile(np.eye(4), (len(rows), len(away), 1, 1))
     poses[:, :, :3, :3] = starts.R[rows, None]
     poses[:, :, :3, 3] = starts.centre_mm[rows, None] + away
@@ -220,10 +217,7 @@ def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Ar
 
 
 def cycle_stops(rig: Rig) -> Array:
-    """Joints (n, 6) rad of all stops for a tracker, in the order P5 P4 P3 P2 P1 in each cycle.
-
-    Raises FileError like `cube_of`.
-    """
+    """Joints (n, 6) rad of all stops for a tracker, P5 P4 P3 P2 P1 in each cycle. Raises FileError like `cube_of`."""
     return np.asarray(cube_of(rig).q[np.tile(np.array(ORDER) - 1, iso9283_of(rig).cycles)])
 
 
@@ -262,7 +256,7 @@ class Polygon:
         return np.stack([np.interp(s_mm, self.arc_length_mm, column) for column in self.knots.T], axis=1)
 
     def nearest(self, places: Array) -> Array:
-        """Lengths (n,) mm of the closest path points to positions (n, 3) mm."""
+        """Lengths (n,) mm of the closest path points."""
         best, lengths = np.full(len(places), np.inf), np.zeros(len(places))
         for begin, end, s in zip(self.knots[:-1], self.knots[1:], self.arc_length_mm[:-1], strict=True):
             length = float(np.linalg.norm(end - begin))
@@ -292,7 +286,7 @@ class Ring:
         return np.asarray(self.centre + self.radius_mm * (np.cos(angle) * self.u + np.sin(angle) * self.v))
 
     def nearest(self, places: Array) -> Array:
-        """Lengths (n,) mm of the closest path points to positions (n, 3) mm."""
+        """Lengths (n,) mm of the closest path points."""
         away = places - self.centre
         angle: Array = np.arctan2(away @ self.v, away @ self.u) % (2 * np.pi)
         return angle * self.radius_mm
@@ -333,8 +327,5 @@ def in_order(cube: Cube, cycles: int) -> Iterator[CommandPath]:
 
 
 def joints_along(arm: Arm, cube: Cube, path: CommandPath, s_mm: Array, where: str) -> Array:
-    """Joints (n, 6) rad with the tool at increasing lengths s_mm (n,) of a path.
-
-    Raises PathError if the arm cannot follow; `where` names the cube.
-    """
+    """Joints (n, 6) rad with the tool at lengths s_mm (n,) of a path. Raises PathError if the arm cannot follow."""
     return follow(arm, cube.poses(path.at(s_mm)), cube.q[0], where)

@@ -19,8 +19,7 @@ from analysis.robot.kinematics.arm import Arm, Array, Integers, forward, rotatio
 
 
 def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
-    """Derivatives (3 n, 3 + 3 s) of the ball's distance from its socket by ball position on the tool and
-    socket positions, at tool poses T (n, 4, 4) mm; socket (n,): index of each socket, from 0."""
+    """Derivatives (3 n, 3 + 3 s) of the ball's distance from its socket by ball and socket positions."""
     design = np.zeros((len(T), 3, 3 + 3 * sockets))
     design[:, :, :3] = T[:, :3, :3]
     for axis in range(3):
@@ -29,17 +28,14 @@ def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
 
 
 def socket_residuals(T: Array, names: NDArray[np.str_]) -> Array:
-    """Residuals (n, 3) mm of the ball relative to its socket at tool poses T (n, 4, 4) mm.
-
-    Ball position on the tool and socket positions, named (n,), are fitted.
-    """
+    """Residuals (n, 3) mm of the ball relative to its socket, with fitted positions of both."""
     sockets, socket = np.unique(names, return_inverse=True)
     design, seen = socket_design(T, socket.ravel(), len(sockets)), -T[:, :3, 3].ravel()
     return np.asarray((design @ np.linalg.lstsq(design, seen)[0] - seen).reshape(-1, 3))
 
 
 def best_rigid(points: Array, targets: Array) -> Array:
-    """T (4, 4) that maps points (n, 3) mm to targets (n, 3) mm in the least-squares sense (Kabsch 1976)."""
+    """T (4, 4) that maps points (n, 3) to targets (n, 3) in the least-squares sense (Kabsch 1976)."""
     middle, goal = points.mean(axis=0), targets.mean(axis=0)
     u, _, vt = np.linalg.svd((points - middle).T @ (targets - goal))
     flip = np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)])
@@ -54,7 +50,7 @@ def in_frame(T: Array, points: Array) -> Array:
 
 
 def moved_by(T: Array, shift: Array, turn: Array) -> Array:
-    """A frame T (4, 4) shifted by (3,) mm and rotated by a rotation vector (3,) rad about its own origin."""
+    """A frame shifted by (3,) mm and rotated by a rotation vector (3,) rad about its own origin."""
     moved = T.copy()
     moved[:3, :3] = rotation(turn) @ T[:3, :3]
     moved[:3, 3] += shift
@@ -79,8 +75,7 @@ class PoseSetUp:
 
 
 def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
-    """Base and tool that map the flanges T (n, 4, 4) of the bare arm to positions xyz_mm (n, 3), in at most
-    `steps` steps."""
+    """Base and tool that map the flanges T (n, 4, 4) of the bare arm to positions xyz_mm (n, 3)."""
     start = best_rigid(T[:, :3, 3], xyz_mm)
     reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
     R, origin, tool = start[:3, :3], start[:3, 3], np.zeros(3)
@@ -109,10 +104,7 @@ def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
 
 
 def position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
-    """Position errors (n, 3) mm, measured less fitted, in the arm's base.
-
-    T (n, 4, 4): flanges of the bare arm. xyz_mm (n, 3): measured positions.
-    """
+    """Position errors (n, 3) mm, measured less fitted, in the arm's base."""
     base = setup.T_world_base
     tool = T[:, :3, 3] + T[:, :3, :3] @ setup.T_flange_tool[:3, 3]
     return np.asarray((xyz_mm - base[:3, 3]) @ base[:3, :3] - tool)
@@ -130,8 +122,6 @@ def _position_residuals(T: Array, xyz_mm: Array, R: Array, origin: Array, tool: 
 
 
 def _design(T: Array, R: Array, tool: Array, reach: float) -> Array:
-    """Derivatives (3 n, 9) mm of the residuals by base rotation at `reach` mm, base position and tool
-    position."""
     x, y, z = ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T).T
     none = np.zeros_like(x)
     turn = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3) / reach
@@ -171,12 +161,12 @@ class FittedArm:
 
     @property
     def rms_mm(self) -> float:
-        """Root mean square distance of a position, three readings each, corrected for the number of unknowns."""
+        """Root mean square distance of a position, corrected for the number of unknowns."""
         return float(np.sqrt(3 * (self.left_mm**2).sum() / max(self.spare, 1)))
 
 
 def fit_arm(bare: Arm, q: Array, xyz_mm: Array) -> FittedArm:
-    """Fit an arm, from its nominal constants, to target positions xyz_mm (n, 3) at joints q (n, axes) rad.
+    """Fit an arm, from its nominal constants, to target positions at joints q (n, axes) rad.
 
     T_world_base of the result contains the instrument frame, T_flange_tool the target.
     """
@@ -193,11 +183,7 @@ def fit_arm(bare: Arm, q: Array, xyz_mm: Array) -> FittedArm:
 
 
 def fit_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None) -> FittedArm:
-    """Fit the arm constants to tool positions xyz_mm (n, 3), and orientations R (n, 3, 3) if given, at joints q (n,
-    axes) rad.
-
-    Base and tool are not changed.
-    """
+    """Fit the arm constants to tool positions, and orientations R (n, 3, 3) if given; base and tool stay."""
 
     def misfit(candidate: Arm) -> Array:
         T = forward(candidate, q)
@@ -225,7 +211,6 @@ def _with_constants(arm: Arm, change: Array) -> Arm:
 
 
 def _fitted(changed: Callable[[Array], Arm], count: int, misfit: Callable[[Arm], Array]) -> FittedArm:
-    """Arm with the `count` changes in mm that minimise the misfit in mm."""
     change, damping = np.zeros(count), _LEAST_DAMPING_OF_ARM
     residual, J = misfit(changed(change)), np.empty((0, count))
     for _ in range(_ROUNDS):

@@ -58,7 +58,6 @@ class Arm:
 
     @cached_property
     def by_drives(self) -> Arm:
-        """The arm with joint angles of the drives in place of reported angles."""
         return self if self.drives is None else replace(self, coupling=self.drives, drives=None)
 
     @cached_property
@@ -113,7 +112,6 @@ def arm_of(robot: Robot) -> Arm:
 
 
 def controller_robot(robot: Robot) -> Robot:
-    """Robot with the axes with which the controller computes poses, as far as the rig file states them."""
     if not robot.controller_axes:
         return robot
     constants = zip(robot.axes, robot.controller_axes, strict=True)
@@ -122,15 +120,11 @@ def controller_robot(robot: Robot) -> Robot:
 
 
 def controller_arm(robot: Robot) -> Arm:
-    """Arm with which the controller computes poses, as far as the rig file states it."""
     return arm_of(controller_robot(robot))
 
 
 def drive_angles(arm: Arm, q: Array) -> Array:
-    """Convert reported angles q (n, axes) rad to the angles of the drives, which errors of a drive are added to.
-
-    A column with the rail position is kept.
-    """
+    """Convert reported angles to those of the drives; a column with the rail position is kept."""
     return q if arm.drives is None else np.hstack([q[:, : arm.axes] @ arm.to_drives.T, q[:, arm.axes :]])
 
 
@@ -140,31 +134,26 @@ def reported_angles(arm: Arm, m: Array) -> Array:
 
 
 def without_setup(arm: Arm) -> Arm:
-    """Arm with the base at the world origin, including the rail, and the tool at the flange.
-
-    Fits of base and tool start from this arm.
-    """
+    """Arm with base and rail at the world origin, and the tool at the flange, from which fits start."""
     rail = None if arm.rail is None else arm.T_world_base[:3, :3].T @ arm.rail
     return replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4), rail=rail)
 
 
 def rail_mm(arm: Arm, q: Array) -> Array:
-    """Rail position (n,) mm in joint angles q (n, axes) rad, 0 if they have no rail column."""
+    """Rail position (n,) mm in joint angles, 0 without a rail column."""
     stands: Array = RAIL_MM * q[:, arm.axes :].sum(axis=1)
     return stands
 
 
 def base_places(arm: Arm, q: Array) -> Array:
-    """Origin of the base in the world (n, 3) mm for joint angles q (n, axes) rad, including the rail."""
+    """Origin of the base in the world (n, 3) mm, including the rail."""
     at_zero: Array = arm.T_world_base[:3, 3]
     return np.broadcast_to(at_zero, (len(q), 3)) if arm.rail is None else at_zero + np.outer(rail_mm(arm, q), arm.rail)
 
 
 def rail_frame(arm: Arm) -> Array:
-    """Directions (3, 3) of a rail in the world as columns.
-
-    The first is along the rail, the second horizontal in the base frame and perpendicular to it, and the third
-    perpendicular to both. For a vertical rail the second is the x axis of the base.
+    """Directions (3, 3) of a rail in the world as columns: along it, horizontal in the base frame and perpendicular to
+    it (for a vertical rail the x axis of the base), and perpendicular to both.
     """
     assert arm.rail is not None  # noqa: S101 - asked for rails alone
     up = arm.T_world_base[:3, 2]
@@ -210,7 +199,7 @@ def rotation(turn: Array) -> Array:
 
 
 def roll_pitch_yaw(T: Array) -> Array:
-    """Fixed-axis roll, pitch and yaw (..., 3) rad of frames (..., 4, 4). This is the inverse of `transform`.
+    """Fixed-axis roll, pitch and yaw (..., 3) rad of frames: the inverse of `transform`.
 
     At a pitch of 90° roll and yaw have a common axis, and roll is set to zero.
     """
@@ -234,7 +223,7 @@ def link_frames(arm: Arm, q: Array) -> Array:
 
 
 def forward(arm: Arm, q: Array) -> Array:
-    """T_world_tool (n, 4, 4), positions in mm, for joint angles q (n, axes) rad."""
+    """T_world_tool (n, 4, 4) in mm for joint angles q (n, axes) rad."""
     T = np.empty((len(q), 4, 4))
     for block in blocks(len(q)):
         _set_frames(T[block], tool_columns(arm, q[block]))
@@ -242,10 +231,8 @@ def forward(arm: Arm, q: Array) -> Array:
 
 
 def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """T_world_tool (n, 4, 4) and the geometric Jacobian of the tool origin (n, 6, axes).
-
-    Rows are linear velocity in mm/rad and angular velocity, both in the world. Columns are the joints of the
-    controller, including couplings.
+    """T_world_tool (n, 4, 4) and the geometric Jacobian of the tool origin (n, 6, axes), in mm/rad and rad/rad in the
+    world, by the joints of the controller.
     """
     T, J = np.empty((len(q), 4, 4)), np.empty((len(q), 6, arm.axes))
     for block in blocks(len(q)):
@@ -256,10 +243,7 @@ def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def tool_and_motions(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Columns (4, 3, n) of T_world_tool for joint angles q (n, axes) rad of one block, and the Jacobian.
-
-    The Jacobian is transposed, with samples last: (axes, 6, n), mm/rad and angular velocity.
-    """
+    """Columns (4, 3, n) of T_world_tool, and the transposed Jacobian (axes, 6, n), for one block."""
     links = list(link_columns(arm, q))
     tool = _at(links[-1], arm.T_flange_tool)
     per_theta = np.empty((arm.axes, 6, tool.shape[2]))
@@ -280,13 +264,13 @@ def blocks(count: int, size: int = _BLOCK) -> Iterator[slice]:
 
 
 def tool_columns(arm: Arm, q: Array) -> Array:
-    """Columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, axes) rad of a block."""
+    """Columns x, y, z and origin of T_world_tool, (4, 3, n), for a block."""
     *_, flange = link_columns(arm, q)
     return _at(flange, arm.T_flange_tool)
 
 
 def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
-    """Columns x, y, z and origin of each joint frame, (4, 3, n), for joint angles q (n, axes) rad of a block.
+    """Columns x, y, z and origin of each joint frame, (4, 3, n), for a block.
 
     Samples are last, so that each step of the chain is a single operation on long rows.
     """
@@ -305,9 +289,9 @@ def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
 
 
 def cos_sin(angle: Array) -> tuple[Array, Array]:
-    """Cosine and sine (n, …) of angles (n, …) rad, accurate to 3e-16.
+    """Cosine and sine of angles (n, …) rad, accurate to 3e-16.
 
-    They are computed from the tangent of the half angle, which numpy vectorises: 2 ns for both instead of 16 ns.
+    From the tangent of the half angle, which numpy vectorises: 2 ns for both instead of 16 ns.
     """
     tangent = np.tan(angle / 2)
     square = tangent * tangent
@@ -337,7 +321,7 @@ def pose_error(T: Array, target: Array) -> Array:
 
 
 def column_error(columns: Array, target: Array) -> Array:
-    """Small motion (6, n) from frames to targets given as columns (4, 3, n), in mm and rad."""
+    """Small motion (6, n) between frames given as columns (4, 3, n), in mm and rad."""
     error = np.empty((6, columns.shape[2]))
     error[:3] = target[3] - columns[3]
     # The rotation axis times the sine is half the sum of the cross products of corresponding columns.

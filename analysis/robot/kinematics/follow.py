@@ -30,8 +30,7 @@ _IN_METRES = 10.0
 def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     """Joint angles (n, 6) rad for which the tool follows `poses` (n, 4, 4), starting near `posture` (6,).
 
-    `where` names the path in errors. Raises PathError if a pose is unreachable, if a singularity requires a jump, or if
-    a joint limit is violated.
+    Raises PathError if a pose is unreachable, if a singularity requires a jump, or if a joint limit is violated.
     """
     solution, good = newton(arm, poses[:1], posture[None])
     start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
@@ -66,9 +65,8 @@ def _knots(poses: Array) -> Indices:
 
 
 def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Array | None:
-    """Closed-form branch (n, 6) rad that starts at angles start (6,), refined for the true arm.
-
-    None if there is no such branch or if it is discontinuous.
+    """Closed-form branch (n, 6) rad near start (6,), refined for the true arm; None if there is none or it is
+    discontinuous.
     """
     form = canonical(arm)
     if form is None:
@@ -88,7 +86,7 @@ def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Arra
 
 
 def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) -> Array:
-    """Solve the knots one after the other by Newton, from start (6,) rad, then the poses in between: (n, 6) rad."""
+    """Solve the knots one after the other by Newton, then the poses in between: (n, 6) rad."""
     walked = np.empty((len(knots), 6))
     q = walked[0] = start
     for row, knot in enumerate(knots[1:].tolist(), start=1):
@@ -108,10 +106,7 @@ def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) ->
 
 
 def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
-    """Angles (6,) rad closest to q (6,) rad among all branches and turns for a pose (1, 4, 4).
-
-    Angles within the limits are preferred.
-    """
+    """Angles (6,) rad closest to q among all branches and turns; those within the limits are preferred."""
     solutions = inverse(arm, pose)
     postures = solutions.q[solutions.found]
     allowed, _ = within_limits(arm, postures)

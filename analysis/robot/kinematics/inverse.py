@@ -159,7 +159,6 @@ def _spherical_wrist(form: Canonical, T: Array, sides: list[Array], spread: floa
 
 
 def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:
-    """T1 … t6, each broadcastable to (shoulder, elbow, wrist, n)."""
     a, d = form.a, form.d
     t1, u = _shoulder(T, d[1] + d[2] + d[3], sides[0])
     x, y, hand = u - a[1], np.broadcast_to(T[2, 3], u.shape), complex(a[4], -d[4])
@@ -240,7 +239,7 @@ _ASIDE = np.array([-0.6, -0.15, -0.03, 0.03, 0.15, 0.6])
 def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mask]:
     """Solve poses (n, 4, 4) by Newton: q (n, 16, 6) rad, and solved (n, 16) with solved slots first.
 
-    Start values are the branches of the snapped arm, or spread evenly if the arm is of no known kind.
+    Starts are the branches of the snapped arm, or spread evenly for an arm of no known kind.
     """
     q, solved = np.full((len(poses), _MOST, 6), np.nan), np.zeros((len(poses), _MOST), dtype=bool)
     if form is None:
@@ -269,7 +268,7 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
 
 
 def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tuple[Array, Mask, Mask]:
-    """Refine each branch theta (8, 6, n) rad of the snapped arm by Newton: q (n, 8, 6), solved (n, 8), clear (n,).
+    """Refine each branch theta (8, 6, n) rad of the snapped arm: q (n, 8, 6), solved (n, 8), clear (n,).
 
     A pose is clear if all branches are far from the end of the reach, from each other, and from singularities.
     """
@@ -291,8 +290,7 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tup
 def _add_singular_solutions(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask]:
     """Add solutions on both sides of singular ones: q (n, 16, 6) rad, solved (n, 16).
 
-    Near a singularity, branches are close together, along the joint motion that does not move the tool. Several start
-    values may have converged to the same branch.
+    Near a singularity, branches are close together, along the joint motion that does not move the tool.
     """
     row, slot = np.nonzero(solved)
     condition, still = null_motion(arm, q[row, slot])
@@ -308,7 +306,6 @@ def _add_singular_solutions(arm: Arm, poses: Array, q: Array, solved: Mask) -> t
 
 
 def _together(arm: Arm, q: Array, solved: Mask, more: Array, solved_more: Mask) -> tuple[Array, Mask]:
-    """Merge solutions q (n, k, 6) rad, solved (n, k) with additional ones, and remove duplicates."""
     both = np.concatenate([q, more], axis=1), np.concatenate([solved, solved_more], axis=1)
     return _first(*distinct(arm, *_first(*both, most=None)))
 
@@ -323,7 +320,7 @@ def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
 
 
 def _first(q: Array, solved: Mask, most: int | None = _MOST) -> tuple[Array, Mask]:
-    """At most `most` slots with solved ones first, in order. If `most` is None, all solved ones are returned."""
+    """At most `most` slots with solved ones first, in order; None for all solved ones."""
     most = most or max(_MOST, int(solved.sum(axis=1).max(initial=0)))
     order = np.argsort(~solved, axis=1, kind="stable")[:, :most]
     return np.take_along_axis(q, order[..., None], axis=1), np.take_along_axis(solved, order, axis=1)

@@ -15,10 +15,9 @@ _SLACK = 1e-9
 
 
 def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
-    """All postures within the joint limits that differ from q (m, 6) rad by full turns of the axes.
+    """All postures (k, 6) rad within the joint limits that differ from q (m, 6) by full turns, and their rows of q.
 
-    The result contains the postures (k, 6) rad, and the row of q for each (k,). Turns are turns of theta, which a
-    coupling may distribute to several joints, so all combinations are tried. Non-finite rows of q have no postures.
+    Turns are those of theta, which a coupling may distribute to several joints, so all combinations are tried.
     """
     finite = np.flatnonzero(np.isfinite(q).all(axis=1))
     turn = 2 * np.pi * np.linalg.inv(arm.coupling)
@@ -54,10 +53,8 @@ def wrapped(angle: Array) -> Array:
 
 
 def impossible_rad(q: Array) -> float:
-    """Largest impossible angle of joints q (n, axes) rad, or 0 if all are possible.
-
-    Angles are impossible if more joints exceed the limit than an arm can have endless axes. Their unit is probably
-    wrong.
+    """Largest impossible angle of joints q (n, axes) rad, or 0: more joints exceed the limit than an arm can have
+    endless axes, probably because of their unit.
     """
     most = np.maximum(q.max(axis=0, initial=0.0), -q.min(axis=0, initial=0.0))
     return float(most.max(initial=0.0)) if np.count_nonzero(most > _MOST_RAD) > _WIND else 0.0
@@ -83,12 +80,11 @@ def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
 
 
 def good(mm: Array, rad: Array) -> Mask:
-    """Mask (k, n) of the branches with acceptable deviations in mm and rad."""
     return (mm < _TOLERANCE_MM) & (rad < _TOLERANCE_RAD)
 
 
 def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
-    """Remove duplicate solutions from q (n, k, 6) rad and solved (n, k). Empty slots become nan."""
+    """Remove duplicate solutions; empty slots become nan."""
     solved = solved.copy()
     turned = q @ arm.coupling.T
     for slot in range(1, q.shape[1]):
@@ -98,9 +94,8 @@ def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
 
 
 def may_have_duplicates(turned: Array, solved: Mask) -> Mask:
-    """Mask of the poses (n,) that may have duplicate solutions in coupling @ q (k, 6, n) rad.
-
-    Solutions are compared by a weighted sum of absolute angles, which is continuous at half a turn.
+    """Mask (n,) of the poses that may have duplicate solutions in coupling @ q (k, 6, n) rad, by a weighted sum of
+    absolute angles, which is continuous at half a turn.
     """
     number = np.einsum("i,kin->kn", _WEIGHTS, np.abs(turned))
     number = np.sort(np.where(solved, number, np.inf), axis=0)

@@ -42,10 +42,9 @@ _BLOCK = 1000
 
 
 def newton(arm: Arm, poses: Array, q: Array, iterations: int = 60) -> tuple[Array, Mask]:
-    """Solve poses (n, 4, 4) from angles q (n, 6) rad: angles (n, 6) rad, and a mask (n,) of convergence.
+    """Angles (n, 6) rad of poses (n, 4, 4) from start angles q (n, 6), and a mask (n,) of convergence.
 
-    A row has converged if the error is below 1e-6 mm, with a radian counted as 500 mm. With a regular Jacobian the
-    final error is below 1e-9 mm.
+    The limit is 1e-6 mm, with a radian counted as 500 mm; with a regular Jacobian the final error is below 1e-9 mm.
     """
     q, off_mm = _all_converged(arm, poses, q, iterations)
     return q, off_mm < REACHED_MM
@@ -63,7 +62,7 @@ def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[A
 
 
 def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
-    """Iterate from angles q (n, 6) rad to poses (n, 4, 4): angles (n, 6) rad, errors (n,) mm before the last step."""
+    """Angles (n, 6) rad, and errors (n,) mm before the last step."""
     q = q.copy()
     size = np.full(len(q), np.inf)
     active = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(poses).all(axis=(1, 2)))
@@ -93,7 +92,7 @@ def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array,
 
 
 def from_nearby(arm: Arm, poses: Array, q: Array, within_mm: float = np.inf) -> tuple[Array, Array, Array]:
-    """Iterate from q (n, 6) rad to poses (n, 4, 4): angles (n, 6) rad, and errors (n,) mm before the last step."""
+    """Angles (n, 6) rad, and errors (n,) mm before the last step."""
     at, off_mm, regularity, near = q.copy(), np.empty(len(q)), np.empty(len(q)), np.empty(len(q), dtype=bool)
     for block in blocks(len(q), _BLOCK):
         off_mm[block], regularity[block], near[block] = _simplified(arm, poses[block], at[block], within_mm)
@@ -103,9 +102,8 @@ def from_nearby(arm: Arm, poses: Array, q: Array, within_mm: float = np.inf) -> 
 
 
 def _simplified(arm: Arm, poses: Array, q: Array, within_mm: float) -> tuple[Array, Array, Mask]:
-    """Update q (n, 6) rad, and return errors (n,) mm, initial regularity (n,), and a mask (n,) of the rows solved.
-
-    Rows that start further away than within_mm are not solved.
+    """Update q, and return errors (n,) mm, initial regularity (n,), and a mask (n,) of the rows solved: those within
+    within_mm.
     """
     tool, motions = tool_and_motions(arm, q)
     targets = columns_of(poses)
@@ -169,7 +167,7 @@ def _damped(normal: Array, size: Array) -> Array:
 def _solved(normal: Array, right: Array) -> Array:
     """Solve normal equations (k, k, n), k up to 6, for right sides (k, m, n).
 
-    Elimination with samples last takes a tenth of numpy's time. A positive definite matrix requires no pivoting.
+    Elimination with samples last takes a tenth of numpy's time; a positive definite matrix requires no pivoting.
     """
     both, size = np.concatenate([normal, right], axis=1), len(normal)
     for row in range(size):
@@ -191,16 +189,15 @@ _TAKES_PART = 0.1
 
 
 def conditioning(arm: Arm, q: Array) -> Array:
-    """Ratio (n,) of smallest to largest singular value of the Jacobian at q (n, 6) rad.
+    """Ratio (n,) of smallest to largest singular value of the Jacobian, 0 at a singularity and 1 for an isotropic arm.
 
-    The ratio is 0 at a singularity and 1 for an isotropic arm. A radian of tool rotation counts as 500 mm. The joints
-    are those of the controller.
+    A radian of tool rotation counts as 500 mm. The joints are those of the controller.
     """
     return null_motion(arm, q)[0]
 
 
 def null_motion(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Conditioning (n,) at q (n, 6) rad, and the unit joint motion (n, 6) that moves the tool least."""
+    """Conditioning (n,), and the unit joint motion (n, 6) that moves the tool least."""
     J = forward_and_jacobian(arm, q)[1]
     J[:, 3:] *= LENGTH_MM
     _, values, motions = np.linalg.svd(J)
@@ -208,9 +205,8 @@ def null_motion(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def cancelling_axes(arm: Arm, q: Array) -> list[int]:
-    """Axes (1 … 6) involved in the joint motion that moves the tool least, at q (6,) rad.
-
-    Axes 4 and 6 are a wrist singularity. Axes 2, 3 and 5 are a stretched elbow.
+    """Axes involved in the joint motion that moves the tool least: 4 and 6 at a wrist singularity, 2, 3 and 5 of a
+    stretched elbow.
     """
     _, still = null_motion(arm, q[None])
     return [int(axis) + 1 for axis in np.flatnonzero(np.abs(still[0]) > _TAKES_PART)]
@@ -228,11 +224,10 @@ Poses = Callable[[Array], Array]
 
 
 def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None) -> tuple[Array, Mask]:
-    """Solve `targets` (n, 4, 4) from angles q (n, axes) rad, giving priority to the position.
+    """Angles (n, axes) rad for `targets` (n, 4, 4), and a mask (n,) of the positions reached, with the orientation as
+    close as possible.
 
-    The result is angles (n, axes) rad, and a mask (n,) of the positions reached, with the orientation as close as
-    possible. tool: function that returns the true tool poses of an arm close to the nominal one. The nominal Jacobian
-    is used.
+    tool: true tool poses of an arm close to the nominal one, whose Jacobian is used.
     """
     at, reached = q.copy(), np.zeros(len(q), dtype=bool)
     moving = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(targets).all(axis=(1, 2)))

@@ -56,7 +56,7 @@ _NONE: Integers = np.empty(0, dtype=np.intp)
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Reported angles q (n, axes) rad at times t_s (n,). Joint reversals are computed once and shared.
+    """Reported angles q (n, axes) rad at times t_s (n,).
 
     samples_per_visit: 0 for a single trace in order of time. Otherwise every group of this size is a separate visit:
     the time between visits and their order are unknown.
@@ -69,7 +69,7 @@ class Motion:
     _of_drives: dict[bytes, Motion] = field(default_factory=dict, init=False, repr=False)
 
     def of_drives(self, arm: Arm) -> Motion:
-        """Motion of the drives of an arm, with their angles and reversals in place of the reported ones."""
+        """Motion of the drives of an arm, with their angles and reversals."""
         if arm.drives is None:
             return self
         key = arm.to_drives.tobytes()
@@ -91,10 +91,7 @@ class Motion:
 
 
 def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tuple[int, int]]:
-    """Rows [begin, end) of each standstill: all joints move by less than still_rad within window_s.
-
-    Times t_s (n,) s, reported angles q (n, 6) rad. The standstills do not overlap.
-    """
+    """Rows [begin, end) of each standstill: all joints move by less than still_rad within window_s."""
     rows = np.arange(len(t_s))
     ahead = np.searchsorted(t_s, t_s + window_s - _INSTANT_S).clip(max=len(t_s) - 1)
     # A robot that reverses with no stop returns to the same position, but moves in between.
@@ -114,8 +111,8 @@ def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tu
 def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[float, float]]:
     """Reversals of x (n,) rad: time in s, and new direction (±1).
 
-    stand_ends (s,): last row of each standstill of the robot. A reversal in a standstill happens at the departure;
-    otherwise it happens at the vertex of the motion.
+    stand_ends (s,): last row of each standstill. A reversal in a standstill happens at the departure, otherwise at the
+    vertex of the motion.
     """
     follower = play(x, _TURN_RAD / 2)
     moving = np.flatnonzero(np.diff(follower))
@@ -148,7 +145,6 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
 
 
 def _near(t_s: Array, k: int) -> Integers:
-    """Indices of samples with times t_s (n,) s close to the time of sample k."""
     first, end = np.searchsorted(t_s, t_s[k] + 2 * _NEAR_S * np.array([-1, 1]))
     near: Integers = first + np.flatnonzero(np.abs(t_s[first:end] - t_s[k]) <= _NEAR_S)
     return near
@@ -252,7 +248,6 @@ class ModelScene:
 
     @property
     def samples_per_visit(self) -> int:
-        """Number of samples per visit in an untimed table; 0 for a single trace in order of time."""
         return self.motion.samples_per_visit
 
     @property
@@ -262,9 +257,8 @@ class ModelScene:
     def reported_at(self, t_s: Array) -> Array:
         """Reported angles (n, axes) rad at times t_s (n,), constant beyond the ends.
 
-        The interpolation is cubic with the slopes of the samples: the error of a linear interpolation exceeds the
-        effect of a lag of a millisecond. The slope is zero next to a standstill of the joint. In an untimed table the
-        robot rests at each reading, so other times have the same angles.
+        Cubic with the slopes of the samples: the error of a linear interpolation exceeds the effect of a lag of a
+        millisecond. The slope is zero next to a standstill. In an untimed table the robot rests at each reading.
         """
         t = self.t_s
         if self.samples_per_visit:
@@ -294,10 +288,7 @@ class ModelScene:
         return pull(self.arm, self.load, self.q).moment
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Joint position (n, 3) mm, axis direction (n, 3) and link end (n, 3) mm for a joint (from 1).
-
-        If the link has no length, the end is the joint position.
-        """
+        """Joint position, axis direction and link end (n, 3) in mm; without a length, the end is the joint position."""
         place, direction, end = np.empty((3, len(self.link_q), 3))
         for block in blocks(len(self.link_q)):
             links = list(islice(link_columns(self.arm, self.link_q[block]), axis + 1))
@@ -310,23 +301,20 @@ class ModelScene:
         return replace(self, motion=Motion(self.t_s, q), link_q=q)
 
     def with_constant(self, field: str, axis: int, delta: float) -> ModelScene:
-        """Scene with an arm constant (a, d in mm; alpha, beta in rad) of an axis (from 1) changed by
-        delta."""
+        """Change an arm constant (a, d in mm; alpha, beta in rad) of an axis (from 1) by delta."""
         column = getattr(self.arm, field).copy()
         column[axis - 1] += delta
         return replace(self, arm=replace(self.arm, **{field: column}))
 
     def turned(self, axis: int, deviation: Array | float) -> ModelScene:
-        """Scene with the link side of a joint (from 1) turned by a deviation (n,) rad."""
+        """Turn the link side of a joint (from 1) by a deviation (n,) rad."""
         link_q = self.link_q.copy()
         link_q[:, axis - 1] += deviation
         return replace(self, link_q=link_q)
 
     def along_rail(self, error_mm_m: Array) -> ModelScene:
-        """Scene with the tool moved by an error (3,) in mm per metre of the rail position.
-
-        Components: along the rail, across the rail horizontally in the base frame, and across both. The scene is
-        unchanged if the arm has no rail.
+        """Move the tool by an error (3,) in mm per metre of the rail position: along it, across it horizontally in the
+        base frame, and across both.
         """
         if self.arm.rail is None:
             return self
@@ -334,8 +322,7 @@ class ModelScene:
         return self.shifted(rail_mm(self.arm, self.q[: len(self.T)])[:, None] * offset)
 
     def tilted(self, turn: Array, below_mm: float) -> ModelScene:
-        """Scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
-        base origin."""
+        """Turn the arm by rotation vectors (n, 3) rad in base axes, about a point below the base origin."""
         R_base = self.arm.T_world_base[:3, :3]
         R = rotation(turn @ R_base.T)
         pivot = base_places(self.arm, self.q[: len(self.T)]) - below_mm * R_base[:, 2]
@@ -353,11 +340,10 @@ class ModelScene:
         return replace(self, T=T)
 
     def with_form(self, form_mm: Array) -> ModelScene:
-        """Scene with a ball radius larger by (n,) mm at the contact."""
         return replace(self, form_mm=self.form_mm + form_mm)
 
     def blended(self, before: ModelScene, after: ModelScene, share: float) -> ModelScene:
-        """Scene with a share of the change made by a joint or gauge effect."""
+        """Keep a share of the change made by a joint or gauge effect."""
         link_q, g_mm = share * (after.link_q - before.link_q), share * (after.g_mm - before.g_mm)
         return replace(self, link_q=self.link_q + link_q, g_mm=self.g_mm + g_mm)
 
@@ -365,7 +351,7 @@ class ModelScene:
         return replace(self, offsets_mm=offsets_mm)
 
     def read(self, gauge: str, change: Callable[[Array], Array]) -> ModelScene:
-        """Scene with changed readings (n,) mm of a gauge; unchanged if the test does not use this gauge."""
+        """Change the readings (n,) mm of a gauge, if the test uses it."""
         column = {"g1": 0, "g2": 1}[gauge]
         if column >= self.g_mm.shape[1]:
             return self
@@ -374,7 +360,6 @@ class ModelScene:
         return replace(self, g_mm=g_mm)
 
     def all_read(self, change: Callable[[Array], Array]) -> ModelScene:
-        """Scene with changed readings (n, k) mm of all gauges."""
         return replace(self, g_mm=change(self.g_mm))
 
 
@@ -395,11 +380,10 @@ _LONG, _KEPT = 20_000, 4
 
 @dataclass(frozen=True)
 class Path:
-    """Reported motion of a table, including positions between the readings.
+    """Reported motion of a table, including positions between the readings, in rows (m,).
 
-    motion: n samples. rows (m,): samples with readings. stands: whether the robot rested at each reading long enough to
-    make clock differences irrelevant. alone: whether the tool is simulated only at the readings, because later effects
-    have little memory.
+    stands: the robot rested at each reading long enough to make clock differences irrelevant. alone: the tool is
+    simulated only at the readings, because later effects have little memory.
     """
 
     motion: Motion
@@ -419,7 +403,6 @@ class Path:
         return self.motion.q
 
     def at_readings(self, simulated: Array) -> Array:
-        """Simulated tool values (n, …) in mm or rad at the readings (m, …)."""
         return simulated if self.alone else simulated[self.rows]
 
 
@@ -452,7 +435,6 @@ class Model:
 
 
 def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
-    """Model of a rig, with the effects of its file and calibration or with the given effects."""
     if effects is None:
         effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
     return Model(rig, arm_of(rig.robot), load_of(rig.robot), tuple(effects))
@@ -461,8 +443,7 @@ def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
 def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) -> Path:
     """Motion of a robot that stops at each reading, in the given order.
 
-    q (n, axes): joint angles in rad at the readings. t_s (n,): times in s, if known. came_from (n, axes): joint angles
-    in rad before each reading; None if the robot arrives from the previous reading.
+    came_from (n, axes): joint angles in rad before each reading; None if the robot arrives from the previous one.
     """
     t = _VISIT_S * np.arange(1.0, len(q) + 1) if t_s is None or len(t_s) < 2 or np.diff(t_s).min() <= 0 else t_s
     beat = _VISIT_S if len(t) < 2 else float(np.diff(t).min())
@@ -477,8 +458,8 @@ def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) ->
 def visits(q: Array, came_from: Array | None = None) -> Path:
     """Motion of a robot that stops at each reading in an unknown order.
 
-    q (n, axes): joint angles in rad at the readings. came_from (n, axes): joint angles in rad before each reading, None
-    if unknown. Each visit has the same times, because the table is untimed.
+    came_from (n, axes): joint angles in rad before each reading, if known. Each visit has the same times, because the
+    table is untimed.
     """
     places = [q, q] if came_from is None else [came_from, q, q]
     samples = len(places)
@@ -488,7 +469,6 @@ def visits(q: Array, came_from: Array | None = None) -> Path:
 
 
 def gauged(model: Model, path: Path, scene: ModelScene, setup: SetUp, g_mm: Array) -> Array:
-    """Gauge readings (m, k) mm for plunger positions g_mm (n, k) mm, with zeros and gauge errors."""
     scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
     return path.at_readings(scene.g_mm)
 
@@ -496,7 +476,7 @@ def gauged(model: Model, path: Path, scene: ModelScene, setup: SetUp, g_mm: Arra
 def moved(model: Model, path: Path) -> ModelScene:
     """Scene up to the tool stage.
 
-    Recent scenes of short paths are cached, because fits, gaps and steps of a diagnosis reuse the scenes.
+    Recent scenes of short paths are cached, because fits and steps of a diagnosis reuse them.
     """
     if len(path.q) > _LONG:
         return posed(model, path, driven(model, path))
@@ -511,7 +491,6 @@ def moved(model: Model, path: Path) -> ModelScene:
 
 
 def posed(model: Model, path: Path, scene: ModelScene) -> ModelScene:
-    """Scene up to the tool stage, from a scene up to the joint stage."""
     if path.alone:
         visit = min(path.motion.samples_per_visit, 1)
         motion = Motion(scene.motion.t_s[path.rows], scene.motion.q[path.rows], visit)
@@ -550,10 +529,7 @@ def geometric_part(model: Model) -> Model:
 
 
 def geometric_arm(model: Model) -> Arm:
-    """Arm with all joint zeros and link constants of a model merged into the constants.
-
-    It gives the same poses as the geometric part of the model.
-    """
+    """Arm with all joint zeros and link constants of a model merged into its constants."""
     at_zero = Path(Motion(np.zeros(1), np.zeros((1, model.arm.axes))), np.zeros(1, dtype=np.int64), stands=True)
     scene = driven(geometric_part(model), at_zero)
     turned = scene.arm.coupling @ scene.link_q[0]

@@ -36,7 +36,6 @@ class LogUniform:
 
     @property
     def rms(self) -> float:
-        """Root of the mean variance, which determines an uncertainty."""
         return math.sqrt((self.high**2 - self.low**2) / (2 * math.log(self.high / self.low)))
 
 

@@ -40,8 +40,7 @@ NO_CERTIFICATE = Systematic()
 
 
 def correction_mm(certificate: GaugeCertificate, reading_mm: Array) -> Array:
-    """Correction to add to readings (...,) mm. Beyond the range of the certificate the value at the end
-    applies."""
+    """Correction to add to readings; beyond the range of the certificate that of its end."""
     if certificate.valid_mm is None:
         return np.zeros_like(reading_mm)
     within = np.clip(reading_mm, *certificate.valid_mm)
@@ -58,8 +57,7 @@ def corrected(certificate: GaugeCertificate, reading_mm: Array, temperature: Tem
 
 
 def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Temperature | None) -> Array:
-    """Readings (...,) mm of a gauge with this certificate for lengths (...,) mm: the inverse of
-    `corrected`."""
+    """Readings of a gauge for lengths: the inverse of `corrected`."""
     at_reference = length_mm / _growth(certificate, temperature)
     if certificate.valid_mm is None:
         return at_reference
@@ -71,10 +69,9 @@ def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Tempe
 
 
 def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array, dict[str, int]]:
-    """Corrected readings (n, k) mm of the gauges `names`, and the numbers of readings beyond the
-    certificates.
+    """Corrected readings (n, k) mm of the gauges `names`, and the numbers of readings beyond the certificates.
 
-    Input and output increase with the distance from the ball, whereas a certificate refers to the displayed reading.
+    Input and output increase with the distance from the ball; a certificate refers to the displayed reading.
     """
     gauges, beyond = dict(rig.gauges), {}
     certified = [(column, name, held) for column, name in enumerate(names) if (held := gauges[name].certificate)]
@@ -104,15 +101,13 @@ def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[
 
 
 def link_excess_mm(rig: Rig) -> float:
-    """Certified length of the link at the temperature of the cell, minus the radius of the hemisphere, in
-    mm."""
+    """Certified length of the link at the temperature of the cell, minus the radius of the hemisphere."""
     if rig.link is None or rig.tests.hemisphere is None:
         return 0.0
     return rig.link.length_mm * _growth(rig.link, rig.temperature) - rig.tests.hemisphere.radius_mm
 
 
 def systematic(rig: Rig, g_mm: Array) -> Systematic:
-    """Uncertainty by certificates in a run with readings (n, k) mm of the first k gauges."""
     gauges = [gauge.certificate for _, gauge in rig.gauges][: g_mm.shape[1]]
     # A wave of unknown phase has a standard deviation of 1 / (2 √2) of the peak-to-valley height.
     form_mm = rig.ball.form_mm / (2 * math.sqrt(2)) if rig.ball else 0.0
@@ -127,7 +122,6 @@ def systematic(rig: Rig, g_mm: Array) -> Systematic:
 
 
 def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
-    """Doubts about the certificates of the parts `names` on the day of a measurement."""
     parts = [*((name, gauge.certificate) for name, gauge in rig.gauges), ("ball", rig.ball), ("link", rig.link)]
     certificates = [(name, certificate) for name, certificate in parts if certificate is not None and name in names]
     overdue = [

@@ -1,12 +1,9 @@
-"""Properties of the readings of a gauge: rounding step, noise before rounding, and outliers.
+"""Properties of the readings of a gauge: rounding step, noise before rounding, and outliers; and the rounding error
+that repeated visits do not average out.
 
-They are determined from long series or from a few readings at stops. The module also computes the rounding error that
-repeated visits do not average out.
-
-A fit to all readings follows an outlier: a single lost point of a tracker among 130 poses moved the base and increased
-an rms of 0.14 mm to 165 mm. The fit is therefore repeated a few times with the readings near the previous fit. Readings
-that are still distant are outliers, unless they are very many, or many in a row, or share a range of a joint: the cause
-is then an error of the model or a movement, and not an accident of the instrument.
+A fit to all readings follows an outlier: a single lost point of a tracker among 130 poses increased an rms of 0.14 mm
+to 165 mm. The fit is therefore repeated a few times with the near readings. Distant readings are outliers, unless they
+are very many, many in a row, or share a range of a joint: the cause is then an error of the model or a movement.
 """
 
 from __future__ import annotations
@@ -53,15 +50,11 @@ def robust_sd(distances: Array) -> float:
 
 
 def evenly(count: int, most: int) -> Integers:
-    """Indices (m,) of at most `most` rows, evenly spaced among `count` rows."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
 
 def running_median(values: Array) -> Array:
-    """Median (n,), in the unit of the values, of each value and three neighbours on either side.
-
-    The values at the ends are repeated.
-    """
+    """Median (n,) of each value and three neighbours on either side; the ends are repeated."""
     padded = np.pad(values, 3, mode="edge")
     medians = np.empty(len(values))
     for begin in range(0, len(values), _BLOCK):
@@ -74,11 +67,7 @@ def running_median(values: Array) -> Array:
 
 
 def is_outlier(values: Array) -> Mask:
-    """Mask of readings (n,), in order of time, that differ from their neighbours, as after chips, oil or a
-    knock.
-
-    If the curve itself jumps, as at the crossing of a backlash, a reading must differ by more than the jump.
-    """
+    """Mask of readings (n,), in order of time, that differ from their neighbours by more than jumps of the curve do."""
     if len(values) < 7:
         return np.zeros(len(values), dtype=bool)
     median = running_median(values)
@@ -91,17 +80,16 @@ def is_outlier(values: Array) -> Mask:
 
 
 def beyond_neighbours(away: Array) -> Mask:
-    """Mask (n,) of the distances that are outliers by two robust limits together."""
     seen = away[:: max(1, len(away) // _SAMPLE)]
     limit = max(_SPREADS * robust_sd(seen), _TAIL * float(np.quantile(seen, 0.98)))
     return away > limit if limit > 0 else np.zeros(len(away), dtype=bool)
 
 
 def step_of(values: Array) -> float:
-    """Rounding step of readings (n,) in their unit, or 0 if they show no step.
+    """Rounding step of readings (n,) in their unit, or 0.
 
-    All distances between neighbouring distinct values are multiples of the step. If few values repeat, the distances
-    are only multiples of the last digit.
+    All distances between neighbouring distinct values are multiples of it. If few values repeat, they are multiples of
+    the last digit only.
     """
     seen = values[:_SAMPLE]
     distinct = np.unique(seen)
@@ -117,10 +105,9 @@ def step_of(values: Array) -> float:
 def noise_beneath(values: Array, step: float) -> float:
     """Standard deviation of the white noise of readings (n,) before rounding to `step`.
 
-    It is based on third differences, to which a smooth curve contributes little (Gasser, Sroka and Jennen-Steinmetz
-    1986), and on their median, so jumps have no influence. The variance of rounding, step²/12, is subtracted.
-    Differences of rounded readings are multiples of the step, so the median is that of grouped data. Noise below a
-    third of a step is returned as zero.
+    Median of third differences, to which neither a smooth curve (Gasser, Sroka and Jennen-Steinmetz 1986) nor jumps
+    contribute, minus the variance of rounding, step²/12. Differences of rounded readings are multiples of the step, so
+    the median is that of grouped data. Noise below a third of a step is returned as zero.
     """
     third = np.abs(np.diff(values[:_SAMPLE], 3))
     if len(third) == 0:
@@ -170,11 +157,10 @@ _SHARED_HARMONICS = np.arange(1, 21)[:, None, None]
 
 
 def step_of_stops(readings_mm: Array) -> float:
-    """Rounding step in mm of readings (n,) mm at stops, or 0 if they show no step.
+    """Rounding step in mm of readings (n,) mm at stops, or 0.
 
-    Few stops repeat a value, and the closest two may be several steps apart. The step is then the largest divisor of
-    all distances between distinct readings. If this is coarser than any gauge, as for nearly equal readings, the step
-    is the largest usual resolution that divides it.
+    Few stops repeat a value, and the closest two may be several steps apart: the step is the largest divisor of all
+    distances. If this is coarser than any gauge, it is the largest usual resolution that divides it.
     """
     step = step_of(readings_mm)
     gaps = np.diff(np.unique(readings_mm))
@@ -234,17 +220,16 @@ chance is 0.002 for six joints."""
 
 
 def spreads_of(distances: Array, least: float) -> Array:
-    """Distances (n,) from a model, in mm or rad, as multiples of the robust standard deviation, which is at
-    least `least`."""
+    """Distances (n,) as multiples of their robust standard deviation, which is at least `least`."""
     sd = max(robust_sd(distances), least)
     return distances / sd
 
 
 def far_from_fit(distances_of: Callable[[Mask], Array], count: int, least: float) -> tuple[Array, Array]:
-    """Distances (n,) in mm or rad of `count` readings from a model fitted to the near readings.
+    """Distances (n,), in mm or rad, of `count` readings from a model fitted to the near ones; also in robust standard
+    deviations.
 
-    The second result is the same in robust standard deviations. distances_of: fits the model to some of the readings,
-    and returns the distances of all.
+    distances_of: fits the model to some of the readings, and returns the distances of all.
     """
     near = np.ones(count, dtype=bool)
     # For a small number of readings, first omit the reading whose omission gives the smallest rms, unless all fit with
@@ -262,8 +247,11 @@ def far_from_fit(distances_of: Callable[[Mask], Array], count: int, least: float
 
 
 def by_accident(far: Mask, q: Array, most: float = MOST) -> bool:
-    """True if distant readings (n,), in the order of the table, are few or scattered, and have no separate range
-    of any joint. q (n, 6): joint angles in rad. most: largest share."""
+    """True if distant readings (n,), in the order of the table, are few or scattered, and have no range of a joint of
+    their own.
+
+    most: largest share.
+    """
     count, share = int(far.sum()), float(far.mean())
     if count > max(1.0, most * len(far)):
         return False

@@ -78,7 +78,7 @@ class LapNoise:
         return power
 
     def elsewhere(self, rng: np.random.Generator) -> LapNoise:
-        """Noise (m,) expected in a different run of the same cell, which may have a different level."""
+        """Noise expected in a different run of the same cell, which may have a different level."""
         level = LEVELS_APART ** rng.uniform(-1.0, 1.0, len(self.white))
         return LapNoise(self.white * level, self.slow * level, self.shape, "borrowed")
 
@@ -156,8 +156,7 @@ def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
 
 @lru_cache(maxsize=16)
 def _third_difference_passes(scale: int) -> Array:
-    """Share (NODES // 2 + 1,) of the mean square passed by a third difference at each order, for both
-    halves of a spectrum."""
+    """Share (NODES // 2 + 1,) of the mean square passed by a third difference, for both halves of a spectrum."""
     half = np.pi * ORDERS / NODES
     mean = np.ones(len(ORDERS))
     mean[1:] = np.sin(scale * half[1:]) / (scale * np.sin(half[1:]))
@@ -168,8 +167,7 @@ def _third_difference_passes(scale: int) -> Array:
 
 @lru_cache(maxsize=4)
 def _prior() -> Array:
-    """Log prior (whites, slows, 1): uniform on a logarithmic scale over the range of real cells, falling
-    outside."""
+    """Log prior (whites, slows, 1): log-uniform over the range of real cells, falling outside."""
     white = -2.0 * (_positive_log(0.5 * WHITE_MM.low / _WHITES_MM) + _positive_log(_WHITES_MM / (2 * WHITE_MM.high)))
     slow = -1.0 * _positive_log(0.6 * SLOW_MM.low / _SLOWS_MM) - 2.0 * _positive_log(_SLOWS_MM / (1.5 * SLOW_MM.high))
     prior: Array = (white[:, None] + slow[None, :])[:, :, None]
@@ -181,8 +179,6 @@ def _positive_log(ratio: Array) -> Array:
 
 
 def _white(rows: float) -> Array:
-    """Mean square (NODES // 2 + 1,) of the coefficients of unit white noise in a number of rows, reduced
-    to nodes."""
     turn = 2 * np.pi * ORDERS / NODES
     return 3 / (2 + np.cos(turn)) / node_response() ** 2 / rows
 
@@ -267,7 +263,7 @@ _NEAR = 41
 
 
 def without_slips(laps: Array) -> tuple[Array, list[float]]:
-    """Laps (L, NODES) of a gauge in order of time, corrected for the steps of its clamp, and these steps."""
+    """Laps (L, NODES) of a gauge corrected for the steps of its clamp, and these steps."""
     slips: list[float] = []
     while len(slips) < len(laps) and (clearest := _clearest(laps)):
         lap, node, step = clearest
@@ -309,10 +305,8 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
 
 
 def bursts(laps: Array) -> Mask:
-    """Mask (L, NODES) of nodes at which a lap differs both from its neighbours and from the other laps.
-
-    Such bursts are outliers in succession, too many for a running median. The neighbourhood is wide, because a line
-    through outliers oscillates.
+    """Mask (L, NODES) of nodes at which a lap differs both from its neighbours and from the other laps: outliers in
+    succession, too many for a running median.
     """
     odd = np.zeros(laps.shape, dtype=bool)
     for lap in range(len(laps) if len(laps) > 1 else 0):
@@ -329,11 +323,7 @@ def bursts(laps: Array) -> Mask:
 
 
 def following(laps: Array, odd: Mask) -> Array:
-    """Laps (L, NODES) with masked values replaced by the other laps.
-
-    odd (L, NODES): mask of the values to replace. The distance of the new values from the other laps is that of the
-    surrounding nodes.
-    """
+    """Laps (L, NODES) with masked values replaced by the other laps, at the distance of the surrounding nodes."""
     mended = laps.copy()
     for lap in np.flatnonzero(odd.any(axis=1)):
         others = np.delete(laps, lap, axis=0).mean(axis=0)
@@ -344,10 +334,8 @@ def following(laps: Array, odd: Mask) -> Array:
 
 
 def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: float) -> tuple[Array, list[float]]:
-    """Laps (L, NODES) shifted to the level of the first lap, and the steps removed.
-
-    A step between the levels of two laps is removed if it exceeds noise and drift, as after a slip on the way back.
-    level_sd: standard deviation of the level of a lap by noise.
+    """Laps (L, NODES) shifted to the level of the first lap, and the steps removed: those that exceed noise and drift,
+    as after a slip on the way back.
     """
     steps = np.diff(laps.mean(axis=1))
     # Two gauges may drift in opposite directions, each by the largest drift of real cells.
@@ -358,7 +346,6 @@ def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: fl
 
 
 def changes(lap: Array) -> Array:
-    """Change (NODES,) of a lap within two nodes, excluding the sine and the second order."""
     spectrum = np.fft.rfft(lap)
     spectrum[:3] = 0.0
     rough = np.fft.irfft(spectrum, NODES)
@@ -378,9 +365,8 @@ def without_drift(
 ) -> tuple[Array, float, float]:
     """Laps (L, NODES) with the ramp of their means removed, the drift in a lap, and the variance of the drift.
 
-    times_s: duration of a lap, and time between the starts of two laps. level_variance: noise of the mean of a lap. The
-    ramp is shrunk towards the largest drift of real cells. With noisy levels or a single lap it cannot be detected, and
-    all of it is uncertainty.
+    times_s: duration of a lap, and time between the starts of two laps. The ramp is shrunk towards the largest drift of
+    real cells. With noisy levels or a single lap it cannot be detected, and all of it is uncertainty.
     """
     lap_s, apart_s = times_s
     plausible = (DRIFT_MM_PER_S * lap_s * per_mm) ** 2 / 3
@@ -396,8 +382,6 @@ def without_drift(
 
 
 def power_of_ramp(variance: float) -> Array:
-    """Mean square (NODES // 2 + 1,), in mm², of the Fourier coefficients of a ramp along each lap with a
-    variance in mm²."""
     power = np.zeros(len(ORDERS))
     power[1:] = variance / (2 * np.pi * ORDERS[1:]) ** 2
     return power

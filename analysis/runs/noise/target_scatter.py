@@ -83,8 +83,7 @@ class Scatter:
     step_mm: float = 0.0
 
     def beneath(self, rng: np.random.Generator) -> Scatter:
-        """Scatter (m, t) before rounding. If steps hide it, it is uniform between zero and the apparent
-        size."""
+        """Scatter before rounding; uniform between zero and the apparent size if steps hide it."""
         if self.step_mm == 0:
             return self
         noise_sq = np.maximum(self.sd_mm**2 - self.step_mm**2 / 12, 0.0)
@@ -92,7 +91,6 @@ class Scatter:
         return replace(self, sd_mm=np.sqrt(noise_sq) * (1 - hidden * rng.uniform(size=(len(noise_sq), 1))), step_mm=0.0)
 
     def again(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """Scatter (m, t, *shape) mm of further readings of the same targets."""
         wide = (len(self.tail), 1) + (1,) * len(shape)
         size = self.sd_mm.shape + shape
         chi2 = 2.0 * rng.standard_gamma(np.broadcast_to(self.tail.reshape(wide) / 2, size))
@@ -135,8 +133,6 @@ def scatter_of(
 
 
 def _typical(away_mm: Array, least_mm: float) -> float:
-    """Standard deviation of readings (n,) mm from the median distance to the mean of two or three
-    readings."""
     return max(2.0 * float(np.median(np.abs(away_mm))), least_mm) if len(away_mm) else least_mm
 
 
@@ -202,7 +198,7 @@ class _Sampler:
         self.variance = (_FIRST_D0 * self.s0_sq[:, None] + (away**2).sum(axis=(1, 2))) / chi2
 
     def sweep(self, level: Level) -> tuple[Array, Array]:
-        """Draw all unknowns once, and return the expected values and draws (m, t, k) of the cells in mm."""
+        """Draw all unknowns once; returns the expected values and draws (m, t, k) of the cells in mm."""
         weight = self.share / self.variance[:, :, None, None]
         total = weight.sum(axis=-1)
         y = self._without_drift(weight, total)
@@ -233,10 +229,7 @@ class _Sampler:
         return drawn
 
     def _without_drift(self, weight: Array, total: Array) -> Array:
-        """Readings minus a random draw of the drift.
-
-        The drift is estimated only from differences between repeated readings, never from the readings themselves.
-        """
+        """Readings minus a draw of the drift, which only differences between repeated readings determine."""
         if self.t_s is None:
             return np.broadcast_to(self.y, weight.shape)
         d = self.shapes.shape[-1]
@@ -254,13 +247,11 @@ class _Sampler:
         return np.asarray(self.y - (self.drift @ flat.T).reshape(weight.shape))
 
     def _tail_fit(self, squares: Array, nu: float) -> Array:
-        """Log-likelihood (m,) of Student's t with nu degrees of freedom."""
         each = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu)
         logs: Array = np.log1p(squares / nu).sum(axis=(1, 2, 3))
         return float(self.counts.sum()) * each - (nu + 1) / 2 * logs
 
     def _common(self) -> None:
-        """Draw s0², with a log-uniform prior, and d0, from the variances."""
         count, inverse, logs = len(self.y), (1 / self.variance).sum(axis=1), np.log(self.variance).sum(axis=1)
         self.s0_sq = self.rng.standard_gamma(count * self.d0 / 2) * 2 / (self.d0 * inverse)
         if not self.measured:
@@ -304,7 +295,6 @@ class SphereLevel:
         self._orientation_mm2: Array
 
     def __call__(self, rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
-        """Expected values and draws (m, t, o) of the cells from their weights and weighted means (m, t, o)."""
         if not self._begun:
             # Initialise from plain means, with the noise known at this point subtracted.
             seen_cells = weight > 0
@@ -339,8 +329,8 @@ class SphereLevel:
         return best, cell
 
     def _tilt_from(self, rng: np.random.Generator, precision: Array, mean: Array) -> None:
-        """Draw the tilt of each orientation. The mean over the orientations is set to zero, because a common part
-        cannot be distinguished from the targets.
+        """Draw the tilt of each orientation. Their mean is zero, because a common part looks like errors of the
+        targets.
         """
         if self._alone:
             return
@@ -359,7 +349,6 @@ class SphereLevel:
         return best[..., 0] @ self._basis.T, kick[..., 0] @ self._basis.T
 
     def _widths(self, rng: np.random.Generator, target: Array, orientation: Array, weight: Array) -> None:
-        """Draw the variances from errors (m, t) and (m, t, o), with a uniform prior of the standard deviations."""
         count = target.shape[1]
         chi2 = rng.chisquare(max(count - 1, 1), len(target))
         self._target_mm2 = np.maximum((target**2).sum(axis=1) / chi2, _LEAST_MM2)
