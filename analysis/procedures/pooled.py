@@ -84,7 +84,10 @@ class Pairs:
 def pooled(group: Sequence[Result]) -> list[Pooled]:
     means = []
     for title in dict.fromkeys(result.title for result in group):
-        runs, left_out = _of_one_setup([result for result in group if result.title == title])
+        repeats = [result for result in group if result.title == title]
+        if len(repeats) == 1:
+            continue
+        runs, left_out = _of_one_setup(repeats)
         if len(runs) > 1:
             means.append(
                 Pooled(title, tuple(runs), tuple(left_out), figures_between_runs([run.figures for run in runs]))

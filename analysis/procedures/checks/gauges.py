@@ -198,7 +198,7 @@ def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
 
     Of two equal halves, the one that contradicts the circles of the opposite direction is reported.
     """
-    laps = laps_on_grid(runs)
+    laps = laps_on_grid(runs) if len(runs) > 1 else []
     for group in _grouped(laps, lambda lap: (lap.run.run.manifest.direction, lap.place)):
         direction = group[0].run.run.manifest.direction
         reverse = [lap for lap in laps if lap.place == group[0].place and lap.run.run.manifest.direction != direction]
