@@ -138,10 +138,13 @@ coordinates in fewer than 1 % of cases; and number of rounds to convergence.
 """
 _FREEDOM = 3.0
 """Degrees of freedom of the error of a neighbourhood: a vector common to its poses."""
-FEWEST_GROUPS = 4
-"""Minimum number of neighbourhoods: three leave too little for a fit. Source: of 18 sound arms with 10 or 12 poses,
-which form two, six were reported to have an unknown cause.
+FEWEST_GROUPS = 10
+"""Minimum number of neighbourhoods that show an unexplained error: those of 20 poses. Source: of 18 sound arms with 10
+to 16 poses, four were reported to have an unknown cause.
 """
+_FEWEST_FOR_FACTOR = 4
+"""Number of neighbourhoods below which Student's factor does not increase further: usual sizes determine most of the
+model."""
 _LONGEST = 1500
 """Number of readings above which a placement is not held out: inverting their covariance takes a second."""
 
@@ -270,10 +273,9 @@ def factor_of_few_places(neighbourhoods: int) -> float:
     """Return the smallest factor that a number of neighbourhoods supports (GUM, Annex G.3); 1 from 20 on, where
     Student's t adds less than 7 %.
 
-    Few neighbourhoods can agree with the model by chance (docs/evidence/world.md). Below four, usual sizes determine
-    most of the model.
+    Few neighbourhoods can agree with the model by chance (docs/evidence/world.md).
     """
-    return 1.0 if neighbourhoods >= GROUPS else student_factor(max(neighbourhoods, FEWEST_GROUPS) - 1)
+    return 1.0 if neighbourhoods >= GROUPS else student_factor(max(neighbourhoods, _FEWEST_FOR_FACTOR) - 1)
 
 
 def _at_runs(runs: Sequence[ObservedRun], setups: SetUps, effects: Sequence[Effect], result: SearchResult) -> HeldOut:
