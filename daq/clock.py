@@ -1,11 +1,8 @@
 """Clock of the data acquisition. Other modules of `daq` must not use the time functions of the host.
 
-A `ClockSimulation` can replace the host's clock in a process. The threads of the daemon then run in turn. Each thread
-runs until it waits here, and the simulation chooses the next thread and advances the time. Hours of recording are
-simulated in seconds, and a seed reproduces a run.
-
-`now_ns` and similar names refer directly to functions of the host, so that a timestamp costs a module look-up and a
-call. Always call `clock.now_ns()`, and never import or store the function itself.
+A `ClockSimulation` can replace the host's clock in a process. The threads of the daemon then run in turn: each until it
+waits here, and the simulation chooses the next thread and advances the time. Always call `clock.now_ns()`, and never
+import or store the function itself.
 """
 
 from __future__ import annotations
@@ -22,19 +19,16 @@ from typing import Protocol, TypeVar
 _T = TypeVar("_T")
 
 
-def _boot_ns() -> int:
-    # Only Linux has this clock, and rigd requires Linux. Other systems import and simulate runs.
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns()
-
-
 now_ns: Callable[[], int] = time.monotonic_ns
 """Monotonic clock used for all timestamps, in ns."""
 now_s: Callable[[], float] = time.monotonic
 """Monotonic clock, in s."""
 wall_ns: Callable[[], int] = time.time_ns
 """Wall clock, in ns since 1970 UTC. The user can set it."""
-boot_ns: Callable[[], int] = _boot_ns
-"""Monotonic clock including suspends, in ns."""
+boot_ns: Callable[[], int] = (
+    partial(time.clock_gettime_ns, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns
+)
+"""Monotonic clock including suspends, in ns. Only Linux has it, and rigd requires Linux; other systems import runs."""
 worked_s: Callable[[], float] = time.thread_time
 """Processor time of the current thread, in s."""
 sleep: Callable[[float], None] = time.sleep
@@ -130,7 +124,6 @@ def result(future: Future[_T]) -> _T:
 
 
 def one_thread(name: str) -> Executor:
-    """An executor with a single thread."""
     return _OneThread(name) if _simulated() else ThreadPoolExecutor(1, name)
 
 

@@ -113,7 +113,6 @@ def _put_first(mapping: yaml.MappingNode, entries: Sequence[str]) -> _Edit:
 
 
 def _replaced(node: yaml.Node, value: Value) -> list[_Edit]:
-    """Replace a value, or each number of a list."""
     if (
         isinstance(node, yaml.SequenceNode)
         and not isinstance(value, float | int | str)

@@ -41,7 +41,6 @@ def forget_width_of_0() -> None:
 
 
 def plain_lines(text: str) -> str:
-    """Text of several lines, each sanitised."""
     return "\n".join(map(plain, text.split("\n")))
 
 

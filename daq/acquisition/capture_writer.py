@@ -1,11 +1,7 @@
-"""Capture of the raw bytes of all links while the daemon runs.
+"""Capture of the raw bytes of all links while the daemon runs, and the marks of a replay.
 
-Pieces are appended to a bounded list, so that readers never wait for the disk; the file contains the number of dropped
-pieces. The capture ends with a log message when it reaches `LARGEST` bytes or the disk fails. The daemon continues.
-
-While a replayed cell is recorded, rigd also follows a file in which `rig replay` marks each second that was out of step
-(`replay:` in the rig file). Each line becomes a fault of that stream in the current run, which is excluded from
-evaluation.
+Readers never wait for the disk; the file contains the number of dropped pieces. The capture ends with a log message
+when it reaches `LARGEST` bytes or the disk fails.
 """
 
 from __future__ import annotations
@@ -148,7 +144,10 @@ def out_of_step_line(stream: str, off_ns: float) -> str:
 
 
 class ReplayMarks:
-    """Reader of the marks appended after `skip`."""
+    """Reader of the file in which `rig replay` marks each second that was out of step (`replay:` in the rig file).
+
+    Each line becomes a fault of that stream in the current run, which is excluded from evaluation.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -162,7 +161,7 @@ class ReplayMarks:
             self._lines()
 
     def read_new(self) -> list[tuple[str, Fault]]:
-        """Marks appended since the last call, as stream names and faults."""
+        """Stream names and faults of the marks appended since the last call."""
         marks = []
         for line in filter(None, map(_LINE.fullmatch, self._lines())):
             detail = f"the replay was {line[2]} ms out of step for a second; use a less busy computer"

@@ -2,11 +2,7 @@
 
 All timestamps are taken from the monotonic clock, which none of these events affect. NTP slews both clocks together, so
 the difference between wall and monotonic time is constant until the wall clock is stepped; that between CLOCK_BOOTTIME
-and monotonic time grows by each suspend. A thread that only sleeps shows whether all readers were stalled
-(`StreamBuffer.beat`).
-
-The clock of an instrument is monitored for metrics only. A message can only be late, so the smallest difference (host −
-device) within ten seconds is close to the true offset. A line through these minima gives the drift.
+and monotonic time grows by each suspend.
 """
 
 from __future__ import annotations
@@ -42,7 +38,7 @@ class ClockReadings:
 
 
 def read_clocks() -> ClockReadings:
-    """Read the clocks several times. Returns the readings taken within the shortest interval."""
+    """Clock readings taken within the shortest of several intervals."""
     tries = []
     for _ in range(_TRIES):
         before = clock.now_ns()
@@ -131,20 +127,20 @@ _LEAP_S = 1.0
 
 @dataclass(frozen=True)
 class ClockState:
-    """State of an instrument's clock.
-
-    offset_s: latest minimum of host monotonic minus device time. drift_ppm: rate of the host clock relative to the
-    device clock, None before three windows. late_s: largest delay of a sample in the last window, relative to the
-    earliest ones.
-    """
-
     offset_s: float
+    """Latest minimum of host monotonic minus device time."""
     drift_ppm: float | None
+    """Rate of the host clock relative to the device clock, None before three windows."""
     late_s: float
+    """Largest delay of a sample in the last window, relative to the earliest ones."""
 
 
 class DriftMonitor:
-    """Tracks the clock of an instrument by the minima of the last ten minutes."""
+    """Tracks the clock of an instrument, for metrics only, by the minima of the last ten minutes.
+
+    A message can only be late, so the smallest difference (host − device) within ten seconds is close to the true
+    offset. A line through these minima gives the drift.
+    """
 
     def __init__(self) -> None:
         self._minima: deque[tuple[float, float]] = deque(maxlen=_WINDOWS)

@@ -3,11 +3,7 @@
 A *stuck* gauge repeats a value while the robot moves, in a test with permanent contact. A real probe always varies,
 except a coarse one: a fault requires `STUCK_S`, `STUCK_READINGS` and `STUCK_DEG` of motion, and `COARSE_DEG` if no step
 finer than `COARSE_MM` was seen. A gauge that *hung* was constant for `HELD_S` while the robot moved by `HELD_DEG`, and
-then jumped by more than the usual step. Other faults: a gauge goes in and out of error `TIMES_IN_ERROR` times within
-`IN_ERROR_S`, for example at the end of its range, or its readings change permanently by a factor of 25.4, because the
-in/mm key was pressed.
-
-The checks are pure: items in, faults out. Readings are not changed.
+then jumped. The checks are pure and change no reading.
 """
 
 from __future__ import annotations
@@ -49,7 +45,7 @@ _STILL_DEG = 0.1
 
 @dataclass
 class _GaugeState:
-    """Value of a gauge, start and count of this value, and the robot position at that time."""
+    """Current value of a gauge, its start and count, and the robot position at that time."""
 
     reading: float = math.nan
     since_ns: int = 0
@@ -78,7 +74,6 @@ class PlausibilityCheck:
     """Columns of the gauges in error, by stream. None is an error while messages are incomplete."""
 
     def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
-        """Faults for doubtful readings among the new items of a stream."""
         samples = samples_of(items)
         if "q1_deg" in columns:
             if len(samples):  # motion of the fastest joint; a single check per call is sufficient
@@ -98,7 +93,7 @@ class PlausibilityCheck:
         return doubts
 
     def _update(self, column: str, gauge: _GaugeState, samples: SampleBlock, place: int) -> list[Fault]:
-        """Process the readings of a gauge. Readings of a head in error are ignored."""
+        """Process the readings of a gauge, except of a head in error."""
         good = ~np.isnan(samples.values[:, place]) if len(samples) else np.zeros(0, bool)
         readings_mm, stamps_ns = samples.values[good, place] if good.any() else np.empty(0), samples.last_byte_ns[good]
         steps_mm = np.abs(np.diff(readings_mm, prepend=gauge.reading))
@@ -124,7 +119,6 @@ class PlausibilityCheck:
     def _check_stuck_gauge(
         self, column: str, gauge: _GaugeState, count: int, now_ns: int, jump_mm: float
     ) -> list[Fault]:
-        """A fault if a gauge jumps by `jump_mm` after `count` equal readings."""
         seconds, moved_deg = (gauge.last_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
         if gauge.reported or seconds < HELD_S or count < HELD_READINGS or moved_deg < HELD_DEG:
             return []
@@ -201,7 +195,6 @@ def _rescaled(column: str, gauge: _GaugeState, samples: SampleBlock, place: int)
 
 
 def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> bool:
-    """True if readings before (BEFORE,) and after (AFTER,) differ only by a factor of 25.4."""
     step_mm = 2 * float(np.abs(np.diff(before_mm)).max())
     jump_mm = abs(float(after_mm[0] - before_mm[-1]))
     if jump_mm <= 10 * max(step_mm, COARSE_MM):

@@ -1,12 +1,7 @@
 """Reader thread of a link: opens the link, runs the conversation, and reopens the link after a loss.
 
 A lost link causes one DISCONNECTED fault. All failed attempts until the next sample belong to the same outage. Each
-reason is reported once, and the first sample reports the duration, both as faults with count 0. The pause between
-attempts grows up to a limit.
-
-Readers must take timestamps promptly, although only one thread of the daemon runs Python at a time. A computing thread
-releases the interpreter only after the switch interval, and all threads wait while the garbage collector visits all
-objects. Start-up creates several hundred thousand objects, which are never garbage and are therefore frozen.
+reason is reported once, and the first sample reports the duration, both as faults with count 0.
 """
 
 from __future__ import annotations
@@ -20,7 +15,7 @@ from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream
 from daq.protocol.conversation import Fault, FaultKind, Host, Item
-from daq.protocol.numerals import hand_on
+from daq.protocol.numerals import keep_formats
 from daq.wire.capture import CaptureMark
 from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import Link, LinkLost
@@ -51,7 +46,6 @@ class StreamReader(clock.Thread):
         self._used_s = self._looked_s = 0.0
         """Processor time of this thread at the last check, and the time of the check."""
         self._before: Host | None = None
-        """Conversation on the previous link."""
         self._reasons: set[str] = set()
         """Reasons already reported in this outage."""
 
@@ -61,10 +55,17 @@ class StreamReader(clock.Thread):
     def run(self) -> None:
         while not self._stop_asked.is_set():
             self._buffer.beat()
-            if self._link is None:
-                self._reopen()
-            else:
+            if self._link is not None:
                 self._read(self._link)
+                continue
+            try:
+                with self._buffer.opening():
+                    self._link = self._stream.open()
+            except CellError as error:
+                if str(error) not in self._reasons:
+                    self._reasons.add(str(error))
+                    self._report(str(error), 0)
+                self._back_off()
         if self._link is not None:
             self._link.close()
 
@@ -84,7 +85,7 @@ class StreamReader(clock.Thread):
                 self._buffer.deliver(ignored)
 
         conversation = self._stream.host()
-        hand_on(self._before, conversation)
+        keep_formats(self._before, conversation)
         self._before = conversation
         try:
             run_conversation(recorded, conversation, deliver, self._stop_asked.is_set, alive)
@@ -124,18 +125,8 @@ class StreamReader(clock.Thread):
             self._report(f"{self._stream.port} reconnected after {(clock.now_ns() - lost_ns) / 1e9:.1f} s", 0)
         self._buffer.deliver(items)
 
-    def _reopen(self) -> None:
-        try:
-            with self._buffer.opening():
-                self._link = self._stream.open()
-        except CellError as error:
-            if str(error) not in self._reasons:
-                self._reasons.add(str(error))
-                self._report(str(error), 0)
-            self._back_off()
-
     def _back_off(self) -> None:
-        """Wait before the next attempt, with regular heartbeats. The pause is doubled each time, up to a limit."""
+        """Wait before the next attempt, with heartbeats, for twice as long each time, up to a limit."""
         until = clock.now_s() + self._pause_s
         while not self._stop_asked.wait(min(0.2, max(0.0, until - clock.now_s()))):
             self._buffer.beat()
@@ -156,7 +147,11 @@ _SWITCH_S = 0.0001
 
 
 def keep_stamps_prompt() -> None:
-    """Configure the interpreter for readers. Call this once, after all imports."""
+    """Configure the interpreter for readers, once, after all imports.
+
+    Only one thread runs Python at a time: a computing thread releases the interpreter after the switch interval, and
+    all wait while the garbage collector visits all objects. Those of start-up are never garbage and therefore frozen.
+    """
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
     gc.freeze()

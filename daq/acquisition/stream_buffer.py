@@ -1,10 +1,7 @@
 """Buffer between a reader and the recorder.
 
-The reader only appends, and never waits for the disk or other threads. The buffer is bounded: excess samples are
-counted as dropped, and excess faults are merged by kind.
-
-The last seconds of each stream are kept even if there is no recording: a run that is started by the robot's signal also
-contains the samples from before the signal was recognised.
+The reader never waits for the disk or other threads. The buffer is bounded: excess samples are counted as dropped, and
+excess faults are merged by kind.
 """
 
 from __future__ import annotations
@@ -65,7 +62,7 @@ class StreamBuffer:
     _waiting: int = 0
     """Number of waiting samples and faults."""
     _without_room: Counter[FaultKind] = field(default_factory=Counter)
-    """Overflow: number of dropped samples, and of faults by kind."""
+    """Dropped samples, and dropped faults by kind."""
     _counters: Counter[str] = field(default_factory=Counter)
     _last: dict[str, tuple[float, int]] = field(default_factory=dict)
     _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
@@ -212,7 +209,7 @@ KEPT_NS = 5_000_000_000
 
 
 class PretriggerBuffer:
-    """Items of the last five seconds, some thousands per stream."""
+    """Items of the last five seconds: a run started by the robot's signal contains the samples from before it."""
 
     def __init__(self, streams: Iterable[str]) -> None:
         self._items: dict[str, deque[SampleBlock | Fault]] = {name: deque() for name in streams}

@@ -24,10 +24,7 @@ _PATIENCE = 3
 
 @dataclass(frozen=True)
 class Stream:
-    """A link with its sample columns and conversation.
-
-    dead_s, listens, modem: as in `daq.wire.links.open_link`, which opens the link by default.
-    """
+    """A link with its sample columns and conversation. dead_s, listens, modem: as in `daq.wire.links.open_link`."""
 
     name: str
     columns: tuple[str, ...]
@@ -44,7 +41,6 @@ class Stream:
 
 
 def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
-    """Names of the gauges, grouped by port."""
     by_port: dict[str, list[str]] = {}
     for name, gauge in rig.gauges.recorded.items():
         by_port.setdefault(gauge.port, []).append(name)

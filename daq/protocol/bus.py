@@ -1,14 +1,8 @@
 """Several instruments on a shared line or behind a gateway, polled in turn.
 
-Each instrument has an exchange of requests and answers (`daq.protocol.polled`) with its own time-out, rate and faults.
-The next turn goes to the instrument that has been due longest. Answers name the instrument, so the next request can
-follow the time-out of a silent instrument immediately. A silent instrument pauses for the duration of its time-out.
-After `PATIENCE` consecutive time-outs the pause doubles each time, up to `LONGEST_REST_NS`. In each pause it costs the
-others a single time-out.
-
-Between two exchanges the line is idle for `gap_ns`, so that instruments recognise the start of a frame. After
-unreadable data it is idle for `QUIET_NS`, so that the remainder does not collide with the next request. Data received
-between exchanges belongs to no instrument and is reported.
+Each instrument has its own exchange (`daq.protocol.polled`), and the next turn goes to the one that has been due
+longest. Answers name the instrument, so the next request can follow the time-out of a silent instrument immediately. It
+then pauses, for longer after each further time-out, and costs the others a single time-out per pause.
 """
 
 from __future__ import annotations
@@ -22,6 +16,7 @@ from daq.protocol.framing import Framer, Message
 from daq.protocol.polled import Polled, Stirring
 
 PATIENCE = 3
+"""Time-outs in a row after which the pause of an instrument doubles each time."""
 LONGEST_REST_NS = 2_000_000_000
 """After reconnecting a gauge, the operator expects readings within seconds."""
 QUIET_NS = 20_000_000
@@ -40,26 +35,20 @@ class BusMember:
     wake_ns: int = 0
     """Time of the next request or of the time-out."""
     turns: int = 0
-    """Number of requests."""
     silences: int = 0
     """Number of consecutive time-outs."""
 
 
 class Bus:
-    """Host side of a line with several instruments.
-
-    Each sample has the value of a single instrument; the others are nan.
-    """
+    """Host side of the line. Each sample has the value of a single instrument; the others are nan."""
 
     def __init__(
         self, members: Sequence[BusMember], frames: Framer, stray: Callable[[Message], Fault], gap_ns: int
     ) -> None:
         """frames: framer used by all members. stray: creates the fault for an unrequested message."""
-        self._members = members
-        self._frames = frames
-        self._stray = stray
+        self._members, self._frames, self._stray = members, frames, stray
         self.gap_ns = gap_ns
-        """Idle time between two exchanges."""
+        """Idle time between two exchanges, by which instruments recognise the start of a frame."""
         self._asked: BusMember | None = None
         self._free_ns = self._idle_ns = 0
         """Time from which the line is available, and time since which no request is pending."""
@@ -67,7 +56,7 @@ class Bus:
         self._bursts = Bursts()
 
     def connected(self, now_ns: int) -> ConversationStep:
-        self._stirring.begin(now_ns)
+        self._stirring.since_ns = now_ns
         self._idle_ns = now_ns
         for member in self._members:
             member.wake_ns = member.exchange.connected(now_ns).wake_ns or now_ns
@@ -121,7 +110,7 @@ class Bus:
         if due_ns > now_ns:
             return ConversationStep(items=tuple(items), wake_ns=due_ns)
         step = first.exchange.tick(now_ns)
-        self._stirring.count()
+        self._stirring.requests += 1
         self._asked = first
         first.turns += 1
         first.wake_ns = now_ns if step.wake_ns is None else step.wake_ns

@@ -2,13 +2,8 @@
 
 A conversation accesses no port, socket or clock. The caller calls `connected` once, then `received` for incoming bytes,
 or `tick` when `wake_ns` has passed and no data has arrived. Host side and device side of a protocol are both
-conversations. A device side emits no items.
-
-A fault is an item in the stream, never an exception: a faulty peer must not end an acquisition. Times are integer
-nanoseconds of the monotonic clock of the host.
-
-The first of repeated faults is reported immediately, the others are counted, and reported as one after a second or when
-they end. Kinds with a separate count or rate (SILENT, LATE, SKIPPED) pass unchanged.
+conversations; a device side emits no items. A fault is an item in the stream, never an exception: a faulty peer must
+not end an acquisition. Times are ns of the monotonic clock of the host.
 """
 
 from __future__ import annotations
@@ -121,7 +116,6 @@ class SampleBlock(Sequence[Sample]):
         return cls(*(np.concatenate(parts) for parts in zip(*map(_FIELDS, full), strict=True)))
 
     def chosen(self, which: slice | NDArray[np.bool_]) -> SampleBlock:
-        """Samples of a slice or mask (n,)."""
         return SampleBlock(*(column[which] for column in _FIELDS(self)))
 
     def __len__(self) -> int:
@@ -154,7 +148,7 @@ Arrival = tuple[bytes, int]
 
 
 def packed(items: Sequence[Item]) -> list[SampleBlock | Fault]:
-    """Combine adjacent samples into blocks. The order of all items is preserved."""
+    """Combine adjacent samples into blocks."""
     blocks: list[SampleBlock | Fault] = []
     for kind, group in groupby(items, type):
         alike: list[Any] = list(group)
@@ -164,8 +158,6 @@ def packed(items: Sequence[Item]) -> list[SampleBlock | Fault]:
 
 @dataclass(frozen=True, slots=True)
 class ConversationStep:
-    """Actions requested by a conversation."""
-
     send: bytes = b""
     items: tuple[Item, ...] = ()
     """Samples and faults to pass on."""
@@ -191,7 +183,7 @@ class Conversation(Protocol):
 
 @runtime_checkable
 class Gathering(Protocol):
-    """Conversation that only listens, with a message rate for which batch processing is better."""
+    """Conversation that only listens, at a rate for which batch processing is better."""
 
     gather_ns: int
     """Longest time for gathering arrivals, counted from the first."""
@@ -201,8 +193,6 @@ class Gathering(Protocol):
 
 
 class Host(Conversation, Protocol):
-    """Host side of a conversation."""
-
     def handle_link_loss(self, now_ns: int) -> tuple[Item, ...]:
         """Pending counted faults after the loss of the link."""
 
@@ -227,13 +217,18 @@ _TELL_NS = 1_000_000_000
 
 
 class Bursts:
+    """Merges repeated faults: the first is reported immediately, the others are counted and reported each second.
+
+    Kinds with a separate count or rate (SILENT, LATE, SKIPPED) pass unchanged.
+    """
+
     def __init__(self) -> None:
         self._open: dict[tuple[FaultKind, str], Fault] = {}
         """Open faults by identity, with the count that is not reported yet."""
 
     def merge(self, items: Sequence[Item], now_ns: int) -> list[Item]:
         """Items of a message except repeated faults, plus the merged faults that are due."""
-        if not self._open and not has_fault(items):
+        if not self._open and Fault not in map(type, items):  # cheaper per message than a generator with `any`
             return list(items)
         coming = {_sameness(item) for item in items if isinstance(item, Fault)}
         merged = [fault for key in list(self._open) if key not in coming for fault in self._close(key)]
@@ -256,11 +251,6 @@ class Bursts:
     def _close(self, key: tuple[FaultKind, str]) -> list[Item]:
         fault = self._open.pop(key)
         return [fault] if fault.count else []
-
-
-def has_fault(items: Sequence[Item]) -> bool:
-    """True if `items` contains a fault. This loop is cheaper per message than the generator of `any`."""
-    return Fault in map(type, items)
 
 
 def _sameness(fault: Fault) -> tuple[FaultKind, str]:

@@ -83,11 +83,11 @@ class Pieces:
 class DelimitedLines:
     """Messages that end in a delimiter. `joined_midway`: discard the bytes before the first one.
 
-    echo: sent data that some instruments and adapters return before the answer; it is skipped. A line feed after a
-    carriage return as the delimiter is also skipped, because some gauges can send either.
+    A line feed after a carriage return as the delimiter is skipped, because some gauges can send either.
     """
 
     echo = b""
+    """Sent data that some instruments and adapters return before the answer; it is skipped."""
 
     def __init__(self, delimiter: bytes, *, joined_midway: bool = False) -> None:
         self._delimiter = delimiter

@@ -7,12 +7,6 @@ and requests of a second host.
 
 Modbus defines only registers of 16 bits, high byte first. The layout of longer numbers depends on the instrument:
 `word_order` is the order of the registers of a value, `byte_order` the order of the bytes in a register.
-
-Late answers contain no number. After a time-out a request of a different length therefore follows, as a probe. An
-instrument answers in order: when a probe is answered, all earlier requests are answered or lost. Until then an answer
-with the length of a reading counts as late. Consecutive probes have different lengths, which repeat after `LENGTHS`
-probes. Some instruments may answer only their usual request, so until a probe has been answered only `TRIES` probes are
-made, plus one for each reading answered in time. A later request is `doubtful`.
 """
 
 from __future__ import annotations
@@ -22,15 +16,15 @@ import math
 import re
 import struct
 from collections.abc import Collection, Mapping, Sequence
-from typing import Literal, Protocol
 
 from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from daq.protocol.framing import DelimitedLines, Framer, Message, Sized
+from rigs.schema.feedback import ModbusJoints
 from rigs.schema.links import Line, tcp_address
-from rigs.schema.modbus import Framing, Number, Order, Register
+from rigs.schema.modbus import Framing, ModbusMap, Number, Register, RegisterBlock
 
 _CODES: dict[Number, str] = {
     "int16": "h",
@@ -53,23 +47,7 @@ _LARGEST: dict[Number, float] = {"float16": 65504.0, "float32": (2 - 2**-23) * 2
 """Largest finite value of each floating type (IEEE 754)."""
 
 
-class RegisterLayout(Protocol):
-    """Start address of a block, and the layout of numbers."""
-
-    @property
-    def address(self) -> int:
-        """Of the first register."""
-
-    @property
-    def word_order(self) -> Order:
-        """Of the registers of a value."""
-
-    @property
-    def byte_order(self) -> Order:
-        """Of the bytes of a register."""
-
-
-def unpack(registers: Sequence[int], register: Register, layout: RegisterLayout) -> float:
+def unpack(registers: Sequence[int], register: Register, layout: RegisterBlock) -> float:
     number = _NUMBER[register.type]
     start = register.address - layout.address
     words = registers[start : start + number.size // 2]
@@ -78,8 +56,7 @@ def unpack(registers: Sequence[int], register: Register, layout: RegisterLayout)
     return value
 
 
-def pack(registers: list[int], register: Register, layout: RegisterLayout, value: float) -> None:
-    """Store a value in a block."""
+def pack(registers: list[int], register: Register, layout: RegisterBlock, value: float) -> None:
     start = register.address - layout.address
     data = _NUMBER[register.type].pack(value if register.type in _LARGEST else round(value))
     words = _WORDS[layout.byte_order, register.count].unpack(data)
@@ -102,7 +79,13 @@ TRIES = 3
 
 
 class Resync:
-    """Selects the length of the next request so that late answers can be recognised by their length."""
+    """Selects the length of the next request so that late answers, which have no number, are recognised by it.
+
+    After a time-out a request of a different length follows, as a probe. An instrument answers in order: when a probe
+    is answered, all earlier requests are answered or lost. Consecutive probes have different lengths, which repeat
+    after `LENGTHS` probes. Some instruments may answer only their usual request, so until a probe has been answered
+    only `TRIES` probes are made, plus one for each reading answered in time.
+    """
 
     def __init__(self) -> None:
         self.usual: set[int] = set()
@@ -235,28 +218,8 @@ logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
 """pymodbus logs each undecodable frame. Here such a frame is a fault with a limited rate."""
 
 
-class ReadBlock(RegisterLayout, Protocol):
-    """Registers to read, according to the rig file."""
-
-    @property
-    def port(self) -> str:
-        """An address for TCP, otherwise a serial device."""
-
-    @property
-    def framing(self) -> Framing:
-        """Of a serial line."""
-
-    @property
-    def unit(self) -> int:
-        """Of the instrument on the line or behind the gateway."""
-
-    @property
-    def function(self) -> Literal[3, 4]:
-        """3 for holding registers, 4 for input registers."""
-
-    @property
-    def count(self) -> int:
-        """Number of registers."""
+ReadBlock = ModbusMap | ModbusJoints
+"""Registers to read, according to the rig file."""
 
 
 class Wire:
@@ -325,6 +288,7 @@ class Wire:
         return unit if content else None
 
     def is_echo(self, frame: bytes, request: bytes) -> bool:
+        """True if an adapter has returned the request."""
         return frame + self._ending == request
 
     def decode(self, content: bytes) -> ModbusPDU | None:

@@ -1,23 +1,9 @@
 """Exchange of requests and answers. A request is sent when it is due and the previous one is answered.
 
 An answer must never be assigned to a later request. Serial answers contain no number, so in ambiguous situations the
-line is *drained*: received data is discarded until the line has been silent for `timeout_s`. This happens at connect,
-after a time-out (fault SILENT, and LATE with the discarded count), after invalid bytes, and after surplus data. An
-answer later than twice `timeout_s` can still be misassigned if the protocol offers neither number nor length
-(`daq.protocol.modbus`): set `timeout_s` to at least half of the slowest answer time. After an error answer the line
-pauses for `PAUSE_NS`, because an instrument refuses immediately.
-
-Draining also fills the time in which `rate_hz` permits no request. A slightly late request does not delay later ones;
-otherwise a busy computer could not reach the rate.
-
-Occasional pauses (`Stirring`) prevent a buffering adapter from synchronising with the requests: the latency timer of
-FTDI is 16 ms, and if each request follows the previous answer immediately, all answers are delayed equally. Then no
-answer of a run is as fast as the instrument allows, and the latching time is unknown. After `STIR` requests the line
-therefore pauses for a varying time up to `STIR_NS`, at intervals of at least `STIR_EVERY_NS`, because each pause leaves
-a gap in the readings.
-
-Some instruments are polled by a modem line: DTR goes off briefly and the instrument sends a reading. `Polled` handles
-such an exchange; the request is then a pulse of the line (`AskedByLine`).
+line is *drained*: received data is discarded until the line has been silent for `timeout_s`. An answer later than twice
+`timeout_s` can still be misassigned if the protocol offers neither number nor length (`daq.protocol.modbus`): set
+`timeout_s` to at least half of the slowest answer time.
 """
 
 from __future__ import annotations
@@ -30,38 +16,36 @@ from typing import Protocol
 
 from daq.protocol.conversation import NO_TIME, Bursts, ConversationStep, Fault, FaultKind, Item
 from daq.protocol.framing import Framer, Message
-from daq.protocol.numerals import PassesShapes
+from daq.protocol.numerals import NumberFormat
 
-STIR = 50
-STIR_NS = 17_000_000
-STIR_EVERY_NS = 500_000_000
+STIR, STIR_NS, STIR_EVERY_NS = 50, 17_000_000, 500_000_000
+"""Requests before a pause, longest pause, and shortest time between pauses, each of which leaves a gap."""
 _GOLDEN = 0.6180339887498949
 """Golden ratio: the fractional parts of its multiples fill the range from 0 to 1 evenly, for any count."""
 
 
 class Stirring:
-    """Counts requests and decides about pauses."""
+    """Occasional pauses of varying length, so that a buffering adapter does not synchronise with the requests.
+
+    The latency timer of FTDI is 16 ms. If each request follows the previous answer immediately, all answers are delayed
+    equally, no answer is as fast as the instrument allows, and the latching time is unknown.
+    """
 
     def __init__(self) -> None:
-        self._requests = self._stirs = 0
-        self._stirred_ns = 0
-
-    def begin(self, now_ns: int) -> None:
-        self._stirred_ns = now_ns
-
-    def count(self) -> None:
-        self._requests += 1
+        self.requests = self.since_ns = self._stirs = 0
+        """Requests since the last pause, and its time."""
 
     def rest_ns(self, now_ns: int) -> int:
         """Pause after an answer, usually 0."""
-        if self._requests < STIR or now_ns < self._stirred_ns + STIR_EVERY_NS:
+        if self.requests < STIR or now_ns < self.since_ns + STIR_EVERY_NS:
             return 0
-        self._requests, self._stirred_ns = 0, now_ns
+        self.requests, self.since_ns = 0, now_ns
         self._stirs += 1
         return round(self._stirs * _GOLDEN % 1.0 * STIR_NS)
 
 
 PAUSE_NS = 100_000_000
+"""Pause after a refusal, which an instrument sends immediately."""
 _BABBLE = 4
 """Time-outs after which a continuing drain is reported and the instrument is reset."""
 
@@ -95,6 +79,10 @@ class PolledDialect(Protocol):
     def frames(self) -> Framer:
         """Framer of the messages."""
 
+    @property
+    def formats(self) -> Sequence[NumberFormat]:
+        """Formats of printed numbers, one per gauge; none for binary values."""
+
     reset: bytes
     """Bytes that silence the instrument, sent at the start of a drain if no answer is expected."""
     check: str
@@ -109,12 +97,12 @@ class PolledDialect(Protocol):
         """Interpret a message as an answer to the request of this time."""
 
 
-class Polled(PassesShapes):
+class Polled:
     def __init__(
         self, dialect: PolledDialect, timeout_s: float, rate_hz: float = math.inf, *, shared: bool = False
     ) -> None:
         """shared: other instruments are polled in between, and `tick` gives the turn."""
-        self._asked = self._dialect = dialect
+        self._dialect, self.formats = dialect, dialect.formats
         self._shared = shared
         self._period_ns = round(1e9 / rate_hz)
         self._timeout_s = timeout_s
@@ -136,13 +124,20 @@ class Polled(PassesShapes):
         return self._requested_ns != NO_TIME
 
     def connected(self, now_ns: int) -> ConversationStep:
-        self._stirring.begin(now_ns)
+        self._stirring.since_ns = now_ns
         return self._drain([], now_ns, send=self._dialect.reset)
 
     def received(self, data: bytes, now_ns: int) -> ConversationStep:
         messages = self._dialect.frames.feed(data, now_ns)
         if not self.asking:
-            return self._discard(len(messages), now_ns)
+            self._discarded += len(messages)
+            self._quiet_ns = self._timeout_ns
+            self._wake_ns = now_ns + self._quiet_ns
+            if now_ns < self._babble_ns:
+                return ConversationStep(wake_ns=self._wake_ns)
+            detail = f"the line is never quiet, so requests cannot be sent; {self._dialect.babble}"
+            fault = Fault(FaultKind.LATE, now_ns, detail, max(1, self._discarded))
+            return self._drain([fault], now_ns, send=self._dialect.reset)
         items: list[Item] = []
         for position, message in enumerate(messages, 1):
             if isinstance(message, Fault):
@@ -185,7 +180,8 @@ class Polled(PassesShapes):
 
     def _ask(self, items: Sequence[Item], now_ns: int) -> ConversationStep:
         self._requested_ns = now_ns
-        self._stirring.count()
+        self._stirring.requests += 1
+        # A slightly late request does not delay later ones: otherwise a busy computer could not reach the rate.
         late = now_ns - self._due_ns > self._period_ns
         self._due_ns = (now_ns if late else self._due_ns) + self._period_ns
         self._wake_ns = now_ns + self._timeout_ns
@@ -215,16 +211,6 @@ class Polled(PassesShapes):
         self._reporting = reporting
         return ConversationStep(send, tuple(items), self._wake_ns)
 
-    def _discard(self, messages: int, now_ns: int) -> ConversationStep:
-        self._discarded += messages
-        self._quiet_ns = self._timeout_ns
-        self._wake_ns = now_ns + self._quiet_ns
-        if now_ns < self._babble_ns:
-            return ConversationStep(wake_ns=self._wake_ns)
-        detail = f"the line is never quiet, so requests cannot be sent; {self._dialect.babble}"
-        fault = Fault(FaultKind.LATE, now_ns, detail, max(1, self._discarded))
-        return self._drain([fault], now_ns, send=self._dialect.reset)
-
     def _late(self, now_ns: int) -> list[Item]:
         """Fault for the discarded data, including an incomplete message."""
         count = self._discarded + self._dialect.frames.pending
@@ -234,11 +220,14 @@ class Polled(PassesShapes):
         return [Fault(FaultKind.LATE, now_ns, detail, count)]
 
 
-class AskedByLine(PassesShapes):
-    """Host side of an instrument polled by DTR. exchange: a polled exchange in shared mode."""
+class AskedByLine:
+    """Host side of an instrument that sends a reading when DTR goes off briefly: a request is a pulse of the line.
+
+    exchange: in shared mode.
+    """
 
     def __init__(self, exchange: Polled, off_ns: int) -> None:
-        self._asked = self._exchange = exchange
+        self._exchange, self.formats = exchange, exchange.formats
         self._off_ns = off_ns
         self._wake_ns = self._free_ns = 0
         """Next time of the exchange, and earliest time to switch DTR off."""

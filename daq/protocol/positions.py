@@ -1,13 +1,4 @@
-"""Controllers that send joint angles, most of them in datagrams with a number and a timestamp of the controller.
-
-The numbers reveal lost, repeated and reordered datagrams. A repeated or overtaken sample is ignored and reported as
-LATE, because a decreasing clock would look like a restarted controller. Missing samples are a SKIPPED fault with the
-count. An overtaken sample is therefore first reported as missing and then as late.
-
-A controller may send at a lower rate than requested: at 125 Hz instead of 500 Hz nothing is missing. Timestamps are
-therefore compared with the actual period: the requested one once it was observed, otherwise the smallest of the first
-steps. A device of constant rate sends by an absolute schedule that does not drift.
-"""
+"""Controllers that send joint angles, most of them in datagrams with a number and a timestamp of the controller."""
 
 from __future__ import annotations
 
@@ -63,7 +54,11 @@ _AHEAD = 1_000_000
 
 
 class Order:
-    """Checks the numbers of successive messages, which increase by `step` and wrap at `modulus`."""
+    """Checks the numbers of successive messages, which increase by `step` and wrap at `modulus`.
+
+    A repeated or overtaken sample is ignored, because a decreasing clock would look like a restarted controller. An
+    overtaken sample is first reported as missing and then as late.
+    """
 
     def __init__(self, step: int = 1, modulus: int = 2**32) -> None:
         self._step = step
@@ -181,7 +176,7 @@ class Positions(StreamedDialect):
 
 
 class SteadyRate:
-    """Instants of a constant rate, starting at `start_ns`."""
+    """Instants of a constant rate from `start_ns` on, by an absolute schedule that does not drift."""
 
     def __init__(self, rate_hz: float, start_ns: int) -> None:
         self._rate_hz = rate_hz
@@ -250,7 +245,11 @@ _MORE = 1.5
 
 
 class SteadySteps:
-    """Checks the stamps of successive packets."""
+    """Checks the stamps of successive packets.
+
+    A controller may send at a lower rate than requested: at 125 Hz instead of 500 Hz nothing is missing. The period is
+    the requested one once it was observed, otherwise the smallest of the first steps.
+    """
 
     def __init__(self, rate_hz: float) -> None:
         self._asked_s = 1 / rate_hz
@@ -260,7 +259,7 @@ class SteadySteps:
         """Steps between stamps while the period is unknown."""
 
     def check_stamp(self, clock_s: float, at_ns: int) -> list[Fault]:
-        """Add a stamp. Returns faults for missing packets and for an unexpected rate."""
+        """Faults for packets missing before this stamp, and for an unexpected rate."""
         before_s, self._last_s = self._last_s, clock_s
         if not clock_s > before_s:
             return []

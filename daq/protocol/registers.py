@@ -1,9 +1,7 @@
 """Reading and serving of a block of Modbus registers, for gauges and controllers.
 
 The block is read in a single request: a value of several registers must not be split (Baumer OM20/OM30 manual p. 22,
-confirmed), and all values must be from the same instant. Over TCP the transaction id identifies an old answer. An RTU
-answer has none: after a time-out the line is drained (`daq.protocol.polled`), and a read of a different length follows
-(`daq.protocol.modbus`).
+confirmed), and all values must be from the same instant.
 """
 
 from __future__ import annotations
@@ -22,7 +20,6 @@ from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, 
 from daq.protocol.framing import Message
 from daq.protocol.modbus import (
     ReadBlock,
-    RegisterLayout,
     Wire,
     exception_of,
     pack,
@@ -31,7 +28,7 @@ from daq.protocol.modbus import (
     unpack,
 )
 from daq.protocol.polled import Polled, Reply, Then
-from rigs.schema.modbus import ModbusMap, SolartronOrbit, StatusRegister
+from rigs.schema.modbus import ModbusMap, RegisterBlock, SolartronOrbit, StatusRegister
 
 Registers = Sequence[int]
 Reading = Callable[[Registers, Message, int], Sample | Fault]
@@ -76,7 +73,7 @@ def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool
 class RegisterDialect:
     """Host dialect for reading a block."""
 
-    reset = b""
+    reset, formats = b"", ()
     check = "check the cable, the power supply of the instrument, the line settings and `unit`"
     babble = "a Modbus unit never sends unprompted: disconnect the other master from this line, or check the wiring"
 
@@ -113,10 +110,9 @@ class RegisterDialect:
 
     def _examined(self, message: Message, requested_ns: int) -> Reply:
         """Interpret a message with an unexpected head."""
-        if self._wire.is_echo(message.data, self._sent):
-            return Reply((), Then.WAIT)  # an adapter with an echo
-        if self._wire.asks(message.data) is not None:
-            return Reply((unasked(self._wire, message),), Then.DRAIN)
+        is_echo = self._wire.is_echo(message.data, self._sent)
+        if is_echo or self._wire.asks(message.data) is not None:
+            return Reply((), Then.WAIT) if is_echo else Reply((unasked(self._wire, message),), Then.DRAIN)
         unit, number, content = self._wire.open(message.data)
         expected = int.from_bytes(self._sent[:2], "big") if self._wire.numbered else number
         if not content:
@@ -124,17 +120,13 @@ class RegisterDialect:
         if number != expected:
             detail = f"answer {number} arrived instead of {expected}; increase timeout_s"
             return Reply((message.fault(FaultKind.LATE, detail),), Then.WAIT)
-        if (unit, content[0] & 0x7F) != (self._block.unit, self._block.function):
-            return self._of_another(unit, content[0] & 0x7F, message)
-        return self._answer(content, message, requested_ns)
-
-    def _of_another(self, unit: int, function: int, message: Message) -> Reply:
-        if unit != self._block.unit and self._wire.owes(unit):
+        function, block = content[0] & 0x7F, self._block
+        if (unit, function) == (block.unit, block.function):
+            return self._answer(content, message, requested_ns)
+        if unit != block.unit and self._wire.owes(unit):
             return Reply((unasked(self._wire, message),), Then.WAIT)
-        asked = f"unit {self._block.unit}, function {self._block.function}"
-        detail = f"unit {unit}, function {function} answered instead of {asked}"
-        remedy = "check `unit`, and the unit table of the gateway"
-        return _garbled(f"{detail}; {remedy}", message)
+        asked = f"unit {block.unit}, function {block.function}; check `unit`, and the unit table of the gateway"
+        return _garbled(f"unit {unit}, function {function} answered instead of {asked}", message)
 
     def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
         """Interpret a valid answer of this instrument, possibly to an earlier request."""
@@ -184,9 +176,9 @@ def unasked(wire: Wire, message: Message) -> Fault:
 
 
 def verdict(
-    registers: Registers, status: StatusRegister | None, layout: RegisterLayout, message: Message
+    registers: Registers, status: StatusRegister | None, layout: RegisterBlock, message: Message
 ) -> int | Fault:
-    """Status of the instrument: 0 for good, a code for doubtful, or a fault."""
+    """0 for a good status of the instrument, the code of a doubtful one, or a fault."""
     if status is None:
         return 0
     code = unpack(registers, status, layout)
@@ -198,7 +190,7 @@ def verdict(
     return message.fault(FaultKind.DEVICE_ERROR, detail)
 
 
-def pack_verdict(registers: list[int], status: StatusRegister | None, layout: RegisterLayout, *, good: bool) -> None:
+def pack_verdict(registers: list[int], status: StatusRegister | None, layout: RegisterBlock, *, good: bool) -> None:
     """Store the first listed status if `good`, otherwise a value not listed."""
     if status is not None:
         listed = (*status.good, *status.doubtful)
@@ -215,12 +207,8 @@ class RegisterDevice:
     def __init__(
         self, served: Sequence[tuple[ReadBlock, Held]], silently: Sequence[tuple[ReadBlock, Held]] = ()
     ) -> None:
-        """served: blocks with the content at a time; None if there is neither a reading nor a status.
-
-        silently: blocks that contain no readings.
-        """
+        """served: blocks with their content, None without reading and status. silently: blocks without readings."""
         self.sent = 0
-        """Number of answers that contain readings."""
         first = served[0][0]
         self._blocks = [*served, *silently]
         self._readings = len(served)
@@ -244,29 +232,20 @@ class RegisterDevice:
         unit, number, content = self._wire.open(frame)
         if not content or all(unit != block.unit for block, _ in self._blocks):
             return b""
-        result = self._read_registers(unit, content, now_ns)
-        if isinstance(result, ExcCodes):
-            return self._wire.encode(ExceptionResponse(content[0] & 0x7F, result, unit, number))
-        return self._wire.encode(_RESPONSE[content[0]](registers=result, dev_id=unit, transaction_id=number))
-
-    def _read_registers(self, unit: int, content: bytes, now_ns: int) -> list[int] | ExcCodes:
-        """Requested registers, or the exception code."""
-        served = [
-            place for place, (block, _) in enumerate(self._blocks) if (block.unit, block.function) == (unit, content[0])
-        ]
-        if not served:
-            return ExcCodes.ILLEGAL_FUNCTION
-        request = self._wire.decode(content)
-        if request is None:
-            return ExcCodes.ILLEGAL_VALUE
-        for place in served:
-            block, content_at = self._blocks[place]
-            start = request.address - block.address
-            if start < 0 or start + request.count > block.count:
+        function, request = content[0], self._wire.decode(content)
+        refusal = ExcCodes.ILLEGAL_FUNCTION
+        for place, (block, content_at) in enumerate(self._blocks):
+            if (block.unit, block.function) != (unit, function):
+                continue
+            refusal = ExcCodes.ILLEGAL_VALUE if request is None else ExcCodes.ILLEGAL_ADDRESS
+            start = request.address - block.address if request else -1
+            if request is None or start < 0 or start + request.count > block.count:
                 continue
             registers = content_at(now_ns)
             if registers is None:
-                return ExcCodes.DEVICE_FAILURE
+                refusal = ExcCodes.DEVICE_FAILURE
+                break
             self.sent += place < self._readings
-            return registers[start : start + request.count]
-        return ExcCodes.ILLEGAL_ADDRESS
+            asked = registers[start : start + request.count]
+            return self._wire.encode(_RESPONSE[function](registers=asked, dev_id=unit, transaction_id=number))
+        return self._wire.encode(ExceptionResponse(function & 0x7F, refusal, unit, number))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from daq.protocol.conversation import Arrival, Bursts, ConversationStep, Fault, FaultKind, Item, SampleBlock
 from daq.protocol.framing import Framer, Message
-from daq.protocol.numerals import PassesShapes
+from daq.protocol.numerals import NumberFormat
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,8 @@ class StreamedDialect(ABC):
     frames: Framer
     check: str
     """Advice for a silent device."""
+    formats: Sequence[NumberFormat] = ()
+    """Formats of printed numbers, one per gauge; none for binary values."""
 
     def start(self) -> bytes:
         """Bytes that start the stream."""
@@ -40,17 +42,15 @@ class StreamedDialect(ABC):
         """Interpret a message."""
 
     def garbled(self, fault: Fault) -> Reaction:
-        """Reaction to bytes that form no message."""
         return Reaction((fault,))
 
     def silent(self) -> Reaction:
-        """Reaction to a silence."""
         return Reaction()
 
 
-class Streamed(PassesShapes):
+class Streamed:
     def __init__(self, dialect: StreamedDialect, timeout_s: float) -> None:
-        self._asked = self._dialect = dialect
+        self._dialect, self.formats = dialect, dialect.formats
         self._timeout_s = timeout_s
         self._timeout_ns = round(timeout_s * 1e9)
         self._bursts = Bursts()

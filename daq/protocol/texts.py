@@ -1,12 +1,7 @@
 """Instruments with short text requests and answers: common parts of both sides.
 
-A driver adds the request, the end of a message, and `read`, which converts a message into a reading in mm or a
-`Trouble` for a gauge. A gauge in trouble reads nan next to a good gauge on the same link; if all are in trouble, there
-is no sample. `TextDevice` is the instrument, for which a driver adds the answers.
-
-Every number is checked against the format of the previous ones (`daq.protocol.numerals`). A transmitted unit is
-compared with the rig file (`in_mm`). A difference is reported as a fault and never converted, because either the gauge
-or the file is wrong.
+A driver adds the request, the end of a message, and `read`, which converts a message into a reading of a gauge. A gauge
+in trouble reads nan next to a good gauge on the same link; if all are in trouble, there is no sample.
 """
 
 from __future__ import annotations
@@ -18,7 +13,7 @@ from typing import Generic, TypeVar
 
 from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Item, Sample
 from daq.protocol.framing import DelimitedLines, Framer, Message
-from daq.protocol.numerals import HeldShape, Written, refusal
+from daq.protocol.numerals import NumberFormat, PrintedNumber, refusal
 from daq.protocol.polled import Polled, Reply, Then
 from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
@@ -41,7 +36,7 @@ class Trouble:
     then: Then = Then.PAUSE
 
 
-Reading = float | Written | Trouble
+Reading = float | PrintedNumber | Trouble
 """Reading in mm, a reading with its text, or the reason for its absence."""
 
 
@@ -56,19 +51,19 @@ def printable_message(data: bytes) -> str:
 
 
 def mm(number: bytes, gauge: Probe, fields: int = 1) -> Reading:
-    """Number in the units of the gauge as a reading in mm, ignoring blanks.
-
-    fields: count of numbers in the message if the order identifies the gauges.
-    """
+    """Number in the units of the gauge as a reading in mm, ignoring blanks. fields: as in `PrintedNumber`."""
     value_mm = float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
     if refused := refusal(value_mm, gauge):
         kind, detail = refused
         return Trouble(detail, kind)
-    return Written(value_mm, number, MM_PER_UNIT[gauge.units], fields)
+    return PrintedNumber(value_mm, number, MM_PER_UNIT[gauge.units], fields)
 
 
 def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
-    """Number with a transmitted unit as a reading in mm. The unit must be that of the rig file."""
+    """Number with a transmitted unit as a reading in mm.
+
+    Another unit than that of the rig file is never converted, because either the gauge or the file is wrong.
+    """
     sent = _UNITS.get(unit.lower())
     if sent == gauge.units:
         return mm(number, gauge)
@@ -81,33 +76,30 @@ def wrong_unit(sent: str, units: Units) -> Trouble:
 
 def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -> tuple[Item, ...]:
     """A sample of the good readings, and a fault for each trouble."""
-    troubles = dict.fromkeys(reading for reading in readings if isinstance(reading, Trouble))
-    faults = tuple(message.fault(trouble.kind, trouble.detail) for trouble in troubles)
+    faults, values_mm = dict[Trouble, Fault](), list[float]()
+    for reading in readings:
+        if isinstance(reading, Trouble):
+            faults[reading] = message.fault(reading.kind, reading.detail)
+            values_mm.append(math.nan)
+        else:
+            values_mm.append(reading.value_mm if isinstance(reading, PrintedNumber) else reading)
     if all(isinstance(reading, Trouble) for reading in readings):
-        return faults
-    values_mm = tuple(
-        math.nan if isinstance(reading, Trouble) else reading.value_mm if isinstance(reading, Written) else reading
-        for reading in readings
-    )
-    return (message.sample(values_mm, requested_ns=requested_ns), *faults)
+        return tuple(faults.values())
+    return (message.sample(values_mm, requested_ns=requested_ns), *faults.values())
 
 
 def check_formats(
-    readings: Sequence[Reading], shapes: Sequence[HeldShape], message: Message
+    readings: Sequence[Reading], formats: Sequence[NumberFormat], message: Message
 ) -> tuple[list[Reading], tuple[Fault, ...]]:
     """Check the number of each gauge against the format. Returns the readings and additional faults."""
-    checked, faults = list[Reading](), list[Fault]()
-    for reading, shape in zip(readings, shapes, strict=True):
-        if not isinstance(reading, Written):
-            checked.append(reading)
-            continue
-        good, doubt = shape.check(reading)
-        if good:
-            checked.append(reading.value_mm)
-            faults += [message.fault(doubt.kind, doubt.detail, doubt.count)] if doubt else []
-        elif doubt:
-            checked.append(Trouble(doubt.detail, doubt.kind, Then.ASK))  # the message was complete
-    return checked, tuple(faults)
+    checked, doubts = list(readings), list[Fault]()
+    for place, (reading, known) in enumerate(zip(readings, formats, strict=True)):
+        good, fault = known.check(reading, message) if isinstance(reading, PrintedNumber) else (True, None)
+        if fault and good:
+            doubts.append(fault)
+        elif fault:
+            checked[place] = Trouble(fault.detail, fault.kind, Then.ASK)  # the message was complete
+    return checked, tuple(doubts)
 
 
 class TextDialect(Generic[ProbeT]):
@@ -124,14 +116,14 @@ class TextDialect(Generic[ProbeT]):
         *,
         may_echo: bool = True,
     ) -> None:
-        """may_echo: treat a message starting with the request as an echo, not as an answer."""
+        """may_echo: a message that starts with the request is an echo, not an answer."""
         if may_echo and isinstance(frames, DelimitedLines):
             frames.echo = request
         self.frames = frames
         self.check = check
         self.babble = "check whether the instrument sends unprompted"
         self.reset = reset
-        self.shapes = [HeldShape() for _ in gauges]
+        self.formats = [NumberFormat() for _ in gauges]
         self._gauges = gauges
         self._request = request
         self._read = read
@@ -141,7 +133,7 @@ class TextDialect(Generic[ProbeT]):
 
     def read(self, message: Message, requested_ns: int) -> Reply:
         read = [self._read(message.data, gauge) for gauge in self._gauges]
-        readings, doubts = check_formats(read, self.shapes, message)
+        readings, doubts = check_formats(read, self.formats, message)
         items = items_of(message, requested_ns, readings)
         if isinstance(items[0], Sample):
             return Reply((*items, *doubts))

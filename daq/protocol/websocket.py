@@ -1,7 +1,7 @@
-"""Conversation over a WebSocket (RFC 6455), with a text message per step.
+"""Conversation over a WebSocket (RFC 6455), with a text message per step. wsproto implements the protocol.
 
-wsproto implements the protocol independently of a network. A message has the timestamp of the last piece. A refused,
-closed or invalid WebSocket, or a message above `LIMIT`, ends the link.
+A message has the timestamp of the last piece. A refused, closed or invalid WebSocket, or a message above `LIMIT`, ends
+the link.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class _WebSocket:
                 whole = _after(whole, self._meaning(event, now_ns))
                 if whole.hang_up:
                     return whole
-        except (RemoteProtocolError, UnicodeError) as error:  # UnicodeError for a header that is not ASCII
+        except (RemoteProtocolError, UnicodeError) as error:
             return self._finish(FaultKind.GARBLED, now_ns, f"not a WebSocket: {error}")
         return self._waiting(whole, now_ns)
 

@@ -1,8 +1,4 @@
-"""A single run, from the request until it is closed.
-
-A slow disk may take seconds to create the run directory. Meanwhile samples are buffered. A recording can start only if
-the robot and all required gauges were read recently.
-"""
+"""A single run, from the request until it is closed. Samples are buffered while the disk creates the directory."""
 
 from __future__ import annotations
 
@@ -73,8 +69,6 @@ def samples_in(items: Sequence[Item]) -> int:
 
 @dataclass(frozen=True)
 class EndedRun:
-    """A finished run."""
-
     path: Path
     counters: dict[str, dict[str, int]]
     """Samples and faults of each kind, by stream."""
@@ -89,7 +83,6 @@ class RecordingGap:
     previous: Path
     """Directory of the ended run."""
     device: int
-    """Disk of that directory."""
     why: str
     taken: Counter[str]
     """Samples per stream accepted by the ended run."""
@@ -98,22 +91,20 @@ class RecordingGap:
     missed: Counter[str] = field(default_factory=Counter)
     """Samples per stream that arrived after the run had ended, and belong to no run."""
 
-    def require_disk(self) -> None:
-        """Refuse an unmounted disk, to avoid writing below its mount point.
-
-        The disk is mounted if the previous run exists, or if the run was deleted but the device number is unchanged.
-        """
-        with suppress(OSError):
-            if self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device:
-                return
-        raise CellError(str(self.previous), "is gone", "remount the disk of the run", code="recording.stopped")
-
     def missed_text(self) -> str:
         return ", ".join(f"{count} of {name}" for name, count in self.missed.items() if count) or "none"
 
     def not_recorded(self, warnings: RateLimitedLog) -> dict[str, Fault]:
-        """Recover the previous run. Returns a fault for each stream with unrecorded samples."""
-        self.require_disk()
+        """Recover the previous run. Returns a fault for each stream with unrecorded samples.
+
+        Refuses an unmounted disk, to avoid writing below its mount point: the previous run is gone, and the device
+        number of its parent has changed.
+        """
+        is_mounted = False
+        with suppress(OSError):
+            is_mounted = self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device
+        if not is_mounted:
+            raise CellError(str(self.previous), "is gone", "remount the disk of the run", code="recording.stopped")
         try:
             if self.previous.is_dir():
                 recover_and_log(self.previous)
@@ -140,11 +131,7 @@ class RecordingGap:
 
 
 class ActiveRun:
-    """Collects the items of all streams, to be written once a writer exists.
-
-    begun: future of the run directory. ended: future of the finished run. counters: samples and faults of each kind, by
-    stream. gap: interval before this run, if it continues an earlier run.
-    """
+    """Collects the items of all streams, to be written once a writer exists."""
 
     def __init__(
         self, label: RunLabel, columns: Mapping[str, Sequence[str]], kept: Mapping[str, Sequence[Item]], since_ns: int
@@ -152,10 +139,12 @@ class ActiveRun:
         """columns: column names per stream. kept: items buffered before the request, from `since_ns` on."""
         self.label, self.since_ns = label, since_ns
         self.gap: RecordingGap | None = None
+        """Interval before this run, if it continues an earlier run."""
         self.writer: RunWriter | None = None
         self.begun: Future[Path] = Future()
         self.ended: Future[EndedRun] = Future()
         self.counters: dict[str, Counter[str]] = {name: Counter() for name in columns}
+        """Samples and faults of each kind, by stream."""
         self._columns = columns
         self._kept: dict[str, list[Item]] = {name: list(kept.get(name, ())) for name in columns}
         self._host_faults: list[Fault] = []
@@ -175,7 +164,7 @@ class ActiveRun:
         return sum(map(size_of, self._kept[stream])) >= MOST_PENDING
 
     def begin(self, writer: RunWriter, dropped: Mapping[str, Fault]) -> dict[str, list[Fault]]:
-        """Write the buffered items, and the drops since the previous run. Returns the faults found in the items."""
+        """Write the buffered items, and the drops since the previous run. Returns the faults found in them."""
         self.writer = writer
         faults = {name: self.put(name, items) for name, items in self._kept.items()}
         self._kept.clear()

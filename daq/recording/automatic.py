@@ -1,14 +1,8 @@
 """Start and end of recordings, by operators and by the trigger of the rig file.
 
-The trigger is pure: samples of the robot in, commands out. Operators have precedence, by the recorder's state machine.
-
-A signal starts a recording when it changes to the value of a rule and stays for 0.1 s, because the outputs that form a
-number do not switch simultaneously. A signal that is active in the first sample is ignored, because its start is
-unknown. A motion rule starts a recording when the robot leaves a posture in which it stood. Both events end the
-previous run, so that each program has its own.
-
-A run ends when the robot stands still after the end of the signal, or soon after it if the robot continues to move.
-Surplus readings at both ends are harmless, because the evaluation finds the lap. Missing readings are not.
+A signal starts a recording when it changes to the value of a rule, a motion when the robot leaves a posture in which it
+stood. Both end the previous run. A run ends when the robot stands still after the end of the signal, or soon after it
+if the robot continues to move. Surplus readings at both ends are harmless, because the evaluation finds the lap.
 """
 
 from __future__ import annotations
@@ -33,6 +27,7 @@ from rigs.schema.declared_tests import NEAR_DEG, STILL_DEG, STOOD_S, Automatic, 
 
 _S = 1_000_000_000
 _SETTLED_NS = _S // 10
+"""Time for which a signal must stay: the outputs that form a number do not switch simultaneously."""
 _STOOD_NS = round(STOOD_S * _S)
 _TAIL_NS = 10 * _S
 """Time from the end of the signal to the end of the run, if the robot continues to move."""
@@ -42,8 +37,6 @@ AXES = 6
 
 @dataclass(frozen=True)
 class StartRun:
-    """Start a run for a rule. The event happened at `at_ns`."""
-
     rule: Rule
     at_ns: int
 
@@ -130,8 +123,6 @@ class Trigger:
 
 
 class _Standstill:
-    """Measures the start of the current standstill."""
-
     def __init__(self) -> None:
         self.since_ns = 0
         self._at: Sequence[float] = (math.inf,) * AXES
@@ -148,7 +139,7 @@ class _SettledSignal:
         self._since_ns = 0
 
     def feed(self, value: float, at_ns: int) -> int | None:
-        """Time of a settled change; None if the value is unchanged or is the first one."""
+        """Time of a settled change; None if the value is unchanged, or the first one, whose start is unknown."""
         if value == self.value:
             self._next = math.nan
             return None
@@ -162,8 +153,6 @@ class _SettledSignal:
 
 
 class _Departure:
-    """Detects the departure of the robot from a posture."""
-
     def __init__(self, when: When) -> None:
         self._from, self._to = when.from_deg or (), when.to_deg or ()
         self._way = math.dist(self._from, self._to)
@@ -233,7 +222,7 @@ class Arbiter:
         self._execute(self._trigger.tick(clock.now_ns()))
 
     def start(self, label: RunLabel) -> Path:
-        """Start a recording for an operator. A recording started by the robot is ended."""
+        """Start a recording for an operator, which ends one started by the robot."""
         return clock.result(self._recorder.start_run(RecordingRequest(label)))
 
     def stop(self) -> EndedRun:

@@ -1,8 +1,6 @@
-"""Threads that wait for the disk.
+"""Threads that wait for the disk: one executes disk operations in order, and a second creates runs.
 
-One thread executes disk operations in order, and a second creates runs. Each operation may take seconds on a slow disk.
-Meanwhile the recorder continues to drain buffers, to feed the watchdog, and to write samples to the operating system,
-where they survive the end of the process.
+Each operation may take seconds on a slow disk, while the recorder continues.
 """
 
 from __future__ import annotations
@@ -21,8 +19,6 @@ _SYNC_S = 0.5
 
 
 class IoWorker:
-    """Runs disk operations in threads."""
-
     def __init__(self, warnings: RateLimitedLog) -> None:
         keep_large_blocks_apart()
         load_all_of_arrow()
@@ -49,29 +45,19 @@ class IoWorker:
             self._under_way = None
             writer.end_work(waiting.exception())
             self.synced = self.synced if work.synced is None else work.synced
-        self._submit_next(writer, may_close=not closed_one)
-
-    def _submit_next(self, writer: RunWriter, *, may_close: bool) -> None:
-        now = clock.now_s()
-        work = writer.begin_roll() if may_close else None
-        if work is None and now - self._synced_s >= _SYNC_S:
-            self._synced_s, work = now, writer.begin_sync()
-        if work is not None:
-            self._begun_s, self._under_way = now, (work, self._thread.submit(work.wait))
+        now, following = clock.now_s(), None if closed_one else writer.begin_roll()
+        if following is None and now - self._synced_s >= _SYNC_S:
+            self._synced_s, following = now, writer.begin_sync()
+        if following is not None:
+            self._begun_s, self._under_way = now, (following, self._thread.submit(following.wait))
 
     def submit_close(self, close: Callable[[], None]) -> None:
-        """Close the run after the pending operation.
-
-        Its result is ignored, because closing verifies the work and repeats it if necessary.
-        """
+        """Close the run after the pending operation, whose work it verifies and repeats if necessary."""
         self._under_way, self.synced = None, {}
         self._thread.submit(close).add_done_callback(_fail)
 
     def submit_create(self, create: Callable[[], None]) -> None:
-        """Create a run. The previous run need not be closed.
-
-        An exception in `create` is a programming error, which ends the process, as in any thread.
-        """
+        """Create a run. The previous run need not be closed."""
         self._creator.submit(create).add_done_callback(_fail)
 
     def shut_down(self) -> None:
@@ -80,6 +66,7 @@ class IoWorker:
 
 
 def _fail(done: Future[None]) -> None:
+    """End the process after a programming error, as in any thread."""
     if error := done.exception():
         thread = threading.current_thread()
         threading.excepthook(threading.ExceptHookArgs((type(error), error, error.__traceback__, thread)))

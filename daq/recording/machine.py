@@ -1,8 +1,4 @@
-"""State machine of the recorder.
-
-The machine is pure: an event in, the next state and a list of actions out. The threads of the recorder execute the
-actions and report the results as further events. The table of states is in docs/decisions/0016-the-recorder-is-a-state-
-machine.md.
+"""State machine of the recorder, pure (docs/decisions/0016-the-recorder-is-a-state-machine.md has the table of states).
 
 A *recording* is a request by the operator or the robot; a *run* is a directory. A disk failure ends the run, but not
 the recording, which waits and continues in a new run. The robot cannot end the operator's recording.
@@ -167,14 +163,11 @@ IDLE = Idle()
 
 @dataclass(frozen=True)
 class RecorderState:
-    """State of the recorder.
-
-    leaving: stopped runs that the disk has not created, each with its ending. next: number of the next run.
-    """
-
     phase: Phase = IDLE
     leaving: tuple[Close, ...] = ()
+    """Stopped runs that the disk has not created, each with its ending."""
     next: int = 1
+    """Number of the next run."""
 
     @property
     def recording(self) -> RecordingRequest | None:
@@ -231,7 +224,10 @@ def _moved(phase: Phase, event: Event) -> tuple[Phase, tuple[Action, ...]]:
 
 
 def _start(state: RecorderState, recording: RecordingRequest) -> Outcome:
-    if not _gives_way(state.phase, recording):
+    """The operator may replace a recording of the robot, or one that waits for the disk."""
+    phase, by_person = state.phase, recording.by == "person"
+    resumes = isinstance(phase, Waiting) or (isinstance(phase, Beginning) and phase.pause_s > 0)
+    if not isinstance(phase, Idle) and not (by_person and (phase.recording.by == "robot" or resumes)):
         return state, (Reject("running"),)
     if len(state.leaving) >= MOST_LEAVING:
         return state, (Reject("making"),)
@@ -239,17 +235,6 @@ def _start(state: RecorderState, recording: RecordingRequest) -> Outcome:
     ended, actions = _ended(state, "interrupted", f"{label.operator or 'a person'} started {label.name}")
     begun, create = _create(ended, recording)
     return begun, (*actions, *create)
-
-
-def _gives_way(phase: Phase, to: RecordingRequest) -> bool:
-    """True if a new recording may replace the current phase.
-
-    The operator may replace a recording of the robot, or one that waits for the disk.
-    """
-    if isinstance(phase, Idle):
-        return True
-    resumes = isinstance(phase, Waiting) or (isinstance(phase, Beginning) and phase.pause_s > 0)
-    return to.by == "person" and (phase.recording.by == "robot" or resumes)
 
 
 def _create(state: RecorderState, recording: RecordingRequest, pause_s: float = 0.0) -> Outcome:

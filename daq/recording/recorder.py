@@ -40,41 +40,6 @@ from rigs.errors import CellError, RigError
 from rigs.text import as_argument
 
 
-def status_of(
-    state: RecorderState,
-    run: ActiveRun | None,
-    gap: RecordingGap | None,
-    last_end: str,
-    synced: Mapping[str, int],
-    *,
-    closing: bool,
-) -> dict[str, object]:
-    """Status of the current recording, or the result of the last one.
-
-    run: the run receiving samples. gap: missed samples while the recording waits for the disk. synced: rows per stream
-    that are safely on the disk. closing: another run is still being closed.
-    """
-    if run is None or run.writer is None or not isinstance(state.phase, Running):
-        gap = run.gap if run else gap
-        return {
-            "recording": None,
-            "beginning": run.label.name if run else None,
-            "closing": closing,
-            "last_end": last_end,
-            "waiting": state.recording.label.name if gap and state.recording else None,
-            "missed": dict(gap.missed) if gap else {},
-        }
-    return {
-        "recording": run.label.name,
-        "test": run.label.test,
-        "direction": run.label.direction,
-        "run": str(run.writer.path),
-        "seconds": round((clock.now_ns() - run.since_ns) / 1e9, 1),
-        "samples": {name: run.counters[name]["samples"] for name in synced},
-        "synced": dict(synced),
-    }
-
-
 def rejection(rejected: Reject, state: RecorderState, last_end: str) -> CellError:
     if rejected.why == "running" and state.recording:
         where, remedy = f"recording {state.recording.label.name}", "stop the recording: rig record stop"
@@ -126,7 +91,6 @@ class Recorder(clock.Thread):
         """Directory of the last finished run."""
 
     def run(self) -> None:
-        """Run a round every quarter of a second, or later if a round takes longer."""
         self.host.start()
         pause_s = _ROUND_S
         while not self._stop_asked.wait(pause_s):
@@ -173,10 +137,7 @@ class Recorder(clock.Thread):
         why: str = "stopped by rig record stop",
         by: Literal["person", "robot"] = "person",
     ) -> Future[EndedRun]:
-        """End the recording. The future contains the closed run, or the error of the disk.
-
-        Raises CellError if idle.
-        """
+        """End the recording. The future contains the closed run, or the error of the disk. Raises CellError if idle."""
         with self._lock:
             self._drain_buffers(sync=False)
             number = self._state.run or 0
@@ -209,9 +170,27 @@ class Recorder(clock.Thread):
         return self._state.recording
 
     def state(self) -> dict[str, object]:
-        run, synced = self._current, {name: self._io.synced.get(name, 0) for name in self._buffers}
-        closing = any(active is not run and not active.ended.done() for active in list(self._runs.values()))
-        return status_of(self._state, run, self._gap, self.last_end, synced, closing=closing)
+        """Status of the current recording, or the result of the last one."""
+        state, run = self._state, self._current
+        if run is None or run.writer is None or not isinstance(state.phase, Running):
+            gap = run.gap if run else self._gap
+            return {
+                "recording": None,
+                "beginning": run.label.name if run else None,
+                "closing": any(other is not run and not other.ended.done() for other in list(self._runs.values())),
+                "last_end": self.last_end,
+                "waiting": state.recording.label.name if gap and state.recording else None,
+                "missed": dict(gap.missed) if gap else {},
+            }
+        return {
+            "recording": run.label.name,
+            "test": run.label.test,
+            "direction": run.label.direction,
+            "run": str(run.writer.path),
+            "seconds": round((clock.now_ns() - run.since_ns) / 1e9, 1),
+            "samples": {name: run.counters[name]["samples"] for name in self._buffers},
+            "synced": {name: self._io.synced.get(name, 0) for name in self._buffers},
+        }
 
     @property
     def _current(self) -> ActiveRun | None:
@@ -219,7 +198,6 @@ class Recorder(clock.Thread):
         return self._runs.get(self._state.run or 0)
 
     def _apply(self, event: machine.Event) -> None:
-        """Apply an event to the state and execute the actions."""
         self._state, actions = machine.step(self._state, event)
         for action in actions:
             match action:
@@ -283,10 +261,7 @@ class Recorder(clock.Thread):
             self.losses.add(run.buffered_samples, f"{run.label.name} did not begin")
 
     def _drain_buffers(self, *, sync: bool) -> None:
-        """Drain every buffer into the current run.
-
-        With sync, streams that are behind are skipped.
-        """
+        """Drain every buffer into the current run. With sync, streams that are behind are skipped."""
         run = self._current
         for name, buffer in self._buffers.items():
             if sync and run is not None and run.is_behind(name):

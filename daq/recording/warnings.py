@@ -23,11 +23,7 @@ class RateLimitedLog:
         self._last: dict[tuple[str, str], tuple[float, int]] = {}
 
     def warn(self, name: str, kind: str, detail: str, count: int = 1) -> None:
-        """Log a fault.
-
-        A repeated kind is logged again after ten seconds, with the number of suppressed faults. A fault with count 0
-        adds details to an earlier one, and is logged immediately.
-        """
+        """Log a fault: a repeated kind again after ten seconds, and one with count 0, which adds details, immediately."""
         if not count:
             log.info("%s: %s", name, detail)
             return

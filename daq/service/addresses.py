@@ -36,10 +36,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
-    """Drop-in with the addresses required by a rig.
-
-    resolve: addresses of a name. resolv_conf: content of /etc/resolv.conf.
-    """
+    """Drop-in with the addresses required by a rig. resolv_conf: content of /etc/resolv.conf."""
     listens = rig.feedback.listens
     ports = [*(gauge.port for gauge in rig.gauges.recorded.values()), *([] if listens else [rig.feedback.port])]
     hosts = [address[0] for port in ports if (address := tcp_address(port) or udp_address(port))]

@@ -1,8 +1,4 @@
-"""Answers of a daemon, checked by the client before use.
-
-The daemon may have a different version, so a missing value is an error of one line. All texts are sanitised
-(`rigs.text`).
-"""
+"""Answers of a daemon, checked by the client before use, because the daemon may have a different version."""
 
 from __future__ import annotations
 

@@ -113,10 +113,7 @@ class Client:
 
 
 def find_socket(rig: str | None = None) -> Path:
-    """Socket of the only running daemon, or of the daemon for `rig`.
-
-    A killed daemon leaves a socket that has no listener.
-    """
+    """Socket of the only running daemon, or of the daemon for `rig`."""
     served = [path for path in sockets() if rig in (None, path.stem) and _is_served(path)]
     if len(served) == 1:
         return served[0]
@@ -134,6 +131,7 @@ def sockets() -> list[Path]:
 
 
 def _is_served(path: Path) -> bool:
+    """False for the socket of a killed daemon, which has no listener."""
     with socket.socket(socket.AF_UNIX) as sock, contextlib.suppress(PermissionError, TimeoutError, BlockingIOError):
         sock.settimeout(_KNOCK_S)
         try:

@@ -1,8 +1,7 @@
 """Local control socket, with a line of JSON per request and answer. There is no network listener.
 
-Only the user and group of the daemon have access. Clients cannot exhaust the server, and thereby the recorder: the
-number of connections, their idle time, and the size of requests and answers are bounded. At the limit a new connection
-replaces the longest silent one. docs/decisions/0018-one-gate-for-text.md explains the numbers.
+Only the user and group of the daemon have access. Clients cannot exhaust the server, and thereby the recorder: at the
+limit a new connection replaces the longest silent one. docs/decisions/0018-one-gate-for-text.md explains the numbers.
 """
 
 from __future__ import annotations
@@ -30,7 +29,6 @@ LONGEST_REQUEST = 65536
 _LAST_ANSWERS_S = 15.0
 """Time limit of pending answers when the daemon ends. Closing a long recording takes seconds."""
 _MOST = 64
-"""Connections. A user needs few: rig live, and one per running command."""
 _RESERVED = 256
 """Descriptors reserved for ports and run files. A cell with three streams uses 25 while recording."""
 _IDLE_S = 30.0
@@ -45,18 +43,14 @@ _BACK_OFF_S = 0.2
 """Pause after the system has refused a connection."""
 
 
-def most_connections() -> int:
-    """Number of connections that leaves enough descriptors for the recorder."""
-    limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return max(1, min(_MOST, limit - _RESERVED)) if limit != resource.RLIM_INFINITY else _MOST
-
-
 class ControlServer:
     """Serves the socket with a thread per connection, from `start` to `close`."""
 
     def __init__(self, path: Path, answer: Answer) -> None:
         self._path, self._answer = path, answer
-        self._most = most_connections()
+        limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        self._most = max(1, min(_MOST, limit - _RESERVED)) if limit != resource.RLIM_INFINITY else _MOST
+        """Connections that leave enough descriptors for the recorder."""
         self._open: set[socket.socket] = set()
         self._silent: dict[socket.socket, None] = {}
         """Open connections without a pending answer, the longest silent first."""

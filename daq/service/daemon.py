@@ -1,11 +1,4 @@
-"""The daemon: a reader per link, a recorder, a control socket, and notifications to the service manager.
-
-Notifications are datagrams to $NOTIFY_SOCKET (sd_notify(3)).
-
-A live view sends about ten requests a second, with the last known sample number of each stream, and receives at most
-`MOST` newer samples per stream, evenly thinned. Encoding takes processor time from the readers: an answer with three
-streams takes 0.35 ms on a busy computer.
-"""
+"""The daemon: a reader per link, a recorder, a control socket, and notifications to the service manager."""
 
 from __future__ import annotations
 
@@ -50,7 +43,7 @@ from rigs.text import plain, plain_lines
 
 
 def notify(message: str) -> None:
-    """Send a message to the service manager, such as `READY=1`, with a variable per line."""
+    """Send a message to the service manager, such as `READY=1`, with a variable per line (sd_notify(3))."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
@@ -60,17 +53,11 @@ def notify(message: str) -> None:
         sock.sendto(plain_lines(message).encode(), address)
 
 
-def watchdog_s() -> float | None:
-    """Watchdog time-out of the service manager, if it has one."""
-    microseconds = os.environ.get("WATCHDOG_USEC", "")
-    meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
-    if not microseconds.isdigit() or meant_for != str(os.getpid()):
-        return None
-    return int(microseconds) / 1e6
-
-
 MOST = 20
-"""Samples per stream in an answer. At ten answers a second, a screen cannot show more."""
+"""Samples per stream in an answer to a live view, evenly thinned: at ten answers a second, a screen cannot show more.
+
+Encoding takes processor time from the readers, 0.35 ms for three streams on a busy computer.
+"""
 _DIGITS = 7
 """Decimals of values: 0.1 nm or 1e-7 degrees."""
 _LONGEST_RIG = 500_000
@@ -86,7 +73,6 @@ class _Request(Part):
 
 
 def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffer], rig_text: str) -> dict[str, Any]:
-    """Answer to a `samples` request."""
     try:
         asked = _Request.model_validate(request)
     except ValidationError as error:
@@ -152,7 +138,12 @@ class Daemon:
         """Take the locks, open every link, and start reading. The error names all ports that failed."""
         with ExitStack() as undo:
             undo.enter_context(self._locks)
-            self._take_locks()
+            self._locks.callback(InstanceLock.take(self._rig.name, self._socket_path).release)
+            with suppress(OSError):
+                self._runs.mkdir(parents=True, exist_ok=True)
+            for stream in self._streams:
+                if stream.name != ROBOT and stream.opening is open_link:  # a controller serves several clients
+                    self._locks.callback(InstanceLock.take_gauge(stream.name, stream.port).release)
             links = self._open_links()
             for link in links.values():
                 undo.callback(link.close)
@@ -174,19 +165,10 @@ class Daemon:
         log.info("serving %s: %s; control socket %s", self._rig.name, ports, self._socket_path)
         notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
-    def _take_locks(self) -> None:
-        """Lock the socket and the gauges."""
-        self._locks.callback(InstanceLock.take(self._rig.name, self._socket_path).release)
-        with suppress(OSError):
-            self._runs.mkdir(parents=True, exist_ok=True)
-        for stream in self._streams:
-            if stream.name != ROBOT and stream.opening is open_link:  # a controller serves several clients
-                self._locks.callback(InstanceLock.take_gauge(stream.name, stream.port).release)
-
     def close(self, exit_status: Ending, why: str) -> Path | None:
-        """Stop all parts in order. Returns the directory if a recording was interrupted.
+        """Stop all parts in order, the control socket first, so that clients cannot start a recording afterwards.
 
-        The control socket is closed first, which prevents clients from starting a recording afterwards.
+        Returns the directory if a recording was interrupted.
         """
         notify("STOPPING=1")
         self._maintenance.stop()
@@ -204,7 +186,6 @@ class Daemon:
         return cut_short
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Answer to a client's request."""
         match request.get("command"):
             case "status":
                 return self._status()
@@ -273,8 +254,9 @@ class Daemon:
         for stream, fault in self._replay.read_new() if self._replay else ():
             if stream in self._buffers:
                 self._buffers[stream].deliver([fault])
-        # After each round of the recorder the watchdog is fed, if every reader is running.
-        if watchdog_s() is not None and all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
+        is_watched = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        is_watched &= os.environ.get("WATCHDOG_USEC", "").isdigit()
+        if is_watched and all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
             notify("WATCHDOG=1")
 
 
@@ -309,7 +291,6 @@ def _short(value: object) -> str:
 
 
 def _text_in(request: Mapping[str, Any], key: str) -> str:
-    """A text in a request as a line of limited length."""
     text = request.get(key)
     if not isinstance(text, str):
         problem, remedy = f"{key} {_short(text)} must be text", "send the name of the run and the problem"

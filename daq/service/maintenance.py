@@ -1,7 +1,4 @@
-"""Slow background work in a separate thread: the metrics file, and the retention of runs.
-
-Readers and recorder never wait for this thread.
-"""
+"""Slow background work in a separate thread: the metrics file, and the retention of runs."""
 
 from __future__ import annotations
 
@@ -59,23 +56,19 @@ class Maintenance(clock.Thread):
             if self._retention is not None and clock.now_s() >= due_s:
                 self._retention.apply()
                 due_s = clock.now_s() + _RETENTION_S
-            self._write_metrics()
+            try:
+                if self._metrics is not None:
+                    write_atomically(self._metrics, self._text())
+                self._warned = False
+            except OSError as error:
+                if not self._warned:
+                    log.warning("metrics: %s cannot be written: %s", self._metrics, error.strerror or error)
+                self._warned = True
             self._stop_asked.wait(_METRICS_S)
         if self._metrics is not None:
             with contextlib.suppress(OSError):
                 if _is_own(self._metrics):
                     self._metrics.unlink(missing_ok=True)  # the content is obsolete
-
-    def _write_metrics(self) -> None:
-        if self._metrics is None:
-            return
-        try:
-            write_atomically(self._metrics, self._text())
-            self._warned = False
-        except OSError as error:
-            if not self._warned:
-                log.warning("metrics: %s cannot be written: %s", self._metrics, error.strerror or error)
-            self._warned = True
 
 
 def _is_own(path: Path) -> bool:
@@ -87,10 +80,7 @@ def _is_own(path: Path) -> bool:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file atomically.
-
-    It is not synced, because metrics of a stopped daemon need not survive a power cut.
-    """
+    """Write a file atomically, without a sync: metrics of a stopped daemon need not survive a power cut."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         temporary.write_text(text, encoding="utf-8", errors="replace")  # a path may contain bytes outside UTF-8

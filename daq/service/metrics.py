@@ -1,7 +1,6 @@
 """Conversion of the status of a daemon to Prometheus metrics.
 
-Counters start at zero with the daemon. All kinds of faults are present initially, because a rate requires an initial
-value.
+All kinds of faults are present initially, because a rate requires an initial value.
 """
 
 from __future__ import annotations

@@ -99,8 +99,6 @@ def rigd(
 
 @dataclass(frozen=True)
 class _ExitReason:
-    """Why the daemon ends, with the status of a recording and the exit code."""
-
     why: str
     exit_status: Ending
     exit_code: int

@@ -1,11 +1,7 @@
 """Locations, owners and locks of daemon sockets. A client trusts only a daemon of the same user or of the system.
 
 A user who can write to a directory in the path could place a socket there and imitate rigd, so the owner and
-permissions of each directory are checked. A directory created by the system for a service, such as /run/rigd-cell, is
-trusted with its owner.
-
-Each socket has one daemon. The port of each gauge is also locked: otherwise two daemons could poll the same instruments
-and record the same lap twice.
+permissions of each directory are checked. A directory created by the system for a service is trusted with its owner.
 """
 
 from __future__ import annotations
@@ -66,12 +62,10 @@ def require_trusted_owner(path: Path) -> frozenset[int]:
 
 
 def peer_user(connection: socket.socket) -> int:
-    """User id of the peer of a local connection."""
     return _peer(connection)[1]
 
 
 def _peer(connection: socket.socket) -> tuple[int, int]:
-    """Process and user of the peer of a local connection."""
     size = _CREDENTIALS.size
     process, user, _ = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
     return process, user
@@ -106,10 +100,7 @@ class InstanceLock:
 
     @classmethod
     def take_gauge(cls, name: str, port: str) -> InstanceLock:
-        """Lock the port of a gauge, independent of rig file and name.
-
-        Two daemons would receive each other's answers.
-        """
+        """Lock the port of a gauge, independent of rig file and name: two daemons would receive each other's answers."""
         # Canonical name of a port: the device for a serial port, lower case for an address. The path of a
         # pseudo-terminal is unchanged, because its number is reused after closing.
         canonical = port.casefold().replace("//localhost:", "//127.0.0.1:")

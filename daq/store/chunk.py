@@ -1,16 +1,9 @@
 """Encoding of a chunk: an Arrow IPC stream during recording, Parquet afterwards.
 
 An Arrow stream has no checksum, and zeros at a batch boundary are read as a valid end. Each batch therefore contains a
-number and a CRC-32 of the columns, and the reader counts bytes. All data after the last verified batch, except the
-exact end mark, is damage, which raises no exception.
-
-The schema of each file also contains the opening manifest of the run: any surviving chunk identifies the run, rig and
-clock. Cells are never null: nan and `NO_TIME` represent missing values, so each column is a plain array. `sequence`
-numbers the rows of a stream across all chunks, so that lost rows are visible as a gap. The checksum covers names, types
-and all bits of the values, but not the Arrow encoding, because recording chunk and Parquet file must have equal
-checksums.
-
-Columns are converted without pandas, whose import takes half the time of a small run.
+number and a CRC-32, and all data after the last verified batch, except the exact end mark, is damage. The schema of
+each file contains the opening manifest: any surviving chunk identifies the run, rig and clock. Cells are never null,
+and `sequence` numbers the rows of a stream across all chunks, so that lost rows are visible as a gap.
 """
 
 from __future__ import annotations
@@ -59,7 +52,6 @@ FAULT_COLUMNS: dict[str, pa.DataType] = {
 
 
 def schema_of(stream: str, columns: Sequence[str]) -> pa.Schema:
-    """Arrow schema of a stream with these value columns."""
     fixed = FAULT_COLUMNS if stream == FAULTS else SAMPLE_COLUMNS
     types = {**fixed, **dict.fromkeys(columns, pa.float64())}
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
@@ -95,7 +87,10 @@ def storable(text: str) -> str:
 
 
 def checksum(batch: pa.RecordBatch, number: int) -> int:
-    """CRC-32 of a batch and its number in the file."""
+    """CRC-32 of a batch and its number in the file: names, types and all bits of the values.
+
+    The Arrow encoding is not covered, because recording chunk and Parquet file must have equal checksums.
+    """
     head = f"{number} {batch.num_rows} {[(f.name, str(f.type)) for f in batch.schema]}"
     crc = zlib.crc32(head.encode())
     for column in batch.columns:
@@ -107,7 +102,6 @@ def checksum(batch: pa.RecordBatch, number: int) -> int:
 
 
 def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """A column as a read-only array (n,)."""
     pieces = [piece_of(chunk) for chunk in column.chunks]
     if len(pieces) == 1:
         return pieces[0]
@@ -137,16 +131,14 @@ _DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, Typ
 
 @dataclass(frozen=True)
 class Salvage:
-    """Content of a recording chunk."""
+    """Content of a recording chunk up to the first damage."""
 
     batches: tuple[pa.RecordBatch, ...]
-    """Verified batches before the first damage."""
     closed: bool
     """True if the end mark is present."""
     unread: int
-    """Number of unread bytes, 0 for a valid chunk."""
+    """Number of unread bytes."""
     damage: str | None
-    """None for a valid chunk."""
 
     @property
     def rows(self) -> int:
@@ -223,7 +215,11 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
                 batches.append(batch)
                 end = source.tell()
     except _DAMAGE as error:
-        _raise_if_out_of_memory(error, len(data))
+        if isinstance(error, MemoryError):  # a damaged length exceeds any memory, but is the computer short of it?
+            try:
+                bytearray(len(data))
+            except MemoryError:
+                raise OSError(errno.ENOMEM, _NO_MEMORY) from None
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         reason = "zeros or an early end mark" if isinstance(error, _ZEROS) else reason
         damage = f"damaged after {len(batches)} batches ({reason})"
@@ -232,10 +228,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
 
 
 def _has_compression(metadata: bytes) -> bool:
-    """True if the metadata of a batch specifies compression.
-
-    Compression is the fourth field of RecordBatch, which is the third field of Message (Arrow, format/Message.fbs).
-    """
+    """True if field 3 of RecordBatch, in field 2 of Message (Arrow, format/Message.fbs), specifies compression."""
     message = _number(metadata, 0, "I")
     header = message + _field(metadata, message, 2)
     return _field(metadata, header + _number(metadata, header, "I"), 3) > 0
@@ -278,29 +271,27 @@ def to_parquet(table: pa.Table) -> bytes:
 def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table | None:
     """Table in a Parquet file, or selected columns. None if bytes are invalid or text is not UTF-8.
 
-    Only the calling thread is used, because Arrow threads still active at exit abort the program (apache/arrow issue
-    34314). Raises OSError if memory is insufficient, or if the decoded data exceeds the size of a chunk: a few bytes
-    can represent any number of equal rows, and each row a long text.
+    Raises OSError if memory is insufficient, or if the decoded data exceeds the size of a chunk: a few bytes can
+    represent any number of equal rows, and each row a long text. Only the calling thread is used, because Arrow threads
+    still active at exit abort the program (apache/arrow issue 34314).
     """
     try:
-        table = _decoded(data, columns)
+        return _decoded(data, columns)
     except MemoryError:
         raise OSError(errno.ENOMEM, _NO_MEMORY) from None
-    except _DAMAGE:
+    except _DAMAGE as error:
+        if getattr(error, "errno", None) == errno.EFBIG:
+            raise
         return None
-    if isinstance(table, str):
-        raise OSError(errno.EFBIG, table)
-    return table
 
 
-def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
-    """Table in a Parquet file, or a description of the size if it is too large."""
+def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table:
     file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
     rows, width, schema = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
     unpacked = sum(group.column(k).total_uncompressed_size for group in groups for k in range(group.num_columns))
     if max(rows * width * _CELL_BYTES, unpacked) > _MOST_DECODED:  # a repeated dictionary value is counted once
-        return f"{rows} rows of {width} columns exceed the limits of a chunk"
+        raise OSError(errno.EFBIG, f"{rows} rows of {width} columns exceed the limits of a chunk")
     # Text is read as indices of distinct texts, which gives its total size.
     text = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
     if text:
@@ -313,22 +304,10 @@ def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
         parts = [part for name in text if name in table.column_names for part in table.column(name).chunks]
         lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in parts]
         if sum(pc.sum(part_lengths).as_py() or 0 for part_lengths in lengths) > _MOST_DECODED:
-            return "the text exceeds the limit of a chunk"
+            raise OSError(errno.EFBIG, "the text exceeds the limit of a chunk")
         table = table.cast(pa.schema([schema.field(name) for name in table.column_names], schema.metadata))
     table.validate(full=True)
     return table
-
-
-def _raise_if_out_of_memory(error: BaseException, size: int) -> None:
-    """Raise OSError if `size` bytes cannot be allocated now.
-
-    A damaged length exceeds the memory of any computer, which counts as damage.
-    """
-    if isinstance(error, MemoryError):
-        try:
-            bytearray(size)
-        except MemoryError:
-            raise OSError(errno.ENOMEM, _NO_MEMORY) from None
 
 
 def _digest(table: pa.Table) -> list[int]:

@@ -1,11 +1,8 @@
-"""Durable file operations, and the lock of the writing process.
+"""Durable file operations, and the lock of the writing process. Functions raise plain OSError.
 
-A file is durable if its bytes and its directory entry are synced. A file is replaced under a temporary name, so that
-every name always refers to a complete file. No other code changes files during recording or recovery: a wrapper around
-this module's `os` observes all changes in order, as in `scripts/dev powercut`. Functions raise plain OSError, which
-callers convert to a message.
-
-On Windows, runs can be read, imported and simulated, but not recorded: it has neither the locks nor directory syncs.
+A file is durable if its bytes and its directory entry are synced. No other code changes files during recording or
+recovery: a wrapper around this module's `os` observes all changes in order, as in `scripts/dev powercut`. Windows has
+neither the locks nor directory syncs, so runs cannot be recorded there.
 """
 
 from __future__ import annotations
@@ -24,12 +21,12 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 TEMPORARY = ".tmp"
-"""Suffix of a temporary file. Such files may remain after a crash and can be ignored."""
+"""Suffix of a temporary file, which may remain after a crash."""
 LOCK = ".lock"
 _BINARY = getattr(os, "O_BINARY", 0)
 """Flag that prevents Windows from converting line feeds."""
 _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
-"""Flags for opening a lock. A link in another user's run is not followed, and a FIFO does not block."""
+"""Flags for opening a lock: a link in another user's run is not followed, and a FIFO does not block."""
 
 
 def remedy(error: Exception, otherwise: str) -> str:
@@ -44,7 +41,6 @@ def remedy(error: Exception, otherwise: str) -> str:
 
 
 def free_bytes(path: Path) -> int:
-    """Free bytes for this user on the disk."""
     if not hasattr(os, "statvfs"):
         return shutil.disk_usage(path).free
     disk = os.statvfs(path)
@@ -67,10 +63,7 @@ def make_directory(path: Path) -> None:
 
 
 def discard(path: Path) -> None:
-    """Delete a directory of files without recorded data, ignoring errors of the disk.
-
-    A single descriptor is used, because nothing may have been recorded due to a lack of descriptors.
-    """
+    """Delete a directory of files without recorded data, ignoring errors of the disk, with a single descriptor."""
     with suppress(OSError):
         for file in path.iterdir():
             remove(file)
@@ -143,10 +136,7 @@ def _seek_and_write(fd: int, data: memoryview, offset: int) -> int:
 
 
 def create(path: Path, data: bytes, mode: int = 0o644) -> int:
-    """Create a file with initial data, and return its descriptor. If this fails, no file remains.
-
-    mode: permissions, limited by the umask.
-    """
+    """Create a file with initial data, and return its descriptor. If this fails, no file remains."""
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, mode)
     try:
         write_at(fd, data, 0)
@@ -201,55 +191,35 @@ def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
 
 
 def lock(run: Path) -> int:
-    """Take the writer's lock of a run.
-
-    The call may wait. On a new run, other processes hold the lock only during `is_locked`.
-    """
+    """Take the writer's lock of a new run, waiting for processes that are just in `is_locked`."""
     fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
-    _flock(fd, wait=True)
+    if fcntl is not None:
+        fcntl.flock(fd, fcntl.LOCK_EX)
     return fd
 
 
 def try_lock(run: Path) -> int | None:
     """Take the writer's lock of a run. None if a process is writing the run."""
-    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
-    try:
-        _flock(fd)
-    except BlockingIOError:
-        os.close(fd)
-        return None
-    return fd
+    return _try_flock(run / LOCK, os.O_RDWR | os.O_CREAT)
 
 
 def lock_directory(directory: Path) -> int | None:
     """Lock a directory itself, without a file in it. None if it is locked, or if locks are not supported."""
-    if fcntl is None:
-        return None
     try:
-        fd = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | _AS_IT_IS)
+        return None if fcntl is None else _try_flock(directory, os.O_RDONLY | os.O_DIRECTORY)
     except OSError:
         return None
-    try:
-        _flock(fd)
-    except OSError:
-        os.close(fd)
-        return None
-    return fd
 
 
 def is_locked(run: Path) -> bool:
     """True if a process is writing this run. The disk may be read-only."""
     try:
-        fd = os.open(run / LOCK, os.O_RDONLY | _AS_IT_IS)
+        fd = _try_flock(run / LOCK, os.O_RDONLY, shared=True)
     except FileNotFoundError:
         return False
-    try:
-        _flock(fd, shared=True)
-    except BlockingIOError:
-        return True
-    finally:
+    if fd is not None:
         os.close(fd)
-    return False
+    return fd is None
 
 
 def may_be_locked(run: Path) -> bool:
@@ -260,7 +230,16 @@ def may_be_locked(run: Path) -> bool:
         return True
 
 
-def _flock(fd: int, *, shared: bool = False, wait: bool = False) -> None:
-    """Lock an open file. Without such locks it always succeeds."""
-    if fcntl is not None:
-        fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
+def _try_flock(path: Path, flags: int, *, shared: bool = False) -> int | None:
+    """Open and lock a file. None if another process has locked it; a system without locks always succeeds."""
+    fd = os.open(path, flags | _AS_IT_IS, 0o644)
+    try:
+        if fcntl is not None:
+            fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(fd)
+        return None
+    except OSError:
+        os.close(fd)
+        raise
+    return fd

@@ -40,9 +40,8 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
 ) -> Run:
     """A run in memory for a table of double, int64 and string columns without nulls. Nothing is written.
 
-    path: directory of the run, whose name becomes the name of the run. source, source_sha256: name and checksum of the
-    original file. table_map, assumed: import map, and unconfirmed assumptions. only_commanded: the joint angles are
-    commands, and measured angles are unknown.
+    path: directory that names the run. source, source_sha256: name and checksum of the original file. table_map,
+    assumed: import map, and unconfirmed assumptions. only_commanded: the joint angles are commands, not measured.
     """
     columns = {field.name: str(field.type) for field in table.schema}
     opening = new_manifest(

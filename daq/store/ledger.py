@@ -1,8 +1,7 @@
 """Ledger of a run, `ledger.jsonl`: an append-only list of records, one per line.
 
-Each line contains the SHA-256 of the previous line and a record, so that a changed or removed line is detected. A crash
-may leave a partial line, so all data after the last valid line is ignored. See docs/decisions/0017-a-run-proves-that-
-it-is-whole.md. The manifest uses the same records.
+Each line contains the SHA-256 of the previous line and a record, so that a changed or removed line is detected. All
+data after the last valid line is ignored (docs/decisions/0017-a-run-proves-that-it-is-whole.md).
 """
 
 from __future__ import annotations
@@ -121,10 +120,7 @@ def to_recover(run: Path) -> str:
 
 
 def no_run(path: Path) -> FileError:
-    """Error for a path that is not a directory.
-
-    Directories of recorded runs begin with the time. For a plain name, a run with that name is suggested.
-    """
+    """Error for a path that is not a directory; suggests the recorded run of that name, which begins with the time."""
     if path.exists():
         return FileError(
             str(path), "is a file, not the directory of a run", "give the directory of a run", code="run.is_file"
@@ -139,7 +135,6 @@ def no_run(path: Path) -> FileError:
 
 
 def first_error(error: ValidationError) -> str:
-    """First pydantic error in one line."""
     details = error.errors(include_url=False, include_context=False, include_input=False)[0]
     place = ".".join(str(part) for part in details["loc"])
     return " ".join(f"{place} {details['msg']}".split())
@@ -175,13 +170,13 @@ class VerifiedLedger:
 
     entries: tuple[LedgerEntry, ...] = ()
     size: int = 0
-    """Number of bytes in valid lines."""
+    """Bytes in valid lines."""
     last: str = ""
     """SHA-256 of the last valid line."""
     unread: int = 0
-    """Number of bytes after the last valid line."""
+    """Bytes after the last valid line."""
     unread_lines: int = 0
-    """Number of complete lines among them, 0 after a crash."""
+    """Complete lines among them, 0 after a crash."""
     seal: str = ""
     """SHA-256 of the last seal."""
 
@@ -222,10 +217,10 @@ class Claim:
 
 
 def claim_in(data: bytes, opening: str | None) -> Claim:
-    """Claims of the seals in a ledger, including those in invalid lines.
+    """Claims of the seals in a ledger, also in invalid lines. opening: SHA-256 of the manifest of the run.
 
     A seal contains the row count twice, as rows and as samples. The smaller is used, so that a damaged digit does not
-    make rows appear missing. opening: SHA-256 of the run's manifest; ledgers of other runs are ignored.
+    make rows appear missing.
     """
     ledger, claimed, ended = verified(data), Counter[str](), None
     if ledger.entries and ledger.entries[0].opening != opening:
@@ -266,12 +261,9 @@ class Ledger:
     """Appends entries to the ledger of a run. Raises plain OSError."""
 
     def __init__(self, path: Path, fd: int, size: int, last: str) -> None:
-        self.path, self.fd, self._size, self._last = path, fd, size, last
-
-    @property
-    def last(self) -> str:
+        self.path, self.fd, self._size = path, fd, size
+        self.last = last
         """SHA-256 of the last line, which covers the complete ledger."""
-        return self._last
 
     @classmethod
     def create(cls, run: Path, opening: bytes) -> Ledger:
@@ -297,11 +289,11 @@ class Ledger:
 
     def append(self, entry: LedgerEntry) -> None:
         """Append an entry durably. Remains of a failed attempt are removed first."""
-        line, digest = line_of(entry, self._last)
+        line, digest = line_of(entry, self.last)
         durable.truncate(self.fd, self._size)
         durable.write_at(self.fd, line, self._size)
         durable.sync(self.fd)
-        self._size, self._last = self._size + len(line), digest
+        self._size, self.last = self._size + len(line), digest
 
     def close(self) -> None:
         durable.close(self.fd)

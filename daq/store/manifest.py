@@ -1,8 +1,7 @@
 """Manifest of a run, `manifest.json`, written once at the start. Later events are in the ledger.
 
-`load_manifest` combines both files. A run without a seal that no process has locked is the result of a crash. The
-manifest refers to chunks by file name only, so a run directory can be moved and copied. In runs of version 1 the
-manifest contained all data and was rewritten at each change.
+A run without a seal that no process has locked is the result of a crash. In runs of version 1 the manifest contained
+all data and was rewritten at each change.
 """
 
 from __future__ import annotations
@@ -70,7 +69,6 @@ def operator_name(text: str) -> str:
 
 
 def check_operator(name: str) -> str:
-    """Name of an operator in stored form."""
     try:
         return operator_name(name)
     except ValueError as error:
@@ -81,7 +79,7 @@ def check_operator(name: str) -> str:
 Operator = Annotated[Text, AfterValidator(operator_name)]
 """Manifests of older runs may contain any text."""
 Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]
-"""Name for the location of instrument or ball. Runs with the same placement share a set-up."""
+"""Location of instrument or ball. Runs with the same placement share a set-up."""
 ViewZero = tuple[Length, Length]
 """Zero offsets of the live view at the start of the run. For information only: the rows are unmodified."""
 DrivenWith = Literal["", "targets", "entries"]
@@ -160,12 +158,10 @@ class Manifest(JsonRecord):
         return schema_of(stream, self.all_streams[stream])
 
     def chunks_of(self, stream: str) -> tuple[Chunk, ...]:
-        """Chunks of a stream in order of recording."""
         mine = (chunk for chunk in self.chunks if chunk.stream == stream)
         return tuple(sorted(mine, key=lambda chunk: chunk.number))
 
     def wall_ns(self, monotonic_ns: int) -> int:
-        """Wall time of a monotonic timestamp, in ns since 1970."""
         before = bisect_right(self.anchors, monotonic_ns, key=lambda anchor: anchor.monotonic_ns)
         anchor = self.anchors[before - 1] if before else self.clock
         return anchor.unix_ns + monotonic_ns - anchor.monotonic_ns

@@ -1,8 +1,6 @@
 """Changes to a finished run: corrected labels (test, direction, operator, placement), and marks.
 
-Earlier label values are stored in the ledger, or in the manifest for a run of version 1. The marks in `marks.json`
-record exports, protection by the operator, and the answer of a movement check. Retention deletes only exported runs
-that are not protected.
+Earlier label values are stored in the ledger, or in the manifest for a run of version 1. The marks are in `marks.json`.
 """
 
 from __future__ import annotations
@@ -77,18 +75,15 @@ def load_marks(run: Path) -> RunMarks:
 
 
 def mark_exported(run: Path, to: str, file: Path) -> None:
-    """Record an export of a run."""
     export = Export(at=iso_now(), format=to, file=str(file.absolute()))
     _change(run, lambda marks: marks.model_copy(update={"exports": (*marks.exports, export)}))
 
 
 def mark_moved(run: Path, check: MovementCheck) -> None:
-    """Store the answer of a movement check with a run."""
     _change(run, lambda marks: marks.model_copy(update={"moved": check}))
 
 
 def mark_kept(run: Path, kept: bool) -> None:
-    """Set or remove the protection of a run."""
     _change(run, lambda marks: marks.model_copy(update={"kept": kept}))
 
 
@@ -129,8 +124,7 @@ def relabel(
 ) -> Manifest:
     """Change labels of a run durably and atomically. None leaves a field unchanged.
 
-    A test without a circle removes the direction. Refuses a run that is being recorded, was not closed, or does not fit
-    the new label.
+    A test without a circle removes the direction.
     """
     load_manifest(run)
     with _locked(run, "relabelled"):
@@ -183,7 +177,6 @@ def _relabelled(
 def _test_and_direction(
     run: Path, manifest: Manifest, test: TestName, direction: Direction | None
 ) -> dict[str, str | None]:
-    """New test and direction, if the run fits."""
     # Recorded streams fit all tests with gauges. A table of a circle fits yaw and roll.
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):

@@ -1,8 +1,7 @@
 """Recovery of a run that was not closed, after a crash, a kill, a full disk or a power cut.
 
-Recorded data is never removed. A recording chunk is deleted only if all bytes are in a Parquet file listed in the
-ledger. A damaged chunk is preserved as `<file>.torn`. `recover` can start from the state after any step, so it may be
-interrupted and repeated. A run of version 1 receives a ledger.
+A recording chunk is deleted only if all bytes are in a Parquet file listed in the ledger; a damaged one is preserved as
+`<file>.torn`. `recover` can start from the state after any step. A run of version 1 receives a ledger.
 """
 
 from __future__ import annotations
@@ -76,18 +75,12 @@ def recover(path: Path) -> Recovery:
         reason, file = getattr(error, "strerror", None), getattr(error, "filename", None)
         # The operating system reports some files only by number.
         words = f"{reason}: {file!r}" if reason and isinstance(file, str) else str(reason or error)
+        remedy = {errno.ENOMEM: "use a computer with more memory", errno.EFBIG: "move that file elsewhere"}.get(
+            getattr(error, "errno", None) or 0, durable.remedy(error, "free some space or repair the disk, then retry")
+        )
         raise CellError(
-            str(path), f"cannot be recovered: {words}", f"{_remedy(error)}; no data were lost", code="run.not_recovered"
+            str(path), f"cannot be recovered: {words}", f"{remedy}; no data were lost", code="run.not_recovered"
         ) from error
-
-
-def _remedy(error: Exception) -> str:
-    match getattr(error, "errno", None):
-        case errno.ENOMEM:
-            return "use a computer with more memory"
-        case errno.EFBIG:
-            return "move that file elsewhere"
-    return durable.remedy(error, "free some space or repair the disk, then retry")
 
 
 def _repaired(path: Path) -> Recovery:
@@ -193,7 +186,7 @@ class _Repair:
                 self._set_aside(file, "belongs to no stream of this run")
 
     def _settle(self, file: Path, stream: str, number: int) -> None:
-        schema = with_opening(self._schema(stream), self.opening)
+        schema = with_opening(self.manifest.arrow_schema(stream), self.opening)
         salvaged = salvage(read_bytes(file, MOST_BYTES), schema)
         chunk = self._closed(stream, number)
         if (chunk.rows if chunk else 0) < salvaged.rows:
@@ -231,12 +224,9 @@ class _Repair:
             table = from_parquet(data)
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(file)) from error
-        if table is None or not table.num_rows or not table.schema.equals(self._schema(stream)):
+        if table is None or not table.num_rows or not table.schema.equals(self.manifest.arrow_schema(stream)):
             return None
         return describe(file.name, stream, table, data)
-
-    def _schema(self, stream: str) -> pa.Schema:
-        return self.manifest.arrow_schema(stream)
 
     def _list(self, chunk: Chunk) -> None:
         others = tuple(c for c in self.manifest.chunks if c.file != chunk.file)
@@ -286,7 +276,7 @@ class _Repair:
         }
         for chunk in self.manifest.chunks_of(FAULTS):
             with suppress(FileError):
-                for row in read_chunk(self.path, chunk, self._schema(FAULTS)).to_pylist():
+                for row in read_chunk(self.path, chunk, self.manifest.arrow_schema(FAULTS)).to_pylist():
                     counts.setdefault(row["stream"], Counter())[row["kind"]] += row["count"]
         return {stream: dict(count) for stream, count in counts.items()}
 

@@ -1,8 +1,7 @@
 """Retention of runs: selection of runs to delete, and the only function that deletes them.
 
 A run may be deleted if it is complete, exported and not protected; the oldest is deleted first. All doubtful cases
-remain: a run being recorded, a crashed run, an unreadable manifest or marks file, and any other directory. A deletion
-first renames the run to `.deleted`, so an interrupted one leaves no partial run.
+remain. A deletion first renames the run to `.deleted`, so an interrupted one leaves no partial run.
 """
 
 from __future__ import annotations
@@ -28,8 +27,6 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True)
 class RunInfo:
-    """Facts about a run directory."""
-
     path: Path
     manifest: Manifest | None
     marks: RunMarks | None
@@ -55,7 +52,7 @@ class Decision:
 
 
 def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Iterator[RunInfo]:
-    """All readable runs of a directory in order of name. `denied` is called with each unreadable directory."""
+    """Readable runs of a directory in order of name. `denied` is called with each unreadable directory."""
     try:
         entries = sorted(runs.iterdir())
     except OSError as error:

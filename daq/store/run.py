@@ -24,18 +24,16 @@ from rigs.files import read_bytes
 
 @dataclass(frozen=True)
 class Run:
-    """A recorded or imported run.
-
-    streams: columns of each sample stream by name, as arrays (n,) in file units: the fixed columns of
-    `daq.store.chunk`, then the values. faults: a row for each fault, with at_ns, stream, kind, detail, count, sequence.
-    table: columns of an imported run in file order, None in a recorded run.
-    """
+    """A recorded or imported run."""
 
     path: Path
     manifest: Manifest
     streams: dict[str, dict[str, np.ndarray[Any, Any]]]
+    """Columns (n,) of each sample stream in file units: the fixed ones of `daq.store.chunk`, then the values."""
     faults: list[dict[str, Any]]
+    """A row for each fault: at_ns, stream, kind, detail, count, sequence."""
     table: pa.Table | None = None
+    """Columns of an imported run in file order, None in a recorded run."""
 
     @cached_property
     def readings_sha256(self) -> str:
@@ -49,10 +47,7 @@ class Run:
 
 
 def read_run(path: Path) -> Run:
-    """Read a complete run.
-
-    Raises FileError if the run is missing, damaged, still being recorded, or crashed and not recovered.
-    """
+    """Read a run. Raises FileError if it is missing, damaged, still being recorded, or crashed and not recovered."""
     manifest = closed_manifest(path)
     streams = {}
     for name in manifest.streams:
@@ -67,10 +62,11 @@ def closed_manifest(path: Path) -> Manifest:
     manifest = load_manifest(path)
     recording = manifest.exit_status == "recording"
     try:
-        if recording and is_locked(path):
-            raise FileError(str(path), *BEING_RECORDED, code="run.in_use")
+        locked = recording and is_locked(path)
     except OSError as error:
         raise unreadable(path, error) from None
+    if locked:
+        raise FileError(str(path), *BEING_RECORDED, code="run.in_use")
     if recording or any(path.glob("*.arrow")):
         raise FileError(str(path), "was not closed: the recording crashed", to_recover(path), code="run.not_closed")
     return manifest
@@ -132,16 +128,9 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
 
 
 def _array(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """A column as an array.
-
-    If all values are equal, as in most timestamps of a streaming gauge, it is a view of a single value.
-    """
-    pieces = [piece_of(chunk) for chunk in column.chunks]
+    """A column as an array. Equal values, as the request times of a streaming gauge, are a view of a single one."""
+    pieces = [piece_of(chunk).view(f"i{column.type.bit_width // 8}") for chunk in column.chunks]
     first = next((piece[:1] for piece in pieces if len(piece)), None)
-    if first is not None and all((_bits(piece) == _bits(first)).all() for piece in pieces):
-        return np.broadcast_to(first.copy(), (len(column),))
+    if first is not None and all((piece == first).all() for piece in pieces):
+        return np.broadcast_to(first.view(column.type.to_pandas_dtype()).copy(), (len(column),))
     return array_of(column)
-
-
-def _bits(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    return values.view(f"i{values.itemsize}")

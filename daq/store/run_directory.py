@@ -1,9 +1,5 @@
 """Directory of a run being recorded: name, lock, manifest, ledger, and disk space.
 
-A recording ends while the disk has enough space to close it: the Parquet file of each open chunk, some lines in the
-ledger, and a margin for other processes. Starting a run requires more space, so that a nearly full disk is not filled
-with runs of a second each.
-
 A directory created by a command is either complete or absent: it is filled under a hidden name, locked, and renamed at
 the end. A failed or interrupted command removes the hidden directory, also after signals. Remains after SIGKILL or a
 power cut are removed by the next command in the same place.
@@ -34,7 +30,10 @@ from rigs.errors import CellError
 
 MARGIN_BYTES = 16 << 20
 TO_BEGIN_BYTES = 64 << 20
-"""Bytes required to start: a full robot chunk (200 000 rows of 13 columns, 20 MB), the closed copy, and a margin."""
+"""Bytes required to start: a full robot chunk (200 000 rows of 13 columns, 20 MB), the closed copy, and a margin.
+
+Less would fill a nearly full disk with runs of a second each.
+"""
 
 
 class NearlyFull(CellError):
@@ -59,18 +58,14 @@ _LARGE_BYTES = 1 << 20
 def keep_large_blocks_apart() -> None:
     """Make the C library map blocks of a megabyte and more separately, so that freed ones are returned.
 
-    glibc raises this limit to the size of the largest freed block, about 20 MB for a chunk, and reserves it in the
-    arena of each thread that has closed a chunk (mallopt(3)).
+    glibc would reserve about 20 MB in the arena of each thread that has closed a chunk (mallopt(3)).
     """
     if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
         mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
 
 
 def load_all_of_arrow() -> None:
-    """Make Arrow import all lazy dependencies before recording.
-
-    These include pandas if installed, which takes half a second of a core in the thread that drains the readers.
-    """
+    """Make Arrow import pandas now, if installed, instead of half a second in the thread that drains the readers."""
     pa.array([0])
 
 
@@ -134,10 +129,7 @@ def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str
 
 
 def write_beside(path: Path, companions: Mapping[str, bytes]) -> None:
-    """Write the companion files of the rig file durably into a run directory.
-
-    The rig file contains their digests, and the manifest contains the digest of the rig file.
-    """
+    """Write the companion files of the rig file, whose digests it contains, durably into a run directory."""
     for name, content in companions.items():
         durable.replace(path / name, content)
 
@@ -190,15 +182,6 @@ def files_into(directory: Path, *, over: bool = False) -> Iterator[Path]:
         durable.sync_directory(directory)
 
 
-def surely(remove: Callable[[], object]) -> None:
-    """Call a clean-up function. Repeat the call after Ctrl-C."""
-    try:
-        remove()
-    except BaseException:
-        remove()
-        raise
-
-
 @contextmanager
 def removed_at_signals(directory: str | Path, before: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Remove a directory before a signal ends this process. Signals already handled are not changed.
@@ -247,7 +230,11 @@ def _hidden(parent: Path) -> Iterator[Path]:
         with removed_at_signals(made):
             yield made
     finally:
-        surely(lambda: shutil.rmtree(made, ignore_errors=True))
+        try:
+            shutil.rmtree(made, ignore_errors=True)
+        except BaseException:  # Ctrl-C meanwhile
+            shutil.rmtree(made, ignore_errors=True)
+            raise
         if fd is not None:
             os.close(fd)
 

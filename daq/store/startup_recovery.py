@@ -1,7 +1,6 @@
 """Recovery of crashed runs at start-up, in a separate thread, so that reading can start immediately.
 
-Only clear cases are recovered: the manifest is readable, the run was not closed, and no process has locked it. All
-other cases are logged, and left to the operator and `rig recover`.
+Unclear cases, such as an unreadable manifest, are logged, and left to the operator and `rig recover`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Writer of a single stream: rows are written to the disk in frames, and converted to a Parquet chunk at the end.
 
-The recording chunk is append-only. It is deleted only when the Parquet file is durable and in the ledger. After a
-failed write it is truncated to the last complete frame. A full chunk is ended, and the next chunk starts only when the
-disk has stored all of it, so that a crash leaves no gap between them. Rows are pending during this sync. A second
-thread creates the Parquet file while this thread continues. Functions raise plain OSError.
+The recording chunk is append-only, and deleted only when the Parquet file is durable and in the ledger. The next chunk
+starts only when the disk has stored all of the full one, so that a crash leaves no gap between them; rows are pending
+meanwhile. A second thread creates the Parquet file. Functions raise plain OSError.
 """
 
 from __future__ import annotations
@@ -43,13 +42,6 @@ class OpenChunk:
     def is_synced(self) -> bool:
         """True if the complete chunk and the file name are on the disk."""
         return self.named and self.synced == self.size
-
-    @property
-    def has_vanished(self) -> bool:
-        """True if the file name is gone. False if the disk does not respond."""
-        with suppress(OSError):
-            return not durable.is_named(self.fd, self.path)
-        return False
 
     def append(self, data: bytes) -> None:
         """Append complete frames. If this fails, the file is unchanged."""
@@ -137,7 +129,11 @@ class StreamWriter:
 
     def count_lost_rows(self) -> int:
         """Lost rows at the end of a run: pending rows, and rows in a file without a name."""
-        return len(self.pending) + sum(chunk.rows for chunk in self.unclosed() if chunk.has_vanished)
+        lost = len(self.pending)
+        for chunk in self.unclosed():
+            with suppress(OSError):  # the disk does not respond
+                lost += 0 if durable.is_named(chunk.fd, chunk.path) else chunk.rows
+        return lost
 
     def bytes_to_close(self) -> int:
         """Bytes needed at most to write the pending rows and a Parquet file per chunk.

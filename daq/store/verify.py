@@ -25,8 +25,6 @@ END_UNKNOWN = "before the end, which was never sealed: rows after the last one m
 
 @dataclass(frozen=True)
 class MissingRows:
-    """Missing rows of a stream, from the first one."""
-
     stream: str
     first: int
     rows: int
@@ -39,8 +37,6 @@ class MissingRows:
 
 @dataclass(frozen=True)
 class VerificationResult:
-    """Result of a verification."""
-
     path: Path
     is_sealed: bool = False
     is_recovered: bool = False
@@ -97,8 +93,8 @@ def verify(path: Path) -> list[str]:
 def judge(path: Path) -> VerificationResult:
     """Verify that a run is complete, reading every byte.
 
-    Each chunk must be present, unchanged and as declared. No row may be missing or repeated. Rows and faults must match
-    the counts at the end of the run. Other files are not permitted, and the ledger must be sealed.
+    Each chunk must be present, unchanged and as declared; no row missing or repeated; rows and faults as counted at the
+    end of the run; no other files; and the ledger sealed.
     """
     try:
         manifest = load_manifest(path)

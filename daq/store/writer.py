@@ -1,12 +1,9 @@
 """Writer of a run, from the first row to the exit status.
 
-A single thread owns the writer. It appends rows and writes them to the operating system, where they survive the end of
-the process. Slow disk operations are `DiskOperation` for a second thread, one at a time: syncs, which protect the data
-from a power cut, and the closing of full chunks.
-
-If the disk refuses, a `CellError` is raised and the writer can no longer be used, because the content of the disk is
-unknown after a failed fsync. Data synced earlier remains readable. `close` saves as much as possible, and `rig recover`
-does the rest. `NearlyFull` is raised earlier: the run can still be closed completely.
+A single thread owns the writer. Slow disk operations are `DiskOperation` for a second thread, one at a time: syncs and
+the closing of full chunks. After a `CellError` the writer can no longer be used, because the content of the disk is
+unknown after a failed fsync: `close` saves as much as possible, and `rig recover` does the rest. `NearlyFull` is raised
+earlier: the run can still be closed completely.
 """
 
 from __future__ import annotations
@@ -125,11 +122,9 @@ class RunWriter:
         return {stream: self._writers[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
-        """Bytes needed at most to write the pending rows, close all chunks and end the run.
-
-        The opening manifest is in the head of a chunk once, and in the Parquet file three times.
-        """
+        """Bytes needed at most to write the pending rows, close all chunks and end the run."""
         chunks = sum(writer.bytes_to_close() for writer in self._writers.values())
+        # The opening manifest is in the head of a chunk once, and in the Parquet file three times.
         return chunks + 4 * len(self._writers) * len(self.manifest.opening())
 
     def anchor(self) -> None:
@@ -140,7 +135,7 @@ class RunWriter:
         """Write all rows to the operating system, where they survive the end of the process.
 
         Raises NearlyFull before writing if there would not be enough space to close, RunRemoved if the directory is
-        gone, and CellError for other failures. The run can still be closed after a CellError.
+        gone, and CellError for other failures.
         """
         with self._guarded():
             chunks = {chunk.path: chunk.fd for writer in self._writers.values() if (chunk := writer.open)}
@@ -176,10 +171,7 @@ class RunWriter:
         return work is not None
 
     def begin_roll(self) -> DiskOperation | None:
-        """Operation that closes the oldest ended and synced chunk, or None if there is none.
-
-        Only one chunk is closed at a time, because no syncs take place meanwhile.
-        """
+        """Operation that closes the oldest ended and synced chunk: only one, because no syncs take place meanwhile."""
         full = [(chunk.born_ns, name) for name, writer in self._writers.items() if (chunk := writer.full)]
         return DiskOperation([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
 
@@ -193,10 +185,10 @@ class RunWriter:
         self.end_work(_attempt(work.wait))
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
-        """End the run: close all chunks, and seal the ledger with status and reason.
+        """End the run: close all chunks, and seal the ledger with status and reason, when no operation is pending.
 
-        Any thread may call this, when no operation is pending. counters: faults by stream and kind; sample counts are
-        set to the stored rows. All steps are attempted, and the run is released, before a CellError is raised.
+        counters: faults by stream and kind; sample counts are set to the stored rows. All steps are attempted, and the
+        run is released, before a CellError is raised.
         """
         steps = [] if self._failure else [self._write]
         steps += [partial(self._end, writer) for writer in self._writers.values()]

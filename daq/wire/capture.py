@@ -37,16 +37,12 @@ class CaptureMark(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """An event on the link of a stream.
-
-    at_ns: monotonic time of the host, before a write or after a read. data: the bytes, or ASCII text for the other
-    marks.
-    """
-
     at_ns: int
+    """Monotonic time of the host, before a write or after a read."""
     stream: str
     mark: CaptureMark
     data: bytes
+    """The bytes, or ASCII text for the other marks."""
 
     def line(self) -> str:
         return f"{self.at_ns} {self.stream} {self.mark} {self.data.decode('latin-1').encode('unicode_escape').decode()}"
@@ -54,10 +50,9 @@ class Piece:
 
 @dataclass(frozen=True)
 class Capture:
-    """Content of a capture file in order. cut: the file ends within a line, as after a crash."""
-
     pieces: tuple[Piece, ...]
     cut: bool
+    """True if the file ends within a line, as after a crash."""
 
     @property
     def streams(self) -> tuple[str, ...]:

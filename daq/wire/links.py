@@ -1,14 +1,8 @@
 """Links: the only module that accesses serial devices and sockets.
 
-A link is a named file descriptor, read with a time limit. A single `select` and `read` per piece keep the timestamp
-close to the arrival.
-
-A vanished TCP peer (power cut, cable, hung program) closes nothing, so a connection that receives no data for `dead_s`
-counts as lost. The operating system detects an absent computer somewhat earlier.
-
-A listening port accepts a single sender: the first sender of data that forms a sample, until it becomes silent. UDP has
-no connections (`UdpLink`). Over TCP a single program can be connected at a time (`ListeningLink`). Listening ports are
-opened only if the rig file requests it, and only at the given address.
+A single `select` and `read` per piece keep the timestamp close to the arrival. A vanished TCP peer (power cut, cable,
+hung program) closes nothing, so a connection that receives no data for `dead_s` counts as lost. A listening port
+accepts a single sender: the first sender of data that forms a sample, until it becomes silent.
 """
 
 from __future__ import annotations
@@ -156,10 +150,7 @@ class SerialLink(Link):
 
 
 class UdpLink(Link):
-    """UDP port with a datagram per read and write.
-
-    peer: accepted sender; None until a datagram forms a sample.
-    """
+    """UDP port with a datagram per read and write. peer: accepted sender; None until a datagram forms a sample."""
 
     def __init__(self, name: str, sock: socket.socket, peer: Address | None) -> None:
         super().__init__(name, sock.fileno(), sock.close)
@@ -184,7 +175,6 @@ class UdpLink(Link):
         return data
 
     def write(self, data: bytes) -> None:
-        """Send to the last sender."""
         if self._sender is None:
             return
         try:
@@ -195,7 +185,6 @@ class UdpLink(Link):
             raise LinkLost(str(error)) from None
 
     def note_items(self, items: Sequence[Item]) -> None:
-        """Accept the sender of a sample as the peer. After a silence any sender can become the peer."""
         if self._peer_is_fixed:
             return
         for item in items:
@@ -234,7 +223,6 @@ class ListeningLink(Link):
         return self._caller.read(0.0) if self._caller else b""
 
     def write(self, data: bytes) -> None:
-        """Send to the connected program; drop the data if none is connected."""
         if self._caller:
             self._caller.write(data)
 
@@ -244,7 +232,6 @@ class ListeningLink(Link):
         super().close()
 
     def note_items(self, items: Sequence[Item]) -> None:
-        """Accept the program that delivered a sample, until it becomes silent."""
         for item in items:
             if not isinstance(item, Fault):
                 self._makes_samples = True
@@ -320,11 +307,7 @@ _QUEUE = 1 << 20
 def open_link(
     name: str, port: str, line: Line, *, dead_s: float = DEAD_S, listens: bool = False, modem: ModemLines | None = None
 ) -> Link:
-    """Open a port of the rig file for the stream `name`.
-
-    dead_s: silence after which a TCP connection is lost. listens: the address is local. modem: modem lines of a serial
-    port; None for both on.
-    """
+    """Open a port of the rig file. listens: the address is local. modem: None for both lines on."""
     if address := tcp_address(port):
         return _listen(name, address, dead_s) if listens else _open_tcp(name, address, dead_s)
     if address := udp_address(port):
@@ -334,7 +317,6 @@ def open_link(
 
 @contextlib.contextmanager
 def _reported(where: str) -> Iterator[None]:
-    """Report an invalid host name, or that the address cannot be reached."""
     try:
         yield
     except UnicodeError:

@@ -76,7 +76,6 @@ def changed(axis: int, key: str, delta: float) -> Effect:
 
 
 def play_of_joint(axis: int, width_deg: float) -> Effect:
-    """Effect that represents backlash of a joint (1 … 6)."""
     cls = next(cls for cls in VOCABULARY.values() if cls.PLACE == AT_AXIS and cls.STRAIGHT == 0)
     return cls.model_validate({"effect": cls.model_fields["effect"].default, "axis": axis, "width_deg": width_deg})
 

@@ -344,7 +344,6 @@ def at_each_axis(cls: type[_E], scope: Scope, **values: float) -> list[list[_E]]
 
 
 def at_each_gauge(cls: type[_E], scope: Scope) -> list[list[_E]]:
-    """A list of forms per gauge, each with one form."""
     return [[cls.model_validate({"gauge": gauge})] for gauge in scope.gauges]
 
 
@@ -355,7 +354,6 @@ def scaled(effect: _E, share: float, **values: float) -> _E:
 
 
 def healthy(effect: _E) -> _E:
-    """An effect at the size for a healthy arm."""
     return effect.model_copy(update={size_field(effect): effect.healthy})
 
 

@@ -91,7 +91,6 @@ class LatencyTimer:
             self._due_ns = now_ns
 
     def take(self, now_ns: int) -> bytes:
-        """Bytes that are due."""
         if not self._held or now_ns < self._due_ns:
             return b""
         data = bytes(self._held)

@@ -176,7 +176,6 @@ class SimulatedCell:
                 line.serve(devices[stream.name], made)
 
     def daemon(self, **options: Any) -> Daemon:
-        """Start a daemon. options: arguments of its constructor."""
         self.daemons += 1
         socket = self.folder / "rigd" / f"{self.rig.name}.sock"
         socket.parent.mkdir(exist_ok=True)

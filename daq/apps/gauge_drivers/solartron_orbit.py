@@ -75,7 +75,7 @@ def _status_block(gauge: SolartronOrbit) -> ModbusMap:
 class _OrbitDialect:
     """Reads the value, followed by the status."""
 
-    reset = b""
+    reset, formats = b"", ()
 
     def __init__(self, gauge: SolartronOrbit, wire: Wire) -> None:
         self._gauge = gauge

@@ -22,7 +22,7 @@ from daq.gauges import Read
 from daq.protocol import polled, streamed
 from daq.protocol.conversation import NO_TIME, ConversationStep, Device, FaultKind, Host
 from daq.protocol.framing import DelimitedLines, Message
-from daq.protocol.numerals import HeldShape
+from daq.protocol.numerals import NumberFormat
 from daq.protocol.polled import AskedByLine
 from daq.protocol.texts import (
     CHECK,
@@ -97,14 +97,14 @@ class _Continuous(streamed.StreamedDialect):
 
     def __init__(self, gauge: SylvacOptoRS) -> None:
         self.frames = DelimitedLines(_END)
-        self.shapes = [HeldShape()]
+        self.formats = [NumberFormat()]
         self._gauge = gauge
 
     def start(self) -> bytes:
         return b"OUT1\r"
 
     def read(self, message: Message) -> streamed.Reaction:
-        readings, doubts = check_formats([_read(message.data, self._gauge)], self.shapes, message)
+        readings, doubts = check_formats([_read(message.data, self._gauge)], self.formats, message)
         items = items_of(message, NO_TIME, readings)
         return streamed.Reaction((*items, *doubts), send=self.start() if message.data.startswith(b"SY") else b"")
 

@@ -245,7 +245,6 @@ class Channel:
         self._longest = min(CHUNK, size)
 
     def packed(self, kind: bytes, message: Any, request: int = 0) -> bytes:
-        """Chunks of a message."""
         body: bytes = struct_to_binary(message)
         if kind in _PLAIN:
             return _HEADER.pack(kind, _FINAL, _HEADER.size + len(body)) + body

@@ -150,7 +150,6 @@ class _Browser:
 
 
 def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
-    """Find the robot."""
     if feedback.axes and are_nodes(feedback.axes):
         positions = [ua.NodeId.from_string(axis) for axis in feedback.axes]
         deg_per_unit = yield from _deg_per_unit(feedback.axes, positions, feedback)
@@ -172,7 +171,6 @@ def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
 
 
 def _system_and_robot(browser: _Browser, feedback: OPCUARobotics) -> Talk[tuple[Any, Any]]:
-    """Nodes of the motion device system and of the robot."""
     robots = yield from browser.find(OBJECTS, "DeviceSet/*/MotionDevices/*")
     chosen = [nodes for names, nodes in robots if feedback.device in (None, names[-1])]
     if not robots:
@@ -339,7 +337,6 @@ def endpoint(feedback: OPCUARobotics) -> str:
 
 
 def channel_request(*, renew: bool) -> Any:
-    """Request for an unsecured channel, or for the next token of the open channel."""
     request = ua.OpenSecureChannelRequest()
     kind = ua.SecurityTokenRequestType
     request.Parameters.RequestType = kind.Renew if renew else kind.Issue

@@ -55,7 +55,6 @@ class Together:
         self._open: dict[int, AxisValue] = {}
 
     def take(self, values: Iterable[AxisValue]) -> Iterator[ArmPosition]:
-        """Positions completed by these values."""
         ordered = sorted(values, key=lambda value: value.clock_s)
         if any(math.isnan(value.clock_s) for value in ordered):
             # it is unknown which values belong together
@@ -135,7 +134,6 @@ class RobotValues:
         yield from self._samples(together.take(unstamped), asked_ns, message)
 
     def _take(self, place: int, value: Any, values: list[AxisValue], message: Message) -> Iterator[Fault]:
-        """Store an axis value or a condition value, and yield faults."""
         code = value.StatusCode.value if value.StatusCode else 0
         severity, plain = code >> _SEVERITY, None if value.Value is None else value.Value.Value
         axes = len(self._nodes.axes)

@@ -73,8 +73,6 @@ def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Unusab
 
 
 class _RSIDialect(Positions):
-    """Positions with answers."""
-
     def __init__(self, feedback: KUKARSI) -> None:
         check = "check that the program with RSI_ON is running, and that the controller sends to this address"
         # Expressions for the parts of the condition: an element or an attribute

@@ -155,7 +155,6 @@ def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
 
 
 def currents_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Columns of the currents, nan if the field is missing."""
     (name,) = CURRENT_TYPES
     return tuple(map(plausible, fields.get(name, (math.nan,) * 6)))
 

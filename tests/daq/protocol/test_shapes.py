@@ -11,7 +11,7 @@ import pytest
 
 import daq.gauges
 from daq.protocol.conversation import Fault, FaultKind, Sample
-from daq.protocol.numerals import hand_on
+from daq.protocol.numerals import keep_formats
 from tests.support.drivers import gauge, sylvac
 from tests.support.simulated_conversation import S, Script, asked
 
@@ -102,7 +102,7 @@ def test_pulled_plug_does_not_hide_a_changed_unit():
     script = asked(first)
     for _ in range(20):
         script.receive(b"-0.5509\r")
-    hand_on(first, second)
+    keep_formats(first, second)
     script = asked(second)
     for _ in range(5):
         while not second.asking:
