@@ -1,9 +1,9 @@
 """Robot feedback by interface. A driver is a module of the app `daq/apps/robot_drivers`, named after the `interface` in
 the rig file, or a module of another package.
 
-Each driver provides two functions. `host(feedback)` returns the listening conversation, with the values q1_deg …
-q6_deg, always all six in this order, followed by `rigs.schema.feedback.columns_beside_joints`: signal and condition of
-the robot. `device(feedback, read)` returns the controller side; `read(now_ns)` returns the same values.
+Its `host(feedback)` returns the listening conversation, with the values q1_deg … q6_deg, always all six, followed by
+`rigs.schema.feedback.columns_beside_joints`. `device(feedback, read)` returns the controller side; `read(now_ns)`
+returns the same values.
 """
 
 from __future__ import annotations

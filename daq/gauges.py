@@ -1,9 +1,9 @@
 """Gauge protocols by interface. A driver is a module of the app `daq/apps/gauge_drivers`, named after the `interface`
 in the rig file, or a module of another package.
 
-Each driver contains two functions. `host(gauges)` returns the conversation that reads the gauges on a shared link, with
-one value in mm per gauge, in order. `device(gauges, read)` returns the instrument side. `read(now_ns)` returns the
-measured values in mm; nan means a head in error.
+Its `host(gauges)` returns the conversation that reads the gauges on a shared link, with one value in mm per gauge.
+`device(gauges, read)` returns the instrument side; `read(now_ns)` returns the measured values in mm, nan for a head in
+error.
 """
 
 from __future__ import annotations

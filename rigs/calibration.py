@@ -1,8 +1,7 @@
 """Calibrated model of an arm, the result of a diagnosis, in a JSON file that the rig file names with its SHA-256.
 
-It lists *terms*, each an effect at a reference size with a multiple `times`, and the covariance of the multiples
-(`factor` is a root of it). The sum of many small terms can be accurate although none of them is certain.
-docs/calibration.md has a reader in twenty lines of numpy.
+It lists *terms*, each an effect at a reference size with a multiple `times`, and the covariance of the multiples. The
+sum of many small terms can be accurate although none of them is certain (docs/calibration.md).
 """
 
 from __future__ import annotations
@@ -87,53 +86,42 @@ class CovarianceParameter(Part):
     field: Annotated[str, Field(max_length=40)]
 
 
-class ModelAssessment(Part):
-    """Assessment of the model by the diagnosis, as rms of the readings in µm.
+Micrometres = Annotated[float, Field(ge=0)]
 
-    `condition` is the condition of the diagnosis. `place` names the readings of the assessment: a different place,
-    held-out runs or poses, or the runs used. `before_um` is the rms without the model, `names_um` with only the named
-    effects, and `whole_um` with the complete model. `handed_um` is the rms with the effects stored in this file: the
-    complete model, or only the named effects if they give a smaller rms. `unexplained_um` is the error per coordinate
-    beyond the noise, which every uncertainty computed from the file includes. `left_out_um` is the rms by which the
-    model of all other poses misses each neighbourhood of similar poses, for poses without a validation elsewhere.
-    """
+
+class ModelAssessment(Part):
+    """Assessment of the model by the diagnosis, as rms of the readings in µm."""
 
     condition: Annotated[str, Field(max_length=40)]
+    """Condition of the diagnosis."""
     place: Literal["unseen", "held_out", "used"]
-    before_um: Annotated[float, Field(ge=0)]
-    names_um: Annotated[float, Field(ge=0)]
-    whole_um: Annotated[float, Field(ge=0)]
-    handed_um: Annotated[float, Field(ge=0)]
-    noise_um: Annotated[float, Field(ge=0)]
-    unexplained_um: Annotated[float, Field(ge=0)]
-    left_out_um: Annotated[float, Field(ge=0)] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """Readings of the assessment: at a different place, held-out runs or poses, or the runs used."""
+    before_um: Micrometres
+    names_um: Micrometres
+    """With only the named effects."""
+    whole_um: Micrometres
+    """With the complete model."""
+    handed_um: Micrometres
+    """With the effects stored in this file: the complete model, or the named effects if they give a smaller rms."""
+    noise_um: Micrometres
+    unexplained_um: Micrometres
+    """Error per coordinate beyond the noise, which every uncertainty computed from the file includes."""
+    left_out_um: Micrometres | None = Field(default=None, exclude_if=lambda value: value is None)
+    """By which the model of all other poses misses each neighbourhood of similar poses, without another validation."""
 
     @property
     def gained(self) -> float:
         """Share of the mean square beyond the noise that the model removes; negative if it adds error."""
-        return self._gained(self.handed_um)
+        return self.gain(self.handed_um)
 
-    @property
-    def gained_at_left_out(self) -> float:
-        """The same share at poses that the model predicts from all others; 0 if none were left out."""
-        return 0.0 if self.left_out_um is None else self._gained(self.left_out_um)
-
-    def _gained(self, um: float) -> float:
+    def gain(self, left_um: float) -> float:
+        """Share of the mean square beyond the noise that is removed if this rms remains."""
         floor = self.noise_um**2
-        return 1 - max(um**2 - floor, 0.0) / max(self.before_um**2 - floor, 1e-12)
+        return 1 - max(left_um**2 - floor, 0.0) / max(self.before_um**2 - floor, 1e-12)
 
 
 class CalibratedModel(Part):
-    """Content of a calibration file.
-
-    `factor` is the lower triangle, row by row, of a root L of the covariance L L' of the `parameters`: little-endian
-    float32, base64. `joints_deg` is the range of each joint in the runs, and `rail_mm` the range of the rail, if any.
-    Outside of these ranges the terms equal their prior. `reach_mm`, for touches only, is the largest distance between a
-    validating placement and the other sockets. `held_out_um` is the rms in µm at places excluded from the fit; None if
-    there were none. `widened` is the ratio of the real to the expected error at such places or at held-out poses, at
-    least Student's t for their number; L is already multiplied by it. `judged` is the assessment of the diagnosis; None
-    in files of earlier versions.
-    """
+    """Content of a calibration file."""
 
     format: Literal[1] = 1
     rig: str
@@ -141,17 +129,26 @@ class CalibratedModel(Part):
     version: str
     runs: tuple[CalibratedRun, ...]
     joints_deg: tuple[tuple[float, float], ...] = Field(min_length=FEWEST_AXES, max_length=MOST_AXES)
+    """Range of each joint in the runs. Outside of it, and of `rail_mm`, the terms equal their prior."""
     rail_mm: tuple[float, float] | None = Field(default=None, exclude_if=lambda value: value is None)
     reach_mm: float | None = Field(default=None, ge=0, exclude_if=lambda value: value is None)
+    """Largest distance between a validating placement and the other sockets, for touches only."""
     setups: dict[str, PlacedSetUp]
     before_um: float
     calibrated_um: float
     held_out_um: float | None = None
+    """rms at places excluded from the fit, if any."""
     widened: Annotated[float, Field(ge=1)] = 1.0
+    """Ratio of the real to the expected error at such places or held-out poses, at least Student's t for their number.
+
+    `factor` is already multiplied by it.
+    """
     judged: ModelAssessment | None = Field(default=None, exclude_if=lambda value: value is None)
+    """None in files of earlier versions."""
     terms: tuple[Term, ...] = Field(max_length=_MOST_TERMS)
     parameters: tuple[CovarianceParameter, ...] = Field(max_length=_MOST_TERMS)
     factor: str
+    """Lower triangle, row by row, of a root L of the covariance L L' of the parameters: base64 of float32, LE."""
 
     @classmethod
     def read(cls, content: bytes) -> CalibratedModel:
@@ -217,13 +214,11 @@ unknown cause remains; it does not reduce the error there; the runs cannot show 
 _LEAST_GAIN = 0.3
 """Share of the mean square at excluded places or poses that a model must remove to be used despite an unknown cause.
 
-Source: a rule tried on generated cells with foreign effects, where worse models removed less.
+Source: tried on generated cells with foreign effects, where worse models removed less.
 """
-
 _LEAST_OPEN = 0.05
 """Share of the mean square beyond the noise that a model must leave for deviations of an open cause to prevent a
-correction. Source: 0.10, 0.16 and 0.20 for three models of a gen3lite, which missed the placement that was left out
-by 1.7 to 4.4 mm.
+correction. Source: 0.10 to 0.20 for three models of a gen3lite, which missed the placement left out by 1.7 to 4.4 mm.
 """
 
 
@@ -240,7 +235,9 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
         is_unknown = judged.condition == "outside_library" or (judged.condition == "nothing_unusual" and is_open)
         if not is_unknown:
             return "explained"
-        return "gains_elsewhere" if judged.gained_at_left_out >= _LEAST_GAIN else "unknown_cause"
+        left_out_um = judged.left_out_um
+        is_predicted = left_out_um is not None and judged.gain(left_out_um) >= _LEAST_GAIN
+        return "gains_elsewhere" if is_predicted else "unknown_cause"
     if judged.handed_um >= judged.before_um:
         return "no_gain_elsewhere"
     is_unknown = judged.condition == "outside_library" and judged.gained < _LEAST_GAIN
@@ -297,7 +294,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     for term, times in terms:
         if is_nothing(term, times):
             continue
-        effect = _without_provenance(term)
+        effect = term if term.found is None else term.model_copy(update={"found": None})  # unhashable
         if is_sine(effect):
             axis, order, phase, size = sine_of(effect)
             amplitude = times * math.degrees(size)
@@ -319,11 +316,6 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             whole.append(scaled(effect, times))
     together = [JointPortions(portions=tuple(parts)) for parts in joints.values()]
     return [*whole, *curves, *together, *([GaugePortions(portions=tuple(gauges))] if gauges else [])]
-
-
-def _without_provenance(effect: Effect) -> Effect:
-    """Drop the provenance, which is not hashable."""
-    return effect if effect.found is None else effect.model_copy(update={"found": None})
 
 
 def is_sine(effect: Effect) -> bool:

@@ -20,8 +20,7 @@ NO_DEFAULT = "line to be given"
 class Interface:
     """An interface. line: settings of the serial line, `NO_DEFAULT`, or empty. keys: specific keys.
 
-    modem: modem lines required by the cables; empty if none. timing, timing_source: default latching time of a gauge,
-    and its source.
+    modem: modem lines required by the cables. timing, timing_source: default latching time of a gauge, and its source.
     """
 
     name: str

@@ -10,6 +10,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from pydantic import ValidationError
@@ -38,11 +39,6 @@ _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Limits of joint angles: controllers count at most three turns."""
 
 
-def require_plausible(calibrated: CalibratedModel, rig: Rig, where: str) -> None:
-    for why in contradictions(calibrated, rig):
-        raise FileError(where, why, _REMEDY, code="calibration.contradicts_rig")
-
-
 def contradictions(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
     """Yield the reasons why a calibration cannot belong to a rig. A diagnosis writes none that has such reasons."""
     axes = len(rig.robot.axes)
@@ -68,6 +64,7 @@ def contradictions(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
             yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, which is implausible"
 
 
+C = TypeVar("C", Rig, CalibratedModel)
 SHIPPED = Path(__file__).parent
 _EFFECTS = ".effects.yaml"
 _MAX_BYTES = 1_000_000
@@ -106,7 +103,7 @@ def shipped_effects() -> dict[str, Path]:
 def find(name: str | Path) -> Path:
     """A rig file by path, a shipped rig by name (`paper-fanuc`), or an arm of the library (`ur5`).
 
-    An arm of the library is a rig that has neither gauges nor tests. Raises FileError that lists the shipped rigs.
+    Raises FileError that lists the shipped rigs.
     """
     return _find_file(name, {**arm_files(), **shipped()}, "rig file", "rig", shipped())
 
@@ -138,17 +135,15 @@ def is_shipped(file: Path) -> bool:
 
 
 def load(name: str | Path) -> tuple[Rig, str]:
-    """Load a rig with the calibration next to the file. Return the rig and the original text.
-
-    Raises FileError or RigFileError.
-    """
+    """Load a rig with the calibration next to the file, and the original text. Raises FileError or RigFileError."""
     path = find(name)
     text = rig_text_of(path.stem) if path in arm_files().values() else _text(path)
     rig = parse(text, str(path))
     if rig.calibration:
         calibration_path = path.parent / rig.calibration.file
         content = _calibration(calibration_path, rig.calibration)
-        require_plausible(content, rig, str(calibration_path))
+        for why in contradictions(content, rig):
+            raise FileError(str(calibration_path), why, _REMEDY, code="calibration.contradicts_rig")
         rig = rig.with_calibration(rig.calibration, content)
     return rig, text
 
@@ -161,15 +156,8 @@ def calibrated_beside(rig: Rig, directory: Path) -> Rig:
 
 
 def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
-    if named.sha256 not in _calibrations or not path.is_file():
-        content = _read_calibration(path, named.sha256)
-        while len(_calibrations) >= _MOST_KEPT:
-            del _calibrations[next(iter(_calibrations))]
-        _calibrations[named.sha256] = content
-    return _calibrations[named.sha256]
-
-
-def _read_calibration(path: Path, digest: str) -> CalibratedModel:
+    if named.sha256 in _calibrations and path.is_file():
+        return _calibrations[named.sha256]
     try:
         data = read_bytes(path, MOST_CALIBRATION_BYTES)
     except OSError as error:
@@ -180,16 +168,12 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
             "copy the file there, or remove the key calibration from the rig file",
             code="calibration.missing",
         ) from None
-    if hashlib.sha256(data).hexdigest() != digest:
+    if hashlib.sha256(data).hexdigest() != named.sha256:
         problem = "was changed or replaced: the SHA-256 differs from that in the rig file"
-        raise FileError(
-            str(path),
-            problem,
-            "restore both files of the same diagnosis, or repeat the diagnosis",
-            code="calibration.changed",
-        )
+        raise FileError(str(path), problem, _REMEDY, code="calibration.changed")
     try:
-        return CalibratedModel.read(data)
+        _keep(_calibrations, named.sha256, CalibratedModel.read(data))
+        return _calibrations[named.sha256]
     except ValidationError as error:
         if newer := of_newer_rig(str(path), error, "format"):
             raise newer from None
@@ -225,10 +209,7 @@ def _unreadable(path: Path, error: OSError) -> FileError:
 
 @contextmanager
 def named_by(file: str | Path, rig: Rig) -> Iterator[None]:
-    """Name the rig file in errors raised in this block, such as `cell.yaml, tests.circle`. Raises FileError.
-
-    Code that does not know the file only has the name of the rig, which copies of the file share.
-    """
+    """Name the rig file in errors raised in this block, such as `cell.yaml, tests.circle`. Raises FileError."""
     try:
         yield
     except FileError as error:
@@ -242,14 +223,18 @@ def parse(text: str, where: str) -> Rig:
     """Parse the text of a rig file. `where` names it in errors. Raises RigFileError."""
     # Cached: the runs of a day contain the same text, and parsing it takes longer than reading their data.
     if text not in _good:
-        while len(_good) >= _MOST_KEPT:
-            del _good[next(iter(_good))]
-        _good[text] = _parsed(text, where)
+        _keep(_good, text, _parsed(text, where))
     return _good[text]
 
 
 _good: dict[str, Rig] = {}
 _MOST_KEPT = 16
+
+
+def _keep(kept: dict[str, C], key: str, value: C) -> None:
+    while len(kept) >= _MOST_KEPT:
+        del kept[next(iter(kept))]
+    kept[key] = value
 
 
 def _parsed(text: str, where: str) -> Rig:
@@ -293,10 +278,9 @@ _LOOKED_AT = 3
 
 
 def load_hidden(name: str | Path) -> Hidden:
-    """Load the hidden effects of a cell from a file, or of a shipped rig by name (`paper-fanuc`).
+    """Load the hidden effects of a cell from a file, also a rig file, or of a shipped rig by name (`paper-fanuc`).
 
-    The file contains `effects`, `eccentricity_mm` or both, or is a rig file with effects. Raises FileError or
-    RigFileError.
+    Raises FileError or RigFileError.
     """
     path = _find_file(name, shipped_effects(), "file of effects", "one")
     root, data = read_yaml(_text(path), str(path))

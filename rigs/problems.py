@@ -104,10 +104,7 @@ def problems_of(
 
 
 def truth_values(data: Any, value: Any, node: yaml.Node | None, place: str = "") -> Iterator[Problem]:
-    """Yield a mistake for each true or false that became a number: Python takes them as 1 and 0.
-
-    data: content of the file. value: the part of the rig made of it. node: its place in the file.
-    """
+    """Yield a mistake for each true or false in the data that became a number: Python takes them as 1 and 0."""
     if isinstance(data, bool) and not isinstance(value, bool) and isinstance(value, int | float):
         yield Problem(node.start_mark.line + 1 if node else 1, place, f"must be a number, not {str(data).lower()}")
     elif isinstance(data, dict):
@@ -152,10 +149,7 @@ def _with(data: Any, loc: Place, key: str, value: str) -> Any:
 
 
 def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel]) -> Problem:
-    """Convert an error of pydantic.
-
-    The tags of unions are removed from the location, because the file has no such keys.
-    """
+    """Convert an error of pydantic, without the tags of unions in its location, which are no keys of the file."""
     place: list[int | str] = []
     node = root
     for position, step in enumerate(detail["loc"]):

@@ -21,8 +21,8 @@ _End = TypeVar("_End")
 def end_from(ends: SimpleQueue[_End]) -> _End:
     """First end put into a queue by a signal handler or thread.
 
-    The system may deliver a signal to any thread, and a main thread sleeping in a lock runs no handler: two of a
-    hundred daemons on a busy computer did not end by Ctrl-C. This function therefore wakes up twice a second.
+    It wakes up twice a second: the system may deliver a signal to any thread, and a main thread sleeping in a lock runs
+    no handler.
     """
     while True:
         with contextlib.suppress(Empty):
@@ -30,9 +30,6 @@ def end_from(ends: SimpleQueue[_End]) -> _End:
 
 
 def ignore_interrupts() -> None:
-    """Ignore Ctrl-C from now on, if called in the main thread.
-
-    During shutdown Python would print a traceback of its own modules and exit with a misleading code.
-    """
+    """Ignore Ctrl-C from now on: during shutdown Python would print a traceback and exit with a misleading code."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)

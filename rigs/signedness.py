@@ -18,9 +18,7 @@ _MODBUS_BITS = (16, 32)
 _DECIMALS = range(7)
 """Decimal digits of a count: 1 mm to 1 nm. A gauge in other units has a scale in the rig file."""
 _MOST_SHARE = 0.1
-"""Maximum span of the signed readings as a share of the full range. Chosen: a gauge with a larger travel also shows
-readings in between, so there is no gap.
-"""
+"""Maximum span of the signed readings as a share of the full range: beyond it a gauge also reads in between."""
 _FEWEST = 2
 """Minimum number of different readings on either side. A single reading may be an outlier."""
 _EXACT = 1e-3

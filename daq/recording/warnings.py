@@ -23,7 +23,7 @@ class RateLimitedLog:
         self._last: dict[tuple[str, str], tuple[float, int]] = {}
 
     def warn(self, name: str, kind: str, detail: str, count: int = 1) -> None:
-        """Log a fault: a repeated kind again after ten seconds, and one with count 0, which adds details, immediately."""
+        """Log a fault: a repeated kind again after ten seconds, one with count 0, which adds details, at once."""
         if not count:
             log.info("%s: %s", name, detail)
             return

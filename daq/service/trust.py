@@ -100,7 +100,7 @@ class InstanceLock:
 
     @classmethod
     def take_gauge(cls, name: str, port: str) -> InstanceLock:
-        """Lock the port of a gauge, independent of rig file and name: two daemons would receive each other's answers."""
+        """Lock the port of a gauge, for any rig file and name: two daemons would receive each other's answers."""
         # Canonical name of a port: the device for a serial port, lower case for an address. The path of a
         # pseudo-terminal is unchanged, because its number is reused after closing.
         canonical = port.casefold().replace("//localhost:", "//127.0.0.1:")

@@ -37,6 +37,9 @@ def _class_in(name: str) -> type[Effect]:
 def _require_complete(name: str, cls: type[Effect]) -> type[Effect]:
     missing = sorted(cls.__abstractmethods__) + ["STAGE"] * (not hasattr(cls, "STAGE"))
     missing += ["CORRECTION"] * (cls.compensation is Effect.compensation and not hasattr(cls, "CORRECTION"))
+    missing += ["REMEDY"] * (cls.remedy is Effect.remedy and not hasattr(cls, "REMEDY"))
+    has_seat = bool({"axis", "gauge"} & cls.model_fields.keys())
+    missing += ["forms"] * (not has_seat and cls.forms.__func__ is Effect.forms.__func__)  # type: ignore[attr-defined]
     if missing := missing + ["its one size"] * (len(size_fields(cls)) != 1):
         raise ImportError(f"{name}: {cls.__name__} does not define {', '.join(missing)}")
     return cls

@@ -18,8 +18,6 @@ from rigs.schema.effect import (
     Departures,
     Effect,
     FreeShape,
-    Scope,
-    at_each_axis,
     scaled,
     shape,
     size,
@@ -56,6 +54,8 @@ class Backlash(Effect):
 
     STAGE = "joint"
     KIND_NAME = "play"
+    IDLE = "axis {e.axis} does not reverse"
+    REMEDY = "inspect the reducer of axis {e.axis}: {e.width_deg:.4f}° of play; until then approach from one side"
     CORRECTION = Compensation("none", "depends on the direction of approach: approach every target from the same side")
     SEAT_NOUN = "axis"
     PLACE = AT_AXIS
@@ -76,10 +76,6 @@ class Backlash(Effect):
             deviation = (1 - np.abs(side)) * deviation + side * half
         return scene.turned(self.axis, deviation)
 
-    @classmethod
-    def forms(cls, scope: Scope) -> list[list[Backlash]]:
-        return at_each_axis(cls, scope)
-
     def usual_times(self, reference: Reference) -> float:
         """A multiple of thirty for servos: more than 1.5° is a fault.
 
@@ -89,17 +85,8 @@ class Backlash(Effect):
         """
         return 30.0 if reference.design == "servo" else 1.0
 
-    def remedy(self) -> str:
-        return (
-            f"inspect the reducer of axis {self.axis}: {self.width_deg:.4f}° of play; until then approach from one side"
-        )
-
     def flank_deg(self) -> float | None:
         return None if self.preload else self.width_deg / 2
-
-    @property
-    def idle(self) -> str:
-        return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
         half_deg = self.width_deg / 2

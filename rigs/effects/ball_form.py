@@ -23,6 +23,11 @@ class BallForm(Effect):
 
     STAGE = "setup"
     KIND_NAME = "form of the ball"
+    PLAIN = "form of the ball, {e.lobes} lobes"
+    REMEDY = (
+        "the ball is out of round: turn the ball by 90° and repeat the measurement; replace the ball if the error "
+        "turns with it"
+    )
     CORRECTION = Compensation("none", "is a property of the ball, which the robot's controller cannot correct")
     DEED = "mount"
     PLACE = SeatNotation(r"(?P<lobes>\d+)", "3 (lobes)")
@@ -33,15 +38,6 @@ class BallForm(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[BallForm]]:
         return [[cls(lobes=lobes) for lobes in _LIKELY]] if scope.gauges else []
-
-    def plain(self, joint: str) -> str:
-        return f"form of the ball, {self.lobes} lobes"
-
-    def remedy(self) -> str:
-        return (
-            "the ball is out of round: turn the ball by 90° and repeat the measurement; replace the ball if the error "
-            "turns with it"
-        )
 
     def departures(self) -> Departures:
         """Deviations of a real ball: unequal lobes, represented by one lobe more and one lobe less."""

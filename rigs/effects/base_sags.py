@@ -24,6 +24,9 @@ class BaseSags(Effect):
 
     STAGE = "tool"
     KIND_NAME = "sag of the base under load"
+    PLAIN = "sag of the base under load, with the moment about its {e.way}"
+    IDLE = "the arm's moment about the base hardly changes, or the masses are missing in the rig file"
+    REMEDY = "the base sags under the arm's moment: bolt the base down firmly and stiffen the support"
     CORRECTION = BY_TARGETS
     DEED = "mount"
     PART = "gravity"
@@ -36,13 +39,3 @@ class BaseSags(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[BaseSags]]:
         return [[cls(way=way)] for way in _WAYS]
-
-    def plain(self, joint: str) -> str:
-        return f"sag of the base under load, with the moment about its {self.way}"
-
-    def remedy(self) -> str:
-        return "the base sags under the arm's moment: bolt the base down firmly and stiffen the support"
-
-    @property
-    def idle(self) -> str:
-        return "the arm's moment about the base hardly changes, or the masses are missing in the rig file"

@@ -48,6 +48,7 @@ class BaseYields(Effect):
 
     STAGE = "tool"
     KIND_NAME = "tilt of the base under load"
+    IDLE = "the arm's moment about the base hardly changes, or the masses are missing in the rig file"
     CORRECTION = BY_TARGETS
     DEED = "mount"
     PART = "gravity"
@@ -86,7 +87,3 @@ class BaseYields(Effect):
         Assumed; no measured support was available.
         """
         return 1.0 if reference.design == "industrial" else 5.0
-
-    @property
-    def idle(self) -> str:
-        return "the arm's moment about the base hardly changes, or the masses are missing in the rig file"

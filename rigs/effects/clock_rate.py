@@ -15,6 +15,8 @@ class ClockRate(Effect):
     STAGE = "time"
     FORM_U = 0.0
     KIND_NAME = "rate of the gauges' clock"
+    PLAIN = "rate of the gauges' clock against the robot's"
+    REMEDY = "the clocks differ by {e.ppm:+z.3g} ppm: synchronise them"
     CORRECTION = OF_THE_CLOCKS
     DEED = "check"
 
@@ -24,9 +26,3 @@ class ClockRate(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ClockRate]]:
         return [[cls()]] if scope.timed else []
-
-    def plain(self, joint: str) -> str:
-        return "rate of the gauges' clock against the robot's"
-
-    def remedy(self) -> str:
-        return f"the clocks differ by {self.ppm:+z.3g} ppm: synchronise them"

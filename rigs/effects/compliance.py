@@ -51,6 +51,8 @@ class Compliance(Effect):
 
     STAGE = "joint"
     KIND_NAME = "deflection under load"
+    IDLE = "gravity does not load axis {e.axis}"
+    REMEDY = "axis {e.axis} deflects under load: enter the actual payload, or use the controller's compensation"
     CORRECTION = BY_TARGETS
     SEAT_NOUN = "axis"
     DEED = "enter"
@@ -83,9 +85,6 @@ class Compliance(Effect):
     def forms(cls, scope: Scope) -> list[list[Compliance]]:
         return at_each_axis(cls, scope, payload_kg=cls.free(scope.payload_kg)[0].expected)
 
-    def remedy(self) -> str:
-        return f"axis {self.axis} deflects under load: enter the actual payload, or use the controller's compensation"
-
     @property
     def healthy(self) -> float:
         """Healthy size: 5e-5 °/Nm on axes 1 to 3, 3e-4 on the wrist. Assumed, as for reducers of industrial arms."""
@@ -94,7 +93,3 @@ class Compliance(Effect):
     def usual_times(self, reference: Reference) -> float:
         """Ratio to industrial arms: joints of light arms are ten times as soft."""
         return max(_SOFT_DEG_PER_NM[reference.design][self.axis > 3] / self.healthy, 1.0)
-
-    @property
-    def idle(self) -> str:
-        return f"gravity does not load axis {self.axis}"

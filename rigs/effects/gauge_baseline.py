@@ -16,6 +16,7 @@ class GaugeBaseline(Effect):
 
     STAGE = "setup"
     KIND_NAME = "distance between the gauges"
+    REMEDY = "the gauges stand {e.delta_mm:+z.3f} mm further apart than the rig file says: measure and enter it"
     CORRECTION = OF_THE_GAUGES
     DEED = "check"
 
@@ -29,6 +30,3 @@ class GaugeBaseline(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeBaseline]]:
         return [[cls()]] if len(scope.gauges) > 1 else []
-
-    def remedy(self) -> str:
-        return f"the gauges stand {self.delta_mm:+z.3f} mm further apart than the rig file says: measure and enter it"

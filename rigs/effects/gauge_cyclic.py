@@ -36,6 +36,8 @@ class GaugeCyclic(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "interpolation error"
+    PLAIN = "interpolation of gauge {e.gauge}, each {e.period_mm:.4g} mm"
+    REMEDY = "{e.gauge} has an error every {e.period_mm:g} mm: clean the scale, have the interpolation adjusted"
     CORRECTION = OF_THE_GAUGES
     SEAT_NOUN = "gauge"
     DEED = "mount"
@@ -49,14 +51,6 @@ class GaugeCyclic(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeCyclic]]:
         return [[cls(gauge=gauge, period_mm=period) for period in _PERIODS_MM] for gauge in scope.gauges]
-
-    def plain(self, joint: str) -> str:
-        return f"interpolation of gauge {self.gauge}, each {self.period_mm:.4g} mm"
-
-    def remedy(self) -> str:
-        return (
-            f"{self.gauge} has an error every {self.period_mm:g} mm: clean the scale, have the interpolation adjusted"
-        )
 
     def departures(self) -> Departures:
         """Deviation of a real scale: a second harmonic, because its two signals are never exactly equal."""

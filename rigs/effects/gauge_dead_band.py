@@ -8,8 +8,6 @@ from rigs.schema.effect import (
     Departures,
     Effect,
     Gauge,
-    Scope,
-    at_each_gauge,
     size,
 )
 from rigs.schema.scene import S, play
@@ -38,10 +36,6 @@ class GaugeDeadBand(Effect):
 
     def apply(self, scene: S) -> S:
         return scene.read(self.gauge, lambda g: play(g, self.width_mm / 2))
-
-    @classmethod
-    def forms(cls, scope: Scope) -> list[list[GaugeDeadBand]]:
-        return at_each_gauge(cls, scope)
 
     def remedy(self) -> str:
         width_um = 1e3 * self.width_mm

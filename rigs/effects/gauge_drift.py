@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, size
 from rigs.schema.scene import S
 
 
@@ -23,10 +23,6 @@ class GaugeDrift(Effect):
 
     def apply(self, scene: S) -> S:
         return scene.read(self.gauge, lambda g: g + self.mm_per_min * (scene.t_s - scene.t_s[0]) / 60)
-
-    @classmethod
-    def forms(cls, scope: Scope) -> list[list[GaugeDrift]]:
-        return at_each_gauge(cls, scope)
 
     def remedy(self) -> str:
         return (

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, size
 from rigs.schema.scene import S
 
 
@@ -17,6 +17,7 @@ class GaugeInclination(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "inclination"
+    REMEDY = "{e.gauge} is tilted by {e.angle_deg:.2f}°: correct the alignment with shims"
     CORRECTION = OF_THE_GAUGES
     SEAT_NOUN = "gauge"
     DEED = "mount"
@@ -24,10 +25,3 @@ class GaugeInclination(Effect):
 
     def apply(self, scene: S) -> S:
         return scene.read(self.gauge, lambda g: g / np.cos(np.radians(self.angle_deg)))
-
-    @classmethod
-    def forms(cls, scope: Scope) -> list[list[GaugeInclination]]:
-        return at_each_gauge(cls, scope)
-
-    def remedy(self) -> str:
-        return f"{self.gauge} is tilted by {self.angle_deg:.2f}°: correct the alignment with shims"

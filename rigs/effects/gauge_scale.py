@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Effect, Gauge, size
 from rigs.schema.scene import S
 
 
@@ -23,10 +23,6 @@ class GaugeScale(Effect):
 
     def apply(self, scene: S) -> S:
         return scene.read(self.gauge, lambda g: g * (1 + self.relative))
-
-    @classmethod
-    def forms(cls, scope: Scope) -> list[list[GaugeScale]]:
-        return at_each_gauge(cls, scope)
 
     def remedy(self) -> str:
         return f"{self.gauge} reads {1e2 * self.relative:+z.3g} %: have it calibrated, or enter the scale"

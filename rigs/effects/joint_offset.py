@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import AT_AXIS, Compensation, Effect, Scope, at_each_axis, size
+from rigs.schema.effect import AT_AXIS, Compensation, Effect, size
 from rigs.schema.part import Axis
 from rigs.schema.reference import Reference
 from rigs.schema.scene import S
@@ -20,6 +20,7 @@ class JointOffset(Effect):
     STAGE = "joint"
     FORM_U = 0.0
     KIND_NAME = "zero"
+    REMEDY = "re-master axis {e.axis} (actual angle minus reading: {e.offset_deg:+z.4f}°), or enter the offset"
     SEAT_NOUN = "axis"
     DEED = "remaster"
     PART = "constants"
@@ -29,13 +30,6 @@ class JointOffset(Effect):
 
     def apply(self, scene: S) -> S:
         return scene.turned(self.axis, np.radians(self.offset_deg))
-
-    @classmethod
-    def forms(cls, scope: Scope) -> list[list[JointOffset]]:
-        return at_each_axis(cls, scope)
-
-    def remedy(self) -> str:
-        return f"re-master axis {self.axis} (actual angle minus reading: {self.offset_deg:+z.4f}°), or enter the offset"
 
     def compensation(self) -> Compensation:
         return Compensation("joint zero", constant=(self.axis, "q_deg"))

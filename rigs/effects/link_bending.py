@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import AT_AXIS, BY_TARGETS, Effect, Scope, at_each_axis, size
+from rigs.schema.effect import AT_AXIS, BY_TARGETS, Effect, size
 from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
@@ -21,6 +21,9 @@ class LinkBending(Effect):
 
     STAGE = "tool"
     KIND_NAME = "bending"
+    PLAIN = "bending of the link after {joint}"
+    IDLE = "gravity does not bend the link after axis {e.axis}"
+    REMEDY = "the link after axis {e.axis} bends: enter the actual payload; check flange and bolts"
     CORRECTION = BY_TARGETS
     SEAT_NOUN = "link"
     DEED = "enter"
@@ -34,17 +37,3 @@ class LinkBending(Effect):
         across = np.divide(across, length, out=np.zeros_like(across), where=length > _NOTHING_MM)
         torque = scene.torques()[:, self.axis - 1]
         return scene.shifted((self.mm_per_Nm * torque)[:, None] * across)
-
-    @classmethod
-    def forms(cls, scope: Scope) -> list[list[LinkBending]]:
-        return at_each_axis(cls, scope)
-
-    def plain(self, joint: str) -> str:
-        return f"bending of the link after {joint}"
-
-    def remedy(self) -> str:
-        return f"the link after axis {self.axis} bends: enter the actual payload; check flange and bolts"
-
-    @property
-    def idle(self) -> str:
-        return f"gravity does not bend the link after axis {self.axis}"

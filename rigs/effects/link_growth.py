@@ -32,6 +32,8 @@ class LinkGrowth(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "thermal growth of the ball link"
+    PLAIN = "growth of the ball link with time"
+    REMEDY = "both gauges drift alike, as the link between tool and ball warms up: let it warm up before measuring"
     CORRECTION = Compensation("none", "is a property of the ball link, which the robot's controller cannot correct")
     NEEDS_REPEATS = True
     DEED = "wait"
@@ -45,12 +47,6 @@ class LinkGrowth(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkGrowth]]:
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.timed else []
-
-    def plain(self, joint: str) -> str:
-        return "growth of the ball link with time"
-
-    def remedy(self) -> str:
-        return "both gauges drift alike, as the link between tool and ball warms up: let it warm up before measuring"
 
     def departures(self) -> Departures:
         return Departures(alike=warming_parts(self))

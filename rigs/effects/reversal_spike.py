@@ -29,6 +29,9 @@ class ReversalSpike(Effect):
 
     STAGE = "joint"
     KIND_NAME = "wind-up after reversals"
+    PLAIN = "wind-up of {joint} after reversals"
+    IDLE = "axis {e.axis} does not reverse"
+    REMEDY = "axis {e.axis} sticks at reversals: inspect brake, seals, grease and the tuning of the servo"
     CORRECTION = Compensation("none", "fades after each reversal: only a pause, or the same approach direction, helps")
     SEAT_NOUN = "axis"
     PLACE = AT_AXIS
@@ -51,16 +54,6 @@ class ReversalSpike(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ReversalSpike]]:
         return [[cls(axis=axis, decay_s=decay) for decay in _DECAYS_S] for axis in scope.axes if scope.timed]
-
-    def plain(self, joint: str) -> str:
-        return f"wind-up of {joint} after reversals"
-
-    def remedy(self) -> str:
-        return f"axis {self.axis} sticks at reversals: inspect brake, seals, grease and the tuning of the servo"
-
-    @property
-    def idle(self) -> str:
-        return f"axis {self.axis} does not reverse"
 
     def departures(self) -> Departures:
         """Deviations of a real spike: an earlier or later start, and any decay time at a target."""

@@ -16,6 +16,7 @@ class ServoLag(Effect):
 
     STAGE = "joint"
     KIND_NAME = "lag behind the feedback"
+    PLAIN = "lag of {joint} behind its feedback"
     CORRECTION = Compensation("none", "occurs only in motion: a slower path helps, a corrected target does not")
     SEAT_NOUN = "axis"
     PART = "clocks"
@@ -28,9 +29,6 @@ class ServoLag(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ServoLag]]:
         return at_each_axis(cls, scope) if scope.timed else []
-
-    def plain(self, joint: str) -> str:
-        return f"lag of {joint} behind its feedback"
 
     def remedy(self) -> str:
         late_ms = 1e3 * self.lag_s

@@ -84,6 +84,8 @@ class StrainWave(Effect):
 
     STAGE = "joint"
     KIND_NAME = "torsion of the gear"
+    PLAIN = "torsion of the strain-wave gear of {joint}"
+    IDLE = "gravity hardly loads axis {e.axis}"
     CORRECTION = BY_TARGETS
     SEAT_NOUN = "axis"
     DEED = "enter"
@@ -107,9 +109,6 @@ class StrainWave(Effect):
         at_axes = [[form for (form,) in at_each_axis(cls, scope, knee_Nm=knee, loss=loss)] for knee in _KNEES_NM]
         return [[forms[axis - 1] for forms in at_axes] for axis in _AXES if axis in scope.axes]
 
-    def plain(self, joint: str) -> str:
-        return f"torsion of the strain-wave gear of {joint}"
-
     def remedy(self) -> str:
         return (
             f"the gear of axis {self.axis} twists by {1e6 * np.radians(self.deg_per_Nm):.3g} µrad/Nm up to "
@@ -123,7 +122,3 @@ class StrainWave(Effect):
         gears.
         """
         return 60.0 if reference.design in ("light", "torque_sensing") else 1.0
-
-    @property
-    def idle(self) -> str:
-        return f"gravity hardly loads axis {self.axis}"

@@ -35,6 +35,8 @@ class ThermalGrowth(Effect):
 
     STAGE = "tool"
     KIND_NAME = "thermal growth of the arm"
+    PLAIN = "growth of all lengths with time"
+    REMEDY = "the arm grows when warming up: warm up the arm before measuring, or measure faster"
     CORRECTION = Compensation("none", "changes with time: warming up helps, a fixed target does not")
     NEEDS_REPEATS = True
     DEED = "wait"
@@ -49,12 +51,6 @@ class ThermalGrowth(Effect):
     def forms(cls, scope: Scope) -> list[list[ThermalGrowth]]:
         """A fast and a slow form for runs with gauges. Poses have no times, so growth is not observable."""
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.gauges else []
-
-    def plain(self, joint: str) -> str:
-        return "growth of all lengths with time"
-
-    def remedy(self) -> str:
-        return "the arm grows when warming up: warm up the arm before measuring, or measure faster"
 
     def departures(self) -> Departures:
         """Deviations of a real arm: its parts grow faster, slower, more or less than the average."""

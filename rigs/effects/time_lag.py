@@ -14,6 +14,7 @@ class TimeLag(Effect):
 
     STAGE = "time"
     KIND_NAME = "delay of the gauges"
+    PLAIN = "time of the gauges against the robot's"
     CORRECTION = OF_THE_CLOCKS
     DEED = "check"
 
@@ -23,9 +24,6 @@ class TimeLag(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[TimeLag]]:
         return [[cls()]] if scope.timed else []
-
-    def plain(self, joint: str) -> str:
-        return "time of the gauges against the robot's"
 
     def remedy(self) -> str:
         late_ms = 1e3 * self.lag_s

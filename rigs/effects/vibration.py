@@ -19,6 +19,8 @@ class Vibration(Effect):
 
     STAGE = "gauge"
     KIND_NAME = "vibration"
+    PLAIN = "vibration at {e.frequency_hz:.4g} Hz"
+    REMEDY = "the link swings at {e.frequency_hz:.3g} Hz: find what excites it, drive slower, or stiffen the stand"
     CORRECTION = Compensation("none", "is a vibration around the target: only the cause can be removed")
     PART = "gauges"
     PLACE = SeatNotation(rf"(?P<frequency_hz>{NUMBER})", "8.5 (Hz)")
@@ -31,14 +33,6 @@ class Vibration(Effect):
     def forms(cls, scope: Scope) -> list[list[Vibration]]:
         """None, because the phase changes in each run; see `swinging`."""
         return []
-
-    def plain(self, joint: str) -> str:
-        return f"vibration at {self.frequency_hz:.4g} Hz"
-
-    def remedy(self) -> str:
-        return (
-            f"the link swings at {self.frequency_hz:.3g} Hz: find what excites it, drive slower, or stiffen the stand"
-        )
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Vibration:

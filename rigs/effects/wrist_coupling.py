@@ -20,6 +20,8 @@ class WristCoupling(Effect):
 
     STAGE = "joint"
     KIND_NAME = "coupling between wrist axes"
+    PLAIN = "axis {e.from_axis} leaking into axis {e.to_axis}"
+    REMEDY = "motion of axis {e.from_axis} leaks into axis {e.to_axis}: correct the wrist's coupling ratio"
     CORRECTION = BY_TARGETS
     DEED = "check"
     PART = "constants"
@@ -31,12 +33,6 @@ class WristCoupling(Effect):
     @classmethod
     def forms(cls, scope: Scope) -> list[list[WristCoupling]]:
         return [[cls(from_axis=scope.axes[start], to_axis=scope.axes[end])] for start, end in _WRIST]
-
-    def plain(self, joint: str) -> str:
-        return f"axis {self.from_axis} leaking into axis {self.to_axis}"
-
-    def remedy(self) -> str:
-        return f"motion of axis {self.from_axis} leaks into axis {self.to_axis}: correct the wrist's coupling ratio"
 
     @property
     def seat(self) -> str:

@@ -1,12 +1,6 @@
 """Tests of a rig (docs/conventions.md), automatic recording, and retention of runs.
 
-The tests are circles for yaw and roll, the hemisphere, repeatability, touches, and the cube of ISO 9283.
-
 The bounds prevent a typing error from creating a program with millions of poses.
-
-A rule waits for a value of the robot signal or for a motion: the robot rests at a posture and moves to another.
-Postures are joint angles reported by the controller. `rig automatic RUN` takes them from a recorded lap, independent of
-the kinematics of the arm.
 """
 
 from __future__ import annotations

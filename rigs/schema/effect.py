@@ -25,10 +25,8 @@ from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
-"""Part of the error of an arm as seen by the user.
-
-Link constants and zeros, elasticity under load, the angle error of a joint, behaviour at reversals, heat, measuring
-instruments, and reading times.
+"""Part of the error of an arm as seen by the user: link constants and zeros, elasticity under load, the angle error of
+a joint, behaviour at reversals, heat, measuring instruments, and reading times.
 """
 _PART_OF: dict[Stage, PartKind] = {
     "time": "clocks",
@@ -40,9 +38,7 @@ _PART_OF: dict[Stage, PartKind] = {
 }
 Use = Literal["joint zero", "link constant", "targets only", "none"]
 Deed = Literal["repair", "remaster", "enter", "mount", "wait", "check"]
-"""Action for an effect.
-
-Repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, wait for thermal equilibrium, or
+"""Repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, wait for thermal equilibrium, or
 check a number that the rig file states.
 """
 PHASE = "phase_deg"
@@ -52,10 +48,7 @@ SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
 
 
 def size(bound: float, healthy: float, *, least: float | None = None) -> Any:
-    """Declare a size parameter limited to [-bound or least, bound], zero for no effect.
-
-    healthy: spread over good arms.
-    """
+    """Declare a size parameter limited to [-bound or least, bound], zero for no effect. healthy: over good arms."""
     return Field(default=0.0, ge=-bound if least is None else least, le=bound, json_schema_extra={"healthy": healthy})
 
 
@@ -87,16 +80,15 @@ class EffectProvenance(Part):
 
 @dataclass(frozen=True)
 class Scope:
-    """Properties of runs that determine which effects are observable.
-
-    timed: joints turn during the readings (circles). gauges: gauges read. twist_deg (axes): alpha of the arm. turned
-    (axes): range of each joint in turns during the readings.
-    """
+    """Properties of runs that determine which effects are observable."""
 
     timed: bool
+    """Joints turn during the readings (circles)."""
     gauges: tuple[Gauge, ...]
     twist_deg: tuple[float, ...]
+    """Alpha of each axis of the arm."""
     turned: tuple[float, ...]
+    """Range of each joint in turns during the readings."""
     rail: bool = False
     """True if the arm is on a rail with several positions."""
     payload_kg: float = 0.0
@@ -109,31 +101,25 @@ class Scope:
 
 @dataclass(frozen=True)
 class FreeShape:
-    """A shape fitted together with the size: expected value and uncertainty.
-
-    tried: start values of a search; empty if it is not searched. stated: the expected value was given by the user. If
-    the readings contradict it, the fit starts from a different value and uses the distance as uncertainty. low: lower
-    limit of a fit.
-    """
+    """A shape fitted together with the size."""
 
     field: str
     expected: float
     spread: float
     tried: tuple[float, ...] = ()
+    """Start values of a search; empty if it is not searched."""
     stated: bool = False
+    """The user stated the expected value. If the readings contradict it, the fit starts from a different one."""
     low: float = -math.inf
 
     def spread_from(self, begin: float) -> float:
-        """Standard deviation for a fit that starts at a value."""
+        """Standard deviation of a fit that starts at a value: its distance from a stated value if larger."""
         return max(self.spread, abs(begin - self.expected)) if self.stated else self.spread
 
 
 @dataclass(frozen=True)
 class StretchedShape:
-    """A shape fitted from the value of a form, with a relative uncertainty.
-
-    least: minimum uncertainty. low: lower limit.
-    """
+    """A shape fitted from the value of a form, with a relative uncertainty `share`, at least `least`."""
 
     field: str
     share: float
@@ -143,34 +129,30 @@ class StretchedShape:
 
 @dataclass(frozen=True)
 class Departures:
-    """Deviations of real effects from the ideal form, because gears, balls and brakes are not ideal.
-
-    beside: additional effects, each with a random share of one standard deviation. alike: combinations of effects with
-    such shares, added after the first fit because they resemble the effect. gap: a joint and half of its backlash in
-    degrees, whose initial position within the backlash is unknown. jolt: a joint, its deviation in degrees at each
-    reversal, and the decay time in s; 0 for none. stick: a gauge and its deviation in mm at a target, if the approach
-    of the plunger is unknown. fades: True if the effect decays while the robot rests at a target for an unknown time.
-    """
+    """Deviations of real effects from the ideal form, because gears, balls and brakes are not ideal."""
 
     beside: tuple[tuple[float, Effect], ...] = ()
+    """Additional effects, each with a random share of one standard deviation."""
     alike: tuple[tuple[tuple[float, Effect], ...], ...] = ()
+    """Combinations of effects with such shares, added after the first fit because they resemble the effect."""
     gap: tuple[int, float] | None = None
+    """A joint and half of its backlash in degrees, whose initial position within the backlash is unknown."""
     jolt: tuple[int, float, float] | None = None
+    """A joint, its deviation in degrees at each reversal, and the decay time in s; 0 for none."""
     stick: tuple[Gauge, float] | None = None
+    """A gauge and its deviation in mm at a target, if the approach of the plunger is unknown."""
     fades: bool = False
+    """True if the effect decays while the robot rests at a target for an unknown time."""
 
 
 @dataclass(frozen=True)
 class Compensation:
-    """Correction of an effect by a controller.
-
-    why_not: reason if impossible. constant: axis (from 1) and key of the number in the rig file, mm or degrees, if it
-    is a constant. `q_deg` is the joint angle itself.
-    """
+    """Correction of an effect by a controller."""
 
     use: Use
     why_not: str = ""
     constant: tuple[int, str] | None = None
+    """Axis (from 1) and key in the rig file of a constant; `q_deg` is the joint angle itself."""
 
 
 OF_THE_GAUGES = Compensation("none", "is a property of the gauges, which the robot's controller cannot correct")
@@ -180,15 +162,13 @@ BY_TARGETS = Compensation("targets only")
 
 @dataclass(frozen=True)
 class SeatNotation:
-    """Text notation of the location of an effect, such as an axis or a gauge.
-
-    pattern: regular expression with a group per parameter. example: a location in this notation. every: meaning of
-    omitted parameters.
-    """
+    """Text notation of the location of an effect, such as an axis or a gauge."""
 
     pattern: str
+    """Regular expression with a group per parameter."""
     example: str
     every: Mapping[str, Sequence[str]] = field(default_factory=lambda: MappingProxyType({}))
+    """Meaning of omitted parameters."""
 
 
 NUMBER = r"\d+(?:\.\d+)?"
@@ -209,6 +189,12 @@ class Effect(Part, ABC):
     """Everyday name of the effect without its seat; the identifier if empty."""
     SEAT_NOUN: ClassVar[str] = ""
     """Noun of the seat: axis, link or gauge; empty if the effect has none of these."""
+    PLAIN: ClassVar[str] = ""
+    """Everyday name of the effect `{e}` at its `{joint}`; by default `KIND_NAME` and the seat."""
+    IDLE: ClassVar[str] = "no motion in these tests shows this effect"
+    """Reason for being invisible in a test that lacks the required motion or load; `{e}` is the effect."""
+    REMEDY: ClassVar[str]
+    """Action in the imperative, for classes without a method `remedy` of their own; `{e}` is the effect."""
     PLACE: ClassVar[SeatNotation] = NOWHERE
     STRAIGHT: ClassVar[float] = 1.0
     """Largest size, in healthy sizes, with a linear response; 0 for nonlinear effects such as backlash."""
@@ -218,34 +204,29 @@ class Effect(Part, ABC):
     """Part of the error of the arm, unless the stage determines it."""
     FORM_U: ClassVar[float] = 0.01
     """Relative standard uncertainty of the size caused by a form that differs from that of a real part; 0 where the
-    form is a definition. Source: 21 faults of an independent world with other forms, whose sizes were known to better
-    than 1 %, deviated by 0.0 to 1.7 %.
+    form is a definition. Source: 21 faults of an independent world with other forms deviated by 0.0 to 1.7 %.
     """
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
     CORRECTION: ClassVar[Compensation]
     """How a controller corrects the effect, for classes without a method `compensation` of their own."""
     DEED: ClassVar[Deed] = "repair"
-    """Action for this effect."""
     WEARS: ClassVar[bool] = True
     """False for constants of the arm: their difference from a data sheet is no fault, because they do not wear."""
     MOST: ClassVar[float] = 120.0
-    """Largest size in a fit, in healthy sizes.
-
-    Faults are at most 100, and the simulator is not validated far beyond.
-    """
+    """Largest size in a fit, in healthy sizes. Faults are at most 100; the simulator is not validated far beyond."""
 
     @abstractmethod
     def apply(self, scene: S) -> S:
         """Apply the effect to the complete trace. A size of zero is the identity."""
 
     @classmethod
-    @abstractmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """Possible forms at size zero, with a list per possible seat in the runs.
+        """Possible forms at size zero, a list per possible seat in the runs; by default one form per axis or gauge.
 
         Callers add the second phase of a wave.
         """
+        return at_each_axis(cls, scope) if "axis" in cls.model_fields else at_each_gauge(cls, scope)
 
     @classmethod
     def kind_name(cls, field: str) -> str:
@@ -255,12 +236,14 @@ class Effect(Part, ABC):
 
     def plain(self, joint: str) -> str:
         """Everyday name; joint: name of the joint, such as `axis 1 (Theta)`, if any."""
+        if self.PLAIN:
+            return self.PLAIN.format(e=self, joint=joint)
         place = f"gauge {self.seat}" if self.SEAT_NOUN == "gauge" else joint
         return f"{self.KIND_NAME} of {place}" if place else self.KIND_NAME
 
-    @abstractmethod
     def remedy(self) -> str:
         """Action in the imperative, including the size if it must be entered."""
+        return self.REMEDY.format(e=self)
 
     def compensation(self) -> Compensation:
         """How a controller corrects this effect, if its constants matter."""
@@ -302,8 +285,7 @@ class Effect(Part, ABC):
 
     @property
     def idle(self) -> str:
-        """Reason for being invisible in a test that lacks the required motion or load."""
-        return "no motion in these tests shows this effect"
+        return self.IDLE.format(e=self)
 
     def unit(self, parameter: str) -> str:
         """Unit of a parameter, such as deg or mm; empty for a ratio."""
@@ -312,26 +294,21 @@ class Effect(Part, ABC):
         return parameter.rsplit("_", 1)[-1] if "_" in parameter else {"ppm": "ppm"}.get(parameter, "")
 
     def departures(self) -> Departures:
-        """Deviations of real effects from the ideal form."""
         return Departures()
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> Effect | None:
-        """Effect of a joint turned by a constant; one class returns an effect, the others None."""
+        """Effect of a joint turned by a constant; None except by one class."""
         return None
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
-        """Effect of a constant (its key in the rig file) of an axis changed by delta mm or degrees; one class returns
-        an effect, the others None.
-        """
+        """Effect of a constant (its key in the rig file) changed by delta mm or degrees; None except by one class."""
         return None
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Effect | None:
-        """Vibration of the link, by a single class. Its phase changes in each run, so it is searched in the time of
-        each run and has no forms.
-        """
+        """Vibration of the link, by a single class. Its phase changes in each run, so it has no forms."""
         return None
 
 
@@ -358,9 +335,7 @@ def healthy(effect: _E) -> _E:
 
 
 def identity(effect: _E) -> _E:
-    """Effect with only its required keys, which identify name, seat and form. Size and shape have their
-    defaults.
-    """
+    """Effect with only its required keys, which identify name, seat and form."""
     return type(effect).model_validate(
         {name: getattr(effect, name) for name, info in type(effect).model_fields.items() if info.is_required()}
     )
@@ -378,9 +353,7 @@ def label_of(effect: Effect) -> str:
 
 
 def whole_order(order: float) -> float:
-    """Displayed order of a gear wave, rounded to an integer (the number of teeth) if within a tenth of a
-    wave.
-    """
+    """Displayed order of a gear wave, rounded to an integer (the number of teeth) if within a tenth of a wave."""
     return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 
@@ -454,15 +427,9 @@ def size_of(effect: Effect) -> float:
 WARMING_S = (60.0, 300.0, 1200.0)
 """Initial time constants in s. Chosen: factors of about five, refined by the fit."""
 SPECTRUM = (0.2, 0.5, 2.0)
-"""Time constants of parts of a real arm relative to the effect: motors and gears warm up faster than castings.
-
-Chosen.
-"""
+"""Time constants of parts of a real arm relative to the effect. Chosen: motors warm up faster than castings."""
 SPECTRUM_SHARE = 0.25
-"""Standard deviation of the share of each part.
-
-Chosen: for an arm with a quarter warming up five times as fast, 5 % turned a growth of 149 ppm into 120 ± 8.
-"""
+"""Standard deviation of the share of each part. Chosen: with 5 %, a growth of 149 ppm became 120 ± 8."""
 
 
 def warmed(t_s: Array, time_constant_s: float) -> Array:

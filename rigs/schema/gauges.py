@@ -1,10 +1,7 @@
-"""Gauges of a rig: instrument, port, and position on the baseline.
+"""Gauges of a rig: instrument, port, and position on the baseline. `interface` names a file in `gauge_drivers`.
 
-`interface` is the name of a file in `daq/apps/gauge_drivers/`. Gauges with the same port share an instrument, with
-different `channel`, or a line on which each is polled separately.
-
-Each interface has a class with the settings and their sources. Unconfirmed line settings have no default and must be
-given in the rig file.
+Gauges with the same port share an instrument, with different `channel`, or a line on which each is polled separately.
+Unconfirmed line settings have no default and must be given in the rig file.
 """
 
 from __future__ import annotations

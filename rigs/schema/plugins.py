@@ -1,11 +1,6 @@
-"""Gauges, robot interfaces, effects and makers of other packages, offered as entry points. No fork is needed.
+"""Gauges, robot interfaces, effects and makers of other packages, offered as entry points by the name for a rig file.
 
-The pyproject.toml of a package lists the classes by group, under the name for a rig file:
-
-    [project.entry-points."rig.gauges"]
-    example_dial = "cell_dial.schema:ExampleDial"
-
-An unusable class is left out, and the reason is reported if a rig file names it. rig continues for every other cell.
+An unusable class is left out, and the reason is reported if a rig file names it.
 """
 
 from __future__ import annotations

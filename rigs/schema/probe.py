@@ -1,4 +1,4 @@
-"""Common part of all gauges: timing of readings, certificates of gauge, ball and link, and the temperature."""
+"""Common part of all gauges, with the timing of readings and the certificates of gauge, ball and link."""
 
 from __future__ import annotations
 
@@ -104,17 +104,13 @@ class GaugeCertificate(Certificate):
             low, high = self.range_mm
             if low >= high:
                 raise ValueError(f"range_mm is from {low:g} to {high:g}; give the smaller end first")
-            readings = [low + (high - low) * step / _STEPS for step in range(_STEPS + 1)]
-            _require_rising(
-                [(r, self._polynomial(r)) for r in readings], "correct polynomial_mm, with mm as input and output"
-            )
+            table = list[tuple[float, float]]()
+            for step in range(_STEPS + 1):
+                reading = low + (high - low) * step / _STEPS
+                correction = sum(c * reading**power for power, c in enumerate(self.polynomial_mm))
+                table.append((reading, correction))
+            _require_rising(table, "correct polynomial_mm, with mm as input and output")
         return self
-
-    def _polynomial(self, reading: float) -> float:
-        value = 0.0
-        for coefficient in reversed(self.polynomial_mm):
-            value = value * reading + coefficient
-        return value
 
     @property
     def valid_mm(self) -> tuple[float, float] | None:
@@ -150,10 +146,7 @@ internal cycle. streamed: the reading is taken when sent. unknown: no source, so
 """
 
 _FILTER_U = 0.1
-"""Relative uncertainty of the delay of a filter.
-
-Makers give the length of an averaging filter, but rarely the shape.
-"""
+"""Relative uncertainty of the delay of a filter: makers give its length, but rarely the shape."""
 
 
 class Timing(Part):

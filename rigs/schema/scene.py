@@ -9,9 +9,7 @@ Effects replace parts of it in stages; nothing is changed in place. The stages, 
     setup   ball form and gauge positions
     gauge   the readings `g_mm`
 
-`analysis/robot/model/predict.py` implements this interface. Reading a rig file does not require it.
-
-The play operator, for a link with backlash or a sticking plunger, is also defined here.
+`analysis/robot/model/predict.py` implements this interface.
 """
 
 from __future__ import annotations
@@ -50,10 +48,7 @@ class Scene(Protocol):
 
     @property
     def samples_per_visit(self) -> int:
-        """Number of samples in each visit of a table that has no times; 0 for a continuous trace.
-
-        The visits do not follow each other.
-        """
+        """Samples in each visit of a table without times, whose visits do not follow each other; 0 for a trace."""
 
     @property
     def contact(self) -> Array:
@@ -76,28 +71,21 @@ class Scene(Protocol):
         """Gravity moment (n, 3) in Nm on the base, about the origin and in the axes of the base."""
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Joint position (n, 3) in mm, axis direction (n, 3), and end of the link (n, 3) in mm for a joint (1 …
-        6).
-
-        The end is the joint position for a link of zero length.
-        """
+        """Joint position (n, 3) in mm, axis direction (n, 3), and end of the link (n, 3) in mm for a joint (1 … 6)."""
 
     def taken_at(self, t_s: Array) -> Self:
         """Scene as reported at other times t_s (n,) in s."""
 
     def with_constant(self, field: str, axis: int, delta: float) -> Self:
-        """Scene with a constant of an axis (1 … 6) changed by delta.
-
-        field: a, d in mm; alpha, beta in rad.
-        """
+        """Scene with a constant of an axis (1 … 6) changed by delta: a, d in mm; alpha, beta in rad."""
 
     def turned(self, axis: int, deviation: Array | float) -> Self:
         """Scene with the link side of a joint (1 … 6) turned by a deviation (n,) in rad."""
 
     def along_rail(self, error_mm_m: Array) -> Self:
-        """Scene with the tool moved by an error (3,) in mm per metre of the rail position.
+        """Scene with the tool moved by an error (3,) in mm per metre of the rail, if any.
 
-        Components: along the rail, across it horizontally, and across both. An arm that has no rail is not changed.
+        Components: along the rail, across it horizontally, and across both.
         """
 
     def tilted(self, turn: Array, below_mm: float) -> Self:
@@ -147,11 +135,10 @@ def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
 
 
 def play(x: Array, half: float, begin: float = 0.0) -> Array:
-    """Position y (n,) of a part dragged along x (n,) with a play of ± half.
+    """Position y (n,) of a part dragged along x (n,) with a play of ± half, from `begin` (-1 … 1) times half.
 
-    It starts at `begin` (-1 … 1) times half from the middle. x, y and half have the same unit. Play operator (Visintin,
-    Differential Models of Hysteresis, 1994): y moves only when x pushes against a side of the gap. On a monotone
-    section it has the closed form used here.
+    Play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x pushes against a side of the
+    gap. On a monotone section it has the closed form used here.
     """
     follower: Array = plays(x, np.array([half]), begin)[0]
     return follower

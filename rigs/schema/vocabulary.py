@@ -43,9 +43,7 @@ MeasuredBy = Literal["gauges", "tracker", "sockets", "arm"]
 TEST_WITHOUT_GAUGES: dict[MeasuredBy, TestName] = {"tracker": "pose", "sockets": "touch", "arm": "touch"}
 """Test of an arm measured without gauges."""
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
-"""Smallest and largest number of axes of an arm, and the number for the ball link: a tool reaches any pose with six
-axes, so circles, programs and controller entries require six.
-"""
+"""Smallest and largest number of axes, and the number that circles, programs and controller entries require."""
 
 
 def direction_of(word: str) -> Direction | None:
@@ -63,10 +61,7 @@ _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
     "yaskawa": ("motoman",),
     "linuxcnc": (),
 }
-"""Makers supported for programs and corrections, with other names of their arms.
-
-Each has a folder in analysis/apps/makers.
-"""
+"""Makers supported for programs and corrections, with other names of their arms."""
 MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 

@@ -1,7 +1,4 @@
-"""Emulated cell: every instrument of a rig file on a pty or a local port.
-
-The devices are instruments that measure a motion, or players of a capture.
-"""
+"""Emulated cell: every instrument of a rig file on a pty or a local port, measuring a motion or playing a capture."""
 
 from __future__ import annotations
 
@@ -30,15 +27,14 @@ _NOTICE_S = 0.05
 
 @dataclass(frozen=True)
 class Adversity:
-    """Timing disturbances.
-
-    latency_ms: latency of an FTDI adapter on each serial line. jitter_ms: mean delay of the packets of the robot.
-    drift_ppm: rate error of the controller clock. unsteady: irregularity of the gauge cycles.
-    """
+    """Timing disturbances."""
 
     latency_ms: float = 0.0
+    """Latency of an FTDI adapter on each serial line."""
     jitter_ms: float = 0.0
+    """Mean delay of the packets of the robot."""
     drift_ppm: float = 0.0
+    """Rate error of the controller clock."""
     unsteady: Unsteady = STEADY
 
 
@@ -46,11 +42,7 @@ NONE = Adversity()
 
 
 class EmulatedInstruments:
-    """All instruments of a rig, each with a thread that runs until `stop`.
-
-    devices: creates the instrument for each connection, by stream name: `g1`, `g1_g2` for a shared port, `robot`.
-    names: directory for permanent names of serial ports, like those of udev.
-    """
+    """All instruments of a rig, each with a thread that runs until `stop`."""
 
     def __init__(
         self,
@@ -61,7 +53,11 @@ class EmulatedInstruments:
         *,
         paced: bool = True,
     ) -> None:
-        """Open the ports of a cell. The instruments are not started. paced: as for `PtyLine`."""
+        """Open the ports of a cell.
+
+        devices: creates the instrument for each connection, by stream name: `g1`, `g1_g2` for a shared port, `robot`.
+        names: directory for permanent names of serial ports, like those of udev. paced: as for `PtyLine`.
+        """
         self._stop = clock.Event()
         self._threads: list[clock.Thread] = []
         self._devices: dict[str, list[Device]] = {}
@@ -90,7 +86,6 @@ class EmulatedInstruments:
         return self.sent()
 
     def silence(self, name: str) -> None:
-        """Silence the instrument on a serial line."""
         self._silenced.add(name)
 
     def hang_up(self, name: str) -> None:
@@ -126,23 +121,21 @@ class EmulatedInstruments:
             self._devices[name].append(device)
             return device
 
+        server: NetworkPort | None = None
         if udp_address(stream.port):
-            port = self._serve(name, UdpPort(make_device, calls=stream.listens, jitter_ms=late_ms))
+            server = UdpPort(make_device, calls=stream.listens, jitter_ms=late_ms)
         elif tcp_address(stream.port) and stream.listens:
-            port = self._serve(name, TcpCaller(make_device, late_ms))
+            server = TcpCaller(make_device, late_ms)
         elif tcp_address(stream.port):
-            port = self._serve(name, TcpPort(make_device, late_ms if name == ROBOT else 0.0))
-        else:
+            server = TcpPort(make_device, late_ms if name == ROBOT else 0.0)
+        if server is None:
             line = PtyLine(stream.line, adversity.latency_ms, link, paced=paced)
             port = self._serve_pty(name, make_device, line, paced)
+        else:
+            self._servers[name], self._plugged[name], port = server, server.plugged, server.port
+            self._threads.append(clock.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
         called = ["feedback"] if name == ROBOT else name.split("_")
         self.ports.update(dict.fromkeys(called, port))
-
-    def _serve(self, name: str, server: NetworkPort) -> str:
-        self._servers[name] = server
-        self._plugged[name] = server.plugged
-        self._threads.append(clock.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
-        return server.port
 
     def _serve_pty(self, name: str, made: Callable[[], Device], line: PtyLine, paced: bool) -> str:
         plugged = self._plugged[name] = clock.Event()

@@ -69,7 +69,7 @@ def emulated(
     """A cell of instruments measuring a motion.
 
     signal: program number of the robot at a time, if the feedback transmits it. condition: values that deviate from the
-    normal condition of the robot at a time. For the other arguments see `EmulatedInstruments`.
+    normal condition of the robot at a time.
     """
     return EmulatedInstruments(rig, instruments_of(rig, motion, signal, adversity, condition), adversity, names)
 

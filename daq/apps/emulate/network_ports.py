@@ -1,12 +1,4 @@
-"""Instrument side of network ports: TCP server, TCP client and UDP.
-
-An unplugged TCP port refuses connections and later returns at the same port. Each connection has a new conversation.
-
-A controller that contacts the host by UDP (RSI, EGM) sends unprompted to the local port of the rig file. A passive
-controller (Stream Motion) waits at a port for the first datagram. Both have a single peer. If the system reports that
-no process listens at the port of the peer, the controller program ends. It is restarted, as by an operator, with a new
-conversation and, for an active controller, a new port.
-"""
+"""Instrument side of network ports: TCP server, TCP client and UDP. Each connection has a new conversation."""
 
 from __future__ import annotations
 
@@ -50,7 +42,6 @@ class NetworkPort(ABC):
         self._hang_up.set()
 
     def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
-        """Converse until `stop` or until the UDP port of the peer has no process, and close the socket."""
 
         def ended() -> bool:
             return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
@@ -115,7 +106,12 @@ class TcpCaller(NetworkPort):
 
 
 class UdpPort(NetworkPort):
-    """UDP port on loopback; a free port of the host if the controller is active."""
+    """UDP port on loopback, with a single peer.
+
+    A controller that calls (RSI, EGM) sends unprompted to a free port of the host; another (Stream Motion) waits for
+    the first datagram. If no process listens at the port of the peer, the controller program ends, and is restarted, as
+    by an operator, with a new conversation and, if it calls, a new port.
+    """
 
     def __init__(self, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> None:
         self._calls = calls

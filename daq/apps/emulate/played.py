@@ -1,8 +1,4 @@
-"""Device side of a captured connection on the timebase of a replay: streaming and answering players.
-
-Host and capture stay synchronised as long as the host sends requests at the captured rate: a response is never early,
-and the next request follows the response.
-"""
+"""Device side of a captured connection on the timebase of a replay: streaming and answering players."""
 
 from __future__ import annotations
 
@@ -140,18 +136,16 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Exchanges:
-    """Requests of the host and their answers within a connection.
-
-    asked_ns: time of each request. period_ns: typical interval of requests. longest: length of the longest request in
-    bytes.
-    """
+    """Requests of the host and their answers within a connection."""
 
     all: Sequence[Exchange]
     asked_ns: Sequence[int]
     begin_ns: int
     end_ns: int
     period_ns: float
+    """Typical interval of requests."""
     longest: int
+    """Bytes of the longest request."""
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:

@@ -3,13 +3,6 @@
 A pty transfers bytes immediately at any baud rate. The duration of a character, which affects the timestamps, is added
 here on an absolute schedule. Characters sent at a wrong baud rate are converted as by a UART; a pty stores the baud
 rate of the opposite end, but not data bits and parity.
-
-Bytes wait in an FTDI adapter until the latency timer expires or a USB packet is full. The chip sends every `latency_ms`
-(16 by default), counted from the last packet. If there is no data it sends a status packet, so the timer continues. A
-packet carries 62 bytes and two status bytes, and is sent immediately when full (FTDI application note AN232B-04).
-
-An unplugged adapter loses the tty and returns with a new one, while its name, a symbolic link as in `/dev/serial/by-
-id`, stays the same. On a slow network each piece is delayed randomly, in order.
 """
 
 from __future__ import annotations
@@ -20,7 +13,6 @@ import select
 import termios
 import tty
 from collections import deque
-from collections.abc import Iterator
 from pathlib import Path
 
 from daq import clock
@@ -33,41 +25,38 @@ _LOOKS = 16
 
 
 def heard(data: bytes, sent: Line, at: Line) -> bytes:
-    """Characters sent with certain line settings as received with different settings.
+    """Characters sent with certain line settings, as a receiver with others finds them in the middle of each bit.
 
     Parity is not checked. A character with a missing stop bit is passed on, as most drivers do.
     """
-    return b"".join(bytes(_characters(character, sent, at)) for character in data)
-
-
-def _characters(character: int, line: Line, at: Line) -> Iterator[int]:
-    """Characters found by a receiver that samples each bit in the middle. Afterwards the wire is idle."""
-    # Levels of the sent character per bit: start, data with the lowest bit first, parity, stop
-    data = [character >> n & 1 for n in range(line.bits)]
-    parity = {"N": [], "E": [sum(data) % 2], "O": [1 - sum(data) % 2]}[line.parity]
-    levels = [0, *data, *parity, *[1] * line.stop]
-
-    def level(bits: float) -> int:
-        """Line level at a time, in bit times of the receiver."""
-        sent = int(bits * line.baud / at.baud)
-        return levels[sent] if sent < len(levels) else 1
-
-    now, end = 0.0, len(levels) * at.baud / line.baud
-    while now < end:
-        if level(now):
-            now += 1 / _LOOKS
-            continue
-        yield sum(level(now + 1.5 + n) << n for n in range(at.bits))
-        now += at.bits + 1.5
-        while now < end and not level(now):  # stop bit missing: a new character cannot begin before the wire is idle
-            now += 1 / _LOOKS
+    received, scale = bytearray(), sent.baud / at.baud
+    for character in data:
+        bits = [character >> n & 1 for n in range(sent.bits)]
+        parity = {"N": [], "E": [sum(bits) % 2], "O": [1 - sum(bits) % 2]}[sent.parity]
+        # Levels of the wire in bit times of the receiver: start, data with the lowest bit first, parity, stop, idle.
+        levels = [0, *bits, *parity, *[1] * sent.stop]
+        now, end = 0.0, len(levels) / scale
+        levels += [1] * (3 + int((at.bits + 2) * scale))
+        while now < end:
+            if levels[int(now * scale)]:
+                now += 1 / _LOOKS
+                continue
+            received.append(sum(levels[int((now + 1.5 + n) * scale)] << n for n in range(at.bits)))
+            now += at.bits + 1.5
+            while now < end and not levels[int(now * scale)]:  # no stop bit: wait until the wire is idle
+                now += 1 / _LOOKS
+    return bytes(received)
 
 
 _PACKET = 62
 
 
 class LatencyTimer:
-    """Latency timer of an FTDI adapter. Times are in ns of any clock. With a latency of 0 it delays nothing."""
+    """Latency timer of an FTDI adapter (application note AN232B-04). Times are in ns of any clock.
+
+    Bytes wait until the timer expires, counted from the last packet, or a USB packet of 62 bytes is full. If there is
+    no data, a status packet is sent, so the timer continues. With a latency of 0 it delays nothing.
+    """
 
     def __init__(self, latency_ms: float, now_ns: int) -> None:
         self._latency_ns = round(latency_ms * 1e6)
@@ -100,7 +89,7 @@ class LatencyTimer:
 
 
 class LateLink:
-    """Link with exponentially distributed delays with a mean of `jitter_ms`."""
+    """Link with exponentially distributed delays of mean `jitter_ms`, in order."""
 
     def __init__(self, link: ByteLink, jitter_ms: float, seed: int = 0) -> None:
         self._link = link
@@ -110,7 +99,6 @@ class LateLink:
         self._last_ns = 0
 
     def read(self, timeout_s: float) -> bytes:
-        """Read from the link, and send due data in the meantime."""
         until_ns = clock.now_ns() + round(timeout_s * 1e9)
         while True:
             self._send_due()
@@ -138,7 +126,10 @@ _ISPEED, _OSPEED = 4, 5
 
 
 class PtyLine:
-    """A pty. The host opens the opposite end as a serial port, by `port` or by `name`."""
+    """A pty. The host opens the opposite end as a serial port, by `port` or by `name`.
+
+    An unplugged adapter loses the tty and returns with a new one, while its name, a symbolic link, stays the same.
+    """
 
     def __init__(self, line: Line, latency_ms: float = 0.0, name: Path | None = None, *, paced: bool = True) -> None:
         """paced: False if the data already has the pace of the line, as from a capture."""
@@ -156,8 +147,7 @@ class PtyLine:
     def plug(self) -> None:
         """Create the pty and its name."""
         tty.setraw(self._slave)
-        # For programs that open the opposite end with default settings. A baud rate not defined by the system is not
-        # set.
+        # For programs that open the opposite end with default settings; a baud rate unknown to the system is not set.
         speed = next((speed for speed, baud in _SPEEDS.items() if baud == self._line.baud), None)
         if speed is not None:
             settings = termios.tcgetattr(self._slave)

@@ -1,15 +1,13 @@
 """Replay of a captured cell for the real daemon: every instrument on a pty or local port.
 
-All instruments share a timebase (`daq.apps.emulate.timebase`), so gauges and robot keep the relative timing. Deviations
-are counted and written for rigd to a file named in the rig file, which marks the run. After the last piece an
-instrument becomes silent (serial) or hangs up (TCP).
+All instruments share a timebase, so gauges and robot keep the relative timing. Deviations are counted and written for
+rigd to a file named in the rig file, which marks the run.
 """
 
 from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -57,10 +55,13 @@ class Replay:
                 raise FileError(rig.name, problem, "give the rig file used for the capture", code="capture.no_data")
         u_ns = {stream.name: _u_ns(stream, heard[stream.name]) for stream in streams}
         may_ns = bearable_ns([u for name, u in u_ns.items() if name != ROBOT], u_ns[ROBOT])
-        self._marks = TimingMarks(marks.absolute() if marks else None)
-        self._marks.begin()
+        self._marks = marks.absolute() if marks else None
+        if self._marks:
+            self._marks.write_text("", encoding="utf-8")
+        self.unmarked = ""
+        """Why a mark could not be written, which ends the replay."""
         self.steps = {
-            stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(self._marks.add, stream.name))
+            stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(self._mark, stream.name))
             for stream in streams
         }
         """Timing accuracy of each stream."""
@@ -76,13 +77,9 @@ class Replay:
         self.cell = opening(rig, self._replayed, paced=False)
 
     @property
-    def unmarked(self) -> str:
-        """Why a mark could not be written, which ends the replay."""
-        return self._marks.failure
-
-    @property
     def is_finished(self) -> bool:
-        over = self._time.is_past(clock.now_ns(), self._end_ns + _OVER_NS)
+        shift_ns = self._time.shift_ns
+        over = shift_ns is not None and clock.now_ns() > shift_ns + self._end_ns + _OVER_NS
         return over or bool(self.unmarked) or all(heard.is_finished for heard in self._replayed.values())
 
     @property
@@ -97,31 +94,19 @@ class Replay:
 
     def rig_text(self, text: str) -> str:
         """Rig file with the ports of this cell and the file of timing deviations."""
-        data = data_of(self.cell.rig_text(text)) | ({"replay": str(self._marks.path)} if self._marks.path else {})
+        data = data_of(self.cell.rig_text(text)) | ({"replay": str(self._marks)} if self._marks else {})
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
 
-
-@dataclass
-class TimingMarks:
-    """File of timing deviations, if requested. failure: why a mark could not be written."""
-
-    path: Path | None
-    failure: str = ""
-
-    def begin(self) -> None:
-        if self.path is not None:
-            self.path.write_text("", encoding="utf-8")
-
-    def add(self, stream: str, off_ns: float) -> None:
+    def _mark(self, stream: str, off_ns: float) -> None:
         """Append the timing deviation of a stream over one second."""
-        if self.path is None:
+        if self._marks is None:
             return
         try:
-            with self.path.open("a", encoding="utf-8") as file:
+            with self._marks.open("a", encoding="utf-8") as file:
                 file.write(out_of_step_line(stream, off_ns))
         except OSError as error:
-            self.failure = error.strerror or str(error)
+            self.unmarked = error.strerror or str(error)
 
 
 class ReplayedStream:

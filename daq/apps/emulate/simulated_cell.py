@@ -26,18 +26,18 @@ _ROUND_S = 0.2
 
 
 class SimulatedLine:
-    """Cable from an instrument to the daemon.
-
-    character_ns: duration of a character on a serial line; 0 for a network. datagrams: a read returns exactly one
-    datagram. change: modifies the data of the instrument and returns an additional delay in ns. sent: called with each
-    piece before and after the change, its arrival time and its delay; the function that it returns is called when the
-    daemon reads the piece.
-    """
+    """Cable from an instrument to the daemon."""
 
     def __init__(self, name: str, character_ns: int, *, datagrams: bool = False) -> None:
+        """character_ns: 0 for a network. datagrams: a read returns exactly one datagram."""
         self.name, self.plugged, self.datagrams = name, True, datagrams
         self.change: Callable[[bytes], tuple[bytes, int]] = lambda data: (data, 0)
+        """Modifies the data of the instrument, and returns an additional delay in ns."""
         self.sent: Callable[[bytes, bytes, int, int], Callable[[], None]] = lambda *_: _nothing
+        """Called with each piece before and after the change, its arrival time and its delay.
+
+        The function that it returns is called when the daemon reads the piece.
+        """
         self.connections = 0
         self.ends: tuple[_LineEnd, _LineEnd] | None = None
         """Ends of the daemon and of the instrument while the link is open."""
@@ -54,7 +54,7 @@ class SimulatedLine:
         return ours
 
     def serve(self, make: Callable[[], Device], made: list[Device]) -> None:
-        """Serve devices in a thread. make: creates a device for each connection, which is appended to `made`."""
+        """Serve devices in a thread. made: receives the device of each connection."""
 
         def serve() -> None:
             while True:
@@ -156,10 +156,9 @@ class SimulatedCell:
         *,
         paced: bool = True,
     ) -> None:
-        """Start the instruments of a rig.
+        """Start the instruments of a rig. devices: factories by stream in place of the default instruments.
 
-        text: rig file. The runs are in the subdirectory `runs` of the folder. devices: factories by stream in place of
-        the default instruments. paced: False if the data already has the pace of the line, as from a capture.
+        paced: False if the data already has the pace of the line, as from a capture.
         """
         self.time, self.folder, self.text = time, folder, text
         self.rig = parse(text, "simulated")

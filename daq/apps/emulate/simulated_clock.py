@@ -1,8 +1,7 @@
 """Simulated clock for threads of a single process. Only one thread runs at a time, and time passes only while all
 threads wait.
 
-A seed determines the next thread among several candidates and the short duration of each turn. A run is therefore
-reproducible on any computer, and a failure can be repeated by the seed.
+A seed determines the next thread and the short duration of each turn, so that a failure can be repeated.
 """
 
 from __future__ import annotations
@@ -54,10 +53,7 @@ class SimulatedClock:
     """Simulated clock, driven by the waits of the thread that enters `running`."""
 
     def __init__(self, seed: int, hangs_s: float = _HANGS_S, began_wall_ns: int = _WALL_NS + _BEGIN_NS) -> None:
-        """hangs_s: real time after which a thread counts as hanging.
-
-        began_wall_ns: initial wall time in ns since 1970.
-        """
+        """began_wall_ns: initial wall time in ns since 1970."""
         self.seed, self._hangs_s, self._began_wall_ns = seed, hangs_s, began_wall_ns
         self.errors: list[BaseException] = []
         """Exceptions that ended threads."""

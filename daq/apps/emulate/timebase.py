@@ -1,8 +1,4 @@
-"""Common timebase of a replay, and the timing accuracy of each instrument.
-
-Data sent t seconds after the start of the capture is replayed t seconds after the start of the replay. Instruments that
-wait for the host individually would drift relative to each other, which would spoil all figures.
-"""
+"""Common timebase of a replay, and the timing accuracy of each instrument."""
 
 from __future__ import annotations
 
@@ -31,8 +27,8 @@ _SECOND_NS = 1_000_000_000
 class Timebase:
     """Host time of each instant of a capture. Thread-safe.
 
-    It starts with the first data of the host on any link. If the host leaves before the end, the timebase is reset and
-    restarts with the next data. turn: number of restarts.
+    Instruments that wait for the host individually would drift relative to each other. The timebase starts with the
+    first data of the host on any link, and restarts if the host leaves before the end. turn: number of restarts.
     """
 
     def __init__(self) -> None:
@@ -46,9 +42,6 @@ class Timebase:
         with self._lock:
             if self.shift_ns is None:
                 self.shift_ns = now_ns - at_ns + _HEAD_START_NS
-
-    def is_past(self, now_ns: int, at_ns: int) -> bool:
-        return self.shift_ns is not None and now_ns > self.shift_ns + at_ns
 
     def restart(self, turn: int) -> None:
         """Restart because the host left during this turn."""

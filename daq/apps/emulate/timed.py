@@ -1,13 +1,4 @@
-"""Instruments with the latching, filtering, delay and rate of `timing` in a rig file, each with a separate clock.
-
-The clock has a rate error: all actions and stamps of the instrument drift relative to the host clock. An instrument
-with an internal cycle answers with the latest value. Real cycles are imperfect: the crystal has an offset and drifts,
-and a busy processor delays or skips ticks.
-
-A real serial gauge that sends whenever the line is free keeps the pace of the UART, no matter how late a computer wakes
-up. An emulated gauge that continued from the wake-up would wait after every message, depending on the load, and lose
-the steady pace.
-"""
+"""Instruments with the latching, filtering, delay and rate of `timing` in a rig file, each with a separate clock."""
 
 from __future__ import annotations
 
@@ -81,16 +72,16 @@ _DRIFT_S = 40.0
 
 @dataclass(frozen=True)
 class Unsteady:
-    """Irregularity of a cycle.
-
-    ppm: limit of the rate error, with a variation of half of it. jitter: limit per tick, as a share of a cycle. missed:
-    share of ticks that do not update the value. pace: limit per interval, accumulating.
-    """
+    """Irregularity of a cycle: the crystal has an offset and drifts, and a busy processor delays or skips ticks."""
 
     ppm: float = 0.0
+    """Limit of the rate error, with a variation of half of it."""
     jitter: float = 0.0
+    """Limit per tick, as a share of a cycle."""
     missed: float = 0.0
+    """Share of ticks that do not update the value."""
     pace: float = 0.0
+    """Limit per interval, accumulating."""
 
 
 STEADY = Unsteady()
@@ -210,7 +201,10 @@ class Scheduled(Protocol):
 
 
 class Punctual(_Wrapped):
-    """Instrument that acts at the requested wake-up time, or when the line becomes free if that is later."""
+    """Instrument that acts at the requested wake-up time, or when the line becomes free if that is later.
+
+    A real serial gauge keeps the pace of the UART, no matter how late a computer wakes up.
+    """
 
     def __init__(self, device: Device, line: Scheduled) -> None:
         super().__init__(device)

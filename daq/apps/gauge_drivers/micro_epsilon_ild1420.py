@@ -6,10 +6,9 @@ range, d = (102/65520 x - 1)/100 range, and is in range for x of 643 … 64877 (
 be errors, not confirmed. `OUTPUT RS422` starts the stream (p. 108). The ASCII response to it appears between the
 values.
 
-The stream is synchronised after a high byte, and a misplaced byte costs the data up to the next high byte. ASCII
-contains no high byte and can neither be mistaken for a value nor complete one. If a block contains more than the
-distance, the meaning of the values is unknown. A value is therefore accepted only if the previous value was the only
-value of a block. Mastering (zero setting) shifts the formula and must be off.
+The stream is synchronised after a high byte; ASCII contains none and can neither be mistaken for a value nor complete
+one. If a block contains more than the distance, the meaning of the values is unknown: a value is accepted only if the
+previous value was the only value of a block. Mastering (zero setting) shifts the formula and must be off.
 """
 
 from __future__ import annotations
@@ -75,9 +74,9 @@ class _Values:
 
     def take_begun(self) -> list[Arrival] | None:
         """Remove the bytes of an unfinished value; None while the stream is not synchronised."""
+        begun = [(bytes(self._bytes), self._first_ns)] if self._bytes else []
         if self._lost:
             return None
-        begun = [(bytes(self._bytes), self._first_ns)] if self._bytes else []
         self._bytes.clear()
         return begun
 

@@ -1,7 +1,4 @@
-"""Any Modbus gauge described by a register map. Each reading is a single read of the complete block by RTU or TCP.
-
-Several gauges on a line or behind a gateway are polled in turn (`daq.protocol.bus`).
-"""
+"""Any Modbus gauge described by a register map. Each reading is a single read of the complete block by RTU or TCP."""
 
 from __future__ import annotations
 
@@ -77,7 +74,10 @@ class _Readings:
             return message.fault(FaultKind.GARBLED, detail)
         if refused:
             return message.fault(*refused)
-        return message.sample((value_mm,), _clock_s(gauge, registers), requested_ns=requested_ns, status=code)
+        parts = [(part, scale) for part, scale in ((gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)) if part is not None]
+        clock_s = sum(unpack(registers, part, gauge) * scale for part, scale in parts) if parts else math.nan
+        clock_s = clock_s if math.isfinite(clock_s) else math.nan
+        return message.sample((value_mm,), clock_s, requested_ns=requested_ns, status=code)
 
     def _refusal(self, value_mm: float, registers: Registers) -> tuple[FaultKind, str] | None:
         """Why the number is rejected, by itself or as a repeated value below a nanometre.
@@ -115,14 +115,6 @@ def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
         if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
             readings.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in changed.items())}")
     return readings
-
-
-def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
-    if gauge.clock_s is None and gauge.clock_us is None:
-        return math.nan
-    parts = [(gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)]
-    clock_s = sum(unpack(registers, part, gauge) * scale for part, scale in parts if part is not None)
-    return clock_s if math.isfinite(clock_s) else math.nan
 
 
 def _registers(gauge: ModbusMap, reading_mm: float, now_ns: int) -> list[int] | None:

@@ -8,8 +8,6 @@ not rely on them.
 
 The port powers the cable: a duplex cable needs DTR on and RTS off, a simplex cable needs both on. A simplex cable
 receives no commands and sends a reading when DTR goes off (same manuals, confirmed).
-
-The sign is mandatory: otherwise the loss of the first byte would change the sign.
 """
 
 from __future__ import annotations
@@ -71,8 +69,7 @@ def host(gauges: Sequence[SylvacOptoRS]) -> Host:
 
 
 def device(gauges: Sequence[SylvacOptoRS], read: Read) -> Device:
-    (gauge,) = gauges
-    return _Cable(gauge, read)
+    return _Cable(gauges[0], read)
 
 
 def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:

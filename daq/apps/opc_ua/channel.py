@@ -1,13 +1,8 @@
 """OPC UA over TCP without encryption: chunked messages for both sides (OPC 10000-6, 6.7, 7.1).
 
-A chunk starts with three letters, a flag for further chunks and the size. The numbers of channel, token, chunk and
-request follow, then the message or a part of it. Messages are encoded by asyncua. They are decoded here, into objects
-of the types of asyncua (OPC 10000-6, 5.2).
-
-The decoder of asyncua trusts the lengths in a message. An array of 2^31 nulls, a matrix of a million elements or texts
-of negative length, each in some twenty bytes, exhaust the memory. Here each length is compared with the number of
-remaining bytes before anything is allocated. The fields of structures and the readers of numbers, texts, times and node
-ids are those of asyncua.
+Messages are encoded by asyncua, and decoded here into objects of its types: its decoder trusts the lengths in a
+message, so that an array of 2^31 nulls, a matrix of a million elements or texts of negative length, each in some twenty
+bytes, exhaust the memory. Here each length is compared with the remaining bytes before anything is allocated.
 """
 
 from __future__ import annotations
@@ -134,7 +129,7 @@ def _array_reader(element: Reader) -> Reader:
 
 
 def _structure_reader(kind: type[Any]) -> Reader:
-    """A reader for all fields in order. Optional fields have a bit each in the field `Encoding`."""
+    """A reader of all fields in order; optional ones have a bit each in the field `Encoding`."""
     hints = get_safe_type_hints(kind, {"ua": ua})
     parts, next_bit = list[tuple[str, int, Reader]](), 1
     for field in fields(kind):
@@ -222,8 +217,7 @@ class Received:
 def chunks() -> Sized:
     def size_of(header: bytes) -> int | None:
         kind, _, size = _HEADER.unpack(header)
-        is_known = kind in (*_PLAIN, OPEN, MESSAGE, CLOSE)
-        return size if is_known and _HEADER.size <= size <= CHUNK else None
+        return size if kind in (*_PLAIN, OPEN, MESSAGE, CLOSE) and _HEADER.size <= size <= CHUNK else None
 
     return Sized(_HEADER.size, size_of)
 

@@ -10,11 +10,7 @@ The condition of the robot is mapped to the columns and codes of `rigs.schema.co
                                    / Controllers / <controller> / TaskControls / <task> / TaskControlOperation
 
 Names in angle brackets are chosen by the maker and therefore browsed. The functions here are generators that yield
-requests of the types of asyncua and receive the responses. Sessions and subscriptions are also such generators.
-
-The session is anonymous and read-only. The server samples each axis at the requested interval and queues the values of
-up to a second, each with a timestamp, so the transmission time does not matter. A value is sent whenever the timestamp
-has changed, even if the axis did not move.
+requests of the types of asyncua and receive the responses.
 """
 
 from __future__ import annotations
@@ -46,7 +42,7 @@ _SUSPENDED = "Suspended"
 
 
 def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
-    """All columns of the condition; nan if not available. shown: values by browse name (temperatures by column)."""
+    """Columns of the condition; nan if not available. shown: values by browse name (temperatures by column)."""
     state, drives = shown.get(STATE), shown.get(DRIVES)
     program = float(_STATES.get(state, math.nan)) if isinstance(state, str) else math.nan
     if state == "Ready" and shown.get(READY) == _SUSPENDED:
@@ -108,14 +104,11 @@ class Unfit(Exception):
 
 @dataclass(frozen=True)
 class RobotNodes:
-    """Nodes of a robot.
-
-    axes: position nodes of q1 … q6. deg_per_unit: scale of each position. condition: available condition nodes.
-    """
-
     axes: tuple[Any, ...]
+    """Position nodes of q1 … q6."""
     deg_per_unit: tuple[float, ...]
     condition: Mapping[str, Any]
+    """Available condition nodes by browse name."""
 
     @property
     def all(self) -> list[Any]:
@@ -142,11 +135,6 @@ class _Browser:
                 if wanted in ("*", name)
             ]
         return found
-
-    def find_only(self, node: Any, path: str) -> Talk[Any | None]:
-        """The node at a path; None if there is none or several."""
-        found = yield from self.find(node, path)
-        return found[0][1][-1] if len(found) == 1 else None
 
 
 def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
@@ -232,8 +220,9 @@ def _condition_nodes(browser: _Browser, system: Any, robot: Any, axes: Sequence[
     nodes: dict[str, Any] = {}
     for root, paths in ((robot, _OF_ROBOT), (system, _OF_SYSTEM)):
         for name, path in paths.items():
-            if (node := (yield from browser.find_only(root, path))) is not None:
-                nodes[name] = node
+            found = yield from browser.find(root, path)
+            if len(found) == 1:
+                nodes[name] = found[0][1][-1]
     nodes |= yield from _motors(browser, robot, axes)
     measured = {name: nodes[name] for name in (MASS, *TEMPERATURES) if name in nodes}
     units = yield from engineering_units(list(measured.values()))
@@ -244,7 +233,7 @@ def _condition_nodes(browser: _Browser, system: Any, robot: Any, axes: Sequence[
 
 
 def _motors(browser: _Browser, robot: Any, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
-    """Motor temperature nodes by column. A power train lists the motors and the driven axis."""
+    """Motor temperature nodes by column. A power train lists the driven axis."""
     moved: dict[str, list[int]] = {}
     for names, nodes in (yield from browser.find(robot, "PowerTrains/*/*")):
         moved.setdefault(names[1], []).extend(place for place, axis in enumerate(axes) if axis == nodes[-1])
@@ -367,7 +356,11 @@ def session(feedback: OPCUARobotics) -> Talk[None]:
 
 
 def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
-    """Subscribe to all nodes, with the indices as handles. Raises RequestRefused without subscriptions."""
+    """Subscribe to all nodes, with the indices as handles. Raises RequestRefused without subscriptions.
+
+    The server queues the values of up to a second, each with a timestamp, so the transmission time does not matter. A
+    value is sent whenever the timestamp has changed, even if the axis did not move.
+    """
     interval_ms = 1e3 / feedback.rate_hz
     request = ua.CreateSubscriptionRequest()
     asked = request.Parameters

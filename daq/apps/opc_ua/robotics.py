@@ -1,9 +1,8 @@
-"""OPC UA for Robotics (OPC 40010-1; open questions are listed in the origin): axes and condition of a robot, read only.
+"""OPC UA for Robotics (OPC 40010-1): axes and condition of a robot, by an anonymous, unencrypted, read-only session.
 
-The host opens an anonymous, unencrypted session, browses for the robot, and subscribes to the positions of the six
-axes. Their stamps (SourceTimestamp) become the controller clock. If the server refuses, or the stamps do not change
-while the robot is at rest, the values are read `rate_hz` times a second. The time is then between request and answer.
-Values marked bad are faults; uncertain values are stored with their code.
+The host browses for the robot and subscribes to the positions of the six axes, whose stamps (SourceTimestamp) become
+the controller clock. If the server refuses, or the stamps do not change while the robot is at rest, the values are read
+`rate_hz` times a second. The time is then between request and answer.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Controller side of OPC UA for Robotics: a server with a single robot in the address space, for a single client.
-
-It contains the parts of OPC 40010-1 required for a robot, implements the services needed for reading, and sends all
-values of a subscription on time at each interval.
-"""
+"""Controller side of OPC UA for Robotics: a server with a single robot in the address space, for a single client."""
 
 from __future__ import annotations
 
@@ -58,15 +54,14 @@ _UNIT_NAMES = {DEGREE: "°", CELSIUS: "°C", KILOGRAM: "kg"}
 
 @dataclass
 class Space:
-    """Address space.
-
-    below: children of each node as (browse name, node). variables: names of the values of variables. units: units by
-    the node that contains them.
-    """
+    """Address space."""
 
     below: dict[Any, list[tuple[str, Any]]] = field(default_factory=dict)
+    """Children of each node as (browse name, node)."""
     variables: dict[Any, str] = field(default_factory=dict)
+    """Name of the value of each variable."""
     units: dict[Any, int] = field(default_factory=dict)
+    """Units by the node that contains them."""
 
     def add(self, path: str, shows: str | None = None, unit: int | None = None, node: Any | None = None) -> Any:
         """Add a node and missing parents by the path below Objects."""
@@ -88,10 +83,6 @@ class Space:
             for name, child in self.below.get(node, [])
         ]
         return ua.BrowseResult(References=references)
-
-    def shows(self, node: Any) -> str | None:
-        """Name of the value of a variable; None for other nodes."""
-        return self.variables.get(node)
 
     def constant(self, node: Any) -> Any:
         """Value of a unit node; other nodes have no constant value."""
@@ -152,7 +143,6 @@ class RobotServer:
     """
 
     EPOCH = datetime(2023, 11, 14, 22, 13, 20, tzinfo=UTC)
-    """Initial time of the server clock."""
 
     def __init__(
         self,
@@ -302,7 +292,7 @@ class RobotServer:
         return {f"q{axis}": angle for axis, angle in enumerate(angles, 1)} | shown_of(condition)
 
     def _value(self, values: dict[str, Any], node: Any, now_ns: int) -> Any:
-        name = self._space.shows(node)
+        name = self._space.variables.get(node)
         if name is None:
             return self._space.constant(node)
         plain = values[name]

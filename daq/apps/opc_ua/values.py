@@ -25,14 +25,13 @@ _AXES = 6
 
 @dataclass(frozen=True, slots=True)
 class AxisValue:
-    """Value of an axis 0 … 5.
-
-    angle_deg: nan if the server marks it bad. clock_s: nan without a stamp. status: 0 for good.
-    """
+    """Value of an axis 0 … 5."""
 
     axis: int
     angle_deg: float
+    """nan if the server marks it bad."""
     clock_s: float
+    """nan without a stamp."""
     status: int = 0
 
 
@@ -105,7 +104,7 @@ class RobotValues:
         return read_request(self._nodes.all)
 
     def stand_still(self, note: Any) -> bool:
-        """True if a subscription message shows stalled stamps: no new data arrives after the first position."""
+        """True if the stamps stand still: no new data arrives after the first position."""
         return bool(self._notes) and self._positions < 2 and not note.NotificationData
 
     def published(self, note: Any, message: Message) -> Iterator[Item]:
@@ -125,7 +124,7 @@ class RobotValues:
         yield from self._samples(self._together.take(values), NO_TIME, message)
 
     def polled(self, results: Sequence[Any], asked_ns: int, message: Message) -> Iterator[Item]:
-        """Items of an answer to `request`, without stamps, because those of the server may be old."""
+        """Items of an answer to `request`, without the stamps of the server, which may be old."""
         values = list[AxisValue]()
         for place, value in enumerate(results):
             yield from self._take(place, value, values, message)

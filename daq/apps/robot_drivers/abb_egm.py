@@ -1,14 +1,10 @@
 """ABB Externally Guided Motion, position stream (ABB's public egm.proto): a Protocol Buffers message per datagram.
 
-The controller sends `EgmRobot` while the program streams (EGMStreamStart), up to 250 times a second. It expects no
-answer, and the host sends none. The fields used are header {1 seqno, 3 mtype} and feedBack {1 joints: measured angles,
-4 time: s and µs since 1970}, and for the condition 4 motorState and 8 rapidExecState, each {1 state}. If `time` is
-absent, the clock is {2 tm} of the header, 32 bits of ms, which wraps after 49 days. A run contains the clock unchanged,
-and the analysis fits it piecewise.
-
-The Protocol Buffers decoder (public encoding guide) supports a few field types. A message is a list of fields, each
-with a key (number and wire type, as a varint) and a value. Fields may be in any order, and unknown fields are skipped.
-Groups (wire types 3 and 4) are obsolete.
+The controller sends `EgmRobot` while the program streams (EGMStreamStart), up to 250 times a second. The fields used
+are header {1 seqno, 3 mtype} and feedBack {1 joints: measured angles, 4 time: s and µs since 1970}, and for the
+condition 4 motorState and 8 rapidExecState, each {1 state}. If `time` is absent, the clock is {2 tm} of the header, 32
+bits of ms, which wraps after 49 days; the analysis fits it piecewise. The decoder skips unknown fields; groups (wire
+types 3 and 4) are obsolete.
 """
 
 from __future__ import annotations
@@ -58,7 +54,7 @@ def fields(data: bytes) -> list[Field] | None:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """Value and end position, which is beyond the data if the varint is truncated or overlong."""
+    """Value and end, which is beyond the data if the varint is truncated or overlong."""
     value = 0
     for index, byte in enumerate(data[at : at + _LONGEST_VARINT]):
         value |= (byte & 0x7F) << 7 * index
@@ -142,17 +138,14 @@ def _decode(data: bytes) -> Position | UnusableDatagram:
 
 
 def _pose_in(cartesian: Sequence[Field]) -> tuple[float, ...]:
-    """Position in mm and quaternion; nan if a number is missing."""
-    parts = [message_in(cartesian, number) or [] for number in (1, 2)]
-    numbers = [values[-1] for part, count in zip(parts, (3, 4), strict=True) for values in _doubles_of(part, count)]
+    """Columns of a position in mm (field 1) and a quaternion (2); nan if a number is missing."""
+    numbers = list[float]()
+    for part, count in ((1, 3), (2, 4)):
+        message = message_in(cartesian, part) or []
+        numbers += [values[-1] for key in range(1, count + 1) if (values := doubles_in(message, key))]
     if len(numbers) != 7 or not any(numbers[3:]):
         return (math.nan,) * len(POSE)
     return tuple(map(plausible, columns_of(rotation_of_quaternion(*numbers[3:]), numbers[:3])))
-
-
-def _doubles_of(message: Sequence[Field], count: int) -> list[tuple[float, ...]]:
-    """Values of the fields 1 … count, without those that are missing."""
-    return [values for number in range(1, count + 1) if (values := doubles_in(message, number))]
 
 
 def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, float]) -> float:

@@ -10,9 +10,8 @@ models 4 or 2 ms) to the source of the request, big-endian:
   scale; 256 bytes of inputs and outputs;
 - version 4, type 204, 416 bytes: as version 3, with forces, moments and sensor before the inputs and outputs.
 
-Requests are repeated while the controller is silent. Until the first answer, the version request alternates with the
-start packet of version 1, because old controllers do not support the version request. The host never commands a motion,
-and the controller requires no program.
+Until the first answer, the version request alternates with the start packet of version 1, because old controllers do
+not support the version request. The host never commands a motion.
 
 Condition: bit 2 of the first status byte is SYSRDY, servo power. From version 3 on, the second byte has an error in bit
 0 and the emergency stop in bit 2. The third byte is the contact stop: 2 STOP, 4 ESCP (the arm must be moved out of

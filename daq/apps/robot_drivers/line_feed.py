@@ -1,13 +1,8 @@
 """Text lines printed by a user program on the controller, a sample per line: KAREL or any program with sockets.
 
-Fields, units and separators are configured, because there is no standard. A line that does not match the configured
-fields is GARBLED. The host sends no data. On a serial port the first line may be incomplete and still appear valid, so
-it is discarded. A datagram contains complete lines. Delayed datagrams are recognised by their clock and ignored (LATE).
-`signal` is a program number, for example 0 for none. If the field of the signal or of the condition is empty, the value
-is nan, which means unknown.
-
-The emulated controller prints `RATE_HZ` lines a second. This is an unconfirmed estimate for a KAREL task that reads the
-joints and writes to a socket in a loop. The host assumes no rate.
+Fields, units and separators are configured, because there is no standard. On a serial port the first line may be
+incomplete and still appear valid, so it is discarded. A datagram contains complete lines; delayed ones are recognised
+by their clock. If the field of the signal or of the condition is empty, the value is nan, which means unknown.
 """
 
 from __future__ import annotations
@@ -27,6 +22,7 @@ from rigs.schema.feedback import ASKED_INSTEAD, CLOCK_FIELDS, SIGNAL, LineFeed, 
 from rigs.schema.links import tcp_address, udp_address
 
 RATE_HZ = 100.0
+"""Of the emulated controller: an unconfirmed estimate for a KAREL task. The host assumes no rate."""
 _LEFT_OUT = {"_": 0.0} | dict.fromkeys((SIGNAL, *CONDITION), math.nan)
 _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}

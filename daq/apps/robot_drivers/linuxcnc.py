@@ -14,7 +14,6 @@ Before homing the positions have no reference, so these samples are faults. The 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 
 from daq.feedback import Read
@@ -56,8 +55,6 @@ def _decode(period_s: float, data: bytes) -> Position | UnusableDatagram | None:
 
 
 class _Sampler(SteadyDevice):
-    """Emulated controller with homed joints."""
-
     IS_STREAM = True
 
     def __init__(self, feedback: LinuxCNC, read: Read) -> None:
@@ -65,9 +62,5 @@ class _Sampler(SteadyDevice):
 
     def _message(self, instant_ns: int) -> bytes:
         *joints, signal = self._read(instant_ns)
-        return _line(self.sent, joints, signal)
-
-
-def _line(count: int, joints: Sequence[float], signal: float) -> bytes:
-    angles = " ".join(f"{angle:.6f}" for angle in joints)
-    return f"{count} {angles} 1 {signal:.6f} 0 \n".encode()
+        angles = " ".join(f"{angle:.6f}" for angle in joints)
+        return f"{self.sent} {angles} 1 {signal:.6f} 0 \n".encode()

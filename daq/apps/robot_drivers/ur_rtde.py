@@ -2,28 +2,19 @@
 
 The protocol is confirmed by UR's documents and client; only the layout of `M` is an assumption.
 
-The host requests the version (`V`), the recipe `timestamp, actual_q` at a rate (`O`) and the start (`S`), each with an
-answer. If configured in the rig file, the recipe also contains the signal (`actual_digital_output_bits`, UINT64, or
-`output_int_register_n`, INT32), the condition of the robot, and the motor currents. Data packets (`U`) follow at the
-requested rate, or at the lower rate of the controller, until the link closes. If the answer to the recipe marks an
-optional field NOT_FOUND, the recipe is repeated without it. All packets are stored. A loaded controller may skip
-packets, which only its clock shows (fault SKIPPED).
+Packets are big-endian, `>HB`: size including the header, and type. The host requests the version (`V`), the recipe, a
+list of typed fields, at a rate (`O`), and the start (`S`), each with an answer. Data packets (`U`), the recipe number
+and the fields, follow at the requested rate, or at the lower rate of the controller. If the answer to the recipe marks
+an optional field NOT_FOUND, the recipe is repeated without it. A loaded controller may skip packets, which only its
+clock shows (fault SKIPPED). `M` is a text message: length, text, length, source, and level, from 0 exception to 3
+information. `v` requests the controller version, four UINT32; the maker's client sends this request first.
 
-`M` is a text message of the controller in version 2: length, text, length, source, and level, from 0 exception to 3
-information. `v` requests the controller version, four UINT32; the maker's client sends this request first. Packets of
-other types are ignored, but several in a row mean that the stream is out of step.
+The conversation requests a new link in three cases. A binary stream that is out of step cannot be resynchronised
+safely. A refused request will not be granted later. A silent controller is gone: it also streams at standstill, and TCP
+would not notice.
 
-The conversation requests a new link (`ConversationStep.hang_up`) in three cases. A binary stream that is out of step
-cannot be resynchronised safely. A refused request will not be granted later. A silent controller is gone: it also
-streams at standstill, and TCP would not notice.
-
-Packets are big-endian, `>HB`: size including the header, and type. A recipe is a list of typed fields. A data packet
-contains the recipe number, followed by the fields in order.
-
-The condition consists of `runtime_state` (RuntimeState of UR's clients), `safety_status` or, in older software,
-`safety_mode` (SafetyMode and SafetyStatus of UR's clients, identical up to 9), `speed_scaling` times
-`target_speed_fraction` (as in UR's ROS driver: reduction by the controller, and the slider), `payload` in kg and
-`joint_temperatures` in °C. `actual_current` contains the motor currents in A.
+The codes of the condition are RuntimeState, SafetyMode and SafetyStatus of UR's clients (identical up to 9). The speed
+is `speed_scaling` times `target_speed_fraction`, as in UR's ROS driver: reduction by the controller, and the slider.
 """
 
 from __future__ import annotations
@@ -152,11 +143,6 @@ def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
         *map(plausible, fields.get("payload", (math.nan,))),
         *map(plausible, fields.get("joint_temperatures", (math.nan,) * 6)),
     )
-
-
-def currents_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    (name,) = CURRENT_TYPES
-    return tuple(map(plausible, fields.get(name, (math.nan,) * 6)))
 
 
 def pose_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
@@ -308,7 +294,8 @@ class _RTDEClient(StreamedDialect):
         (clock_s,), angles_rad = fields["timestamp"], fields["actual_q"]
         signal = (_signal(self._place, int(fields[_signal_field(self._place)][0])),) if self._place else ()
         condition = condition_of(fields) if self._condition else ()
-        currents = currents_of(fields) if self._currents else ()
+        (name,) = CURRENT_TYPES
+        currents = map(plausible, fields.get(name, (math.nan,) * 6)) if self._currents else ()
         pose = pose_of(fields) if self._pose else ()
         angles_deg = tuple(map(math.degrees, angles_rad))
         if not (0 <= clock_s < _MAX_CLOCK_S and are_angles(angles_deg)):
