@@ -93,8 +93,6 @@ def _simulated_sleep(seconds: float) -> None:
 
 
 class Event(threading.Event):
-    """Event that waits by this clock."""
-
     def wait(self, timeout: float | None = None) -> bool:
         if simulation := _simulated():
             return simulation.wait(self.is_set, timeout)
@@ -102,8 +100,6 @@ class Event(threading.Event):
 
 
 class Thread(threading.Thread):
-    """Thread that waits by this clock."""
-
     def start(self) -> None:
         if simulation := _simulated():
             self.run = simulation.begin(self, self.run)  # type: ignore[method-assign]
@@ -117,7 +113,6 @@ class Thread(threading.Thread):
 
 
 def result(future: Future[_T]) -> _T:
-    """Wait for a future, then return the result or raise the error."""
     if simulation := _simulated():
         simulation.wait(future.done, None)
     return future.result()

@@ -25,7 +25,6 @@ Read = Callable[[int], Sequence[float]]
 
 
 def load(feedback: Feedback) -> Any:
-    """Import the driver of an interface. Raises CellError if a required package is not installed."""
     try:
         return import_module(driver_of(feedback, _DRIVERS))
     except ModuleNotFoundError as missing:
@@ -35,7 +34,6 @@ def load(feedback: Feedback) -> Any:
 
 
 def host(feedback: Feedback) -> Host:
-    """Conversation that reads a robot. Raises CellError if a required package is not installed."""
     conversation: Host = load(feedback).host(feedback)
     return conversation
 

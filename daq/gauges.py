@@ -27,6 +27,5 @@ def host(gauges: Sequence[Gauge]) -> Host:
 
 
 def device(gauges: Sequence[Gauge], read: Read) -> Device:
-    """Emulated instrument with these gauges."""
     conversation: Device = import_module(driver_of(gauges[0], _DRIVERS)).device(gauges, read)
     return conversation

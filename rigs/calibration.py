@@ -115,14 +115,11 @@ class ModelAssessment(Part):
         return self.gain(self.handed_um)
 
     def gain(self, left_um: float) -> float:
-        """Share of the mean square beyond the noise that is removed if this rms remains."""
         floor = self.noise_um**2
         return 1 - max(left_um**2 - floor, 0.0) / max(self.before_um**2 - floor, 1e-12)
 
 
 class CalibratedModel(Part):
-    """Content of a calibration file."""
-
     format: Literal[1] = 1
     rig: str
     date: dt.date
@@ -199,7 +196,6 @@ class CalibratedModel(Part):
 
     @cached_property
     def root(self) -> Array:
-        """Root (P, P) of the covariance of the parameters, lower triangular."""
         count = len(self.parameters)
         root = np.zeros((count, count))
         root[np.tril_indices(count)] = np.frombuffer(base64.b64decode(self.factor), dtype="<f4")
@@ -223,7 +219,6 @@ correction. Source: 0.10 to 0.20 for three models of a gen3lite, which missed th
 
 
 def ground_of(calibrated: CalibratedModel) -> Ground:
-    """Why a model is used for correction or not, according to `judged`."""
     judged = calibrated.judged
     if judged is None:
         return "not_judged"
@@ -273,14 +268,12 @@ def largest_sd(effect: Effect, field: str) -> float:
 
 
 def limited_root(root: Array, terms: Sequence[Term], parameters: Sequence[CovarianceParameter]) -> Array:
-    """Limit a root (P, P) of a covariance to plausible uncertainties."""
     most = np.array([largest_sd(terms[parameter.term].effect, parameter.field) for parameter in parameters])
     sd = np.linalg.norm(root, axis=1)
     return np.asarray(root * np.minimum(1.0, most / np.where(sd > 0, sd, 1.0))[:, None], dtype=float)
 
 
 def packed_factor(root: Array) -> str:
-    """Encode a lower triangular root (P, P) of a covariance, each row in the unit of the parameter."""
     return base64.b64encode(root[np.tril_indices(len(root))].astype("<f4").tobytes()).decode("ascii")
 
 

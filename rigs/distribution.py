@@ -22,5 +22,4 @@ def version() -> str:
 
 
 def to_install(*packages: str) -> str:
-    """Say how to add PyPI packages to the environment of rig."""
     return f"add it to the environment of rig: {shlex.quote(sys.executable)} -m pip install {' '.join(packages)}"

@@ -40,7 +40,6 @@ _PARAMETERS = {
 
 
 def parameter_in_words(field: str) -> str:
-    """Everyday name of a parameter that describes the shape of an effect."""
     return _PARAMETERS.get(field, field)
 
 

@@ -60,7 +60,6 @@ class RigError(Exception):
             self.code = code
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Support pickling: constructors of subclasses have arguments other than those stored by `Exception`."""
         return _again, (type(self), self.args), self.__dict__
 
     def lines(self) -> list[str]:

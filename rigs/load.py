@@ -253,7 +253,6 @@ _SEPARATORS = (",", ";", "\t")
 
 
 def _refuse_other_texts(text: str, where: str) -> None:
-    """Raise FileError with a specific message for a text that is empty or a table."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "---"))]
     if not lines:
         raise FileError(

@@ -119,7 +119,6 @@ def truth_values(data: Any, value: Any, node: yaml.Node | None, place: str = "")
 
 
 def _with_hidden(data: Any, details: list[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:
-    """Add the mistakes hidden by a misspelt tag, assuming the nearest known tag."""
     misspelt = [detail for detail in details if detail["type"] == "union_tag_invalid"]
     for detail in misspelt:
         tag, tags, key = _tag_error(detail)
@@ -174,7 +173,6 @@ def _name(key: str) -> str:
 
 
 def plain_message(detail: ErrorDetails, model: type[BaseModel], place: Place = ()) -> str:
-    """The mistake in plain words, after the key at `place`, with the value."""
     kind, value = detail["type"], detail["input"]
     if isinstance(value, bool) and kind.startswith(("greater_than", "less_than")):
         return f"must be a number, not {str(value).lower()}"

@@ -111,14 +111,12 @@ def require_test(rig: Rig, test: TestName) -> None:
 
 
 def require_instruments(rig: Rig, test: TestName) -> None:
-    """Raise FileError if the arm or the gauges of a rig cannot produce readings of a test."""
     arm = missing_arm(rig) if gauges_needed(test) else ()
     for missing in (*arm, *missing_gauges(rig, test)):
         raise missing.error(rig)
 
 
 def missing_arm(rig: Rig) -> Iterator[MissingEntry]:
-    """Yield the reasons for an arm that cannot drive the tests of the ball link."""
     if (axes := len(rig.robot.axes)) != DRIVEN_AXES:
         problem = f"is an arm of {axes} axes, but circles, hemispheres and their programs need {DRIVEN_AXES}"
         yield MissingEntry("robot.axes", problem, "measure poses or touches: docs/any-arm.md")

@@ -56,7 +56,6 @@ def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ())
 
 
 def _is_wrapped(lower: NDArray[np.float64], upper: NDArray[np.float64], jump: float, near: float) -> bool:
-    """True if the upper readings minus the jump continue the lower ones below zero, at most `near` away."""
     first, last = float(upper[0] - jump), float(upper[-1] - jump)
     span = max(float(lower[-1]), last) - min(float(lower[0]), first)
     meets = float(lower[0]) - last

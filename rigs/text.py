@@ -26,7 +26,6 @@ def plain(text: str) -> str:
 
 
 def counted(count: int, singular: str, plural: str = "") -> str:
-    """`1 run`, `2 runs`."""
     return f"{count} {singular if count == 1 else plural or singular + 's'}"
 
 

@@ -45,7 +45,6 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
-    """Nodes and the data of a text. Raises RigFileError."""
     try:
         loader = _Loader(text)
         root = loader.get_single_node()
@@ -93,7 +92,6 @@ def _with_whole_numbers(value: Any) -> Any:
 
 
 def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
-    """Reject repeated keys, which the loader would silently drop, and long numbers."""
     seen: set[int] = set()
     problems: list[Problem] = []
 

@@ -45,7 +45,6 @@ class CaptureWriter(clock.Thread):
         self._size = 0
 
     def start(self) -> None:
-        """Create the file and start."""
         try:
             self._file = self._path.open("x", encoding="utf-8")
         except OSError as error:
@@ -59,11 +58,9 @@ class CaptureWriter(clock.Thread):
         super().start()
 
     def captured(self, stream: str, link: ByteLink) -> ByteLink:
-        """A link that also records all data passing through."""
         return _CapturedLink(self, stream, link)
 
     def add(self, stream: str, mark: CaptureMark, data: bytes) -> None:
-        """Record an event of a stream with the current time."""
         piece = Piece(clock.now_ns(), stream, mark, data)
         with self._lock:
             if self._open and len(self._pieces) < _ROOM:
@@ -139,7 +136,6 @@ _MOST_BYTES = 1_000_000
 
 
 def out_of_step_line(stream: str, off_ns: float) -> str:
-    """A line with the median timing error of a stream over one second."""
     return f"{stream} {off_ns / 1e6:+.1f}\n"
 
 
@@ -161,7 +157,6 @@ class ReplayMarks:
             self._lines()
 
     def read_new(self) -> list[tuple[str, Fault]]:
-        """Stream names and faults of the marks appended since the last call."""
         marks = []
         for line in filter(None, map(_LINE.fullmatch, self._lines())):
             detail = f"the replay was {line[2]} ms out of step for a second; use a less busy computer"

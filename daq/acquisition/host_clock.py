@@ -55,7 +55,6 @@ class HostClockMonitor:
         self._known = first
 
     def check(self, now: ClockReadings) -> list[Fault]:
-        """Changes since the last check."""
         last = self._known
         slept_ns = (now.boot_ns - last.boot_ns) - (now.monotonic_ns - last.monotonic_ns)
         set_ns = (now.wall_ns - last.wall_ns) - (now.boot_ns - last.boot_ns)
@@ -102,7 +101,6 @@ class StallWatch(clock.Thread):
             self.note(before_ns, self._awake_ns)
 
     def note(self, before_ns: int, now_ns: int) -> None:
-        """Record a fault if the time between two timestamps is too long."""
         if now_ns - before_ns > self._longest_ns:
             detail = f"rigd or the computer did not run for {(now_ns - before_ns) / 1e9:.1f} s"
             self._faults.append(
@@ -110,7 +108,6 @@ class StallWatch(clock.Thread):
             )
 
     def take(self) -> list[Fault]:
-        """Faults since the last call, including a stall that has just ended."""
         if self.is_alive():
             self._awake()
         return [self._faults.popleft() for _ in range(len(self._faults))]
@@ -166,7 +163,6 @@ class DriftMonitor:
             self._least, self._most = min(self._least, offset_s), max(self._most, offset_s)
 
     def state(self) -> ClockState | None:
-        """State after the last complete window."""
         if not self._minima:
             return None
         drift_ppm = None

@@ -45,8 +45,6 @@ _STILL_DEG = 0.1
 
 @dataclass
 class _GaugeState:
-    """Current value of a gauge, its start and count, and the robot position at that time."""
-
     reading: float = math.nan
     since_ns: int = 0
     count: int = 0
@@ -93,7 +91,6 @@ class PlausibilityCheck:
         return doubts
 
     def _update(self, column: str, gauge: _GaugeState, samples: SampleBlock, place: int) -> list[Fault]:
-        """Process the readings of a gauge, except of a head in error."""
         good = ~np.isnan(samples.values[:, place]) if len(samples) else np.zeros(0, bool)
         readings_mm, stamps_ns = samples.values[good, place] if good.any() else np.empty(0), samples.last_byte_ns[good]
         steps_mm = np.abs(np.diff(readings_mm, prepend=gauge.reading))
@@ -172,7 +169,6 @@ class PlausibilityCheck:
 
 
 def _rescaled(column: str, gauge: _GaugeState, samples: SampleBlock, place: int) -> list[Fault]:
-    """A fault if the unit of the readings changed."""
     read = samples.chosen(~np.isnan(samples.values[:, place])) if len(samples) else samples
     window = SampleBlock.joined([gauge.tail, read])
     gauge.tail = window[-(BEFORE + AFTER - 1) :]

@@ -33,8 +33,6 @@ _SHARE = 0.5
 
 
 class StreamReader(clock.Thread):
-    """Thread that reads one stream into its buffer until it is stopped."""
-
     def __init__(self, stream: Stream, buffer: StreamBuffer, link: Link, capture: CaptureWriter | None = None) -> None:
         super().__init__(name=f"read {stream.name}", daemon=True)
         self._stream, self._buffer, self._capture = stream, buffer, capture

@@ -35,8 +35,6 @@ A reader loop takes at most 0.3 s (`daq.wire.conversation_loop`), and a busy com
 
 @dataclass(frozen=True)
 class StreamState:
-    """State of a stream for display: last valid value and its age by column."""
-
     connected: bool
     rate_hz: float
     last: dict[str, float]
@@ -74,7 +72,6 @@ class StreamBuffer:
     _recent_size: int = 0
 
     def deliver(self, items: Sequence[Item]) -> None:
-        """Add items received by the reader."""
         if len(items) > _FEW:
             items = packed(items)
         with self._lock:
@@ -103,7 +100,6 @@ class StreamBuffer:
                 self._note(fault, 1)
 
     def drain(self) -> list[SampleBlock | Fault]:
-        """All items since the last call, in order, for the recorder."""
         with self._lock:
             taken, self._items = self._items, deque()
             self._waiting = 0
@@ -115,7 +111,6 @@ class StreamBuffer:
         return items
 
     def beat(self) -> None:
-        """Record a heartbeat of the reader, and report a stall before it."""
         now_ns, before_ns = clock.now_ns(), self.heartbeat_ns
         self.heartbeat_ns = now_ns
         if before_ns and now_ns - before_ns > STALL_NS and not self._opening:
@@ -192,7 +187,6 @@ class StreamBuffer:
 
 
 def size_of(item: Item) -> int:
-    """Number of samples or faults in an item."""
     # Compare types: an isinstance check for Sequence costs a tenth of a poll.
     return len(item) if type(item) is SampleBlock else 1
 

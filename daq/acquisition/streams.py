@@ -48,7 +48,6 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 
 
 def streams_of(rig: Rig) -> list[Stream]:
-    """All streams of a rig, with the robot last."""
     if isinstance(rig.feedback, NoFeedback):
         problem = "has neither gauges nor feedback to read"
         remedy = "add feedback to the rig file, and gauges for circles; poses of a tracker are imported: rig import"

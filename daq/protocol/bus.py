@@ -27,8 +27,6 @@ _MOST_QUIET_NS = 200_000_000
 
 @dataclass
 class BusMember:
-    """An instrument on the line."""
-
     name: str
     exchange: Polled
     timeout_ns: int
@@ -86,7 +84,6 @@ class Bus:
         return tuple(items)
 
     def _after(self, member: BusMember, step: ConversationStep, now_ns: int) -> ConversationStep:
-        """Process a step of the polled member. Its turn ends only after the exchange."""
         items = self._items_of(member, step.items)
         member.wake_ns = now_ns if step.wake_ns is None else step.wake_ns
         if member.exchange.asking:
@@ -104,7 +101,6 @@ class Bus:
         return self._next(items, now_ns)
 
     def _next(self, items: Sequence[Item], now_ns: int) -> ConversationStep:
-        """Let the next member send a request if the line is free."""
         first = min(self._members, key=lambda member: (member.wake_ns, member.turns))
         due_ns = max(first.wake_ns, self._free_ns)
         if due_ns > now_ns:
@@ -117,7 +113,6 @@ class Bus:
         return ConversationStep(step.send, (*items, *self._items_of(first, step.items)), first.wake_ns)
 
     def _items_of(self, member: BusMember, items: Sequence[Item]) -> list[Item]:
-        """Map values of a member to its column, and faults to its name and column."""
         place, placed = self._members.index(member), list[Item]()
         for item in items:
             if isinstance(item, Fault):

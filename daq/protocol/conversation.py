@@ -60,8 +60,6 @@ class FaultKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A message with a reading."""
-
     values: tuple[float, ...]
     """In the order of the columns, in file units (mm, degrees); nan for a value absent from the message."""
     requested_ns: int
@@ -76,8 +74,6 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A problem with advice."""
-
     kind: FaultKind
     at_ns: int
     detail: str

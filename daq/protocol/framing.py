@@ -30,7 +30,6 @@ class Message:
     def sample(
         self, values: Sequence[float], clock_s: float = math.nan, *, requested_ns: int = NO_TIME, status: int = 0
     ) -> Sample:
-        """The reading in this message. clock_s: time of the device."""
         stamps = (requested_ns, self.first_byte_ns, self.last_byte_ns)
         return Sample(tuple(values), *stamps, self.size, clock_s, status)
 
@@ -51,8 +50,6 @@ class Framer(Protocol):
 
 
 class Pieces:
-    """Buffered bytes with the arrival time of each piece."""
-
     def __init__(self) -> None:
         self.data = bytearray()
         self._arrivals: deque[tuple[int, int]] = deque()

@@ -64,7 +64,6 @@ def pack(registers: list[int], register: Register, layout: RegisterBlock, value:
 
 
 def fits(raw: float, register: Register) -> bool:
-    """True if the register type can represent the value."""
     if not math.isfinite(raw):
         return False
     if register.type in _LARGEST:
@@ -102,7 +101,6 @@ class Resync:
 
     @property
     def counts(self) -> list[int]:
-        """Lengths of probes, different from those of readings."""
         return [count for count in range(1, LENGTHS + len(self.usual) + 1) if count not in self.usual][:LENGTHS]
 
     def ask(self, count: int) -> int:
@@ -254,11 +252,9 @@ class Wire:
         return resync
 
     def owes(self, unit: int) -> bool:
-        """True if a unit has an unanswered request."""
         return unit in self._resyncs and self._resyncs[unit].owed
 
     def request(self, unit: int, function: int, address: int, count: int) -> bytes:
-        """A read request. `numbering` adds the transaction id."""
         return self.encode(_REQUEST[function](dev_id=unit, address=address, count=count))
 
     def encode(self, pdu: ModbusPDU) -> bytes:
@@ -292,17 +288,14 @@ class Wire:
         return frame + self._ending == request
 
     def decode(self, content: bytes) -> ModbusPDU | None:
-        """Request in this content of a frame."""
         return self._framer.decoder.decode(content)
 
 
 def exception_of(content: bytes) -> int | None:
-    """Code of an exception; None for other content."""
     return content[1] if len(content) == 2 and content[0] & 0x80 else None
 
 
 def registers_of(content: bytes) -> tuple[int, ...] | None:
-    """Registers of a read answer; None for other content or a wrong length."""
     size = len(content) - 2
     if size < 0 or size % 2 or content[0] & 0x80 or content[1] != size:
         return None

@@ -36,7 +36,6 @@ class Stirring:
         """Requests since the last pause, and its time."""
 
     def rest_ns(self, now_ns: int) -> int:
-        """Pause after an answer, usually 0."""
         if self.requests < STIR or now_ns < self.since_ns + STIR_EVERY_NS:
             return 0
         self.requests, self.since_ns = 0, now_ns
@@ -51,8 +50,6 @@ _BABBLE = 4
 
 
 class Then(Enum):
-    """Effect of a message on the exchange."""
-
     ASK = auto()
     """The message was the answer."""
     PAUSE = auto()
@@ -120,7 +117,6 @@ class Polled:
 
     @property
     def asking(self) -> bool:
-        """True if a request is pending."""
         return self._requested_ns != NO_TIME
 
     def connected(self, now_ns: int) -> ConversationStep:
@@ -212,7 +208,6 @@ class Polled:
         return ConversationStep(send, tuple(items), self._wake_ns)
 
     def _late(self, now_ns: int) -> list[Item]:
-        """Fault for the discarded data, including an incomplete message."""
         count = self._discarded + self._dialect.frames.pending
         if not (self._reporting and count):
             return []

@@ -14,7 +14,6 @@ Vector = Sequence[float]
 
 
 def rotation_of(vector: Vector) -> Matrix:
-    """Rotation by a rotation vector in rad (Rodrigues)."""
     angle = math.hypot(*vector)
     x, y, z = (part / angle for part in vector) if angle else (1.0, 0.0, 0.0)
     c, s = math.cos(angle), math.sin(angle)
@@ -27,7 +26,6 @@ def rotation_of(vector: Vector) -> Matrix:
 
 
 def rotation_of_quaternion(w: float, x: float, y: float, z: float) -> Matrix:
-    """Rotation by a quaternion of any length above zero."""
     length = math.hypot(w, x, y, z)
     half = math.atan2(math.hypot(x, y, z), w)
     part = math.hypot(x, y, z) or length
@@ -63,7 +61,6 @@ def quaternion_of(rpy_deg: Vector) -> tuple[float, ...]:
 
 
 def tool_fields(flange: Vector, offset: Vector) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Tool pose and offset, as Universal Robots send them, for the columns of a flange pose."""
     R = _rotation_of_rpy(flange[3:])
     place = [at / 1000 + part for at, part in zip(flange[:3], _turned(R, offset[:3]), strict=True)]
     return (*place, *_vector_of(_product(R, rotation_of(offset[3:])))), tuple(offset)

@@ -18,8 +18,6 @@ LIMIT = 4096
 
 
 class Datagrams:
-    """Framer with a message per datagram."""
-
     pending = False
 
     def __init__(self, limit: int = LIMIT) -> None:
@@ -35,8 +33,6 @@ class Datagrams:
 
 
 class DatagramLines(Datagrams):
-    """Framer with a message per line of a datagram."""
-
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         messages: list[Message | Fault] = []
         for datagram in super().feed(data, now_ns):
@@ -69,7 +65,6 @@ class Order:
         self._last = None
 
     def admit(self, sample: Sample, number: int) -> tuple[Item, ...]:
-        """Sample unless it is late, and the faults revealed by the number."""
         last, at_ns = self._last, sample.last_byte_ns
         if last is None:
             self._last = number
@@ -105,7 +100,6 @@ class ClockOrder:
         self._last_s = math.nan
 
     def admit(self, sample: Sample, number: int) -> tuple[Item, ...]:
-        """Sample unless it is late."""
         if self._least_s <= self._last_s - sample.device_time_s < _BEHIND_S:
             detail = f"clock {sample.device_time_s:.6f} s, no later than the one before; ignored"
             remedy = "check the network, and for a second sender"
@@ -188,7 +182,6 @@ class SteadyRate:
         return self._start_ns + round(self._count * 1e9 / self._rate_hz)
 
     def step(self, now_ns: int) -> int | None:
-        """Next instant if it has come."""
         instant = self.next_ns
         if instant > now_ns:
             return None
@@ -196,7 +189,6 @@ class SteadyRate:
         return instant
 
     def due(self, now_ns: int) -> Iterator[int]:
-        """All instants up to now."""
         while (instant := self.step(now_ns)) is not None:
             yield instant
 
@@ -259,7 +251,6 @@ class SteadySteps:
         """Steps between stamps while the period is unknown."""
 
     def check_stamp(self, clock_s: float, at_ns: int) -> list[Fault]:
-        """Faults for packets missing before this stamp, and for an unexpected rate."""
         before_s, self._last_s = self._last_s, clock_s
         if not clock_s > before_s:
             return []

@@ -71,14 +71,11 @@ def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool
 
 
 class RegisterDialect:
-    """Host dialect for reading a block."""
-
     reset, formats = b"", ()
     check = "check the cable, the power supply of the instrument, the line settings and `unit`"
     babble = "a Modbus unit never sends unprompted: disconnect the other master from this line, or check the wiring"
 
     def __init__(self, block: ReadBlock, reading: Reading, wire: Wire) -> None:
-        """wire: may also carry reads of other blocks, of the same unit or of others."""
         self._block = block
         self._reading = reading
         self._wire = wire
@@ -93,7 +90,6 @@ class RegisterDialect:
         """Current request, and the number of registers requested."""
 
     def request(self) -> bytes:
-        """Request for the complete block. On a serial line it may be a probe of a different length."""
         if not self._wire.numbered:
             self._count = self._resync.ask(self._block.count)
         if self._count not in self._requests:
@@ -109,7 +105,6 @@ class RegisterDialect:
         return self._examined(message, requested_ns)
 
     def _examined(self, message: Message, requested_ns: int) -> Reply:
-        """Interpret a message with an unexpected head."""
         is_echo = self._wire.is_echo(message.data, self._sent)
         if is_echo or self._wire.asks(message.data) is not None:
             return Reply((), Then.WAIT) if is_echo else Reply((unasked(self._wire, message),), Then.DRAIN)
@@ -129,7 +124,6 @@ class RegisterDialect:
         return _garbled(f"unit {unit}, function {function} answered instead of {asked}", message)
 
     def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
-        """Interpret a valid answer of this instrument, possibly to an earlier request."""
         resync = self._resync
         refusal, registers = exception_of(content), registers_of(content)
         mismatched = refusal is None and (registers is None or len(registers) != self._count)
@@ -161,7 +155,6 @@ class RegisterDialect:
 
 
 def unasked(wire: Wire, message: Message) -> Fault:
-    """Fault for a message that does not answer the current request."""
     if (asked := wire.asks(message.data)) is not None:
         detail = f"another master polls unit {asked} on this line; disconnect it, or let it read for both"
         return message.fault(FaultKind.STRANGER, detail)
@@ -191,7 +184,6 @@ def verdict(
 
 
 def pack_verdict(registers: list[int], status: StatusRegister | None, layout: RegisterBlock, *, good: bool) -> None:
-    """Store the first listed status if `good`, otherwise a value not listed."""
     if status is not None:
         listed = (*status.good, *status.doubtful)
         pack(registers, status, layout, listed[0] if good else min(set(range(len(listed) + 1)) - set(listed)))
@@ -202,8 +194,6 @@ def _garbled(detail: str, message: Message) -> Reply:
 
 
 class RegisterDevice:
-    """Device side of one or several instruments on a line."""
-
     def __init__(
         self, served: Sequence[tuple[ReadBlock, Held]], silently: Sequence[tuple[ReadBlock, Held]] = ()
     ) -> None:

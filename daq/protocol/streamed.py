@@ -34,7 +34,6 @@ class StreamedDialect(ABC):
     """Formats of printed numbers, one per gauge; none for binary values."""
 
     def start(self) -> bytes:
-        """Bytes that start the stream."""
         return b""
 
     @abstractmethod
@@ -173,7 +172,6 @@ class QuicklyStreamed(GatheredStream):
 
 
 def split(arrivals: Sequence[Arrival], size: int) -> tuple[list[Arrival], list[Arrival]]:
-    """Split the arrivals after `size` bytes. All stamps are preserved."""
     if sum(len(data) for data, _ in arrivals) <= size:  # the usual case, in a fraction of the time
         return list(arrivals), []
     before, after = list[Arrival](), list[Arrival]()

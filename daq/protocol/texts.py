@@ -29,8 +29,6 @@ ProbeT = TypeVar("ProbeT", bound=Probe)
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """Why a message has no reading, with advice."""
-
     detail: str
     kind: FaultKind = FaultKind.DEVICE_ERROR
     then: Then = Then.PAUSE
@@ -75,7 +73,6 @@ def wrong_unit(sent: str, units: Units) -> Trouble:
 
 
 def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -> tuple[Item, ...]:
-    """A sample of the good readings, and a fault for each trouble."""
     faults, values_mm = dict[Trouble, Fault](), list[float]()
     for reading in readings:
         if isinstance(reading, Trouble):
@@ -103,8 +100,6 @@ def check_formats(
 
 
 class TextDialect(Generic[ProbeT]):
-    """Dialect of `daq.protocol.polled` with a constant request."""
-
     def __init__(
         self,
         gauges: Sequence[ProbeT],
@@ -169,7 +164,6 @@ class TextDevice:
         end: bytes | Framer,
         answer: Callable[[bytes, Show], bytes],
     ) -> None:
-        """end: delimiter of the commands, or their framer."""
         self.sent = 0
         self._gauges = gauges
         self._read = read
@@ -189,7 +183,6 @@ class TextDevice:
         return ConversationStep()
 
     def show(self, now_ns: int) -> list[float]:
-        """Take a reading, and count it if any head is good."""
         units = [MM_PER_UNIT[gauge.units] for gauge in self._gauges]
         values = [value / unit for value, unit in zip(self._read(now_ns), units, strict=True)]
         self.sent += any(math.isfinite(value) for value in values)

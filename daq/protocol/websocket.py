@@ -101,7 +101,6 @@ class _WebSocket:
 
 
 def _after(step: ConversationStep, following: ConversationStep) -> ConversationStep:
-    """Merge two steps. The last step determines the wake-up time and the end."""
     return replace(following, send=step.send + following.send, items=step.items + following.items)
 
 

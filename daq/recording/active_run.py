@@ -32,8 +32,6 @@ NAME_RULE = "use up to 64 letters, digits, . _ and -, starting with a letter or 
 
 
 class RunLabel(Part):
-    """Entered by the operator at the start."""
-
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
     test: TestName
     direction: Direction | None = None
@@ -47,7 +45,6 @@ _FRESH_S = 3.0
 
 
 def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> None:
-    """Refuse a missing or silent robot or gauge that the test requires."""
     needed = {"g1_mm", "q1_deg", *(f"{gauge}_mm" for gauge in gauges_needed(test))}
     for column in sorted(needed):
         states = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
@@ -62,7 +59,6 @@ def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> Non
 
 
 def samples_in(items: Sequence[Item]) -> int:
-    """Number of samples, including earlier drops."""
     dropped = sum(fault.count for fault in faults_of(items) if fault.kind is FaultKind.DROPPED)
     return len(samples_of(items)) + dropped
 
@@ -152,13 +148,11 @@ class ActiveRun:
 
     @property
     def sample_counts(self) -> Counter[str]:
-        """Samples per stream, written or dropped."""
         return Counter(
             {name: counter["samples"] + counter[FaultKind.DROPPED] for name, counter in self.counters.items()}
         )
 
     def is_behind(self, stream: str) -> bool:
-        """True if too many samples of the stream are in memory to drain more."""
         if self.writer:
             return self.writer.is_behind(stream)
         return sum(map(size_of, self._kept[stream])) >= MOST_PENDING

@@ -54,8 +54,6 @@ Command = StartRun | StopRun
 
 
 class Trigger:
-    """Applies the trigger rules to the robot's samples."""
-
     def __init__(self, rules: Sequence[Rule]) -> None:
         self._rules = rules
         self._standstill = _Standstill()
@@ -72,7 +70,6 @@ class Trigger:
         return self._signal.value
 
     def feed(self, sample: Sample) -> list[Command]:
-        """Process a sample: the joint angles in degrees, followed by the signal if the robot has one."""
         at_ns = self._last_sample_ns = sample.last_byte_ns
         joints = sample.values[:AXES]
         self._standstill.feed(joints, at_ns)
@@ -104,7 +101,6 @@ class Trigger:
         return self._stop(StopRun(now_ns, f"the robot sent no data for {_SILENT_NS // _S} s", in_order=False))
 
     def reset(self) -> None:
-        """Forget the requested run, which was refused or ended by an operator."""
         self._running = None
 
     def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> StartRun | None:
@@ -179,8 +175,6 @@ _SHORT_S = 1.0
 
 
 class Arbiter:
-    """Starts and ends the runs of one recorder."""
-
     def __init__(self, recorder: Recorder, automatic: Automatic | None) -> None:
         self._recorder = recorder
         self._rules = automatic.rules if automatic else ()
@@ -196,12 +190,10 @@ class Arbiter:
         self._why_not = ""
 
     def feed(self, items: Sequence[Item]) -> None:
-        """Keep items of the robot's stream during a round."""
         if self._rules:
             self._samples.extend(samples_of(items))
 
     def after_round(self) -> None:
-        """Pass the kept items to the trigger and execute its commands."""
         if not self._rules:
             return
         while self._starting and self._starting[0][2].done():
@@ -226,7 +218,6 @@ class Arbiter:
         return clock.result(self._recorder.start_run(RecordingRequest(label)))
 
     def stop(self) -> EndedRun:
-        """End the recording for an operator, and wait until the run is closed."""
         return clock.result(self._recorder.stop_run())
 
     def state(self) -> dict[str, object] | None:

@@ -57,7 +57,6 @@ class IoWorker:
         self._thread.submit(close).add_done_callback(_fail)
 
     def submit_create(self, create: Callable[[], None]) -> None:
-        """Create a run. The previous run need not be closed."""
         self._creator.submit(create).add_done_callback(_fail)
 
     def shut_down(self) -> None:

@@ -171,7 +171,6 @@ class RecorderState:
 
     @property
     def recording(self) -> RecordingRequest | None:
-        """Current recording, even before the run exists; None if idle."""
         return None if isinstance(self.phase, Idle) else self.phase.recording
 
     @property
@@ -184,7 +183,6 @@ Outcome = tuple[RecorderState, tuple[Action, ...]]
 
 
 def step(state: RecorderState, event: Event) -> Outcome:
-    """Next state and the actions. Events that do not apply leave the state unchanged."""
     match event, state.phase:
         case StartRequested(recording), _:
             return _start(state, recording)
@@ -206,7 +204,6 @@ def step(state: RecorderState, event: Event) -> Outcome:
 
 
 def _moved(phase: Phase, event: Event) -> tuple[Phase, tuple[Action, ...]]:
-    """Apply a disk event to the current recording."""
     match event, phase:
         case Created(), Beginning(recording, run):
             return Running(recording, run), ()
@@ -243,7 +240,6 @@ def _create(state: RecorderState, recording: RecordingRequest, pause_s: float = 
 
 
 def _ended(state: RecorderState, ending: Ending, why: str) -> Outcome:
-    """End the current recording, if any. A run that is still being created ends once it exists."""
     idle = replace(state, phase=IDLE)
     match state.phase:
         case Beginning(_, run):

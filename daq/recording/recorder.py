@@ -59,8 +59,6 @@ _LEAST_PAUSE_S = 0.1
 
 
 class Recorder(clock.Thread):
-    """Thread that owns the current run."""
-
     def __init__(
         self,
         buffers: Mapping[str, StreamBuffer],
@@ -145,7 +143,6 @@ class Recorder(clock.Thread):
             return self._runs[number].ended
 
     def shut_down(self, ending: Ending, why: str) -> Path | None:
-        """Stop the thread and the recording. Returns the directory if a recording was interrupted."""
         self._stop_asked.set()
         self.join()
         in_a_run = self._state.run is not None
@@ -166,11 +163,9 @@ class Recorder(clock.Thread):
 
     @property
     def recording(self) -> RecordingRequest | None:
-        """Current recording, even before the run exists or while it waits for the disk."""
         return self._state.recording
 
     def state(self) -> dict[str, object]:
-        """Status of the current recording, or the result of the last one."""
         state, run = self._state, self._current
         if run is None or run.writer is None or not isinstance(state.phase, Running):
             gap = run.gap if run else self._gap
@@ -194,7 +189,6 @@ class Recorder(clock.Thread):
 
     @property
     def _current(self) -> ActiveRun | None:
-        """Run that receives samples."""
         return self._runs.get(self._state.run or 0)
 
     def _apply(self, event: machine.Event) -> None:
@@ -225,7 +219,6 @@ class Recorder(clock.Thread):
                     raise rejection(action, self._state, self.last_end)
 
     def _create_run(self, number: int, run: ActiveRun) -> None:
-        """Create the run and start writing it, in a disk thread."""
         try:
             dropped = run.gap.not_recorded(self._warnings) if run.gap else {}
             writer = self._create(run.label, run.gap.previous.name if run.gap else "")

@@ -17,8 +17,6 @@ _SLOW_S = 2.0
 
 
 class RateLimitedLog:
-    """Log of faults, bounded by the number of streams and kinds."""
-
     def __init__(self) -> None:
         self._last: dict[tuple[str, str], tuple[float, int]] = {}
 
@@ -46,28 +44,22 @@ class RateLimitedLog:
 
 
 class Losses:
-    """Counts lost samples per stream, and reports faults that were found after reading."""
-
     def __init__(self, buffers: Mapping[str, StreamBuffer], warnings: RateLimitedLog) -> None:
         self._buffers, self._warnings = buffers, warnings
         self.counts: Counter[str] = Counter()
 
     def add(self, samples: Counter[str], why: str) -> None:
-        """Report and count samples outside any run."""
         self.counts += samples
         for name, count in (+samples).items():
             detail = f"{count} samples were not recorded: {why}"
             self.report(name, [Fault(FaultKind.DROPPED, clock.now_ns(), detail, count)])
 
     def report(self, name: str, faults: Sequence[Fault]) -> None:
-        """Log and count faults already stored in the run."""
         self._warnings.warn_faults(name, faults)
         self._buffers[name].count(faults)
 
 
 class HostWatch:
-    """Detects faults of the computer, and counts them by kind since the start of the daemon."""
-
     def __init__(self, warnings: RateLimitedLog) -> None:
         self._warnings = warnings
         self._clock, self._stalls = HostClockMonitor(read_clocks()), StallWatch()

@@ -28,15 +28,12 @@ _RESTART = "see the log, then restart it: rigd RIG"
 
 
 class Client:
-    """Connection to a daemon, used in a `with` statement."""
-
     def __init__(self, path: Path) -> None:
         self._path = path
         self._sock: socket.socket
         self._unread = b""
 
     def __enter__(self) -> Client:
-        """Connect to a daemon that responds and is trusted."""
         sock = socket.socket(socket.AF_UNIX)
         try:
             owners = require_trusted_owner(self._path)
@@ -96,7 +93,6 @@ class Client:
         return answer
 
     def _line(self, until_s: float) -> bytes:
-        """Next line, empty if the daemon is gone."""
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
                 problem = f"the answer exceeds {LONGEST_ANSWER} bytes, so this program is not rigd"
@@ -125,7 +121,6 @@ def find_socket(rig: str | None = None) -> Path:
 
 
 def sockets() -> list[Path]:
-    """Sockets visible to this user, even if they have no listener."""
     places = [socket_directory(), *Path("/run").glob("rigd-*")]
     return sorted({path for place in places for path in place.glob("*.sock")})
 

@@ -61,7 +61,6 @@ class ControlServer:
         self._listener: socket.socket
 
     def start(self) -> None:
-        """Listen and accept connections."""
         listener = socket.socket(socket.AF_UNIX)
         before = os.umask(0o117)
         try:
@@ -80,7 +79,6 @@ class ControlServer:
         self._thread.start()
 
     def close(self) -> None:
-        """Refuse further requests, complete pending answers, and remove the socket."""
         self._closing.set()
         _shut_down(self._listener, socket.SHUT_RDWR)  # ends the wait in accept
         self._thread.join(_LAST_ANSWERS_S)
@@ -166,7 +164,6 @@ def _shut_down(sock: socket.socket, how: int) -> None:
 
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
-    """Answer to a request line, which may be an error."""
     request, problem = None, f"a request is a single line of at most {LONGEST_REQUEST} bytes"
     if len(line) <= LONGEST_REQUEST:
         try:
@@ -186,7 +183,6 @@ def _as_answer(error: RigError) -> dict[str, Any]:
 
 
 def _encoded(answer: dict[str, Any]) -> bytes:
-    """An answer as a line. An oversized answer becomes an error."""
     line = json.dumps(answer).encode() + b"\n"
     if len(line) <= LONGEST_ANSWER:
         return line

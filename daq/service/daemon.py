@@ -105,8 +105,6 @@ _LEAVE_S = 3.0
 
 
 class Daemon:
-    """Owner of all parts of the daemon, from opening the ports to closing the last run."""
-
     def __init__(
         self,
         rig: Rig,
@@ -261,8 +259,6 @@ class Daemon:
 
 
 class Unreachable(CellError):
-    """Several ports cannot be opened."""
-
     def __init__(self, errors: list[CellError]) -> None:
         RigError.__init__(
             self, "cell", f"{len(errors)} connections cannot be opened: " + " | ".join(map(str, errors)), "see each"
@@ -285,7 +281,6 @@ def _warn_if_not_writable(runs: Path) -> None:
 
 
 def _short(value: object) -> str:
-    """Text from a client, shortened to a line."""
     text = repr(value)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 

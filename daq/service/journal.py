@@ -28,7 +28,6 @@ _READABLE = "%(asctime)s %(levelname)s %(message)s"
 
 
 def is_journal(fd: int = 2) -> bool:
-    """True if a descriptor, by default standard error, is connected to the journal."""
     device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
     try:
         status = os.fstat(fd)
@@ -75,7 +74,6 @@ class JournalEntry:
 
 
 def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[JournalEntry]:
-    """Log of a rig's service, or of all services. since: as for journalctl (`-1h`, `today`)."""
     unit = f"rigd@{rig or '*'}.service"
     if not shutil.which("journalctl"):
         remedy = "a manually started rigd logs to its terminal"

@@ -34,7 +34,6 @@ class Maintenance(clock.Thread):
         self._warned = False
 
     def start(self) -> None:
-        """Write the metrics, unless the file belongs to a different program, and start the thread."""
         if self._metrics is not None:
             try:
                 if os.path.lexists(self._metrics) and not _is_own(self._metrics):
@@ -92,8 +91,6 @@ def write_atomically(path: Path, text: str) -> None:
 
 
 class RunRetention:
-    """Retention according to the rig file: deletes exported runs of this rig to meet the limits."""
-
     def __init__(self, runs: Path, rig_name: str, limits: Retention) -> None:
         self._runs, self._rig_name, self._limits = runs, rig_name, limits
         self._warned_at = -_WARN_AGAIN_S
@@ -130,7 +127,6 @@ class RunRetention:
         log.warning(message, self.over_bytes / 1e9, self._runs, remedy)
 
     def state(self) -> dict[str, int]:
-        """Number and bytes of the runs, of the runs deleted since start-up, and the bytes above the limit."""
         return {
             "runs": self.runs,
             "bytes": self.runs_bytes,

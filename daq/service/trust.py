@@ -25,7 +25,6 @@ _REMEDY = "remove the directory, or set XDG_RUNTIME_DIR to a private directory"
 
 
 def socket_directory() -> Path:
-    """systemd's runtime directory, otherwise a directory of the user."""
     if directory := os.environ.get("RUNTIME_DIRECTORY"):
         return Path(directory.split(":")[0])
     if directory := os.environ.get("XDG_RUNTIME_DIR"):

@@ -63,7 +63,6 @@ def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
 
 
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
-    """Rows of a stream as a batch. `sequence` starts at `first`."""
     faults = [] if isinstance(rows, SampleBlock) else [row for row in rows if not isinstance(row, Sample)]
     if faults:
         at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
@@ -146,12 +145,10 @@ class Salvage:
 
 
 def with_opening(schema: pa.Schema, opening: bytes) -> pa.Schema:
-    """Schema with the opening manifest (JSON) and a checksum as metadata."""
     return schema.with_metadata({_OPENING: opening, _OPENING_CRC: _digits(zlib.crc32(opening))})
 
 
 def opening_in(data: bytes) -> bytes | None:
-    """Opening manifest from a chunk of either format; None if it cannot be verified."""
     source = pa.BufferReader(data)
     try:
         parquet = data.startswith(b"PAR1")
@@ -164,12 +161,10 @@ def opening_in(data: bytes) -> bytes | None:
 
 
 def head(schema: pa.Schema) -> bytes:
-    """First bytes of a recording chunk."""
     return bytes(schema.serialize().to_pybytes())
 
 
 def frame(batch: pa.RecordBatch, number: int) -> bytes:
-    """Encode a batch for a recording chunk. `number` counts from 0 in each file."""
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as writer:
         marks = {_NUMBER: _digits(number), _CRC: _digits(checksum(batch, number))}
@@ -235,7 +230,6 @@ def _has_compression(metadata: bytes) -> bool:
 
 
 def _field(data: bytes, table: int, k: int) -> int:
-    """Offset of field k from the start of a FlatBuffers table, 0 if absent."""
     offsets = table - _number(data, table, "i")
     return _number(data, offsets + 4 + 2 * k, "H") if 4 + 2 * k < _number(data, offsets, "H") else 0
 
@@ -250,7 +244,6 @@ def _digits(number: int) -> bytes:
 
 
 def table_of(batches: tuple[pa.RecordBatch, ...], schema: pa.Schema) -> pa.Table:
-    """Table of batches with the metadata of the schema."""
     return pa.Table.from_batches(batches, schema.remove_metadata()).replace_schema_metadata(schema.metadata)
 
 

@@ -30,7 +30,6 @@ _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getatt
 
 
 def remedy(error: Exception, otherwise: str) -> str:
-    """Remedy for an error, or `otherwise` if the cause is the disk."""
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return "close programs or connections with open files, or raise the limit of file descriptors (LimitNOFILE)"
     if isinstance(error, OSError) and error.errno == errno.ELOOP:
@@ -48,7 +47,6 @@ def free_bytes(path: Path) -> int:
 
 
 def make_directories(path: Path) -> None:
-    """Create a directory and missing parents durably."""
     if path.is_dir():
         return
     make_directories(path.parent)
@@ -86,7 +84,6 @@ def sync(fd: int) -> None:
 
 
 def persist(path: Path) -> None:
-    """Sync a complete file and its directory entry."""
     fd = reopen(path)
     try:
         sync(fd)
@@ -96,7 +93,6 @@ def persist(path: Path) -> None:
 
 
 def again(fd: int) -> int:
-    """A duplicate descriptor, valid after the first is closed."""
     return os.dup(fd)
 
 
@@ -136,7 +132,6 @@ def _seek_and_write(fd: int, data: memoryview, offset: int) -> int:
 
 
 def create(path: Path, data: bytes, mode: int = 0o644) -> int:
-    """Create a file with initial data, and return its descriptor. If this fails, no file remains."""
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, mode)
     try:
         write_at(fd, data, 0)
@@ -161,7 +156,6 @@ def read(fd: int) -> bytes:
 
 
 def is_named(fd: int, path: Path) -> bool:
-    """True if an open file still has this name."""
     try:
         status = os.stat(path)  # noqa: PTH116 - through os, as everything here
     except (FileNotFoundError, NotADirectoryError):
@@ -170,7 +164,6 @@ def is_named(fd: int, path: Path) -> bool:
 
 
 def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
-    """Replace a file durably and atomically, and verify the content."""
     temporary = path.with_name(path.name + TEMPORARY)
     try:
         with suppress(FileNotFoundError):

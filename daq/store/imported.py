@@ -109,5 +109,4 @@ def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] =
 
 
 def _name(path: Path) -> str:
-    """Name of a run in a directory. Invalid characters are replaced by _."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", path.resolve().name).lstrip(".-")[:100] or TABLE

@@ -35,7 +35,6 @@ _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arr
 
 
 def chunk_name(stream: str, number: int) -> str:
-    """Parquet file of a chunk. Chunks are numbered from 1."""
     return f"{stream}-{number:04d}.parquet"
 
 
@@ -46,14 +45,10 @@ def parse_chunk(name: str) -> tuple[str, int, str] | None:
 
 
 class JsonRecord(BaseModel):
-    """Base of all JSON records: immutable, rejecting unknown keys."""
-
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class Clock(JsonRecord):
-    """Readings of the monotonic and the wall clock, taken within bracket_ns."""
-
     monotonic_ns: int
     unix_ns: int
     bracket_ns: Count
@@ -115,7 +110,6 @@ class Seal(JsonRecord):
 
 
 def to_recover(run: Path) -> str:
-    """Remedy for an interrupted or damaged run."""
     return f"run `rig recover {as_argument(run)}`"
 
 
@@ -212,7 +206,6 @@ class Claim:
     ended: str | None = None
 
     def __or__(self, claim: Claim) -> Claim:
-        """Combine two claims, taking the larger row counts."""
         return Claim(self.rows | claim.rows, self.ended or claim.ended)
 
 
@@ -235,7 +228,6 @@ def claim_in(data: bytes, opening: str | None) -> Claim:
 
 
 def line_of(entry: LedgerEntry, before: str) -> tuple[bytes, str]:
-    """An entry as a line, and its SHA-256. before: SHA-256 of the previous line."""
     content = entry.model_dump_json(exclude_defaults=True).encode()
     digest = sha256(before.encode() + content)
     return b'{"sha256":"' + digest.encode() + b'",' + content[1:] + b"\n", digest
@@ -250,7 +242,6 @@ def lines_of(entries: Iterable[LedgerEntry]) -> bytes:
 
 
 def read_ledger(run: Path) -> VerifiedLedger:
-    """Ledger of a run, empty if absent."""
     try:
         return verified(read_bytes(run / LEDGER, _MOST_BYTES))
     except FileNotFoundError:
@@ -267,7 +258,6 @@ class Ledger:
 
     @classmethod
     def create(cls, run: Path, opening: bytes) -> Ledger:
-        """Create the ledger of a run durably. opening: manifest of the run."""
         line, last = line_of(LedgerEntry(opening=sha256(opening)), "")
         fd = durable.create(run / LEDGER, line)
         try:

@@ -91,8 +91,6 @@ PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 
 class Manifest(JsonRecord):
-    """Complete description of a run, except for the rows."""
-
     version: Literal[1, 2] = 2
     """Version of the format; 1 is a run without a ledger."""
     name: Name
@@ -148,7 +146,6 @@ class Manifest(JsonRecord):
 
     @property
     def all_streams(self) -> dict[str, tuple[str, ...]]:
-        """Columns of the sample streams, the table if any, and the faults."""
         table = {TABLE: tuple(self.table.columns)} if self.table else {}
         return {**self.streams, **table, FAULTS: ()}
 
@@ -172,11 +169,9 @@ class Manifest(JsonRecord):
         return self.version > 1 and self.exit_status != "recording"
 
     def updated(self, **changes: Any) -> Manifest:
-        """A validated copy with changed values."""
         return Manifest.model_validate(self.model_dump() | changes)
 
     def with_entries(self, entries: Sequence[LedgerEntry]) -> Manifest:
-        """A validated copy that includes these ledger entries."""
         history = [change for entry in entries for change in entry.relabelled]
         seal = next((entry.seal for entry in reversed(entries) if entry.seal), None)
         return self.updated(
@@ -188,7 +183,6 @@ class Manifest(JsonRecord):
         )
 
     def save(self, run: Path) -> None:
-        """Write the manifest durably and atomically."""
         replace(run / MANIFEST, self.to_json() if self.version == 1 else self.opening())
 
     def opening(self) -> bytes:
@@ -206,7 +200,6 @@ class Manifest(JsonRecord):
         return self.model_copy(update=fresh).to_json()
 
     def to_json(self) -> bytes:
-        """Manifest combined with the ledger."""
         return self.model_dump_json(indent=1).encode()
 
 
@@ -273,7 +266,6 @@ def load_manifest(run: Path) -> Manifest:
 
 
 def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError | None:
-    """Error for a manifest that is valid except for an unknown test."""
     (first, *others) = error.errors(include_url=False, include_context=False)
     if others or first["loc"] != ("test",) or not isinstance(first["input"], str):
         return None
@@ -287,7 +279,6 @@ def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError 
 
 
 def unreadable(path: Path, error: OSError) -> FileError:
-    """Error for a file that the operating system refuses to read."""
     short = error.errno == errno.ENOMEM
     remedy = (
         "close other programs, or read it on a different computer" if short else "check the disk and the permissions"

@@ -30,8 +30,6 @@ class Export(JsonRecord):
 
 
 class MovementCheck(JsonRecord):
-    """Answer of a comparison of a run with a reference."""
-
     at: str
     reference: tuple[str, ...]
     """Names of the runs before."""
@@ -55,7 +53,6 @@ class RunMarks(JsonRecord):
 
 
 def load_marks(run: Path) -> RunMarks:
-    """Marks of a run, empty by default."""
     path = run / MARKS
     try:
         return RunMarks.model_validate_json(read_bytes(path, _MOST_BYTES))

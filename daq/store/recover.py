@@ -55,7 +55,6 @@ class Recovery:
 
     @property
     def nothing_to_do(self) -> bool:
-        """True if the run was already complete."""
         return not (self.rows or self.losses or self.notes)
 
 
@@ -121,7 +120,6 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
 
 
 def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manifest:
-    """Manifest of a run with a valid ledger, which is created if absent."""
     ledger = read_ledger(path)
     if manifest.version > 1 and ledger.entries:
         if ledger.unread:
@@ -147,7 +145,6 @@ def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manife
 
 
 def _opening_in(path: Path) -> bytes | None:
-    """Manifest from any chunk of the run."""
     for file in sorted(path.iterdir()):
         if parse_chunk(file.name) and (opening := opening_in(read_bytes(file, MOST_BYTES))):
             with suppress(ValidationError):
@@ -214,7 +211,6 @@ class _Repair:
             self._list(chunk)
 
     def _closed(self, stream: str, number: int) -> Chunk | None:
-        """Chunk if the Parquet file is present and complete."""
         file = self.path / chunk_name(stream, number)
         data = read_bytes(file, MOST_BYTES) if file.exists() else b""
         listed = next((c for c in self.manifest.chunks if c.file == file.name), None)
@@ -262,7 +258,6 @@ class _Repair:
         self.done.notes.append(f"{LEDGER}: sealed as recovered")
 
     def _rows(self, stream: str) -> int:
-        """Number of rows in a stream, from the number of the last row."""
         end = 0
         for chunk in self.manifest.chunks_of(stream):
             end = chunk.rows + (end if chunk.first_row is None else chunk.first_row)

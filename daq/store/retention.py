@@ -73,7 +73,6 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
 
 
 def look(run: Path) -> RunInfo:
-    """Facts about a run directory. Raises FileNotFoundError if it is gone."""
     size = 0
     for file in run.iterdir():
         with suppress(FileNotFoundError):  # files appear and disappear while a run is being recorded
@@ -91,7 +90,6 @@ def look(run: Path) -> RunInfo:
 
 
 def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:
-    """Select expired runs first, then the oldest until the limit is met."""
     free = sorted((info for info in runs if info.may_go), key=lambda info: info.ended_s)
     old = [info for info in free if limits.days is not None and now_s - info.ended_s > limits.days * _DAY_S]
     allowed = int(limits.gigabytes * 1e9) if limits.gigabytes is not None else 2**63
@@ -106,7 +104,6 @@ def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision
 
 
 def delete(run: Path) -> bool:
-    """Delete a run if a new check permits it. Returns False otherwise."""
     lock = durable.try_lock(run)
     if lock is None:
         return False
@@ -123,6 +120,5 @@ def delete(run: Path) -> bool:
 
 
 def clear(runs: Path) -> None:
-    """Remove the remains of interrupted deletions."""
     for gone in runs.glob(f".*{_DELETED}"):
         shutil.rmtree(gone, ignore_errors=True)

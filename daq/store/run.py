@@ -24,8 +24,6 @@ from rigs.files import read_bytes
 
 @dataclass(frozen=True)
 class Run:
-    """A recorded or imported run."""
-
     path: Path
     manifest: Manifest
     streams: dict[str, dict[str, np.ndarray[Any, Any]]]
@@ -58,7 +56,6 @@ def read_run(path: Path) -> Run:
 
 
 def closed_manifest(path: Path) -> Manifest:
-    """Manifest of a closed run, whose streams can be read."""
     manifest = load_manifest(path)
     recording = manifest.exit_status == "recording"
     try:
@@ -73,7 +70,6 @@ def closed_manifest(path: Path) -> Manifest:
 
 
 def is_unclosed(path: Path) -> bool:
-    """True if the run was left unclosed by a crash, and no process is writing it."""
     manifest = load_manifest(path)
     try:
         is_left = manifest.exit_status == "recording" or any((*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")))
@@ -90,7 +86,6 @@ def left_over(path: Path, manifest: Manifest) -> list[Path]:
 
 
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
-    """All rows of a stream in order."""
     schema = manifest.arrow_schema(stream)
     tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
     # `schema.empty_table()` would import pandas if installed; see `daq.store.chunk`.
@@ -98,7 +93,6 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
 
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
-    """Rows of a chunk, or selected columns. Refuses a chunk that differs from the manifest."""
     file = path / chunk.file
     remedy = "restore the file from a copy of the run"
     try:

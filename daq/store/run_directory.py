@@ -45,7 +45,6 @@ class NearlyFull(CellError):
 
 
 def require_room(place: Path, needed: int) -> None:
-    """Raise NearlyFull if fewer bytes than needed are free."""
     free = durable.free_bytes(place)
     if free < needed:
         raise NearlyFull(place, free, needed)
@@ -70,7 +69,6 @@ def load_all_of_arrow() -> None:
 
 
 def give_back() -> None:
-    """Return memory cached by Arrow to the system."""
     pa.default_memory_pool().release_unused()
 
 
@@ -80,8 +78,6 @@ _WHO_DELETES = "find the program that deletes or moves runs"
 
 
 class RunRemoved(CellError):
-    """The directory of the run disappeared during recording."""
-
     def __init__(self, run: Path) -> None:
         super().__init__(str(run), "the directory was removed during the recording", _WHO_DELETES)
 

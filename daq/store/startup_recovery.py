@@ -18,8 +18,6 @@ log = logging.getLogger("rigd")
 
 
 class StartupRecovery(clock.Thread):
-    """Thread that recovers all unclosed runs of a directory, latest first."""
-
     def __init__(self, runs: Path) -> None:
         super().__init__(name="recover", daemon=True)
         self._runs = runs
@@ -50,7 +48,6 @@ class StartupRecovery(clock.Thread):
 
 
 def _may_be_run(path: Path) -> bool:
-    """False for other directories, and for runs without recorded data."""
     try:
         return path.is_dir() and any(file.name == MANIFEST or parse_chunk(file.name) for file in path.iterdir())
     except OSError as error:  # such as lost+found on a separate disk

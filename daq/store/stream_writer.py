@@ -40,7 +40,6 @@ class OpenChunk:
 
     @property
     def is_synced(self) -> bool:
-        """True if the complete chunk and the file name are on the disk."""
         return self.named and self.synced == self.size
 
     def append(self, data: bytes) -> None:
@@ -61,8 +60,6 @@ class OpenChunk:
 
 
 class Pending:
-    """Rows to be written: samples in blocks, or faults."""
-
     def __init__(self) -> None:
         self._parts: list[Sequence[Row]] = []
         self._count = 0
@@ -120,11 +117,9 @@ class StreamWriter:
     full: OpenChunk | None = None
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Keep rows in memory until the next write."""
         self.pending.extend(rows)
 
     def unclosed(self) -> list[OpenChunk]:
-        """Chunks to be converted to Parquet, in order."""
         return [chunk for chunk in (self.full, self.open) if chunk]
 
     def count_lost_rows(self) -> int:
@@ -169,12 +164,10 @@ class StreamWriter:
         self.rows += batch.num_rows
 
     def begin_sync(self) -> Sync | None:
-        """Next sync, or None if all data is synced."""
         chunk = self.open
         return None if chunk is None or chunk.is_synced else Sync(chunk, durable.again(chunk.fd), chunk.size)
 
     def finish(self, chunk: OpenChunk) -> Chunk:
-        """End a chunk, verify that it can be read, and write the Parquet file."""
         chunk.end()
         if not chunk.is_synced:
             Sync(chunk, durable.again(chunk.fd), chunk.size).wait()
@@ -184,13 +177,11 @@ class StreamWriter:
         return store_chunk(self.run, self.stream, chunk.number, salvaged, self.schema)
 
     def delete_chunk(self, chunk: OpenChunk) -> None:
-        """Delete a chunk that is in the ledger as a Parquet file."""
         self._release(chunk)
         with suppress(FileNotFoundError):
             durable.remove(chunk.path)
 
     def release(self) -> None:
-        """Close the open files, but do not delete them."""
         for chunk in self.unclosed():
             self._release(chunk)
 
@@ -203,7 +194,6 @@ class StreamWriter:
 
 
 def store_chunk(run: Path, stream: str, number: int, salvaged: Salvage, schema: pa.Schema) -> Chunk:
-    """Write verified batches durably as a Parquet chunk."""
     table = table_of(salvaged.batches, schema)
     data = to_parquet(table)
     path = run / chunk_name(stream, number)
@@ -212,7 +202,6 @@ def store_chunk(run: Path, stream: str, number: int, salvaged: Salvage, schema: 
 
 
 def describe(file: str, stream: str, table: pa.Table, data: bytes) -> Chunk:
-    """Ledger record of a chunk with at least one row."""
     about = {"file": file, "stream": stream, "rows": table.num_rows, "sha256": sha256(data)}
     if stream == TABLE:
         return Chunk(**about, first_ns=0, last_ns=0, first_row=0)

@@ -68,8 +68,6 @@ class VerificationResult:
 
 @dataclass
 class _Stream:
-    """Content of a stream. end: number after the last row."""
-
     name: str
     rows_read: int = 0
     end: int = 0
@@ -79,7 +77,6 @@ class _Stream:
     """Number of faults in the fault stream, by stream and kind."""
 
     def skip_to(self, row: int) -> None:
-        """Continue at a row. The rows before it are missing."""
         if row > self.end:
             self.gaps.append(MissingRows(self.name, self.end, row - self.end))
         self.end = row
@@ -128,7 +125,6 @@ def judge(path: Path) -> VerificationResult:
 
 
 def _ledger(path: Path, manifest: Manifest, verified: VerifiedLedger) -> list[str]:
-    """Defects of the ledger, including a missing table in an imported run."""
     if manifest.version > 1 and not verified.entries:
         return [f"{path / LEDGER}: is missing or damaged from the first line; {to_recover(path)}"]
     if manifest.version > 1 and verified.unread and manifest.exit_status != "recording":
@@ -196,7 +192,6 @@ def _read(path: Path, manifest: Manifest, stream: str) -> _Stream:
 
 
 def _follow(read: _Stream, file: Path, rows: pa.Table) -> None:
-    """Check that the row numbers of a chunk are contiguous."""
     sequence = rows["sequence"].to_numpy()
     for i in np.flatnonzero(np.diff(sequence, prepend=read.end - 1) != 1):
         expected = read.end if i == 0 else int(sequence[i - 1]) + 1

@@ -52,7 +52,6 @@ class DiskOperation:
     synced: Mapping[str, int] | None = None
 
     def wait(self) -> None:
-        """Execute all steps once, in any thread. Raises the first error."""
         errors = [error for step in self.steps if (error := _attempt(step))]
         if errors:
             raise errors[0]
@@ -60,8 +59,6 @@ class DiskOperation:
 
 @dataclass
 class RunWriter:
-    """Writes a run. Created by `create`, finished by `close`."""
-
     path: Path
     manifest: Manifest
     _writers: dict[str, StreamWriter]
@@ -114,7 +111,6 @@ class RunWriter:
         self._writers[FAULTS].append((stream, fault) for fault in faults)
 
     def is_behind(self, stream: str) -> bool:
-        """True if too many rows of the stream, or faults, are waiting for the disk."""
         return max(len(self._writers[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
 
     def stored(self) -> dict[str, int]:
@@ -144,7 +140,6 @@ class RunWriter:
             self._write()
 
     def sync(self) -> None:
-        """Write, and wait until all rows are on the disk."""
         self.write()
         self._do(self.begin_sync())
 
@@ -163,7 +158,6 @@ class RunWriter:
             return DiskOperation([*(sync.wait for sync in syncs), *anchored], self.stored())
 
     def roll(self) -> bool:
-        """Close an ended chunk. Returns False if there is none."""
         self.write()
         work = self.begin_roll()
         if work:
@@ -176,7 +170,6 @@ class RunWriter:
         return DiskOperation([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
 
     def end_work(self, error: BaseException | None) -> None:
-        """Process the result of an operation: the error of `DiskOperation.wait`, or None."""
         with self._guarded():
             if error:
                 raise error
@@ -224,7 +217,6 @@ class RunWriter:
             writer.write()
 
     def _end(self, writer: StreamWriter) -> None:
-        """Close all chunks of a stream, including rows delayed by a sync."""
         while writer.unclosed():
             self._roll(writer)
             if not self._failure:

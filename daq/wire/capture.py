@@ -56,7 +56,6 @@ class Capture:
 
     @property
     def streams(self) -> tuple[str, ...]:
-        """Names in order of their first piece."""
         return tuple(dict.fromkeys(piece.stream for piece in self.pieces))
 
     def of(self, stream: str) -> tuple[Piece, ...]:
@@ -64,7 +63,6 @@ class Capture:
 
 
 def read_capture(path: Path) -> Capture:
-    """Read a capture file. Raises FileError with the first invalid line."""
     try:
         text = read_bytes(path, MOST_BYTES).decode()
     except (OSError, ValueError) as error:

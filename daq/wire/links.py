@@ -104,7 +104,6 @@ class Link:
         """Set the modem line DTR if the port has it."""
 
     def close(self) -> None:
-        """Close the device. It may already be closed or absent."""
         with contextlib.suppress(OSError):
             self._close()
 
@@ -112,13 +111,10 @@ class Link:
         """Inform the link of the items decoded from the last data."""
 
     def take_ignored(self) -> list[Fault]:
-        """Data ignored since the last call: damaged data, or data of other senders."""
         return []
 
 
 class SerialLink(Link):
-    """Serial port. The error counters are polled once a second."""
-
     def __init__(self, name: str, device: serial.Serial) -> None:
         super().__init__(name, device.fileno(), device.close)
         self._device = device

@@ -25,7 +25,6 @@ from rigs.schema.effect import size_field as size_field
 
 
 def _class_in(name: str) -> type[Effect]:
-    """Effect defined in a file. Raises ImportError if the file defines no complete effect of that name."""
     members: list[Any] = list(vars(importlib.import_module(f"{__name__}.{name}")).values())
     for member in members:
         is_effect = isinstance(member, type) and issubclass(member, Effect)

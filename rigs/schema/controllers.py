@@ -12,8 +12,6 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Practice:
-    """What the controllers of a maker compute with. get: how a user obtains the constants of one robot."""
-
     own_constants: Literal["always", "option"]
     source: str
     get: str

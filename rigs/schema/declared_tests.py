@@ -249,7 +249,6 @@ class When(Part):
         return self
 
     def overlaps(self, when: When) -> bool:
-        """True if a single event can satisfy both conditions."""
         if self.from_deg and self.to_deg and when.from_deg and when.to_deg:
             reach = (math.dist(self.from_deg, self.to_deg) + math.dist(when.from_deg, when.to_deg)) / 2
             same_start = largest_difference_deg(self.from_deg, when.from_deg) <= 2 * NEAR_DEG

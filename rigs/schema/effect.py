@@ -147,8 +147,6 @@ class Departures:
 
 @dataclass(frozen=True)
 class Compensation:
-    """Correction of an effect by a controller."""
-
     use: Use
     why_not: str = ""
     constant: tuple[int, str] | None = None
@@ -246,12 +244,10 @@ class Effect(Part, ABC):
         return self.REMEDY.format(e=self)
 
     def compensation(self) -> Compensation:
-        """How a controller corrects this effect, if its constants matter."""
         return self.CORRECTION
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """Shapes to fit with the effect for a given payload in kg; 0 if unknown."""
         return cls.FREE
 
     def flank_deg(self) -> float | None:
@@ -267,7 +263,6 @@ class Effect(Part, ABC):
         return float(_schema_extra(type(self), size_field(self))["healthy"])
 
     def usual_times(self, reference: Reference) -> float:
-        """Multiple of the healthy size that is normal in comparable arms."""
         return 1.0
 
     @property
@@ -288,7 +283,6 @@ class Effect(Part, ABC):
         return self.IDLE.format(e=self)
 
     def unit(self, parameter: str) -> str:
-        """Unit of a parameter, such as deg or mm; empty for a ratio."""
         if "_per_" in parameter:
             return parameter.replace("_per_", "/")
         return parameter.rsplit("_", 1)[-1] if "_" in parameter else {"ppm": "ppm"}.get(parameter, "")
@@ -316,7 +310,6 @@ _E = TypeVar("_E", bound=Effect)
 
 
 def at_each_axis(cls: type[_E], scope: Scope, **values: float) -> list[list[_E]]:
-    """A list of forms per joint, each with one form."""
     return [[cls.model_validate({"axis": axis, **values})] for axis in scope.axes]
 
 
@@ -342,12 +335,10 @@ def identity(effect: _E) -> _E:
 
 
 def name_of(effect: Effect) -> str:
-    """Name of an effect with its seat, for example `gauge_scale g1`."""
     return f"{effect.effect} {effect.seat}".rstrip()
 
 
 def label_of(effect: Effect) -> str:
-    """Label of an effect, with the order for gear errors."""
     order = getattr(effect, "order", None)
     return name_of(effect) if order is None else f"{name_of(effect)} order {whole_order(order):g}"
 
@@ -389,7 +380,6 @@ def size_field(effect: Effect) -> str:
 
 @cache
 def size_fields(cls: type[Effect]) -> tuple[str, ...]:
-    """Keys declared by `size`. A complete effect has exactly one."""
     return tuple(str(name) for name in cls.model_fields if "healthy" in _schema_extra(cls, name))
 
 

@@ -371,7 +371,6 @@ if not TYPE_CHECKING:
 
 
 def carries_signal(feedback: Feedback) -> bool:
-    """True if the samples of the robot have the column `signal`."""
     match feedback:
         case URRTDE():
             return feedback.signal is not None
@@ -387,12 +386,10 @@ def signal_of_outputs(feedback: Feedback) -> RTDESignal | None:
 
 
 def columns_beside_joints(feedback: Feedback) -> tuple[str, ...]:
-    """Columns after the joints in the samples of the robot, in order."""
     return (*((SIGNAL,) if carries_signal(feedback) else ()), *condition_columns(feedback))
 
 
 def condition_columns(feedback: Feedback) -> tuple[str, ...]:
-    """Condition columns in the samples of the robot, in order (`rigs.schema.condition`)."""
     columns: tuple[str, ...] = ()
     match feedback:
         case URRTDE():

@@ -42,7 +42,6 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
 
 
 def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
-    """A discriminated union extended by the classes offered for a group."""
     classes = get_args(get_args(union)[0])
     names = frozenset(name for cls in classes for name in get_args(cls.model_fields[_KEY[group]].annotation))
     of_others = offered(group, base, names)

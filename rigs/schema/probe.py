@@ -114,7 +114,6 @@ class GaugeCertificate(Certificate):
 
     @property
     def valid_mm(self) -> tuple[float, float] | None:
-        """Range of readings with a known correction; None if there is no correction."""
         return (self.correction_mm[0][0], self.correction_mm[-1][0]) if self.correction_mm else self.range_mm
 
 
@@ -132,7 +131,6 @@ class BallLink(Certificate):
 
 
 def _require_rising(table: tuple[tuple[float, float], ...] | list[tuple[float, float]], remedy: str) -> None:
-    """Check that a table is increasing: equal or reordered corrected lengths are invalid. Raises ValueError."""
     for (before, least), (reading, correction) in pairwise(table):
         if reading + correction <= before + least:
             raise ValueError(

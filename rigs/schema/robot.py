@@ -170,7 +170,6 @@ class Robot(Part):
 
     @property
     def design(self) -> Build:
-        """Design of the arm, as given or typical for the number of axes."""
         more = len(self.axes) - DRIVEN_AXES
         return self.build or ("torque_sensing" if more > 0 else "light" if more < 0 else "industrial")
 
@@ -198,7 +197,6 @@ class Robot(Part):
     @model_validator(mode="before")
     @classmethod
     def _coupled(cls, written: Any) -> Any:
-        """Set the default coupling: each axis turns with the joint of the same number."""
         if isinstance(written, Mapping) and "coupling" not in written:
             axes = written.get("axes")
             if isinstance(axes, list | tuple) and FEWEST_AXES <= len(axes) <= MOST_AXES:

@@ -47,7 +47,6 @@ FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
 
 
 def direction_of(word: str) -> Direction | None:
-    """Direction for a common spelling: ccw is acw; None for other words."""
     return _WAYS.get(word.casefold())
 
 
@@ -88,7 +87,6 @@ def _letters(word: str) -> str:
 
 
 def maker_of(interface: str) -> MakerName | None:
-    """Maker of controllers that use a feedback interface; None for general interfaces."""
     return next((maker for maker in makers() if f"{interface}_".startswith(f"{maker}_")), None)
 
 

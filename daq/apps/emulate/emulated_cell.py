@@ -27,8 +27,6 @@ _NOTICE_S = 0.05
 
 @dataclass(frozen=True)
 class Adversity:
-    """Timing disturbances."""
-
     latency_ms: float = 0.0
     """Latency of an FTDI adapter on each serial line."""
     jitter_ms: float = 0.0
@@ -75,7 +73,6 @@ class EmulatedInstruments:
             thread.start()
 
     def stop(self) -> dict[str, int]:
-        """Stop all instruments. Returns the number of readings sent by each."""
         if self._stop.is_set():
             return self.sent()
         self._stop.set()
@@ -89,7 +86,6 @@ class EmulatedInstruments:
         self._silenced.add(name)
 
     def hang_up(self, name: str) -> None:
-        """Make the instrument on a network port end the conversation and start a new one."""
         self._servers[name].hang_up()
 
     def unplug(self, name: str) -> None:
@@ -161,7 +157,6 @@ class EmulatedInstruments:
 
 
 def as_emulated(text: str) -> str:
-    """Rig file with the robot marked as emulated. Runs recorded with it are also marked."""
     return _text_of(data_of(text) | {"emulated": True})
 
 

@@ -49,8 +49,6 @@ class OneLine:
 
 
 class MotionSource(Protocol):
-    """Source of the measured values at any time of the host's monotonic clock."""
-
     def gauge_mm(self, name: str, now_ns: int) -> float:
         """Reading of a gauge by name; nan if the head is disconnected."""
 

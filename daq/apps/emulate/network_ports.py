@@ -38,7 +38,6 @@ class NetworkPort(ABC):
         """Serve until `stop` is set."""
 
     def hang_up(self) -> None:
-        """End the current conversation. The next starts soon."""
         self._hang_up.set()
 
     def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
@@ -88,15 +87,12 @@ class TcpPort(NetworkPort):
 
 
 class TcpCaller(NetworkPort):
-    """TCP client of a local port, initially free."""
-
     def __init__(self, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> None:
         with socket.create_server((_HOST, 0)) as server:
             self._number = int(server.getsockname()[1])
         super().__init__(f"tcp://{_HOST}:{self._number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Reconnect after the end or refusal of a connection."""
         while not stop.is_set():
             if self.plugged.wait(_AGAIN_S):
                 self._hang_up.clear()

@@ -41,7 +41,6 @@ class StreamingPlayer:
 
     @property
     def begun(self) -> bool:
-        """True if any data has been sent or received."""
         return self._time.shift_ns is not None and len(self._left) < self._whole
 
     def connected(self, now_ns: int) -> ConversationStep:
@@ -136,8 +135,6 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Exchanges:
-    """Requests of the host and their answers within a connection."""
-
     all: Sequence[Exchange]
     asked_ns: Sequence[int]
     begin_ns: int
@@ -233,7 +230,6 @@ class AnsweringPlayer:
         return ConversationStep(wake_ns=next_ns + shift_ns)
 
     def _hear(self, at_ns: int) -> None:
-        """Select the answer when a request is complete."""
         if at_ns >= self._exchanges.end_ns:
             return
         exchange = self._nearest(at_ns, bytes(self._replayed))

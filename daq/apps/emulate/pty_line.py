@@ -66,7 +66,6 @@ class LatencyTimer:
 
     @property
     def due_ns(self) -> int | None:
-        """Time at which the bytes are due, if any."""
         return self._due_ns if self._held else None
 
     def add(self, data: bytes, now_ns: int) -> None:
@@ -108,7 +107,6 @@ class LateLink:
                 return data
 
     def write(self, data: bytes) -> None:
-        """Queue data until it is due."""
         self._last_ns = max(self._last_ns, clock.now_ns() + round(self._random.expovariate(self._rate)))
         self._waiting.append((self._last_ns, data))
         self._send_due()
@@ -145,7 +143,6 @@ class PtyLine:
         self.plug()
 
     def plug(self) -> None:
-        """Create the pty and its name."""
         tty.setraw(self._slave)
         # For programs that open the opposite end with default settings; a baud rate unknown to the system is not set.
         speed = next((speed for speed, baud in _SPEEDS.items() if baud == self._line.baud), None)
@@ -159,7 +156,6 @@ class PtyLine:
             self._name.symlink_to(os.ttyname(self._slave))
 
     def unplug(self) -> None:
-        """Remove the tty and the name until `plug` creates a new tty."""
         following = os.openpty()  # before closing the old tty, to avoid reusing the number
         self.close()
         self._master, self._slave = following
@@ -182,7 +178,6 @@ class PtyLine:
         return heard(data, far, self._line) if far else data
 
     def set_out(self, at_ns: int) -> None:
-        """Start the next transmission at this time, even in the past."""
         self._set_out_ns = at_ns
 
     def write(self, data: bytes) -> None:
@@ -211,7 +206,6 @@ class PtyLine:
         """Ignored: a pty has no modem lines."""
 
     def _far_line(self) -> Line | None:
-        """Settings of the opposite end if the baud rates differ."""
         baud = _SPEEDS.get(termios.tcgetattr(self._slave)[_OSPEED])
         matches = baud in (None, self._line.baud) or self._line.baud not in _SPEEDS.values()
         return None if matches else Line.model_validate(f"{baud} 8N1")
@@ -223,7 +217,6 @@ class PtyLine:
         os.close(self._slave)
 
     def _wait_until(self, at_ns: int) -> None:
-        """Wait until a time. The adapter continues to send."""
         while clock.now_ns() < at_ns:
             clock.sleep(self._pause_s(at_ns))
             self._release()

@@ -84,22 +84,18 @@ class Replay:
 
     @property
     def restarts(self) -> int:
-        """Number of restarts caused by the host closing a connection early."""
         return self._time.turn
 
     @property
     def otherwise(self) -> int:
-        """Number of pieces sent by the host that differ from the capture."""
         return sum(steps.otherwise for steps in self.steps.values())
 
     def rig_text(self, text: str) -> str:
-        """Rig file with the ports of this cell and the file of timing deviations."""
         data = data_of(self.cell.rig_text(text)) | ({"replay": str(self._marks)} if self._marks else {})
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
 
     def _mark(self, stream: str, off_ns: float) -> None:
-        """Append the timing deviation of a stream over one second."""
         if self._marks is None:
             return
         try:
@@ -116,7 +112,6 @@ class ReplayedStream:
     """
 
     def __init__(self, connections: Sequence[Callable[[], Player]], over: Callable[[], Player], time: Timebase) -> None:
-        """connections, over: player factories for all connections, and for those after the end."""
         self._connections, self._over, self._time = connections, over, time
         self._turn = -1
         self._number = 0

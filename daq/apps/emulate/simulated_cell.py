@@ -26,8 +26,6 @@ _ROUND_S = 0.2
 
 
 class SimulatedLine:
-    """Cable from an instrument to the daemon."""
-
     def __init__(self, name: str, character_ns: int, *, datagrams: bool = False) -> None:
         """character_ns: 0 for a network. datagrams: a read returns exactly one datagram."""
         self.name, self.plugged, self.datagrams = name, True, datagrams
@@ -44,7 +42,6 @@ class SimulatedLine:
         self._character_ns = character_ns
 
     def open(self) -> _LineEnd:
-        """Open a connection. Raises CellError while unplugged."""
         if not self.plugged:
             raise CellError(self.name, "does not exist", "plug it in", code="port.missing")
         ours, theirs = _LineEnd(self, self._character_ns), _LineEnd(self, self._character_ns)
@@ -72,7 +69,6 @@ class SimulatedLine:
         clock.Thread(target=serve, name=f"emulated {self.name}", daemon=True).start()
 
     def unplug(self) -> None:
-        """Unplug the cable. Data in transit is lost."""
         self.plugged = False
         self.reset()
 

@@ -149,7 +149,6 @@ class SimulatedClock:
         return [task.thread.name for task in self._tasks.values() if task.group == process]
 
     def kill(self, *processes: str) -> None:
-        """End all threads of these processes at their waits, in sequence."""
         doomed = [task for task in self._tasks.values() if task.group in processes]
         for task in doomed:
             task.killed, task.ready = True, lambda: True

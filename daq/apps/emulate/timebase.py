@@ -44,7 +44,6 @@ class Timebase:
                 self.shift_ns = now_ns - at_ns + _HEAD_START_NS
 
     def restart(self, turn: int) -> None:
-        """Restart because the host left during this turn."""
         with self._lock:
             if turn == self.turn:
                 self.turn += 1
@@ -85,7 +84,6 @@ class Steps:
         self._offs_ns.append(off_ns)
 
     def judge(self) -> None:
-        """Evaluate the last second."""
         if not self._offs_ns:
             return
         self._offs_ns.sort()

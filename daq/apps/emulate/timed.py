@@ -16,8 +16,6 @@ Read = Callable[[int], Sequence[float]]
 
 
 class _Wrapped:
-    """A device whose steps are changed before they take effect."""
-
     def __init__(self, device: Device) -> None:
         self._device = device
 
@@ -42,7 +40,6 @@ class OwnClock(_Wrapped):
     """Device side with a clock `ppm` faster than the clock of the caller, starting at 0."""
 
     def __init__(self, make: Callable[[Read], Device], read: Read, ppm: float) -> None:
-        """make: creates the device from a read function. read: called with the host time."""
         self._fast = ppm * 1e-6
         super().__init__(make(lambda own_ns: read(self._host(own_ns))))
 
@@ -122,7 +119,6 @@ class OwnCycle:
 
 
 def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Read:
-    """A function for the readings shown by the instrument."""
     if timing.latch == "own_cycle" and timing.cycle_ms is not None:
         length = 1 + round(2 * timing.filter_ms / timing.cycle_ms)
         return OwnCycle(read, timing.cycle_ms * 1e6, length, unsteady, chance)
@@ -138,7 +134,6 @@ def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Ra
 
 
 def timed_device(device: Device, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Device:
-    """Device side with a delay or a fixed rate."""
     if timing.latch == "streamed" and timing.cycle_ms is not None:
         return _Paced(device, timing.cycle_ms * 1e6, unsteady.pace, chance)
     return _Late(device, round(timing.answer_delay_ms * 1e6)) if timing.answer_delay_ms else device
@@ -169,8 +164,6 @@ class _Late(_Wrapped):
 
 
 class _Paced(_Wrapped):
-    """Streaming instrument with a limited rate."""
-
     def __init__(self, device: Device, pace_ns: float, uneven: float, chance: random.Random) -> None:
         super().__init__(device)
         self._pace_ns = pace_ns
@@ -191,8 +184,6 @@ class _Paced(_Wrapped):
 
 
 class Scheduled(Protocol):
-    """Line with an absolute schedule."""
-
     free_ns: int
     """Time at which all data is or will be sent."""
 

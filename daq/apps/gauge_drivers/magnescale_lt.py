@@ -63,7 +63,6 @@ def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
 
 
 def value_of(field: bytes, gauge: Probe) -> Reading:
-    """Reading that follows the name of a channel."""
     match = _VALUE.fullmatch(field)
     if not match:
         return garbled(field)

@@ -27,7 +27,6 @@ _CHECK = f"close the menu and end any master measurement, during which it is sil
 
 
 def host(gauges: Sequence[MahrC1208]) -> Host:
-    """Host's side of the protocol. A cable carries a single gauge."""
     protocol = gauges[0].protocol
     return polled_text(gauges, _REQUEST[protocol] + b"\r", _END[protocol], _read, _CHECK)
 

@@ -163,13 +163,10 @@ class _ILD1420Dialect(QuickDialect):
 
 
 def _mm(x: float | NDArray[np.int64], gauge: MicroEpsilonILD1420) -> Any:
-    """Distances for codes, relative to the zero of the gauge."""
     return (102 / 65520 * x - 1) / 100 * gauge.range_mm - gauge.zero_mm
 
 
 class _Sensor(SteadyDevice):
-    """The sensor, with a measuring rate of 1 kHz."""
-
     IS_STREAM = True
 
     def __init__(self, gauge: MicroEpsilonILD1420, read: Read) -> None:

@@ -104,7 +104,6 @@ def _mm(raw: float, gauge: ModbusMap) -> float:
 
 
 def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
-    """Values in the other orders that are possible lengths."""
     readings = []
     for word_order, byte_order in product(get_args(Order), repeat=2):
         orders: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}

@@ -73,8 +73,6 @@ def _status_block(gauge: SolartronOrbit) -> ModbusMap:
 
 
 class _OrbitDialect:
-    """Reads the value, followed by the status."""
-
     reset, formats = b"", ()
 
     def __init__(self, gauge: SolartronOrbit, wire: Wire) -> None:

@@ -93,7 +93,6 @@ Reader = Callable[[BoundedBuffer], Any]
 
 
 def decoded(kind: type[Any], body: bytes) -> Any:
-    """Decode a message into an object of the types of asyncua."""
     return structure(kind, BoundedBuffer(body))
 
 
@@ -106,7 +105,6 @@ def structure(kind: Any, data: BoundedBuffer) -> Any:
 
 
 def type_of(body: bytes) -> Any:
-    """Type number of a message, as `TypeId.Identifier` in asyncua."""
     try:
         return nodeid_from_binary(BoundedBuffer(body)).Identifier
     except _UNREADABLE as error:
@@ -207,8 +205,6 @@ _NUMBERS = struct.Struct("<II")
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A complete message: three letters, request number and content."""
-
     kind: bytes
     request: int
     body: bytes
@@ -233,7 +229,6 @@ class Channel:
         self._parts: list[bytes] = []
 
     def agree(self, size: int) -> None:
-        """Limit the chunk size to the limit of the peer."""
         if size < _SMALLEST_CHUNK:
             raise Unreadable(f"chunks of at most {size} bytes; at least {_SMALLEST_CHUNK} are required")
         self._longest = min(CHUNK, size)

@@ -112,13 +112,10 @@ class RobotNodes:
 
     @property
     def all(self) -> list[Any]:
-        """All nodes, starting with the axes."""
         return [*self.axes, *self.condition.values()]
 
 
 class _Browser:
-    """Searches for nodes by path. Each node is browsed once."""
-
     def __init__(self) -> None:
         self._known: dict[Any, Children] = {}
 
@@ -173,7 +170,6 @@ def _system_and_robot(browser: _Browser, feedback: OPCUARobotics) -> Talk[tuple[
 
 
 def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
-    """Axes q1 … q6, by the names in the rig file or by number."""
     names = ", ".join(axes)[:300] or "none"
     if feedback.axes:
         if missing := [axis for axis in feedback.axes if axis not in axes]:
@@ -245,7 +241,6 @@ def _motors(browser: _Browser, robot: Any, axes: Sequence[Any]) -> Talk[dict[str
 
 
 def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:
-    """EUInformation of each variable; None if absent."""
     below = yield from children(variables)
     units = yield from values([node["EngineeringUnits"] for node in below if "EngineeringUnits" in node])
     remaining = iter(units)
@@ -254,7 +249,6 @@ def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:
 
 
 def values(variables: Sequence[Any]) -> Talk[list[Any]]:
-    """Value of each variable; None if unreadable."""
     if not variables:
         return []
     results = (yield read_request(variables)).Results or ()
@@ -397,7 +391,6 @@ def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
 
 
 def _keep_alive(interval_ms: float, feedback: OPCUARobotics) -> int:
-    """Keep-alive count: three messages within the time-out."""
     return max(1, int(1e3 * feedback.timeout_s / 3 / max(interval_ms, 1.0)))
 
 

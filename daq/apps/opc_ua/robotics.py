@@ -63,8 +63,6 @@ def device(feedback: OPCUARobotics, read: Read) -> Device:
 
 
 class _Host(Streamed):
-    """Receives published data, or sends read requests on schedule."""
-
     def __init__(self, client: _Client, timeout_s: float) -> None:
         super().__init__(client, timeout_s)
         self._client = client
@@ -213,7 +211,6 @@ def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
 
 
 def _response(request: Any, body: bytes) -> Any:
-    """Response to a request, or a ServiceFault."""
     kind = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")
     number = type_of(body)
     if number not in (kind().TypeId.Identifier, ua.ObjectIds.ServiceFault_Encoding_DefaultBinary):

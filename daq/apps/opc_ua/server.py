@@ -54,8 +54,6 @@ _UNIT_NAMES = {DEGREE: "°", CELSIUS: "°C", KILOGRAM: "kg"}
 
 @dataclass
 class Space:
-    """Address space."""
-
     below: dict[Any, list[tuple[str, Any]]] = field(default_factory=dict)
     """Children of each node as (browse name, node)."""
     variables: dict[Any, str] = field(default_factory=dict)
@@ -64,7 +62,6 @@ class Space:
     """Units by the node that contains them."""
 
     def add(self, path: str, shows: str | None = None, unit: int | None = None, node: Any | None = None) -> Any:
-        """Add a node and missing parents by the path below Objects."""
         above, _, name = path.rpartition("/")
         parent = self.add(above) if above else OBJECTS
         node = node or ua.NodeId(path, _OURS)
@@ -85,7 +82,6 @@ class Space:
         return ua.BrowseResult(References=references)
 
     def constant(self, node: Any) -> Any:
-        """Value of a unit node; other nodes have no constant value."""
         if node not in self.units:
             return ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadAttributeIdInvalid))
         unit = self.units[node]
@@ -181,7 +177,6 @@ class RobotServer:
         return self._step(answers)
 
     def tick(self, now_ns: int) -> ConversationStep:
-        """Send all subscribed values of an instant. After a late tick the next follows immediately."""
         if self._pace is None or not self._waiting:
             return ConversationStep()
         instant_ns = self._pace.step(now_ns)

@@ -89,8 +89,6 @@ _OVERFLOW = 0x480
 
 
 class RobotValues:
-    """Converts values, identified by the index in `RobotNodes.all`, into samples."""
-
     def __init__(self, feedback: OPCUARobotics, nodes: RobotNodes) -> None:
         self._nodes = nodes
         self._columns = condition_columns(feedback)
@@ -124,7 +122,6 @@ class RobotValues:
         yield from self._samples(self._together.take(values), NO_TIME, message)
 
     def polled(self, results: Sequence[Any], asked_ns: int, message: Message) -> Iterator[Item]:
-        """Items of an answer to `request`, without the stamps of the server, which may be old."""
         values = list[AxisValue]()
         for place, value in enumerate(results):
             yield from self._take(place, value, values, message)

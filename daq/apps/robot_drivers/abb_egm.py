@@ -31,7 +31,6 @@ Field = tuple[int, int, int | bytes]
 
 
 def fields(data: bytes) -> list[Field] | None:
-    """Fields of a message in order; None for an invalid message."""
     message: list[Field] = []
     at = 0
     while at < len(data):
@@ -64,7 +63,6 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def number_in(message: Sequence[Field], number: int) -> int:
-    """Last value of an integer field, 0 if missing."""
     values = [value for key, wire_type, value in message if key == number and wire_type == VARINT]
     return int(values[-1]) if values else 0
 
@@ -76,7 +74,6 @@ def message_in(message: Sequence[Field], number: int) -> list[Field] | None:
 
 
 def doubles_in(message: Sequence[Field], number: int) -> tuple[float, ...]:
-    """Values of a repeated double, packed or not."""
     values = [packed for key, wire_type, packed in message if key == number and wire_type in (FIXED64, BYTES)]
     data = b"".join(packed for packed in values if isinstance(packed, bytes))
     return struct.unpack(f"<{len(data) // 8}d", data[: len(data) // 8 * 8])
@@ -149,7 +146,6 @@ def _pose_in(cartesian: Sequence[Field]) -> tuple[float, ...]:
 
 
 def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, float]) -> float:
-    """Meaning of a state field, nan if it is missing or undefined."""
     return float(meanings.get(number_in(message_in(message, number) or [], 1), math.nan))
 
 

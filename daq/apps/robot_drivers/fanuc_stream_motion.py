@@ -112,7 +112,6 @@ class _StreamMotionClient(Positions):
         """True if the last request was for the version."""
 
     def start(self) -> bytes:
-        """Packet to send while the controller is silent."""
         if self._version is not None:
             return start_packet(self._version)
         self._asked = self._answered or not self._asked
@@ -134,8 +133,6 @@ class _StreamMotionClient(Positions):
 
 
 class _StreamMotionController(SteadyDevice):
-    """Sends the status every cycle, from the request until the stop packet."""
-
     STAMP_START_MS = 86_400_000
     SAMPLING_MS = 8
 

@@ -105,8 +105,6 @@ class _RSIDialect(Positions):
 
 
 class _RSIController(SteadyDevice):
-    """Sends a datagram per cycle, and counts missing answers."""
-
     IPOC_START = 4_208_000
 
     def __init__(self, feedback: KUKARSI, read: Read) -> None:

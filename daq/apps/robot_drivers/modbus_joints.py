@@ -38,7 +38,6 @@ def host(feedback: ModbusJoints) -> Host:
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
     def read_registers(now_ns: int) -> list[int] | None:
-        """All registers, or None if an angle does not fit."""
         registers = [0] * feedback.count
         for joint, angle_deg in zip(feedback.joints, read(now_ns), strict=True):
             raw = (angle_deg / _DEG_PER_UNIT[feedback.units] - joint.offset) / joint.scale

@@ -99,7 +99,6 @@ def packet(kind: bytes, payload: bytes = b"") -> bytes:
 
 
 def packets() -> Sized:
-    """A framer for packets of both sides, including the header."""
     return Sized(_HEADER.size, _length)
 
 
@@ -123,7 +122,6 @@ class Recipe:
         return Recipe({name: kind for name, kind in named if name})
 
     def read(self, payload: bytes) -> dict[str, Numbers]:
-        """Numbers by field of a data packet, which has the recipe's size."""
         numbers = islice(self.layout.unpack(payload), 1, None)
         return {name: tuple(islice(numbers, _FORMATS[kind][0])) for name, kind in self.types.items()}
 
@@ -132,7 +130,6 @@ class Recipe:
 
 
 def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Columns of the condition, nan for missing fields and unknown codes."""
     (program,) = fields.get("runtime_state", (_UNKNOWN,))
     (safety,) = fields.get(_SAFETY_FIELD) or fields.get(OLDER[_SAFETY_FIELD], (_UNKNOWN,))
     (limited,), (slider,) = fields.get("speed_scaling", (math.nan,)), fields.get("target_speed_fraction", (math.nan,))
@@ -146,7 +143,6 @@ def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
 
 
 def pose_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Columns of the flange pose, nan if a field is missing."""
     tool, offset = (fields.get(name) for name in POSE_TYPES)
     if tool is None or offset is None:
         return (math.nan,) * len(POSE)
@@ -211,8 +207,6 @@ def _signal(place: RTDESignal, raw: int) -> float:
 
 
 class _RTDEClient(StreamedDialect):
-    """Handshake, then data."""
-
     check = "check that the controller is on and RTDE is not disabled under Settings › Security › Services"
 
     def __init__(self, feedback: URRTDE) -> None:
@@ -253,7 +247,6 @@ class _RTDEClient(StreamedDialect):
         return meaning(payload, message) if meaning else self._accepted(kind, payload, message)
 
     def _accepted(self, kind: bytes, payload: bytes, message: Message) -> Reaction:
-        """Handle the answer to the version or start request."""
         if payload not in {b"\0", b"\1"}:
             return _out_of_step(message)
         if payload == b"\0":
@@ -318,7 +311,6 @@ class _RTDEClient(StreamedDialect):
 
 
 def _counted(data: bytes) -> tuple[bytes, bytes]:
-    """Text with a length prefix, and the remaining data."""
     end = 1 + data[0] if data else 0
     return data[1:end], data[end:]
 
