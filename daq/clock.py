@@ -112,6 +112,17 @@ class Thread(threading.Thread):
         super().join(timeout)
 
 
+class StoppableThread(Thread):
+    """Daemon thread whose `run` ends soon after `stop`."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name=name, daemon=True)
+        self._stop_asked = Event()
+
+    def stop(self) -> None:
+        self._stop_asked.set()
+
+
 def result(future: Future[_T]) -> _T:
     if simulation := _simulated():
         simulation.wait(future.done, None)

@@ -57,15 +57,10 @@ def names_in_words(names: Iterable[str]) -> str:
     """Names in words, each kind once and without orders: `play of axes 1 and 6; bending of links 1, 4 and 5`."""
     seats: dict[str, set[str]] = {}
     for name in names:
-        kind, seat = _split(name.partition(" order ")[0])
-        seats.setdefault(kind, set()).add(seat)
+        kind, _, seat = name.partition(" order ")[0].partition(" ")
+        axis, _, field = seat.partition(".")
+        seats.setdefault(f"{kind} {field}" if field else kind, set()).add(axis if field else seat)
     return "; ".join(_with_seats(kind, sorted(filter(None, of_kind))) for kind, of_kind in seats.items())
-
-
-def _split(name: str) -> tuple[str, str]:
-    kind, _, seat = name.partition(" ")
-    axis, _, field = seat.partition(".")
-    return (f"{kind} {field}", axis) if field else (kind, seat)
 
 
 def _with_seats(kind: str, seats: Sequence[str]) -> str:

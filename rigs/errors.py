@@ -7,6 +7,7 @@ codes. Any other traceback shown to a user is a bug.
 
 from __future__ import annotations
 
+import copyreg
 import re
 from typing import Any, Literal
 
@@ -60,7 +61,8 @@ class RigError(Exception):
             self.code = code
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _again, (type(self), self.args), self.__dict__
+        # Constructors of subclasses have arguments other than those stored by `Exception`.
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined] # untyped
 
     def lines(self) -> list[str]:
         """A line per problem."""
@@ -70,10 +72,6 @@ class RigError(Exception):
         """The error as plain types for JSON."""
         names = ("code", "where", "what", "remedy", "exit_code")
         return {name: getattr(self, name) for name in names}
-
-
-def _again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:
-    return kind.__new__(kind, *args)
 
 
 class UseError(RigError):

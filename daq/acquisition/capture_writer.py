@@ -30,17 +30,16 @@ _ROOM = 200_000
 _WRITE_S = 0.5
 
 
-class CaptureWriter(clock.Thread):
+class CaptureWriter(clock.StoppableThread):
     """Thread that writes the capture of a daemon, from `start` to `stop`."""
 
     def __init__(self, path: Path, streams: Sequence[Stream]) -> None:
-        super().__init__(name="capture", daemon=True)
+        super().__init__("capture")
         self._path, self._streams = path, streams
         self._file: TextIO
         self._lock = threading.Lock()
         self._pieces: deque[Piece] = deque()
         self._left_out: Counter[str] = Counter()
-        self._stop_asked = clock.Event()
         self._open = True
         self._size = 0
 
@@ -68,9 +67,9 @@ class CaptureWriter(clock.Thread):
             elif self._open:
                 self._left_out[stream] += 1
 
-    def stop(self, within_s: float) -> None:
+    def finish(self, within_s: float) -> None:
         """Write the remaining pieces and close the file. After `within_s`, the capture is truncated."""
-        self._stop_asked.set()
+        self.stop()
         self.join(within_s)
         if self.is_alive():
             log.error("capture %s ends early: the disk does not accept the rest", self._path)

@@ -75,13 +75,12 @@ class HostClockMonitor:
 _SLEEP_S = 0.1
 
 
-class StallWatch(clock.Thread):
+class StallWatch(clock.StoppableThread):
     """Thread that sleeps until `stop`, and records a fault for each sleep longer than `longest_ns`."""
 
     def __init__(self, longest_ns: int = STALL_NS) -> None:
-        super().__init__(name="stalls", daemon=True)
+        super().__init__("stalls")
         self._longest_ns = longest_ns
-        self._stop_asked = clock.Event()
         self._faults: deque[Fault] = deque()
         self._lock = threading.Lock()
         """Protects the wake-up time, so that a stall is recorded only once."""
@@ -111,9 +110,6 @@ class StallWatch(clock.Thread):
         if self.is_alive():
             self._awake()
         return [self._faults.popleft() for _ in range(len(self._faults))]
-
-    def stop(self) -> None:
-        self._stop_asked.set()
 
 
 _WINDOW_S = 10.0

@@ -32,12 +32,11 @@ _SHARE = 0.5
 """Largest share of a processor for a reader: a gauge at 12 kHz needs a third, and a flood needs all."""
 
 
-class StreamReader(clock.Thread):
+class StreamReader(clock.StoppableThread):
     def __init__(self, stream: Stream, buffer: StreamBuffer, link: Link, capture: CaptureWriter | None = None) -> None:
-        super().__init__(name=f"read {stream.name}", daemon=True)
+        super().__init__(f"read {stream.name}")
         self._stream, self._buffer, self._capture = stream, buffer, capture
         self._link: Link | None = link
-        self._stop_asked = clock.Event()
         self._pause_s = _FIRST_PAUSE_S
         self._lost_ns: int | None = None
         """Start of the current outage, or None while the link is open."""
@@ -46,9 +45,6 @@ class StreamReader(clock.Thread):
         self._before: Host | None = None
         self._reasons: set[str] = set()
         """Reasons already reported in this outage."""
-
-    def stop(self) -> None:
-        self._stop_asked.set()
 
     def run(self) -> None:
         while not self._stop_asked.is_set():

@@ -169,12 +169,15 @@ class Conversation(Protocol):
 
     def connected(self, now_ns: int) -> ConversationStep:
         """The link was opened."""
+        return ConversationStep()
 
     def received(self, data: bytes, now_ns: int) -> ConversationStep:
         """Bytes were received, the last at `now_ns`."""
+        return ConversationStep()
 
     def tick(self, now_ns: int) -> ConversationStep:
         """No data has arrived until `wake_ns`."""
+        return ConversationStep()
 
 
 @runtime_checkable

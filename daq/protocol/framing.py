@@ -103,30 +103,27 @@ class DelimitedLines:
         pieces, ending = self._pieces, len(self._delimiter)
         pieces.add(data, now_ns)
         messages: list[Message | Fault] = []
+        detail = f"over {LIMIT} bytes without {self._delimiter!r}; check the line settings and the interface"
+        endless = Fault(FaultKind.GARBLED, now_ns, detail)
         if self.echo and pieces.data.startswith(self.echo):
             pieces.take(len(self.echo))
-        self._pass_line_feeds()
-        while (content := pieces.data.find(self._delimiter)) >= 0:
+        while True:
+            while self._delimiter == b"\r" and pieces.data.startswith(b"\n"):
+                pieces.take(1)
+            content = pieces.data.find(self._delimiter)
+            if content < 0:
+                break
             message = pieces.take(content + ending, trailer=ending)
             if not self._skipping:
-                messages.append(self._endless(now_ns) if message.size > LIMIT else message)
+                messages.append(endless if message.size > LIMIT else message)
             self._skipping = False
-            self._pass_line_feeds()
         if len(pieces.data) >= LIMIT:
             if not self._skipping:
-                messages.append(self._endless(now_ns))
+                messages.append(endless)
             self._skipping = True
         if self._skipping and (surplus := len(pieces.data) - ending + 1) > 0:
             pieces.take(surplus)  # the remainder may be the start of a delimiter
         return messages
-
-    def _pass_line_feeds(self) -> None:
-        while self._delimiter == b"\r" and self._pieces.data.startswith(b"\n"):
-            self._pieces.take(1)
-
-    def _endless(self, now_ns: int) -> Fault:
-        detail = f"over {LIMIT} bytes without {self._delimiter!r}; check the line settings and the interface"
-        return Fault(FaultKind.GARBLED, now_ns, detail)
 
 
 class Sized:

@@ -6,7 +6,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 
 from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Item, Sample
 from daq.protocol.framing import Framer, Message
@@ -217,9 +216,11 @@ class SteadyDevice(ABC):
 
     def tick(self, now_ns: int) -> ConversationStep:
         send = b""
-        for instant_ns in islice(self._pace.due(now_ns) if self._pace else (), None if self.IS_STREAM else 1):
+        for instant_ns in self._pace.due(now_ns) if self._pace else ():
             send += self._message(instant_ns)
             self.sent += 1
+            if not self.IS_STREAM:
+                break
         return self._step(send)
 
     def _step(self, send: bytes = b"") -> ConversationStep:

@@ -16,7 +16,7 @@ from pymodbus.pdu import ExceptionResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInputRegistersResponse
 
 from daq.protocol.bus import Bus, BusMember
-from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Sample
+from daq.protocol.conversation import Conversation, ConversationStep, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import (
     ReadBlock,
@@ -193,7 +193,7 @@ def _garbled(detail: str, message: Message) -> Reply:
     return Reply((message.fault(FaultKind.GARBLED, detail),), Then.DRAIN)
 
 
-class RegisterDevice:
+class RegisterDevice(Conversation):
     def __init__(
         self, served: Sequence[tuple[ReadBlock, Held]], silently: Sequence[tuple[ReadBlock, Held]] = ()
     ) -> None:
@@ -204,9 +204,6 @@ class RegisterDevice:
         self._readings = len(served)
         self._wire = Wire(first.port, first.framing, serving=True)
 
-    def connected(self, now_ns: int) -> ConversationStep:
-        return ConversationStep()
-
     def received(self, data: bytes, now_ns: int) -> ConversationStep:
         answers = b""
         for message in self._wire.frames.feed(data, now_ns):
@@ -214,9 +211,6 @@ class RegisterDevice:
                 return ConversationStep(answers, hang_up=True)
             answers += self._answer(message.data, now_ns)
         return ConversationStep(answers)
-
-    def tick(self, now_ns: int) -> ConversationStep:
-        return ConversationStep()
 
     def _answer(self, frame: bytes, now_ns: int) -> bytes:
         unit, number, content = self._wire.open(frame)

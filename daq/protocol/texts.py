@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Item, Sample
+from daq.protocol.conversation import Conversation, ConversationStep, Fault, FaultKind, Host, Item, Sample
 from daq.protocol.framing import DelimitedLines, Framer, Message
 from daq.protocol.numerals import NumberFormat, PrintedNumber, refusal
 from daq.protocol.polled import Polled, Reply, Then
@@ -151,7 +151,7 @@ def polled_text(
     return Polled(dialect, gauges[0].timeout_s)
 
 
-class TextDevice:
+class TextDevice(Conversation):
     """Device side of an instrument that answers requests.
 
     `answer` returns the answer to a command, or empty bytes for none. An incomplete command is empty.
@@ -170,17 +170,11 @@ class TextDevice:
         self._frames = DelimitedLines(end) if isinstance(end, bytes) else end
         self._answer = answer
 
-    def connected(self, now_ns: int) -> ConversationStep:
-        return ConversationStep()
-
     def received(self, data: bytes, now_ns: int) -> ConversationStep:
         commands = [
             message.data if isinstance(message, Message) else b"" for message in self._frames.feed(data, now_ns)
         ]
         return ConversationStep(b"".join(self._answer(command, lambda: self.show(now_ns)) for command in commands))
-
-    def tick(self, now_ns: int) -> ConversationStep:
-        return ConversationStep()
 
     def show(self, now_ns: int) -> list[float]:
         units = [MM_PER_UNIT[gauge.units] for gauge in self._gauges]

@@ -27,7 +27,7 @@ LIMIT = 1 << 16
 """Ten times the joint states of an arm with a hand."""
 
 
-class _WebSocket:
+class _WebSocket(Conversation):
     """A side of the connection. The inner conversation starts when the WebSocket is open."""
 
     def __init__(self, side: ConnectionType, carried: Conversation) -> None:
@@ -138,6 +138,3 @@ class WebSocketDevice(_WebSocket):
     @property
     def sent(self) -> int:
         return self._device.sent
-
-    def connected(self, now_ns: int) -> ConversationStep:
-        return ConversationStep()

@@ -58,7 +58,7 @@ _LEAST_PAUSE_S = 0.1
 """Other threads need the lock to start or stop a recording on a slow disk."""
 
 
-class Recorder(clock.Thread):
+class Recorder(clock.StoppableThread):
     def __init__(
         self,
         buffers: Mapping[str, StreamBuffer],
@@ -70,12 +70,11 @@ class Recorder(clock.Thread):
 
         on_items: receives the new items of every stream and must return quickly.
         """
-        super().__init__(name="write", daemon=True)
+        super().__init__("write")
         self._buffers, self._create, self._after_round = buffers, create, after_round
         self._on_items = on_items
         self._pretrigger = PretriggerBuffer(buffers)
         self._lock = threading.Lock()
-        self._stop_asked = clock.Event()
         self._state = RecorderState()
         self._runs: dict[int, ActiveRun] = {}
         """All open runs, by number."""
@@ -143,7 +142,7 @@ class Recorder(clock.Thread):
             return self._runs[number].ended
 
     def shut_down(self, ending: Ending, why: str) -> Path | None:
-        self._stop_asked.set()
+        self.stop()
         self.join()
         in_a_run = self._state.run is not None
         try:

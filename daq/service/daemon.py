@@ -178,7 +178,7 @@ class Daemon:
         for thread in (*self._readers, self._startup_recovery):
             thread.join(_LEAVE_S)
         if self._capture:
-            self._capture.stop(_LEAVE_S)
+            self._capture.finish(_LEAVE_S)
         self._maintenance.join(_LEAVE_S)
         self._locks.close()
         return cut_short

@@ -24,13 +24,12 @@ _FIRST = b"# HELP rig_"
 """First bytes of a metrics file written by rigd."""
 
 
-class Maintenance(clock.Thread):
+class Maintenance(clock.StoppableThread):
     """Writes the metrics every ten seconds, and applies the retention every ten minutes, until stopped."""
 
     def __init__(self, metrics: Path | None, text: Callable[[], str], retention: RunRetention | None) -> None:
-        super().__init__(name="keep house", daemon=True)
+        super().__init__("keep house")
         self._metrics, self._text, self._retention = metrics, text, retention
-        self._stop_asked = clock.Event()
         self._warned = False
 
     def start(self) -> None:
@@ -45,9 +44,6 @@ class Maintenance(clock.Thread):
                 problem, remedy = f"cannot be written: {error.strerror or error}", "choose a different --metrics"
                 raise CellError(str(self._metrics), problem, remedy, code="metrics.not_writable") from None
         super().start()
-
-    def stop(self) -> None:
-        self._stop_asked.set()
 
     def run(self) -> None:
         due_s = clock.now_s()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import errno
 from collections import Counter
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import count
@@ -168,19 +167,20 @@ class _Repair:
             if file.name.endswith(durable.TEMPORARY):
                 durable.remove(file)
                 self.done.notes.append(f"{file.name}: half-written, removed")
-        self._each("arrow", self._settle)
-        self._each("parquet", self._adopt)
+        for file in [*sorted(self.path.glob("*.arrow")), *sorted(self.path.glob("*.parquet"))]:
+            stream, number, kind = parse_chunk(file.name) or ("", 0, "")
+            if stream not in self.manifest.all_streams:
+                self._set_aside(file, "belongs to no stream of this run")
+            elif kind == "arrow":
+                self._settle(file, stream, number)
+            elif all(chunk.file != file.name for chunk in self.manifest.chunks):
+                if chunk := self._closed(stream, number):
+                    self._list(chunk)
+                else:
+                    self._set_aside(file, "not a chunk of this run, or damaged")
         if self.manifest.exit_status == "recording" or not self.done.nothing_to_do:
             self._seal()
         return self.done
-
-    def _each(self, kind: str, treat: Callable[[Path, str, int], None]) -> None:
-        for file in sorted(self.path.glob(f"*.{kind}")):
-            name = parse_chunk(file.name)
-            if name and name[0] in self.manifest.all_streams:
-                treat(file, name[0], name[1])
-            else:
-                self._set_aside(file, "belongs to no stream of this run")
 
     def _settle(self, file: Path, stream: str, number: int) -> None:
         schema = with_opening(self.manifest.arrow_schema(stream), self.opening)
@@ -200,15 +200,6 @@ class _Repair:
             durable.remove(file)
             durable.sync_directory(self.path)
             self.done.notes.append(f"{file.name}: complete, {salvaged.rows} rows")
-
-    def _adopt(self, file: Path, stream: str, number: int) -> None:
-        if any(chunk.file == file.name for chunk in self.manifest.chunks):
-            return
-        chunk = self._closed(stream, number)
-        if chunk is None:
-            self._set_aside(file, "not a chunk of this run, or damaged")
-        else:
-            self._list(chunk)
 
     def _closed(self, stream: str, number: int) -> Chunk | None:
         file = self.path / chunk_name(stream, number)

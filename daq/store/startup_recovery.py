@@ -17,15 +17,12 @@ from rigs.errors import RigError
 log = logging.getLogger("rigd")
 
 
-class StartupRecovery(clock.Thread):
-    def __init__(self, runs: Path) -> None:
-        super().__init__(name="recover", daemon=True)
-        self._runs = runs
-        self._stop_asked = clock.Event()
+class StartupRecovery(clock.StoppableThread):
+    """Recovers all unclosed runs of a directory, latest first. An interrupted recovery can be repeated."""
 
-    def stop(self) -> None:
-        """Request the end after the current run. An interrupted recovery can be repeated."""
-        self._stop_asked.set()
+    def __init__(self, runs: Path) -> None:
+        super().__init__("recover")
+        self._runs = runs
 
     def run(self) -> None:
         try:

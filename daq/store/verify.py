@@ -118,25 +118,22 @@ def judge(path: Path) -> VerificationResult:
         verified.seal,
         tuple(gap for stream in streams for gap in stream.gaps),
         (
-            *_ledger(path, manifest, verified), *_manifest(path, manifest, is_recorded=is_recorded),
-            *_companion_problems(path, manifest), *unlisted, *problems,
+            *_records(path, manifest, verified, is_recorded=is_recorded), *_companion_problems(path, manifest),
+            *unlisted, *problems,
         ),
     )  # fmt: skip
 
 
-def _ledger(path: Path, manifest: Manifest, verified: VerifiedLedger) -> list[str]:
-    if manifest.version > 1 and not verified.entries:
-        return [f"{path / LEDGER}: is missing or damaged from the first line; {to_recover(path)}"]
-    if manifest.version > 1 and verified.unread and manifest.exit_status != "recording":
-        line = len(verified.entries) + 1
-        return [f"{path / LEDGER}: line {line} and later lines cannot be verified; {to_recover(path)}"]
-    if manifest.table is not None and not manifest.chunks_of(TABLE):
-        return [f"{path}: the table is not there; import {manifest.table.file} again"]
-    return []
-
-
-def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]:
+def _records(path: Path, manifest: Manifest, verified: VerifiedLedger, *, is_recorded: bool) -> list[str]:
+    """Defects of ledger and manifest, including a missing table of an imported run."""
     problems = []
+    if manifest.version > 1 and not verified.entries:
+        problems.append(f"{path / LEDGER}: is missing or damaged from the first line; {to_recover(path)}")
+    elif manifest.version > 1 and verified.unread and manifest.exit_status != "recording":
+        line = len(verified.entries) + 1
+        problems.append(f"{path / LEDGER}: line {line} and later lines cannot be verified; {to_recover(path)}")
+    elif manifest.table is not None and not manifest.chunks_of(TABLE):
+        problems.append(f"{path}: the table is not there; import {manifest.table.file} again")
     if is_recorded:
         problems.append(f"{path}: {'; '.join(BEING_RECORDED)}")
     elif manifest.exit_status == "recording":

@@ -44,18 +44,17 @@ def _require_complete(name: str, cls: type[Effect]) -> type[Effect]:
     return cls
 
 
-def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
-    found = {}
-    for name, cls in plugins.offered("rig.effects", Effect, own).items():  # type: ignore[type-abstract]
+def _vocabulary() -> dict[str, type[Effect]]:
+    found = {file.name: _class_in(file.name) for file in pkgutil.iter_modules(__path__)}
+    for name, cls in plugins.offered("rig.effects", Effect, frozenset(found)).items():  # type: ignore[type-abstract]
         try:
             found[name] = _require_complete(name, cls)
         except ImportError as reason:
             plugins.BROKEN[name] = f"the effect {name} of an installed package cannot be used: {reason}"
-    return found
+    return dict(sorted(found.items()))
 
 
-_OWN: dict[str, type[Effect]] = {file.name: _class_in(file.name) for file in pkgutil.iter_modules(__path__)}
-VOCABULARY: dict[str, type[Effect]] = dict(sorted((_OWN | _of_others(frozenset(_OWN))).items()))
+VOCABULARY = _vocabulary()
 
 if TYPE_CHECKING:
     AnyEffect = Effect

@@ -8,7 +8,7 @@ shows the full width.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from rigs.schema.effect import (
     size,
 )
 from rigs.schema.part import Axis
-from rigs.schema.reference import Reference
 from rigs.schema.scene import S, plays, plays_of_visits
+from rigs.schema.vocabulary import Build
 
 _SPREAD = np.linspace(-0.9, 0.9, 7)
 _FIRM_NM = 1.0
@@ -54,6 +54,13 @@ class Backlash(Effect):
 
     STAGE = "joint"
     KIND_NAME = "play"
+    USUAL_TIMES: ClassVar[dict[Build, float]] = {"servo": 30.0}
+    """A multiple of thirty for servos: more than 1.5° is a fault.
+
+    New Feetech STS3215, as in an SO-101, show 0.87° (robonine.com, test of 2025), about 1°
+    (TheRobotStudio/SO-ARM100, issue 134), 1.30° (robonine.com, backlash compensation) and up to 1.49° in logs of
+    complete arms, although the data sheet allows 0.5°. A test stand with its logs: doi.org/10.5281/zenodo.19261714.
+    """
     IDLE = "axis {e.axis} does not reverse"
     REMEDY = "inspect the reducer of axis {e.axis}: {e.width_deg:.4f}° of play; until then approach from one side"
     CORRECTION = Compensation("none", "depends on the direction of approach: approach every target from the same side")
@@ -75,15 +82,6 @@ class Backlash(Effect):
             side = self.preload * np.tanh(scene.torques()[:, self.axis - 1] / _FIRM_NM)
             deviation = (1 - np.abs(side)) * deviation + side * half
         return scene.turned(self.axis, deviation)
-
-    def usual_times(self, reference: Reference) -> float:
-        """A multiple of thirty for servos: more than 1.5° is a fault.
-
-        New Feetech STS3215, as in an SO-101, show 0.87° (robonine.com, test of 2025), about 1°
-        (TheRobotStudio/SO-ARM100, issue 134), 1.30° (robonine.com, backlash compensation) and up to 1.49° in logs of
-        complete arms, although the data sheet allows 0.5°. A test stand with its logs: doi.org/10.5281/zenodo.19261714.
-        """
-        return 30.0 if reference.design == "servo" else 1.0
 
     def flank_deg(self) -> float | None:
         return None if self.preload else self.width_deg / 2

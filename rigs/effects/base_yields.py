@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from rigs.schema.effect import BY_TARGETS, Effect, FreeShape, Scope, SeatNotation, shape, size
-from rigs.schema.reference import Reference
 from rigs.schema.scene import S
+from rigs.schema.vocabulary import Build
 
 Yields = Literal["evenly", "x", "y", "xy", "yx"]
 _WAYS: tuple[Yields, ...] = ("evenly", "x", "y", "xy", "yx")
@@ -48,6 +48,11 @@ class BaseYields(Effect):
 
     STAGE = "tool"
     KIND_NAME = "tilt of the base under load"
+    USUAL_TIMES: ClassVar[dict[Build, float]] = {"light": 5.0, "torque_sensing": 5.0, "servo": 5.0}
+    """A multiple of five for light arms on frames, tables and carts.
+
+    Assumed; no measured support was available.
+    """
     IDLE = "the arm's moment about the base hardly changes, or the masses are missing in the rig file"
     CORRECTION = BY_TARGETS
     DEED = "mount"
@@ -80,10 +85,3 @@ class BaseYields(Effect):
             f"the base tilts by {1e6 * math.radians(self.deg_per_Nm):.2g} µrad/Nm: bolt the base down "
             "firmly and stiffen its support"
         )
-
-    def usual_times(self, reference: Reference) -> float:
-        """A multiple of five for light arms on frames, tables and carts.
-
-        Assumed; no measured support was available.
-        """
-        return 1.0 if reference.design == "industrial" else 5.0

@@ -1,13 +1,13 @@
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from rigs.schema.effect import AT_AXIS, Compensation, Effect, size
 from rigs.schema.part import Axis
-from rigs.schema.reference import Reference
 from rigs.schema.scene import S
+from rigs.schema.vocabulary import Build
 
 
 class JointOffset(Effect):
@@ -20,6 +20,12 @@ class JointOffset(Effect):
     STAGE = "joint"
     FORM_U = 0.0
     KIND_NAME = "zero"
+    USUAL_TIMES: ClassVar[dict[Build, float]] = {"light": 2.0, "torque_sensing": 2.0, "servo": 10.0}
+    """A multiple of two for light arms and of ten for servos.
+
+    Zeros of axes 2 to 4 of a UR10 are wrong by up to 0.06° (Landgraf et al., 2021). Zeros of servos are set by eye
+    and limited by the teeth of a horn; assumed, so that an offset of 1° is a fault.
+    """
     REMEDY = "re-master axis {e.axis} (actual angle minus reading: {e.offset_deg:+z.4f}°), or enter the offset"
     SEAT_NOUN = "axis"
     DEED = "remaster"
@@ -33,14 +39,6 @@ class JointOffset(Effect):
 
     def compensation(self) -> Compensation:
         return Compensation("joint zero", constant=(self.axis, "q_deg"))
-
-    def usual_times(self, reference: Reference) -> float:
-        """A multiple of two for light arms and of ten for servos.
-
-        Zeros of axes 2 to 4 of a UR10 are wrong by up to 0.06° (Landgraf et al., 2021). Zeros of servos are set by eye
-        and limited by the teeth of a horn; assumed, so that an offset of 1° is a fault.
-        """
-        return {"industrial": 1.0, "servo": 10.0}.get(reference.design, 2.0)
 
     @property
     def symbol(self) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from rigs.schema.effect import AT_AXIS, BY_TARGETS, Effect, Scope, at_each_axis, size
 from rigs.schema.part import Axis
-from rigs.schema.reference import Reference
 from rigs.schema.scene import S
+from rigs.schema.vocabulary import Build
 
 _LEAST_TURN = 0.15
 """Minimum motion of a joint in turns, 54°, for distinguishing a wrong scale from a wrong zero. Chosen: with a
@@ -28,6 +28,8 @@ class JointScale(Effect):
     STAGE = "joint"
     FORM_U = 0.0
     KIND_NAME = "angle scale"
+    USUAL_TIMES: ClassVar[dict[Build, float]] = {"servo": 30.0}
+    """A multiple of thirty for hobby servos, 0.15 %: magnet and sensor are not centred; assumed."""
     CORRECTION = BY_TARGETS
     SEAT_NOUN = "axis"
     DEED = "check"
@@ -51,10 +53,6 @@ class JointScale(Effect):
             f"axis {self.axis} turns {100 * (1 + self.relative):.3f} % of the reported angle: correct the "
             "gear ratio or the encoder resolution in the controller, then re-master the axis"
         )
-
-    def usual_times(self, reference: Reference) -> float:
-        """A multiple of thirty for hobby servos, 0.15 %: magnet and sensor are not centred; assumed."""
-        return 30.0 if reference.design == "servo" else 1.0
 
     @property
     def idle(self) -> str:

@@ -17,7 +17,7 @@ All sizes therefore follow the same curve: T2 / T1 is 3.1 to 3.7, K2 / K1 1.3 to
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -32,8 +32,8 @@ from rigs.schema.effect import (
     size,
 )
 from rigs.schema.part import Axis
-from rigs.schema.reference import Reference
 from rigs.schema.scene import Array, S, play
+from rigs.schema.vocabulary import Build
 
 _KNEE_2, _K2, _K3 = 3.5, 1.55, 1.75
 """T2 / T1, K2 / K1 and K3 / K1: means over sizes 17 to 40 of the table."""
@@ -84,6 +84,12 @@ class StrainWave(Effect):
 
     STAGE = "joint"
     KIND_NAME = "torsion of the gear"
+    USUAL_TIMES: ClassVar[dict[Build, float]] = {"light": 60.0, "torque_sensing": 60.0}
+    """A multiple of sixty for arms with strain-wave gears, 6e-4 °/Nm.
+
+    This is their linear compliance (`compliance`, axes 2 and 3 of a UR10). Arms with torque sensors have the same
+    gears.
+    """
     PLAIN = "torsion of the strain-wave gear of {joint}"
     IDLE = "gravity hardly loads axis {e.axis}"
     CORRECTION = BY_TARGETS
@@ -114,11 +120,3 @@ class StrainWave(Effect):
             f"the gear of axis {self.axis} twists by {1e6 * np.radians(self.deg_per_Nm):.3g} µrad/Nm up to "
             f"{self.knee_Nm:.3g} Nm and less above: enter the actual payload, and correct targets"
         )
-
-    def usual_times(self, reference: Reference) -> float:
-        """A multiple of sixty for arms with strain-wave gears, 6e-4 °/Nm.
-
-        This is their linear compliance (`compliance`, axes 2 and 3 of a UR10). Arms with torque sensors have the same
-        gears.
-        """
-        return 60.0 if reference.design in ("light", "torque_sensing") else 1.0

@@ -21,7 +21,7 @@ from pydantic import Field
 from rigs.schema.part import Part
 from rigs.schema.reference import Reference
 from rigs.schema.scene import Array, S, Stage
-from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
@@ -211,6 +211,8 @@ class Effect(Part, ABC):
     DEED: ClassVar[Deed] = "repair"
     WEARS: ClassVar[bool] = True
     """False for constants of the arm: their difference from a data sheet is no fault, because they do not wear."""
+    USUAL_TIMES: ClassVar[dict[Build, float]] = {}
+    """Multiple of the healthy size that is normal in arms of a design, 1 if absent."""
     MOST: ClassVar[float] = 120.0
     """Largest size in a fit, in healthy sizes. Faults are at most 100; the simulator is not validated far beyond."""
 
@@ -263,7 +265,7 @@ class Effect(Part, ABC):
         return float(_schema_extra(type(self), size_field(self))["healthy"])
 
     def usual_times(self, reference: Reference) -> float:
-        return 1.0
+        return self.USUAL_TIMES.get(reference.design, 1.0)
 
     @property
     def repeats_each_turn(self) -> bool:

@@ -69,37 +69,23 @@ def _address(scheme: str, port: str) -> tuple[str, int] | None:
     return (match[2].strip("[]"), int(match[3])) if match and match[1] == scheme else None
 
 
-def _port(value: str) -> str:
-    if value.startswith("/") and len(value) > 1:
-        return value
-    address = tcp_address(value)
-    if address is None or not 0 < address[1] < 65536:
-        raise ValueError(f"{value!r} is not a port; write '/dev/serial/by-id/…' or 'tcp://host:number'")
-    return value
-
-
-def _udp_port(value: str) -> str:
-    address = udp_address(value)
-    if address is None or not 0 < address[1] < 65536:
-        raise ValueError(f"{value!r} is not a UDP port; write 'udp://host:number'")
-    return value
-
-
-def _any_port(value: str) -> str:
-    return _udp_port(value) if value.startswith("udp:") else _port(value)
-
-
-def tcp_port(example: int) -> AfterValidator:
-    """Require a TCP address; example: usual port number, for the message."""
-
+def _port(kind: str, schemes: tuple[str, ...], remedy: str, *, serial: bool = False) -> AfterValidator:
     def check(port: str) -> str:
-        if tcp_address(port) is None:
-            raise ValueError(f"{port!r} is not a TCP port; write 'tcp://host:{example}'")
-        return port
+        match = _NETWORK.fullmatch(port)
+        is_network = match is not None and match[1] in schemes and 0 < int(match[3]) < 65536
+        if is_network or (serial and port.startswith("/") and len(port) > 1):
+            return port
+        raise ValueError(f"{port!r} is not a {kind}; write {remedy}")
 
     return AfterValidator(check)
 
 
-Port = Annotated[str, AfterValidator(_port)]
-UDPPort = Annotated[str, AfterValidator(_udp_port)]
-AnyPort = Annotated[str, AfterValidator(_any_port)]
+def tcp_port(example: int) -> AfterValidator:
+    """Require a TCP address; example: usual port number, for the message."""
+    return _port("TCP port", ("tcp",), f"'tcp://host:{example}'")
+
+
+_SERIAL = "'/dev/serial/by-id/…'"
+Port = Annotated[str, _port("port", ("tcp",), f"{_SERIAL} or 'tcp://host:number'", serial=True)]
+UDPPort = Annotated[str, _port("UDP port", ("udp",), "'udp://host:number'")]
+AnyPort = Annotated[str, _port("port", ("tcp", "udp"), f"{_SERIAL}, 'tcp://…' or 'udp://host:number'", serial=True)]

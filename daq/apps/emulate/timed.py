@@ -24,13 +24,17 @@ class _Wrapped:
         return self._device.sent
 
     def connected(self, now_ns: int) -> ConversationStep:
-        return self._after(self._device.connected(now_ns), now_ns)
+        return self._after(self._device.connected(self._own(now_ns)), now_ns)
 
     def received(self, data: bytes, now_ns: int) -> ConversationStep:
-        return self._after(self._device.received(data, now_ns), now_ns)
+        return self._after(self._device.received(data, self._own(now_ns)), now_ns)
 
     def tick(self, now_ns: int) -> ConversationStep:
-        return self._after(self._device.tick(now_ns), now_ns)
+        return self._after(self._device.tick(self._own(now_ns)), now_ns)
+
+    def _own(self, host_ns: int) -> int:
+        """Time by the clock of the device."""
+        return host_ns
 
     def _after(self, step: ConversationStep, now_ns: int) -> ConversationStep:
         return step
@@ -42,15 +46,6 @@ class OwnClock(_Wrapped):
     def __init__(self, make: Callable[[Read], Device], read: Read, ppm: float) -> None:
         self._fast = ppm * 1e-6
         super().__init__(make(lambda own_ns: read(self._host(own_ns))))
-
-    def connected(self, now_ns: int) -> ConversationStep:
-        return super().connected(self._own(now_ns))
-
-    def received(self, data: bytes, now_ns: int) -> ConversationStep:
-        return super().received(data, self._own(now_ns))
-
-    def tick(self, now_ns: int) -> ConversationStep:
-        return super().tick(self._own(now_ns))
 
     def _own(self, host_ns: int) -> int:
         return host_ns + round(host_ns * self._fast)

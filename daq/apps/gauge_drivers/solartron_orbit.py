@@ -49,27 +49,23 @@ def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
         return [_NO_PROBE if math.isnan(value) else 0.0 for value in read(now_ns)]
 
     values = [_block(gauge, gauge.parameter) for gauge in gauges]
-    statuses = [_status_block(gauge) for gauge in gauges]
+    statuses = [_block(gauge, gauge.status_parameter, units="mm") for gauge in gauges]
     return RegisterDevice(
         [(block, registers_over_time(block, value, place)) for place, block in enumerate(values)],
         silently=[(block, registers_over_time(block, status, place)) for place, block in enumerate(statuses)],
     )
 
 
-def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
+def _block(gauge: SolartronOrbit, parameter: int, **changed: str) -> ModbusMap:
+    """A parameter as a register map; the status in mm, so that it is not converted."""
     address = _FLOATS + parameter
     return ModbusMap(
         interface="modbus_map",
         address=address,
         count=2,
         value=ValueRegister(address=address, type="float32"),
-        **{name: getattr(gauge, name) for name in _SHARED},
+        **{name: getattr(gauge, name) for name in _SHARED} | changed,
     )
-
-
-def _status_block(gauge: SolartronOrbit) -> ModbusMap:
-    """Status as a register map in mm, so that it is not converted."""
-    return _block(gauge, gauge.status_parameter).model_copy(update={"units": "mm"})
 
 
 class _OrbitDialect:
@@ -78,7 +74,7 @@ class _OrbitDialect:
     def __init__(self, gauge: SolartronOrbit, wire: Wire) -> None:
         self._gauge = gauge
         self._value = dialect(_block(gauge, gauge.parameter), wire)
-        self._status = dialect(_status_block(gauge), wire)
+        self._status = dialect(_block(gauge, gauge.status_parameter, units="mm"), wire)
         self.frames = wire.frames
         self.check, self.babble = self._value.check, self._value.babble
         self._held: Sample | None = None

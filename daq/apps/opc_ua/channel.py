@@ -237,8 +237,8 @@ class Channel:
         body: bytes = struct_to_binary(message)
         if kind in _PLAIN:
             return _HEADER.pack(kind, _FINAL, _HEADER.size + len(body)) + body
-        security = struct_to_binary(ua.AsymmetricAlgorithmHeader()) if kind == OPEN else _u32(self.token)
-        head = _u32(self.number) + security
+        security = struct_to_binary(ua.AsymmetricAlgorithmHeader()) if kind == OPEN else struct.pack("<I", self.token)
+        head = struct.pack("<I", self.number) + security
         room = self._longest - _HEADER.size - len(head) - _NUMBERS.size
         parts = [body[begin : begin + room] for begin in range(0, len(body), room)]
         chunks = []
@@ -277,7 +277,3 @@ class Channel:
             return None
         whole, self._parts = b"".join(self._parts), []
         return Received(kind, request, whole)
-
-
-def _u32(number: int) -> bytes:
-    return number.to_bytes(4, "little")

@@ -42,7 +42,7 @@ from daq.apps.opc_ua.nodes import (
     STATE,
     shown_of,
 )
-from daq.protocol.conversation import ConversationStep, Fault
+from daq.protocol.conversation import Conversation, ConversationStep, Fault
 from daq.protocol.framing import Message
 from daq.protocol.positions import SteadyRate
 from rigs.schema.condition import TEMPERATURES, UNDISTURBED
@@ -131,7 +131,7 @@ _FASTEST_MS, _SLOWEST_MS = 1.0, 1000.0
 _LONGEST_TOKEN_MS = 3_600_000
 
 
-class RobotServer:
+class RobotServer(Conversation):
     """OPC UA server of a robot.
 
     read: axis angles and the columns of `condition_columns` at a time. subscriptions: False if the client must poll.
