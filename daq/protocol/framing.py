@@ -103,8 +103,6 @@ class DelimitedLines:
         pieces, ending = self._pieces, len(self._delimiter)
         pieces.add(data, now_ns)
         messages: list[Message | Fault] = []
-        detail = f"over {LIMIT} bytes without {self._delimiter!r}; check the line settings and the interface"
-        endless = Fault(FaultKind.GARBLED, now_ns, detail)
         if self.echo and pieces.data.startswith(self.echo):
             pieces.take(len(self.echo))
         while True:
@@ -115,15 +113,19 @@ class DelimitedLines:
                 break
             message = pieces.take(content + ending, trailer=ending)
             if not self._skipping:
-                messages.append(endless if message.size > LIMIT else message)
+                messages.append(self._endless(now_ns) if message.size > LIMIT else message)
             self._skipping = False
         if len(pieces.data) >= LIMIT:
             if not self._skipping:
-                messages.append(endless)
+                messages.append(self._endless(now_ns))
             self._skipping = True
         if self._skipping and (surplus := len(pieces.data) - ending + 1) > 0:
             pieces.take(surplus)  # the remainder may be the start of a delimiter
         return messages
+
+    def _endless(self, now_ns: int) -> Fault:
+        detail = f"over {LIMIT} bytes without {self._delimiter!r}; check the line settings and the interface"
+        return Fault(FaultKind.GARBLED, now_ns, detail)
 
 
 class Sized:

@@ -1,12 +1,8 @@
 """Modbus register reads: RTU, ASCII and TCP. pymodbus encodes and decodes; the framing is implemented here.
 
 The framers of pymodbus discard everything on a checksum error, search junk for possible frames, and raise exceptions.
-Here they only receive exact frames of known length: TCP gives the length, ASCII ends in CR LF, and `RtuReplies` splits
-RTU by the length in the first bytes and the checksum. A host also receives the echo of its request from some adapters,
+Here they only receive exact frames of known length. A host also receives the echo of its request from some adapters,
 and requests of a second host.
-
-Modbus defines only registers of 16 bits, high byte first. The layout of longer numbers depends on the instrument:
-`word_order` is the order of the registers of a value, `byte_order` the order of the bytes in a register.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 python -m daq.service.addresses RIG
 
-An instrument is allowed by its address. If it has a host name, the name servers are also allowed. The rig file does not
-contain the address of a controller that connects to us, so private networks are allowed in this case.
+If an instrument has a host name, the name servers are also allowed. The rig file does not contain the address of a
+controller that connects to us, so private networks are allowed in this case.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
 """Crash-proof storage of runs.
 
-`RunWriter` records a run and `write_table_run` stores an imported table. `read_run` reads, `recover` repairs and
-`verify` checks a run.
-
 A run is a directory with `manifest.json`, `ledger.jsonl`, and chunks `<stream>-0001.parquet`, … for each stream. The
-chunk being recorded is `<stream>-0001.arrow`; `daq.store.chunk` explains the two formats. An imported run has a single
-chunk, `table-0001.parquet`. `marks.json` records exports and protection from deletion.
+chunk being recorded is `<stream>-0001.arrow`. An imported run has a single chunk, `table-0001.parquet`. `marks.json`
+records exports and protection from deletion.
 """
 
 from daq.store.imported import table_run, write_table_run

@@ -7,8 +7,7 @@
     81273690012874 g1 < +00.12
     81273690013020 g1 - the device was unplugged
 
-`>` means sent, `<` received, `+` link opened, `-` link lost, `!` number of dropped pieces. Non-printable bytes are
-written in Python notation. A piece is the data of a single read or write, never split or joined.
+`!` is the number of dropped pieces. A piece is the data of a single read or write, never split or joined.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Arm library: published data of robot arms, with a YAML file per arm, named after the arm.
 
-A file contains the `robot:` section of a rig file, the repeatability from the data sheet, and the sources of all
-numbers. Unpublished values are absent. `robot:` is the last key: the file ends in a commented section ready for
-pasting.
+A file contains the repeatability from the data sheet, the sources of all numbers, and at the end the `robot:` section
+of a rig file, commented and ready for pasting.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
-"""Backlash: the link lags by half the width, -w/2 while q rises and +w/2 while it falls.
+"""Backlash of a joint: `transit` spreads the crossing, as several elements would (Prandtl-Ishlinskii).
 
-`transit` spreads the crossing, as several elements of different width would (Prandtl-Ishlinskii). `preload` is the
-share of the width in which gravity instead of friction determines the flank. There the link rests on the side to which
-the torque pushes it, and a reversal has no effect. A joint that carries no gravity torque, such as a vertical axis,
-shows the full width.
+In the share `preload` of the width, gravity instead of friction determines the flank: the link rests on the side to
+which the torque pushes it, and a reversal has no effect. A joint without gravity torque shows the full width.
 """
 
 from __future__ import annotations
@@ -33,9 +31,8 @@ _SPECTRUM = (0.1, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0, 4.0)
 _SHARE = 0.05
 """Widths of parallel backlash elements relative to the effect, and the standard deviation of the share of each.
 
-Friction builds up gradually, and wind-up adds to it. The hysteresis of a joint therefore has a spectrum of widths
-(Prandtl-Ishlinskii), and the effect gives the total height. Chosen: with five widths the residual of a backlash of
-0.62° was mistaken for a servo lag.
+Friction builds up gradually, and wind-up adds to it: the hysteresis of a joint has a spectrum of widths. Chosen: with
+five widths the residual of a backlash of 0.62° was mistaken for a servo lag.
 """
 
 

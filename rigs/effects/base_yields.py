@@ -16,8 +16,7 @@ _WAYS: tuple[Yields, ...] = ("evenly", "x", "y", "xy", "yx")
 _ABOUT_DEG: dict[Yields, float] = {"x": 0.0, "xy": 45.0, "y": 90.0, "yx": 135.0}
 """Angle of the tilt axis from the x axis of the base towards y.
 
-An isotropic compliance and one or two of these describe any column or frame, because the compliance is a symmetric
-tensor.
+With an isotropic compliance, one or two describe any column or frame: the compliance is a symmetric tensor.
 """
 _IN_WORDS: dict[Yields, str] = {
     "evenly": "tilt of the base under load, alike in all directions",
@@ -27,8 +26,8 @@ _IN_WORDS: dict[Yields, str] = {
     "yx": "tilt of the base under load, about the line between its y and −x",
 }
 _BELOW_MM = 300.0
-"""Depth of the tilt axis below the origin of the base, unknown. It is half of the height for a bending column (the end
-of a beam turns about the middle) and the full height for yielding anchors. Columns and pedestals are 0 to 1000 mm high.
+"""Depth of the tilt axis below the origin of the base: half of the height for a bending column and the full height for
+yielding anchors. Columns and pedestals are 0 to 1000 mm high.
 """
 
 

@@ -60,18 +60,12 @@ class Compliance(Effect):
     PLACE = AT_AXIS
     FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=(_HEAVY_KG,), low=0.0),)
     MOST = 1000.0
-    """Chosen: the softest axis allowed in a rig file (0.05 °/Nm, a spring of 1.1 kNm/rad).
-
-    Joints of light arms are far softer than those of industrial arms, which define the healthy sizes: fits of FR3 arms
-    gave 0.006 with a limit of 0.018.
-    """
+    """Chosen: the softest axis allowed in a rig file. Joints of light arms are far softer than the healthy sizes."""
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """Payload as a shape to fit.
-
-        A given payload may vary within the uncertainty of scales and cables. It varies further only if the readings
-        contradict it, for example because the tool was not mounted.
+        """Payload as a shape to fit: a given one varies within the uncertainty of scales and cables, and further only
+        if the readings contradict it, for example because the tool was not mounted.
         """
         if payload_kg <= 0:
             return cls.FREE

@@ -38,13 +38,10 @@ from rigs.schema.vocabulary import Build
 _KNEE_2, _K2, _K3 = 3.5, 1.55, 1.75
 """T2 / T1, K2 / K1 and K3 / K1: means over sizes 17 to 40 of the table."""
 _KNEES_NM = (5.0, 14.0, 40.0)
-"""Values of T1 in the forms: between sizes 17 and 20, size 25, and between sizes 32 and 40. They represent shoulders
-and elbows of arms with a payload of 3 to 16 kg. A fit then adjusts the value.
-"""
+"""T1 in the forms: between sizes 17 and 20, size 25, and between 32 and 40, for arms with a payload of 3 to 16 kg."""
 _LOSS = 0.3
-"""Half of the hysteresis loss relative to the twist at T1. The catalogue gives a loss of 2.9e-4 rad at full load for
-sizes from 20, and a twist T1 / K1 of 4.2 to 4.5e-4 rad for all sizes. Half of 2.9 / 4.3 is 0.34, and less at partial
-load.
+"""Half of the hysteresis loss relative to the twist at T1: the catalogue gives a loss of 2.9e-4 rad at full load for
+sizes from 20, and a twist T1 / K1 of 4.2 to 4.5e-4 rad. Half of 2.9 / 4.3 is 0.34, and less at partial load.
 """
 _AXES = (2, 3)
 """Axes with enough load to exceed a knee: shoulder and elbow.
@@ -85,11 +82,7 @@ class StrainWave(Effect):
     STAGE = "joint"
     KIND_NAME = "torsion of the gear"
     USUAL_TIMES: ClassVar[dict[Build, float]] = {"light": 60.0, "torque_sensing": 60.0}
-    """A multiple of sixty for arms with strain-wave gears, 6e-4 °/Nm.
-
-    This is their linear compliance (`compliance`, axes 2 and 3 of a UR10). Arms with torque sensors have the same
-    gears.
-    """
+    """6e-4 °/Nm, the linear compliance of axes 2 and 3 of a UR10 (`compliance`)."""
     PLAIN = "torsion of the strain-wave gear of {joint}"
     IDLE = "gravity hardly loads axis {e.axis}"
     CORRECTION = BY_TARGETS

@@ -1,8 +1,7 @@
 """Tolerances of a cell, `limits` of a rig file, and the decision rule for measured figures.
 
 A limit is an upper bound of the size of a figure. The rule is that of ISO 14253-1: the uncertainty counts against the
-party making a claim. A figure conforms if value plus uncertainty is below the limit, and fails if the value exceeds the
-limit by more than the uncertainty.
+party making a claim.
 """
 
 from __future__ import annotations

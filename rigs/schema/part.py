@@ -49,13 +49,13 @@ Standing = Literal["confirmed", "weak", "unconfirmed"]
 
 @dataclass(frozen=True)
 class Origin:
-    """Provenance of an interface.
-
-    instruments: makers and models, for display. source: manual and page, public code, or a capture. standing:
-    reliability of the complete conversation. doubts: unconfirmed details as text; empty if there are none.
-    """
+    """Provenance of an interface."""
 
     instruments: str
+    """Makers and models, for display."""
     source: str
+    """Manual and page, public code, or a capture."""
     standing: Standing
+    """Reliability of the complete conversation."""
     doubts: str = ""
+    """Unconfirmed details."""

@@ -256,9 +256,8 @@ class AnsweringPlayer:
     def _nearest(self, at_ns: int, question: bytes) -> tuple[int, tuple[Piece, ...]] | None:
         """Index and answers of the nearest exchange with this request.
 
-        An early request has to wait, and the answer was measured in the meantime. Its error is half of that of an
-        equally late request. The same is true of a late request with an answer that is not due yet, which keeps the
-        host synchronised. Such a request is answered if the figures tolerate the error.
+        An early request waits while the answer is measured: its error is half of that of an equally late request, as
+        that of a late one whose answer is not due yet, which is answered if the figures tolerate it.
         """
         after = bisect_right(self._exchanges.asked_ns, at_ns)
         before = self._first_with(question, range(after - 1, max(after - 1 - _AROUND, -1), -1))

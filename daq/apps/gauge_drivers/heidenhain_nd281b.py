@@ -3,9 +3,8 @@ gives about 14 readings/s.
 
 Format: sign, number with leading blanks (10 characters), blank, unit (blank mm, `"` inch, `?` fault), sorting (`<` `=`
 `>` `?`), series of measurements (S minimum, A actual, G maximum, D difference), CR LF (manual of the maker p. 39-42,
-confirmed; the sign in addition to the 10 characters is taken from the figure there). The length is checked, which
-detects lost digits. Only the actual value is accepted: in a series the display may show a value that is not a position.
-ENQ, which returns the error text, is not used: STX reports a fault immediately.
+confirmed; the sign in addition to the 10 characters is taken from the figure there). Only the actual value is accepted:
+in a series the display may show a value that is not a position.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """Heidenhain ND 287: `ESC A0100` requests the display content: STX, 10 to 13 characters, CR LF.
 
 Commands, and NAK for unknown commands: manual of the maker p. 102-108 (confirmed). The display is read instead of the
-position `ESC A0200`, because related models (ND 281 B, ND 720) send the position without the decimal point. Dialogs and
-errors appear in the same place, but not the unit. The unit is in the status bar, `ESC A0800`, which is read before the
-first reading and every `STATUS_EVERY` requests: STX, a digit each for operating mode, input, scale factor,
-compensation, stopwatch, unit (0 mm, 1 inch, 2 to 4 angles), datum and soft-key page, CR LF (public driver). A display
-with a different status format is accepted. Public drivers ignore NULs before an answer.
+position `ESC A0200`, because related models (ND 281 B, ND 720) send the position without the decimal point. The unit is
+only in the status bar, `ESC A0800`: STX, a digit each for operating mode, input, scale factor, compensation, stopwatch,
+unit (0 mm, 1 inch, 2 to 4 angles), datum and soft-key page, CR LF (public driver). Public drivers ignore NULs before an
+answer.
 """
 
 from __future__ import annotations

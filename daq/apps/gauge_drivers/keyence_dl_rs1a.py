@@ -2,12 +2,11 @@
 
 The answer is `M0,-00.007,+00.018` (seen on a wire with two heads, confirmed). `ER,<command>,<number>` is a refusal,
 with numbers up to 29 from the DL-RS1A/GT2 manual p. 14 (confirmed by its text) and 65 to 67 from manuals of other
-amplifiers on the same unit (weak). `channel` is the index of the field, starting at 1 (ID 00).
+amplifiers on the same unit (weak).
 
 A head out of range returns a number: all nines, or `-99.998` if it has no value (DL-RS1A/SK-1000 manual p. 11, which
-also gives `+EE.EEE` for an amplifier error; weak for GT2, because the table was not available). All nines are therefore
-never accepted as a reading. The GT2 manual gives nine characters, `±***.****`; the number of digits is not checked. M0
-returns a buffer refreshed periodically by the DL-RS1A. Readings are older than the request by a cycle.
+also gives `+EE.EEE` for an amplifier error; weak for GT2, because the table was not available). M0 returns a buffer
+refreshed periodically: readings are older than the request by a cycle.
 """
 
 from __future__ import annotations

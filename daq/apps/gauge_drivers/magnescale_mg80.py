@@ -2,8 +2,7 @@
 
 The answer has a header of five characters (module, counter, mode, unit `M`, comparator `U` `G` `L` `E`), followed by
 `±99.9999`. An overflow is `±F0.0000`, an alarm `"  Error "` (manual of the maker p. 39, confirmed). The mode letters
-and `I` for inch are assumed to be those of the LT20A, whose decoder is used. Line settings, request and CR LF are not
-confirmed.
+and `I` for inch are assumed to be those of the LT20A, whose decoder is used.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 OPTORSD and OPTORSS: the answer to `?` is `xxx.xxx<unit>`. M1240: the answer to `M` is `M1, xxx.xxx` with no unit
 (manual of the maker p. 67-70, confirmed; baud rate not given). Each `x` is a digit of the display, with a sign only if
-shown. The instrument is silent while the menu is open or the master is being measured, which is an additional cause of
-silence.
+shown.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Solartron Orbit ACS: a reading and its status, which are two parameters read in sequence.
 
 A parameter is a float32 in two registers, starting at the parameter address + 8000. It must be read completely, in a
-separate read. The status validates the reading: 0 good, 18 under and 19 over range, 246 wrong probe, 247 none (manual
-p. 32, 48-54, confirmed). Each sample therefore takes two requests and has the stamps of the first. The parameter
-numbers are given in the parameter map of the maker and in the rig file. Function, word order, the float32 type of the
-status, and the line settings are not confirmed.
+separate read. The status validates the reading (manual p. 32, 48-54, confirmed). Each sample therefore takes two
+requests and has the stamps of the first. Function, word order, the float32 type of the status, and the line settings
+are not confirmed.
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
 """Sylvac Opto-RS, simplex or duplex cable: a reading for each `?`, or continuous readings after `OUT1`.
 
-Commands and replies end in CR: `?`, `ID?`, `UNI?`, `SET?`, `MOD?`, `OUT1`, `OUT0`. A reading consists of a sign (`+`,
-`-` or a blank), digits, a point, digits, and in tolerance mode one of `<` `=` `>`. Errors are `ERR0` … `ERR3`. `SY…` is
-sent at power-on, after which the cable is no longer in the mode `OUT1` (manuals of the maker, confirmed). The answers
+Commands and replies end in CR. A reading consists of a sign (`+`, `-` or a blank), digits, a point, digits, and in
+tolerance mode one of `<` `=` `>`. `SY…` is sent at power-on, after which the cable is no longer in the mode `OUT1`. A
+simplex cable receives no commands and sends a reading when DTR goes off (manuals of the maker, confirmed). The answers
 to `ID?`, `UNI?`, `SET?` and `MOD?`, and the absence of answers to `OUT0` and `OUT1`, are assumptions; the host does
 not rely on them.
-
-The port powers the cable: a duplex cable needs DTR on and RTS off, a simplex cable needs both on. A simplex cable
-receives no commands and sends a reading when DTR goes off (same manuals, confirmed).
 """
 
 from __future__ import annotations

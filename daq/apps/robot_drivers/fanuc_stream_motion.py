@@ -15,9 +15,7 @@ not support the version request. The host never commands a motion.
 
 Condition: bit 2 of the first status byte is SYSRDY, servo power. From version 3 on, the second byte has an error in bit
 0 and the emergency stop in bit 2. The third byte is the contact stop: 2 STOP, 4 ESCP (the arm must be moved out of
-contact).
-
-The time stamp has 32 bits of ms. It wraps after 49 days, and the analysis fits it piecewise.
+contact). The time stamp of 32 bits of ms wraps after 49 days; the analysis fits it piecewise.
 """
 
 from __future__ import annotations

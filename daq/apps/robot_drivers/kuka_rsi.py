@@ -3,12 +3,9 @@
 The controller sends `<Rob Type="KUKA"> … <AIPos A1= … A6=/> … <IPOC>n</IPOC></Rob>` every cycle to the address in the
 Ethernet configuration, from a new port after each program start. It requires an answer with the same IPOC in the same
 cycle, and stops the program after several late or missing answers. The answer contains no correction, which means a
-correction of zero. With ONLYSEND in the configuration, the answer is omitted. Every datagram with a readable IPOC is
-answered, even if the rest is invalid, because the robot must not stop.
-
-The other elements depend on the configuration. The decoder searches the two required elements, and those named in the
-rig file for the robot's condition, by regular expressions. Entities, DTD and nesting are not supported, so no text can
-expand. Missing or non-numeric parts of the condition are nan.
+correction of zero. Every datagram with a readable IPOC is answered, even if the rest is invalid, because the robot must
+not stop. The decoder searches the elements by regular expressions, without entities, DTD and nesting: no text can
+expand.
 """
 
 from __future__ import annotations

@@ -1,15 +1,9 @@
 """Lines of LinuxCNC's `halsampler -t`, one for each period of the servo thread.
 
-`rig init --robot linuxcnc://HOST` writes the HAL lines and the program that serves them,
-`daq/apps/commission/rigfeed.py`. A line contains, separated by blanks: the sample number, the positions of joints 0 to
-5 in degrees (`joint.N.pos-fb`), whether all joints are homed, `motion.analog-out-00` and the number of samples lost so
-far.
-
-The clock is the number of servo periods. The manual page of halsampler states that gaps in the sample number show the
-lost samples. In 2.9.0 the sampler numbers only the samples that it stores, so a full buffer would delay the clock
-unseen. The line therefore contains the pin `overruns`, and the period is the sum of both.
-
-Before homing the positions have no reference, so these samples are faults. The host sends nothing.
+`rig init --robot linuxcnc://HOST` writes the HAL lines and the program that serves them. A line contains, separated by
+blanks: the sample number, the positions of joints 0 to 5 in degrees (`joint.N.pos-fb`), whether all joints are homed,
+`motion.analog-out-00` and the number of samples lost so far (the pin `overruns`). The clock is the number of servo
+periods, the sum of both numbers: in 2.9.0 the sampler numbers only the samples that it stores.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Joint angles in Modbus registers, read over TCP at up to `rate_hz`.
 
-The register map is configured in the rig file. The registers contain no clock: the time is that of the answer, with the
-accuracy of the network.
+The registers contain no clock: the time is that of the answer, with the accuracy of the network.
 """
 
 from __future__ import annotations

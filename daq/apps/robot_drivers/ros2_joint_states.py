@@ -1,12 +1,10 @@
 """ROS 2 joint states from a rosbridge server: JSON over WebSocket (rosbridge v2.0; the origin lists open questions).
 
-The host only subscribes to the topic. Each `sensor_msgs/msg/JointState` contains joint names, positions in radians in
-the same order, and the header stamp (s and ns), which is used as the controller clock. A zero stamp means that the
-driver does not set it. Several nodes may publish on a topic. After the first complete message, a message that contains
-none of the six joints belongs to another device, such as a hand, and is ignored. A message not later than the previous
-one was published twice or by a second node, and is also ignored (LATE).
-
-Messages are validated by pydantic, which names the invalid field.
+Each `sensor_msgs/msg/JointState` contains joint names, positions in radians in the same order, and the header stamp,
+which is used as the controller clock; zero means that the driver does not set it. Several nodes may publish on a topic.
+After the first complete message, a message that contains none of the six joints belongs to another device, such as a
+hand, and is ignored. A message not later than the previous one was published twice or by a second node, and is also
+ignored (LATE).
 """
 
 from __future__ import annotations
