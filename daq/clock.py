@@ -22,7 +22,6 @@ _T = TypeVar("_T")
 now_ns: Callable[[], int] = time.monotonic_ns
 """Monotonic clock used for all timestamps, in ns."""
 now_s: Callable[[], float] = time.monotonic
-"""Monotonic clock, in s."""
 wall_ns: Callable[[], int] = time.time_ns
 """Wall clock, in ns since 1970 UTC. The user can set it."""
 boot_ns: Callable[[], int] = (
@@ -30,9 +29,7 @@ boot_ns: Callable[[], int] = (
 )
 """Monotonic clock including suspends, in ns. Only Linux has it, and rigd requires Linux; other systems import runs."""
 worked_s: Callable[[], float] = time.thread_time
-"""Processor time of the current thread, in s."""
 sleep: Callable[[float], None] = time.sleep
-"""Wait for a number of seconds."""
 
 
 def wall_time() -> datetime:

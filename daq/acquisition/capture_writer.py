@@ -147,7 +147,6 @@ class ReplayMarks:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._end = 0
-        """Number of bytes read, up to the end of a line."""
 
     def skip(self) -> None:
         before = -1

@@ -54,7 +54,6 @@ class _GaugeState:
     last_ns: int = 0
     """Time of the latest reading with the current value."""
     steps_mm: deque[float] = field(default_factory=lambda: deque(maxlen=20))
-    """Recent non-zero steps."""
     tail: SampleBlock = NO_SAMPLES
     """Readings to be searched for a change of unit, with some earlier readings."""
 

@@ -41,10 +41,8 @@ class StreamReader(clock.StoppableThread):
         self._lost_ns: int | None = None
         """Start of the current outage, or None while the link is open."""
         self._used_s = self._looked_s = 0.0
-        """Processor time of this thread at the last check, and the time of the check."""
         self._before: Host | None = None
         self._reasons: set[str] = set()
-        """Reasons already reported in this outage."""
 
     def run(self) -> None:
         while not self._stop_asked.is_set():

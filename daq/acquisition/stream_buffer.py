@@ -23,7 +23,6 @@ _ROOM = 200_000
 _FEW = 8
 """Samples for which objects are cheaper than arrays."""
 _RATE_OVER = 200
-"""Deliveries used to measure the rate."""
 _RECENT = 1000
 """Drained samples that remain available to a live view: a tenth of a second at 10 kHz."""
 STALL_NS = 500_000_000
@@ -58,7 +57,6 @@ class StreamBuffer:
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _items: deque[Item] = field(default_factory=deque)
     _waiting: int = 0
-    """Number of waiting samples and faults."""
     _without_room: Counter[FaultKind] = field(default_factory=Counter)
     """Dropped samples, and dropped faults by kind."""
     _counters: Counter[str] = field(default_factory=Counter)

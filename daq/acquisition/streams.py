@@ -19,7 +19,6 @@ JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 """Line settings of robots connected by a network or printing lines to a serial port."""
 _PATIENCE = 3
-"""Silent time-outs after which a TCP connection is considered lost."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,6 @@ class BusMember:
     """Time of the next request or of the time-out."""
     turns: int = 0
     silences: int = 0
-    """Number of consecutive time-outs."""
 
 
 class Bus:

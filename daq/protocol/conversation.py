@@ -33,11 +33,9 @@ class FaultKind(StrEnum):
     LINE = "line"
     """Characters reported by the port as lost or damaged: overrun, framing or parity errors."""
     DEVICE_ERROR = "device_error"
-    """The device answered with an error code."""
     MISSING = "missing"
     """A valid message that lacks the requested channel or field."""
     SILENT = "silent"
-    """No answer within the time-out."""
     LATE = "late"
     """Late data, ignored: an answer to an abandoned request, or a repeated or reordered datagram."""
     SKIPPED = "skipped"
@@ -140,7 +138,6 @@ NO_SAMPLES = SampleBlock(np.empty((0, 0)), *_NONE)
 
 Item = Sample | SampleBlock | Fault
 Arrival = tuple[bytes, int]
-"""Bytes received together, and their timestamp."""
 
 
 def packed(items: Sequence[Item]) -> list[SampleBlock | Fault]:

@@ -84,11 +84,8 @@ class Resync:
 
     def __init__(self) -> None:
         self.usual: set[int] = set()
-        """Lengths of the readings."""
         self.owed = False
-        """True if a request is unanswered."""
         self.probing = False
-        """True if the current request is a probe."""
         self.doubtful = False
         """True if the current request is a reading, although an answer of the same length is outstanding."""
         self._proven = False
@@ -173,7 +170,6 @@ class RtuReplies(Sized):
     def __init__(self, counts: Mapping[tuple[int, int], Collection[int]]) -> None:
         super().__init__(_HEAD, self._answer_size)
         self.asked = b""
-        """Current request, which may be echoed."""
         self._counts = counts
 
     def _next_size(self, pending: bytearray) -> int | None:
@@ -213,7 +209,6 @@ logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
 
 
 ReadBlock = ModbusMap | ModbusJoints
-"""Registers to read, according to the rig file."""
 
 
 class Wire:

@@ -34,7 +34,6 @@ class PrintedNumber:
     text: bytes
     """All characters, including the position of the sign."""
     mm: float = 1.0
-    """Length of the unit."""
     fields: int = 1
     """Count of numbers in the message if their order identifies the gauges."""
 

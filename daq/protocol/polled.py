@@ -53,7 +53,6 @@ class Then(Enum):
     ASK = auto()
     """The message was the answer."""
     PAUSE = auto()
-    """The message was a refusal."""
     WAIT = auto()
     """The message was not the answer. The answer may still arrive."""
     DRAIN = auto()
@@ -83,7 +82,6 @@ class PolledDialect(Protocol):
     reset: bytes
     """Bytes that silence the instrument, sent at the start of a drain if no answer is expected."""
     check: str
-    """Advice for a silent instrument."""
     babble: str
     """Advice for a line that does not become silent."""
 
@@ -108,7 +106,6 @@ class Polled:
         self._requested_ns = NO_TIME
         self._stirring = Stirring()
         self._due_ns = 0
-        """Earliest time of the next request."""
         self._wake_ns = 0
         self._quiet_ns = self._timeout_ns
         self._discarded = 0
@@ -225,7 +222,6 @@ class AskedByLine:
         self._exchange, self.formats = exchange, exchange.formats
         self._off_ns = off_ns
         self._wake_ns = self._free_ns = 0
-        """Next time of the exchange, and earliest time to switch DTR off."""
         self._on_ns: int | None = None
         """Time to switch DTR on; None while it is on."""
 

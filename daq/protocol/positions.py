@@ -249,7 +249,6 @@ class SteadySteps:
         self._period_s = math.nan
         self._last_s = math.nan
         self._unjudged: list[tuple[float, float]] = []
-        """Steps between stamps while the period is unknown."""
 
     def check_stamp(self, clock_s: float, at_ns: int) -> list[Fault]:
         before_s, self._last_s = self._last_s, clock_s

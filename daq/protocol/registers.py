@@ -34,9 +34,7 @@ Registers = Sequence[int]
 Reading = Callable[[Registers, Message, int], Sample | Fault]
 """Interprets the registers of a block, given the message and the time of the request."""
 Held = Callable[[int], list[int] | None]
-"""Registers of a block at a time."""
 GaugeT = TypeVar("GaugeT", ModbusMap, SolartronOrbit)
-"""Gauge that may share a line."""
 
 _REMEDY = {
     ExcCodes.ILLEGAL_FUNCTION: "set `function` to 3 or 4 as the manual says",
@@ -87,7 +85,6 @@ class RegisterDialect:
         """Expected head of a valid answer for the complete block, after the transaction id."""
         self._words = struct.Struct(f">{block.count}H")
         self._sent, self._count = b"", block.count
-        """Current request, and the number of registers requested."""
 
     def request(self) -> bytes:
         if not self._wire.numbered:

@@ -29,7 +29,6 @@ class StreamedDialect(ABC):
 
     frames: Framer
     check: str
-    """Advice for a silent device."""
     formats: Sequence[NumberFormat] = ()
     """Formats of printed numbers, one per gauge; none for binary values."""
 

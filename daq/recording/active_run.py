@@ -67,9 +67,7 @@ def samples_in(items: Sequence[Item]) -> int:
 class EndedRun:
     path: Path
     counters: dict[str, dict[str, int]]
-    """Samples and faults of each kind, by stream."""
     seal: str
-    """SHA-256 of the ledger."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,6 @@ class RecordingGap:
     """Interval between a run ended by a disk failure and the next run."""
 
     previous: Path
-    """Directory of the ended run."""
     device: int
     why: str
     taken: Counter[str]
@@ -140,7 +137,6 @@ class ActiveRun:
         self.begun: Future[Path] = Future()
         self.ended: Future[EndedRun] = Future()
         self.counters: dict[str, Counter[str]] = {name: Counter() for name in columns}
-        """Samples and faults of each kind, by stream."""
         self._columns = columns
         self._kept: dict[str, list[Item]] = {name: list(kept.get(name, ())) for name in columns}
         self._host_faults: list[Fault] = []

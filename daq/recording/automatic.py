@@ -170,7 +170,6 @@ class _Departure:
 log = logging.getLogger("rigd")
 OPERATOR = "automatic"
 _BEFORE_NS = 1_000_000_000
-"""Lead-in: time recorded before the event."""
 _SHORT_S = 1.0
 
 

@@ -167,7 +167,6 @@ class RecorderState:
     leaving: tuple[Close, ...] = ()
     """Stopped runs that the disk has not created, each with its ending."""
     next: int = 1
-    """Number of the next run."""
 
     @property
     def recording(self) -> RecordingRequest | None:

@@ -77,7 +77,6 @@ class Recorder(clock.StoppableThread):
         self._lock = threading.Lock()
         self._state = RecorderState()
         self._runs: dict[int, ActiveRun] = {}
-        """All open runs, by number."""
         self._gap: RecordingGap | None = None
         """Samples missed while a recording waits for the disk."""
         self._warnings = RateLimitedLog()
@@ -85,7 +84,6 @@ class Recorder(clock.StoppableThread):
         self.host, self.losses = HostWatch(self._warnings), Losses(buffers, self._warnings)
         self.last_end = ""
         self._last_path: Path | None = None
-        """Directory of the last finished run."""
 
     def run(self) -> None:
         self.host.start()

@@ -21,7 +21,6 @@ from rigs.errors import CellError, RigError
 ANSWERS_S = 30.0
 """Closing a recording may take as long (TimeoutStopSec of the unit)."""
 _CONNECT_S = 3.0
-"""Time limit of a connection, while others are queued."""
 _TIMEVAL = struct.Struct("ll")
 _KNOCK_S = 1.0
 _RESTART = "see the log, then restart it: rigd RIG"

@@ -34,13 +34,10 @@ _RESERVED = 256
 _IDLE_S = 30.0
 """Time without data after which a connection is closed. rig live sends ten requests a second."""
 _SEND_S = 5.0
-"""Time limit for accepting an answer."""
 _ROOM_S = 0.5
-"""Time limit for the end of a replaced connection."""
 _ACCEPT_S, _ASK_S = 0.001, 0.02
 """Pauses after a connection and after an answer, which leave time to the readers during a flood."""
 _BACK_OFF_S = 0.2
-"""Pause after the system has refused a connection."""
 
 
 class ControlServer:

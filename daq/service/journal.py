@@ -20,7 +20,6 @@ from rigs.errors import CellError
 from rigs.text import plain, plain_lines
 
 ERROR, WARNING, NOTICE, INFO, DEBUG = 3, 4, 5, 6, 7
-"""Syslog severities."""
 _OF_LEVEL = ((logging.CRITICAL, 2), (logging.ERROR, ERROR), (logging.WARNING, WARNING), (logging.INFO, INFO))
 _NO_UNIT = "No data available"
 """Message of journalctl if a pattern matches no unit."""

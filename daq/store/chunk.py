@@ -26,11 +26,9 @@ Array: TypeAlias = "pa.Array[Any]"
 FAULTS = "faults"
 """Stream of faults in every run. Each row names the affected stream."""
 TABLE = "table"
-"""Stream of an imported run."""
 ColumnType = Literal["double", "int64", "string"]
 """Column types of imported tables, in Arrow's notation."""
 Row = Sample | tuple[str, Fault]
-"""A sample, or a fault with the stream name."""
 
 SAMPLE_COLUMNS: dict[str, pa.DataType] = {
     "requested_ns": pa.int64(),
@@ -134,9 +132,7 @@ class Salvage:
 
     batches: tuple[pa.RecordBatch, ...]
     closed: bool
-    """True if the end mark is present."""
     unread: int
-    """Number of unread bytes."""
     damage: str | None
 
     @property

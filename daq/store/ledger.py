@@ -82,7 +82,6 @@ class ImportedTable(JsonRecord):
     map: Text = Field(default="", max_length=100_000, exclude_if=lambda text: not text)
     """Import map as YAML. Empty if the file had the columns of docs/tables.md."""
     assumed: tuple[Text, ...] = Field(default=(), max_length=100, exclude_if=lambda words: not words)
-    """Unconfirmed assumptions of the import map, as text."""
     only_commanded: bool = Field(default=False, exclude_if=lambda only: not only)
     """True if the joint angles are commands, and the file contains no measured angles."""
 
@@ -104,9 +103,7 @@ class Seal(JsonRecord):
     ended: str | None
     """None if the recording was interrupted; the last rows may be missing."""
     rows: dict[Name, Count]
-    """Rows written to the disk, by stream."""
     counters: dict[str, dict[str, Count]]
-    """Samples, and faults of each kind, by stream."""
 
 
 def to_recover(run: Path) -> str:
@@ -164,15 +161,12 @@ class VerifiedLedger:
 
     entries: tuple[LedgerEntry, ...] = ()
     size: int = 0
-    """Bytes in valid lines."""
     last: str = ""
-    """SHA-256 of the last valid line."""
     unread: int = 0
     """Bytes after the last valid line."""
     unread_lines: int = 0
     """Complete lines among them, 0 after a crash."""
     seal: str = ""
-    """SHA-256 of the last seal."""
 
 
 def verified(data: bytes) -> VerifiedLedger:

@@ -92,13 +92,11 @@ PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 class Manifest(JsonRecord):
     version: Literal[1, 2] = 2
-    """Version of the format; 1 is a run without a ledger."""
     name: Name
     test: TestName
     direction: Direction | None
     rig_name: str
     rig_text: str
-    """Text of the rig file at the time of recording."""
     rig_sha256: str
     operator: Text
     placement: Placement = Field(default="", exclude_if=lambda placement: not placement)
@@ -116,12 +114,10 @@ class Manifest(JsonRecord):
     streams: dict[Name, tuple[str, ...]]
     """Value columns of each sample stream, in order."""
     table: ImportedTable | None = None
-    """Imported table, or None in a recorded run."""
     chunks: tuple[Chunk, ...] = ()
     rows: dict[Name, Count] = Field(default={}, exclude_if=lambda rows: not rows)
     """Number of rows of each stream written to the disk, from the seal. Empty if there is no seal."""
     counters: dict[str, dict[str, Count]] = Field(default={})
-    """Samples, and faults of each kind, by stream."""
     exit_status: ExitStatus = "recording"
     reason: str = ""
     relabelled: tuple[Relabelling, ...] = Field(default=(), exclude_if=lambda history: not history)

@@ -32,7 +32,6 @@ class Export(JsonRecord):
 class MovementCheck(JsonRecord):
     at: str
     reference: tuple[str, ...]
-    """Names of the runs before."""
     what: str
     """Kind of the cause that moved; empty if the readings do not decide."""
     axis: int | None = None

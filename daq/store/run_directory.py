@@ -131,7 +131,6 @@ def write_beside(path: Path, companions: Mapping[str, bytes]) -> None:
 
 
 _OURS = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(durable.TEMPORARY)}")
-"""Name of a hidden directory created by a command."""
 _TRIES = 3
 """Between creating and locking a directory, another command may interfere for some microseconds."""
 _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]

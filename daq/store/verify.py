@@ -43,10 +43,8 @@ class VerificationResult:
     end_known: bool = True
     """False if the end of the run is not recorded: the last rows may be missing."""
     seal: str = ""
-    """SHA-256 of the seal, as displayed by `rig record stop`."""
     gaps: tuple[MissingRows, ...] = ()
     problems: tuple[str, ...] = ()
-    """Defects except missing rows."""
 
     @property
     def lines(self) -> list[str]:
@@ -74,7 +72,6 @@ class _Stream:
     gaps: list[MissingRows] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     faults: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Number of faults in the fault stream, by stream and kind."""
 
     def skip_to(self, row: int) -> None:
         if row > self.end:

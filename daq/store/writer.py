@@ -66,11 +66,9 @@ class RunWriter:
     _ledger: Ledger
     """Ledger; only `DiskOperation` and `close` append to it."""
     device: int
-    """Device number of the disk."""
     _chunk_rows: int
     _failure: CellError | None = None
     _anchors: deque[Clock] = field(default_factory=deque)
-    """Clock anchors to be added to the ledger."""
     seal: str = ""
     """After `close`: SHA-256 of the seal, which covers all data of the run."""
     lost: Counter[str] = field(default_factory=Counter)

@@ -28,7 +28,6 @@ from rigs.schema.links import Line, ModemLines, tcp_address, udp_address
 
 _WRITE_S = 2.0
 DEAD_S = 10.0
-"""Default silence after which a TCP connection is lost."""
 _REPORT_EVERY_S = 1.0
 _COARSE_S = 0.02
 """Minimum duration of waits that may end a millisecond late."""

@@ -32,7 +32,6 @@ class Adversity:
     jitter_ms: float = 0.0
     """Mean delay of the packets of the robot."""
     drift_ppm: float = 0.0
-    """Rate error of the controller clock."""
     unsteady: Unsteady = STEADY
 
 

@@ -25,7 +25,6 @@ class NetworkPort(ABC):
 
     def __init__(self, port: str, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self.port = port
-        """Name for a rig file."""
         self._device = device
         self._jitter_ms = jitter_ms
         self._hang_up = clock.Event()

@@ -140,9 +140,7 @@ class Exchanges:
     begin_ns: int
     end_ns: int
     period_ns: float
-    """Typical interval of requests."""
     longest: int
-    """Bytes of the longest request."""
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
@@ -195,9 +193,7 @@ class AnsweringPlayer:
         self.is_finished = not self._exchanges.all
         self._replayed = bytearray()
         self._last = -1
-        """Index of the last exchange played."""
         self._saying: deque[Piece] = deque()
-        """Pieces to send, with capture times."""
         self._middle_ns: float | None = None
         """Time shift of the current exchange, until the answer begins."""
         self._question_ns = 0

@@ -138,7 +138,6 @@ class PtyLine:
         self._character_ns = line.character_ns if paced else 0
         self._name = name
         self.free_ns = 0
-        """Time at which all data is or will be sent."""
         self._set_out_ns: int | None = None
         self.plug()
 

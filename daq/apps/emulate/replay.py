@@ -64,7 +64,6 @@ class Replay:
             stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(self._mark, stream.name))
             for stream in streams
         }
-        """Timing accuracy of each stream."""
         self._replayed = {
             stream.name: _replayed(stream, heard[stream.name], self._time, self.steps[stream.name])
             for stream in streams

@@ -56,9 +56,7 @@ class SimulatedClock:
         """began_wall_ns: initial wall time in ns since 1970."""
         self.seed, self._hangs_s, self._began_wall_ns = seed, hangs_s, began_wall_ns
         self.errors: list[BaseException] = []
-        """Exceptions that ended threads."""
         self.slept_ns = self.set_ns = 0
-        """Total time suspended, and total change of the wall clock."""
         self._dice = random.Random(seed)
         self._ns = _BEGIN_NS
         self._tasks: dict[threading.Thread, _Task] = {}

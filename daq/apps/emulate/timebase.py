@@ -67,7 +67,6 @@ class Steps:
         self._second = -1
         self._offs_ns: list[float] = []
         self.judged_ns: list[float] = []
-        """Deviation of each second."""
         self.seconds_out = 0
         self.otherwise = 0
         """Number of pieces from the host that differ from the capture or are missing."""

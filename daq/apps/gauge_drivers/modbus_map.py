@@ -51,7 +51,6 @@ class _Readings:
     def __init__(self, gauge: ModbusMap) -> None:
         self._gauge = gauge
         self._mistrusted = 0
-        """Number of plausible lengths still needed for confirmation."""
         self._fine = True
         """True if the last number was below _FINE_MM, and initially."""
 

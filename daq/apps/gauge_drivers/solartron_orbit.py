@@ -77,7 +77,6 @@ class _OrbitDialect:
         self.frames = wire.frames
         self.check, self.babble = self._value.check, self._value.babble
         self._held: Sample | None = None
-        """Reading awaiting the confirmation by the status."""
         self._asked: Sample | None = None
         """Reading to be confirmed by the last request; None if that requested a reading."""
 

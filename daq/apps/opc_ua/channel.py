@@ -45,7 +45,6 @@ _UNREADABLE = (
     ArithmeticError,
     RecursionError,
 )
-"""Exceptions of asyncua for invalid bytes."""
 _EXTENSIONS = {
     ua.typeid_by_extension_objects[kind]: kind
     for kind in (
@@ -181,12 +180,10 @@ _OTHERS: dict[Any, Reader] = {
     ua.Variant: _variant,
     ua.ExtensionObject: _extension_object,
 }
-"""Readers of types that are not defined by fields."""
 
 
 HELLO, ACKNOWLEDGE, ERROR, OPEN, MESSAGE, CLOSE = b"HEL", b"ACK", b"ERR", b"OPN", b"MSG", b"CLO"
 _PLAIN = (HELLO, ACKNOWLEDGE, ERROR)
-"""Messages outside of channels."""
 CHUNK = 65_536
 """Announced chunk size. Larger chunks are refused."""
 LIMIT = 1 << 20

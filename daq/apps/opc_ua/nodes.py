@@ -34,7 +34,6 @@ STATE, READY = "CurrentState", "ReadySubstateMachine.CurrentState"
 FRONT = (MODE, EMERGENCY, PROTECTIVE, DRIVES, OVERRIDE)
 """Browse names in the parameter sets of robot and safety state."""
 _MANUAL_REDUCED = 1
-"""Value MANUAL_REDUCED_SPEED of the OperationalModeEnumeration (OPC 40010-1)."""
 _STATES = {"Executing": ProgramState.RUNNING, "Ready": ProgramState.STOPPED, "Idle": ProgramState.STOPPED}
 """States of the TaskControlStateMachineType. Names translated by a server are not recognised."""
 _SUSPENDED = "Suspended"
@@ -83,7 +82,6 @@ def _number(value: Any) -> float:
 T = TypeVar("T")
 Talk = Generator[Any, Any, T]
 Children = Mapping[str, Any]
-"""Node ids by browse names."""
 
 OBJECTS = ua.NodeId(85)
 _HIERARCHICAL = ua.NodeId(33)
@@ -108,7 +106,6 @@ class RobotNodes:
     """Position nodes of q1 … q6."""
     deg_per_unit: tuple[float, ...]
     condition: Mapping[str, Any]
-    """Available condition nodes by browse name."""
 
     @property
     def all(self) -> list[Any]:

@@ -57,9 +57,7 @@ class Space:
     below: dict[Any, list[tuple[str, Any]]] = field(default_factory=dict)
     """Children of each node as (browse name, node)."""
     variables: dict[Any, str] = field(default_factory=dict)
-    """Name of the value of each variable."""
     units: dict[Any, int] = field(default_factory=dict)
-    """Units by the node that contains them."""
 
     def add(self, path: str, shows: str | None = None, unit: int | None = None, node: Any | None = None) -> Any:
         above, _, name = path.rpartition("/")

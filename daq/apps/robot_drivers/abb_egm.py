@@ -100,12 +100,9 @@ def doubles(number: int, values: Sequence[float]) -> bytes:
 
 RATE_HZ = 250.0
 _DATA = 2
-"""Message type sent by a controller."""
 _CARTESIAN, _MOTORS, _RAPID = 2, 4, 8
 _STATE_OF_MOTORS = {1: 1.0, 2: 0.0}
-"""Value of the column `motors_on` by motor state: MOTORS_ON, MOTORS_OFF."""
 _STATE_OF_RAPID = {1: ProgramState.STOPPED, 2: ProgramState.RUNNING}
-"""Program state by execution state: RAPID_STOPPED, RAPID_RUNNING."""
 
 
 def host(feedback: ABBEGM) -> Host:
@@ -157,7 +154,6 @@ def _cartesian(pose: Sequence[float]) -> bytes:
 
 class _EGMController(SteadyDevice):
     EPOCH_S = 1_700_000_000
-    """Initial time of the controller's clock."""
 
     def _message(self, instant_ns: int) -> bytes:
         passed_us = round((instant_ns - self._connected_ns) / 1000)

@@ -105,9 +105,7 @@ class _StreamMotionClient(Positions):
         super().__init__(partial(_decode, feedback.currents), f"{check} the controller's `version`", Order())
         self._version = feedback.version
         self._answered = False
-        """True once the controller has stated the version."""
         self._asked = False
-        """True if the last request was for the version."""
 
     def start(self) -> bytes:
         if self._version is not None:

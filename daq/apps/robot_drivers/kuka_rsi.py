@@ -109,7 +109,6 @@ class _RSIController(SteadyDevice):
         self._feedback = feedback
         self._ticked_ns = 0
         self._awaited: dict[int, int] = {}
-        """IPOC and time of the datagrams without an answer."""
         self._delays = 0
 
     def received(self, data: bytes, now_ns: int) -> ConversationStep:

@@ -128,7 +128,6 @@ class _Bridge(SteadyDevice):
     """rosbridge server with a driver that also publishes a hand joint, in a different order."""
 
     EPOCH_S = 1_700_000_000
-    """Initial time of the driver's clock."""
 
     def __init__(self, feedback: ROS2JointStates, read: Read) -> None:
         super().__init__(read)

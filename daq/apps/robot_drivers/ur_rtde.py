@@ -89,7 +89,6 @@ _SAFETY = {
     13: SafetyState.SAFEGUARD_STOP,  # by the three-position enabling device
 }
 _UNKNOWN = -1
-"""Unused code."""
 _SHOWN_PROGRAM = {ProgramState.STOPPED: 1, ProgramState.RUNNING: 2, ProgramState.PAUSED: 4}
 _SHOWN_SAFETY = {state: code for code, state in reversed(_SAFETY.items())}
 
@@ -173,7 +172,6 @@ def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
 EMULATED_TOOL = (0.0, 0.02, 0.15, 0.0, 0.3, 0.0)
 """Tool set in the emulated controller: x, y, z in m and rotation vector in rad."""
 _MOST_UNKNOWN = 3
-"""Consecutive unknown packets that mean a stream out of step."""
 _DISPENSABLE = {*CONDITION_TYPES, *OLDER.values(), *CURRENT_TYPES, *POSE_TYPES}
 _MAX_CLOCK_S = 1e9
 """No controller runs for 30 years without a restart."""
@@ -218,9 +216,7 @@ class _RTDEClient(StreamedDialect):
         self._recipe = _recipe(feedback)
         self._awaited = b"V"
         self._number = 0
-        """Recipe number assigned by the controller."""
         self._unknown = 0
-        """Number of unknown packets since the last known packet."""
         self._steps = SteadySteps(feedback.rate_hz)
 
     def start(self) -> bytes:
@@ -330,7 +326,6 @@ class _RTDEController(SteadyDevice):
     CLOCK_START_S = 1000.0
     """Initial time of the clock. Controllers count from power-on."""
     SOFTWARE = (5, 11, 0, 0)
-    """Software version: major, minor, bugfix, build."""
     MIN_RATE_HZ, MAX_RATE_HZ = 0.01, 500.0
     IS_STREAM = True
 
