@@ -213,11 +213,11 @@ class RegisterDevice(Conversation):
         unit, number, content = self._wire.open(frame)
         if not content or all(unit != block.unit for block, _ in self._blocks):
             return b""
-        function, request = content[0], self._wire.decode(content)
-        refusal = ExcCodes.ILLEGAL_FUNCTION
+        function, refusal = content[0], ExcCodes.ILLEGAL_FUNCTION
         for place, (block, content_at) in enumerate(self._blocks):
             if (block.unit, block.function) != (unit, function):
                 continue
+            request = self._wire.decode(content)
             refusal = ExcCodes.ILLEGAL_VALUE if request is None else ExcCodes.ILLEGAL_ADDRESS
             start = request.address - block.address if request else -1
             if request is None or start < 0 or start + request.count > block.count:

@@ -10,7 +10,7 @@ import errno
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 
 import pyarrow as pa
@@ -167,7 +167,8 @@ class _Repair:
             if file.name.endswith(durable.TEMPORARY):
                 durable.remove(file)
                 self.done.notes.append(f"{file.name}: half-written, removed")
-        for file in [*sorted(self.path.glob("*.arrow")), *sorted(self.path.glob("*.parquet"))]:
+        # The second glob runs after the recording chunks are settled, which creates Parquet files.
+        for file in chain.from_iterable(sorted(self.path.glob(f"*.{kind}")) for kind in ("arrow", "parquet")):
             stream, number, kind = parse_chunk(file.name) or ("", 0, "")
             if stream not in self.manifest.all_streams:
                 self._set_aside(file, "belongs to no stream of this run")
