@@ -51,19 +51,22 @@ class Maintenance(clock.StoppableThread):
             if self._retention is not None and clock.now_s() >= due_s:
                 self._retention.apply()
                 due_s = clock.now_s() + _RETENTION_S
-            try:
-                if self._metrics is not None:
-                    write_atomically(self._metrics, self._text())
-                self._warned = False
-            except OSError as error:
-                if not self._warned:
-                    log.warning("metrics: %s cannot be written: %s", self._metrics, error.strerror or error)
-                self._warned = True
+            if self._metrics is not None:
+                self._write_metrics(self._metrics)
             self._stop_asked.wait(_METRICS_S)
         if self._metrics is not None:
             with contextlib.suppress(OSError):
                 if _is_own(self._metrics):
                     self._metrics.unlink(missing_ok=True)  # the content is obsolete
+
+    def _write_metrics(self, path: Path) -> None:
+        try:
+            write_atomically(path, self._text())
+            self._warned = False
+        except OSError as error:
+            if not self._warned:
+                log.warning("metrics: %s cannot be written: %s", path, error.strerror or error)
+            self._warned = True
 
 
 def _is_own(path: Path) -> bool:

@@ -111,7 +111,7 @@ def test_unwritable_metrics_file_ends_nothing(tmp_path, caplog):
     keeper = Maintenance(folder / "rig.prom", lambda: "x 1\n", None)
     for _ in range(3):
         # private: the thread does it every ten seconds
-        keeper._write_metrics()
+        keeper._write_metrics(folder / "rig.prom")
     assert len(caplog.records) == 1 and "be written" in caplog.text
     with pytest.raises(CellError):
         keeper.start()
