@@ -59,20 +59,14 @@ class Losses:
         self._buffers[name].count(faults)
 
 
-class HostWatch:
+class HostWatch(StallWatch):
     def __init__(self, warnings: RateLimitedLog) -> None:
-        self._warnings = warnings
-        self._clock, self._stalls = HostClockMonitor(read_clocks()), StallWatch()
+        super().__init__()
+        self._warnings, self._clocks = warnings, HostClockMonitor(read_clocks())
         self.counts: Counter[str] = Counter()
 
-    def start(self) -> None:
-        self._stalls.start()
-
-    def stop(self) -> None:
-        self._stalls.stop()
-
     def check(self) -> list[Fault]:
-        faults = self._clock.check(read_clocks()) + self._stalls.take()
+        faults = self._clocks.check(read_clocks()) + self.take()
         self._warnings.warn_faults(HOST, faults)
         self.counts.update(fault.kind for fault in faults)
         return faults
