@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from daq.feedback import Read
 from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.numerals import plausible
-from daq.protocol.poses import columns_of, quaternion_of, rotation_of_quaternion
+from daq.protocol.poses import columns_of, quaternion_of
 from daq.protocol.positions import Order, Position, Positions, SteadyDevice, UnusableDatagram
 from daq.protocol.streamed import Streamed
 from rigs.schema.condition import POSE, ProgramState
@@ -139,7 +139,7 @@ def _pose_in(cartesian: Sequence[Field]) -> tuple[float, ...]:
         numbers += [values[-1] for key in range(1, count + 1) if (values := doubles_in(message, key))]
     if len(numbers) != 7 or not any(numbers[3:]):
         return (math.nan,) * len(POSE)
-    return tuple(map(plausible, columns_of(rotation_of_quaternion(*numbers[3:]), numbers[:3])))
+    return tuple(map(plausible, columns_of(numbers[3:], numbers[:3])))
 
 
 def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, float]) -> float:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from daq.protocol.poses import columns_of, flange_pose, quaternion_of, rotation_of, rotation_of_quaternion, tool_fields
+from daq.protocol.poses import columns_of, flange_pose, quaternion_of, tool_fields, turn_by
 
 RNG = np.random.default_rng(11)
 VECTORS = [*RNG.normal(0, 1.5, (20, 3)), np.zeros(3), np.array([np.pi, 0, 0]), np.array([0, 1e-12, 0])]
@@ -12,9 +12,9 @@ VECTORS = [*RNG.normal(0, 1.5, (20, 3)), np.zeros(3), np.array([np.pi, 0, 0]), n
 def test_rotations_are_those_of_scipy(vector):
     expected = Rotation.from_rotvec(vector)
     x, y, z, w = expected.as_quat()
-    np.testing.assert_allclose(rotation_of(vector.tolist()), expected.as_matrix(), atol=1e-12)
-    np.testing.assert_allclose(rotation_of_quaternion(2 * w, 2 * x, 2 * y, 2 * z), expected.as_matrix(), atol=1e-12)
-    rpy_deg = columns_of(rotation_of(vector.tolist()), (1, 2, 3))[3:]
+    w_of, *xyz_of = turn_by(vector.tolist())
+    np.testing.assert_allclose(Rotation.from_quat([*xyz_of, w_of]).as_matrix(), expected.as_matrix(), atol=1e-12)
+    rpy_deg = columns_of((2 * w, 2 * x, 2 * y, 2 * z), (1, 2, 3))[3:]
     turned = Rotation.from_euler("xyz", rpy_deg, degrees=True)
     np.testing.assert_allclose(turned.as_matrix(), expected.as_matrix(), atol=1e-9)
     again = Rotation.from_quat(np.roll(quaternion_of(rpy_deg), -1))
@@ -24,7 +24,7 @@ def test_rotations_are_those_of_scipy(vector):
 @pytest.mark.parametrize("vector", VECTORS)
 def test_flange_is_the_tool_without_its_offset(vector):
     offset = [0.01, -0.02, 0.15, 0.2, 0.3, -1.0]
-    flange = columns_of(rotation_of(vector.tolist()), (400.0, -200.0, 333.0))
+    flange = columns_of(turn_by(vector.tolist()), (400.0, -200.0, 333.0))
     tool, sent = tool_fields(flange, offset)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.from_rotvec(vector).as_matrix(), [0.4, -0.2, 0.333]
