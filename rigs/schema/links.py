@@ -75,7 +75,8 @@ def _port(kind: str, schemes: tuple[str, ...], remedy: str, *, serial: bool = Fa
         is_network = match is not None and match[1] in schemes and 0 < int(match[3]) < 65536
         if is_network or (serial and port.startswith("/") and len(port) > 1):
             return port
-        raise ValueError(f"{port!r} is not a {kind}; write {remedy}")
+        meant = "UDP port" if "udp" in schemes and port.startswith("udp:") else kind
+        raise ValueError(f"{port!r} is not a {meant}; write {remedy}")
 
     return AfterValidator(check)
 
