@@ -37,8 +37,6 @@ def wall_time() -> datetime:
 
 
 class ClockSimulation(Protocol):
-    """Replacement for the host's clock, which also schedules the threads."""
-
     def now_ns(self) -> int:
         """Monotonic time in ns."""
 

@@ -90,8 +90,6 @@ Micrometres = Annotated[float, Field(ge=0)]
 
 
 class ModelAssessment(Part):
-    """Assessment of the model by the diagnosis, as rms of the readings in µm."""
-
     condition: Annotated[str, Field(max_length=40)]
     """Condition of the diagnosis."""
     place: Literal["unseen", "held_out", "used"]
@@ -369,11 +367,7 @@ class JointCurve(_Calibrated):
 
 
 class Portion(Part):
-    """An effect, and the multiple of its change.
-
-    Backlash is not proportional to the width, nor a cosine error to the angle. The change is therefore scaled instead
-    of the size.
-    """
+    """An effect, and the multiple of its change, because not every change is proportional to the size."""
 
     of: AnyEffect
     times: float

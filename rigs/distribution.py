@@ -1,7 +1,6 @@
 """Name and version of the installed package, and the remedy for a missing one.
 
-The name `rig` belongs to a different project on PyPI, so messages must never suggest `pip install rig`:
-docs/decisions/0033-a-name-of-its-own.md.
+The name `rig` belongs to a different project on PyPI (docs/decisions/0033-a-name-of-its-own.md).
 """
 
 from __future__ import annotations

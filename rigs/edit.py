@@ -1,7 +1,6 @@
 """Edit values and effects of a rig file in place, with all other text and comments preserved.
 
-Nodes of YAML give the position of each value. The result is parsed and compared with the request, so text that several
-places share (anchors) is refused instead of changed in part.
+The result is parsed and compared with the request, so text that several places share (anchors) is refused.
 """
 
 from __future__ import annotations

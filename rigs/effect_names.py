@@ -1,6 +1,6 @@
 """Names of effects in words, for the English of screens: `bending of links 1, 4 and 5`.
 
-The identifiers of the vocabulary are for files, options and JSON. Effects of external packages keep their identifier.
+Effects of external packages keep their identifier.
 """
 
 from __future__ import annotations

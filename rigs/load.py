@@ -71,8 +71,6 @@ _MAX_BYTES = 1_000_000
 
 
 class Hidden(Part):
-    """Effects hidden in a simulated or emulated cell, from a separate file or a rig file."""
-
     effects: tuple[AnyEffect, ...] | None = None
     eccentricity_mm: Vector | None = None
     """Position of the base-ball relative to the circle centre, in the world frame. None: the value of the rig file."""

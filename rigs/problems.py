@@ -212,7 +212,6 @@ def _nearest(name: str, names: list[str]) -> str:
 
 
 def _keys_at(loc: Place, model: type[BaseModel]) -> list[str]:
-    """Keys known by the model at a location. Union tags in the location select the member."""
     annotation: Any = model
     for step in loc:
         models = _models(annotation)

@@ -21,10 +21,7 @@ _ADD_PART: dict[PartName, str] = {
 
 @dataclass(frozen=True)
 class MissingEntry:
-    """A part that a test needs and a rig file lacks.
-
-    key: place in the file. problem: text that follows the name of the file. remedy: part to add.
-    """
+    """A part that a test needs and a rig file lacks. problem: text that follows the name of the file."""
 
     key: str
     problem: str
@@ -84,8 +81,7 @@ def unmeasurable(rig: Rig) -> tuple[MissingEntry, ...]:
 def readiness_lines(rig: Rig, unreachable: Collection[str] = ()) -> list[str]:
     """A line with what the file is ready for, and the missing parts with the tests that need them.
 
-    unreachable: parts of `tests` with a path that the arm cannot drive. A file without gauges is meant for tables, so
-    the parts are listed in one line.
+    unreachable: parts of `tests` with a path that the arm cannot drive.
     """
     lacks: dict[MissingEntry, list[str]] = {}
     for test in get_args(TestName):

@@ -1,10 +1,7 @@
 r"""Sanitising of text from devices, files, names and peers for terminals, logs and pictures.
 
-Foreign text may contain escape sequences, line ends that forge log lines, marks that reverse the reading direction, and
-lone surrogates. Each such character is replaced by an escape (`\x1b`), which hides nothing, and sanitising twice has no
-further effect. Every output of the programs passes through here: docs/decisions/0018-one-gate-for-text.md.
-
-Names may be spelled freely: UR10E, ur-10e and Ur 10e are ur10e.
+Every output of the programs passes through here, because foreign text may contain escape sequences, forged lines,
+reversed reading directions and lone surrogates: docs/decisions/0018-one-gate-for-text.md.
 """
 
 from __future__ import annotations

@@ -31,8 +31,6 @@ _WRITE_S = 0.5
 
 
 class CaptureWriter(clock.StoppableThread):
-    """Thread that writes the capture of a daemon, from `start` to `stop`."""
-
     def __init__(self, path: Path, streams: Sequence[Stream]) -> None:
         super().__init__("capture")
         self._path, self._streams = path, streams

@@ -1,8 +1,7 @@
 """Monitoring of clocks: steps of the wall clock, suspends, stalls of rigd, and the drift of instrument clocks.
 
-All timestamps are taken from the monotonic clock, which none of these events affect. NTP slews both clocks together, so
-the difference between wall and monotonic time is constant until the wall clock is stepped; that between CLOCK_BOOTTIME
-and monotonic time grows by each suspend.
+None of these events affect the monotonic clock of the timestamps. NTP slews both clocks together, so the difference
+between wall and monotonic time changes only by a step; that between CLOCK_BOOTTIME and monotonic time by each suspend.
 """
 
 from __future__ import annotations

@@ -30,16 +30,10 @@ HELD_S = 0.5
 HELD_READINGS = 5
 HELD_DEG = 1.0
 HELD_STEPS = 5.0
-"""Multiple of the usual step by which a reading must differ after a constant value.
-
-At a reversal of the robot's error the difference is a single step.
-"""
+"""Multiple of the usual step by which a reading must differ after a constant value; a reversal gives a single step."""
 INCH_MM = 25.4
 BEFORE, AFTER = 9, 3
-"""Readings before and after a change of unit that must confirm it.
-
-Those before show the usual motion, and those after exclude a single wrong reading.
-"""
+"""Readings that show the usual motion before a change of unit, and that exclude a single wrong reading after it."""
 _STILL_DEG = 0.1
 
 

@@ -24,10 +24,7 @@ from rigs.errors import CellError
 _FIRST_PAUSE_S = 0.2
 _LONGEST_PAUSE_S = 5.0
 _BUSY_S = 0.01
-"""Interval between checks of the processor time.
-
-It is the time for about 300 messages of 30 µs, more than a gauge at 12 kHz sends in 20 ms.
-"""
+"""Interval between checks of the processor time: 300 messages of 30 µs, more than a gauge at 12 kHz sends in 20 ms."""
 _SHARE = 0.5
 """Largest share of a processor for a reader: a gauge at 12 kHz needs a third, and a flood needs all."""
 
@@ -96,10 +93,7 @@ class StreamReader(clock.StoppableThread):
             self._back_off()
 
     def _give_way(self) -> None:
-        """Pause if the thread has exceeded its share of the processor, for as long as it used the processor.
-
-        Meanwhile the data of a flooding stream waits in the operating system. Over TCP, the sender also waits.
-        """
+        """Pause if the thread has exceeded its share of the processor, for as long as it used the processor."""
         elapsed_s = clock.now_s() - self._looked_s
         if elapsed_s < _BUSY_S:
             return

@@ -26,10 +26,7 @@ _RATE_OVER = 200
 _RECENT = 1000
 """Drained samples that remain available to a live view: a tenth of a second at 10 kHz."""
 STALL_NS = 500_000_000
-"""Longest interval between heartbeats.
-
-A reader loop takes at most 0.3 s (`daq.wire.conversation_loop`), and a busy computer adds a few tenths.
-"""
+"""Longest interval between heartbeats: a reader loop takes at most 0.3 s, and a busy computer adds a few tenths."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +117,6 @@ class StreamBuffer:
 
     @contextmanager
     def opening(self) -> Iterator[None]:
-        """Mark the time spent opening a port, which may include name resolution."""
         self._opening = True
         try:
             yield

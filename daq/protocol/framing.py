@@ -20,8 +20,6 @@ LIMIT = 1024
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """Content of a message, total size including the delimiter, and arrival times."""
-
     data: bytes
     size: int
     first_byte_ns: int

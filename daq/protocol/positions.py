@@ -130,8 +130,6 @@ class UnusableDatagram:
 
 
 class Positions(StreamedDialect):
-    """Receives a position per message. Sends `start` initially and after each silence of the controller."""
-
     def __init__(
         self,
         decode: Callable[[bytes], Position | UnusableDatagram | None],

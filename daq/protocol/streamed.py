@@ -106,11 +106,7 @@ class GatheredStream(Streamed):
     """
 
     gather_ns = 10_000_000
-    """Five packets of a controller.
-
-    They are decoded in a third of the time of single packets, and in less than a tenth of a period of 2 ms, so that the
-    next one is not stamped late.
-    """
+    """Five packets of a controller: decoded in a third of the time, and before the next one arrives."""
 
     def received_all(self, arrivals: Sequence[Arrival]) -> ConversationStep:
         send, items = b"", list[Item]()
@@ -124,10 +120,7 @@ class GatheredStream(Streamed):
 
 
 _FIRST_SLOWLY_BYTES = 48
-"""Bytes decoded individually after a failed array decoding.
-
-They are doubled each time to limit the attempts on a garbled stream.
-"""
+"""Bytes decoded individually after a failed array decoding, doubled each time to limit the attempts."""
 
 
 class QuickDialect(StreamedDialect):
@@ -142,10 +135,7 @@ class QuicklyStreamed(GatheredStream):
     """Host side of a device with thousands of messages per second. Plain readings are decoded as arrays."""
 
     gather_ns = 100_000_000
-    """Decoding takes about 0.3 ms, during which no data is stamped.
-
-    At this interval it affects fewer than one stamp in a hundred, and it is shorter than a round of the recorder.
-    """
+    """Decoding takes 0.3 ms and affects fewer than one stamp in a hundred; shorter than a round of the recorder."""
 
     def __init__(self, dialect: QuickDialect, timeout_s: float) -> None:
         super().__init__(dialect, timeout_s)

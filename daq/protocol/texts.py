@@ -146,7 +146,6 @@ def polled_text(
     *,
     may_echo: bool = True,
 ) -> Host:
-    """Host side of an instrument that answers a constant request. end: delimiter of the answers."""
     dialect = TextDialect(gauges, request, DelimitedLines(end), read, check, reset, may_echo=may_echo)
     return Polled(dialect, gauges[0].timeout_s)
 

@@ -72,8 +72,6 @@ class EndedRun:
 
 @dataclass(frozen=True)
 class RecordingGap:
-    """Interval between a run ended by a disk failure and the next run."""
-
     previous: Path
     device: int
     why: str
@@ -168,7 +166,6 @@ class ActiveRun:
         return Counter({name: samples_in(items) for name, items in self._kept.items()})
 
     def refuse(self, error: Exception) -> None:
-        """Report a failed start. The buffered samples count as missed."""
         if self.gap:
             self.gap.missed.update(self.buffered_samples)
         self.begun.set_exception(error)
@@ -196,7 +193,6 @@ class ActiveRun:
         writer.append_faults(stream, faults)
 
     def put_host(self, faults: Sequence[Fault]) -> None:
-        """Write faults of the computer, with a new time anchor after a step of the wall clock."""
         if self.writer is None:
             self._host_faults += faults
             return

@@ -289,7 +289,6 @@ class Recorder(clock.StoppableThread):
                 self.losses.add(run.writer.lost, f"{run.writer.path.name} could not be closed")
 
     def _close_run(self, run: ActiveRun, ending: Ending, why: str) -> None:
-        """Close the run in a disk thread. Waiting callers receive the error if this fails."""
         path = clock.result(run.begun)
         try:
             try:

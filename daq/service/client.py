@@ -108,7 +108,6 @@ class Client:
 
 
 def find_socket(rig: str | None = None) -> Path:
-    """Socket of the only running daemon, or of the daemon for `rig`."""
     served = [path for path in sockets() if rig in (None, path.stem) and _is_served(path)]
     if len(served) == 1:
         return served[0]

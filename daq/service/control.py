@@ -41,8 +41,6 @@ _BACK_OFF_S = 0.2
 
 
 class ControlServer:
-    """Serves the socket with a thread per connection, from `start` to `close`."""
-
     def __init__(self, path: Path, answer: Answer) -> None:
         self._path, self._answer = path, answer
         limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)

@@ -1,7 +1,7 @@
 """systemd journal: writes log lines with their severity, and reads entries.
 
-On standard error, the prefix `<4>` marks a warning (sd-daemon(3)). $JOURNAL_STREAM states whether it is connected to
-the journal. A redirected child inherits the variable, so device and inode are also compared.
+On standard error, the prefix `<4>` marks a warning (sd-daemon(3)). A redirected child inherits $JOURNAL_STREAM, so
+device and inode are compared.
 """
 
 from __future__ import annotations

@@ -128,8 +128,6 @@ _DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, Typ
 
 @dataclass(frozen=True)
 class Salvage:
-    """Content of a recording chunk up to the first damage."""
-
     batches: tuple[pa.RecordBatch, ...]
     closed: bool
     unread: int

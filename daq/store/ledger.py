@@ -87,8 +87,6 @@ class ImportedTable(JsonRecord):
 
 
 class Relabelling(JsonRecord):
-    """A later correction of a label."""
-
     at: str
     field: Literal["test", "direction", "operator", "placement"]
     old: Text | None
@@ -170,7 +168,6 @@ class VerifiedLedger:
 
 
 def verified(data: bytes) -> VerifiedLedger:
-    """Ledger lines before the first invalid one."""
     entries: list[LedgerEntry] = []
     size, last, seal = 0, "", ""
     for line in data.split(b"\n")[:-1]:
@@ -243,8 +240,6 @@ def read_ledger(run: Path) -> VerifiedLedger:
 
 
 class Ledger:
-    """Appends entries to the ledger of a run. Raises plain OSError."""
-
     def __init__(self, path: Path, fd: int, size: int, last: str) -> None:
         self.path, self.fd, self._size = path, fd, size
         self.last = last

@@ -200,7 +200,6 @@ class Manifest(JsonRecord):
 
 
 def new_manifest(*, rig_text: str, streams: Mapping[str, tuple[str, ...]], **facts: Any) -> Manifest:
-    """Manifest of a run that starts now on this host. facts: the other fields of the manifest."""
     try:
         return Manifest(
             **facts,
@@ -227,7 +226,6 @@ def is_run(path: Path) -> bool:
 
 
 def load_manifest(run: Path) -> Manifest:
-    """Manifest of a run, including the ledger."""
     path = run / MANIFEST
     try:
         if not run.is_dir():

@@ -45,11 +45,11 @@ TORN = ".torn"
 
 @dataclass
 class Recovery:
-    """Recovered rows by stream, unreadable data of each damaged file, and other actions."""
-
     path: Path
     rows: dict[str, int] = field(default_factory=dict)
+    """Recovered rows by stream."""
     losses: dict[str, str] = field(default_factory=dict)
+    """Unreadable data of each damaged file."""
     notes: list[str] = field(default_factory=list)
 
     @property

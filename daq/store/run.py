@@ -79,7 +79,6 @@ def is_unclosed(path: Path) -> bool:
 
 
 def left_over(path: Path, manifest: Manifest) -> list[Path]:
-    """Files left by a crash, in a run that is not being recorded."""
     listed = {chunk.file for chunk in manifest.chunks}
     unlisted = {file for file in path.glob("*.parquet") if file.name not in listed}
     return sorted(unlisted | {*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")})

@@ -30,10 +30,7 @@ from rigs.errors import CellError
 
 MARGIN_BYTES = 16 << 20
 TO_BEGIN_BYTES = 64 << 20
-"""Bytes required to start: a full robot chunk (200 000 rows of 13 columns, 20 MB), the closed copy, and a margin.
-
-Less would fill a nearly full disk with runs of a second each.
-"""
+"""Bytes required to start: a full robot chunk (200 000 rows of 13 columns, 20 MB), the closed copy, and a margin."""
 
 
 class NearlyFull(CellError):

@@ -46,10 +46,9 @@ MOST_PENDING = 100_000
 
 @dataclass(frozen=True)
 class DiskOperation:
-    """A disk operation. synced: rows per sample stream on the disk after it."""
-
     steps: Sequence[Callable[[], None]]
     synced: Mapping[str, int] | None = None
+    """Rows per sample stream on the disk after it."""
 
     def wait(self) -> None:
         errors = [error for step in self.steps if (error := _attempt(step))]
@@ -116,7 +115,7 @@ class RunWriter:
         return {stream: self._writers[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
-        """Bytes needed at most to write the pending rows, close all chunks and end the run."""
+        """Bytes needed at most to close the run."""
         chunks = sum(writer.bytes_to_close() for writer in self._writers.values())
         # The opening manifest is in the head of a chunk once, and in the Parquet file three times.
         return chunks + 4 * len(self._writers) * len(self.manifest.opening())

@@ -57,7 +57,6 @@ def _has_chip(name: str, root: Path) -> bool:
 
 
 def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> serial.Serial:
-    """Open the device of a stream. modem: None leaves both lines on."""
     where = f"{name}, {port}"
     try:
         if not Path(port).exists():

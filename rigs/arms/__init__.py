@@ -70,7 +70,6 @@ def rig_text_of(name: str) -> str:
 
 
 def load_arm(name: str) -> LibraryArm:
-    """Load an arm by name, in any common spelling. Raises FileError with similar names."""
     names = arm_names()
     library_name = the_same(name, names)
     if library_name is None:

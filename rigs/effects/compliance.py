@@ -27,14 +27,13 @@ _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
 }
 """Healthy compliance of axes 1 to 3, and of the wrist.
 
-- industrial: 0.9 and 5 µrad/Nm, assumed; neither measured arms nor reducer tables were available.
-- light: strain-wave gears. Axes 2 and 3 of a UR10 yield 8 to 11 µrad/Nm in four series (Landgraf et al., 2021, as
-  fitted by rig), 4.6 to 6.3e-4 °/Nm. Rainbow Robotics states 9 µrad/Nm for the largest joint of an RB-Y1 and 20, 40,
-  71 and 164 for the smaller joints (joint specification, sizes 32 to 14). A wrist of size 17 to 20 therefore yields 40
-  to 71, 2.3 to 4.1e-3 °/Nm.
-- torque_sensing: a torque sensor is a spring in series. Axes 2 to 4 of an iiwa 14 yield 55 to 75 µrad/Nm (Franzese et
-  al., 2024, as fitted by rig), 3.2 to 4.3e-3 °/Nm.
-- servo: 175 µrad/Nm after the encoder of the output shaft, assumed for horns and printed brackets.
+- industrial: assumed; neither measured arms nor reducer tables were available.
+- light: axes 2 and 3 of a UR10 yield 4.6 to 6.3e-4 °/Nm in four series (Landgraf et al., 2021, as fitted by rig), as
+  the largest joint of an RB-Y1. Its joints of size 17 to 20, as in a wrist, yield 2.3 to 4.1e-3 °/Nm (joint
+  specification of Rainbow Robotics).
+- torque_sensing: a torque sensor is a spring in series. Axes 2 to 4 of an iiwa 14 yield 3.2 to 4.3e-3 °/Nm (Franzese et
+  al., 2024, as fitted by rig).
+- servo: after the encoder of the output shaft, assumed for horns and printed brackets.
 """
 
 

@@ -29,10 +29,7 @@ class GaugeDeadBand(Effect):
     PLACE = AT_GAUGE
     STRAIGHT = 0.0
     FORM_U = 0.2
-    """Relative uncertainty of the size, because the readings hardly show whether the plunger drags or jumps.
-
-    Chosen: without it, a band of 40 µm from a different generator gave 30.0 ± 0.3.
-    """
+    """The readings hardly show whether the plunger drags or jumps. Chosen: without it, 40 µm gave 30.0 ± 0.3."""
 
     def apply(self, scene: S) -> S:
         return scene.read(self.gauge, lambda g: play(g, self.width_mm / 2))

@@ -10,9 +10,7 @@ from rigs.schema.scene import S
 from rigs.schema.vocabulary import Build
 
 _LEAST_TURN = 0.15
-"""Minimum motion of a joint in turns, 54°, for distinguishing a wrong scale from a wrong zero. Chosen: with a
-smaller motion the scale competed with each zero, which is far more likely.
-"""
+"""Minimum motion of a joint in turns, 54°. Chosen: with less, a wrong scale competed with each wrong zero."""
 
 
 class JointScale(Effect):
@@ -43,9 +41,7 @@ class JointScale(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[JointScale]]:
-        """A form for each joint with a large motion. Over a short range, a wrong scale is equivalent to a
-        wrong zero.
-        """
+        """A form for each joint with a large motion."""
         return [form for form in at_each_axis(cls, scope) if scope.turned[form[0].axis - 1] >= _LEAST_TURN]
 
     def remedy(self) -> str:

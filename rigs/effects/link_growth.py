@@ -1,7 +1,4 @@
-"""Link growth: thermal expansion of the bar between tool and ball, or of the gauge holder.
-
-It changes both gauges equally, and the arm is unaffected: two gauges with equal drift indicate a growth of the link.
-"""
+"""Link growth: thermal expansion of the bar between tool and ball, or of the gauge holder: both gauges drift alike."""
 
 from __future__ import annotations
 

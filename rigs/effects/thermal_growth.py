@@ -20,10 +20,7 @@ from rigs.schema.scene import S
 _PARTS = (2, 3, 4, 6)
 """Joints after which a part of the arm may grow separately: upper arm, forearm, wrist and tool."""
 _PART_SHARE = 0.3
-"""Standard deviation of the additional growth after such a joint, as a share of the total.
-
-Chosen: motors heat the joints, and a cast base grows little.
-"""
+"""Standard deviation of the additional growth after such a joint, as a share of the total. Chosen."""
 
 
 class ThermalGrowth(Effect):

@@ -12,10 +12,7 @@ from rigs.schema.vocabulary import MOST_AXES, Build, MakerName
 
 
 class TypicalConstant(Part):
-    """Typical difference of link constants that poses cannot separate, or of a single one. rms, largest: mm or degrees.
-
-    arms: number of measured arms.
-    """
+    """Typical difference, in mm or degrees, of link constants that poses cannot separate, or of a single one."""
 
     seats: tuple[str, ...]
     rms: float
@@ -50,9 +47,7 @@ def families() -> Families:
 
 @cache
 def link_sizes(design: Build, maker: MakerName | None) -> dict[str, float]:
-    """Typical differences from the data sheet in mm or degrees by seat (`4.alpha`): of the maker if known, otherwise of
-    the design.
-    """
+    """Typical differences from the data sheet in mm or degrees by seat (`4.alpha`), of the maker or of the design."""
     of_design = families().designs[design]
     sizes = {
         f"{axis}.{key}": of_design.length_mm if key in ("a", "d") else of_design.angle_deg

@@ -1,7 +1,6 @@
 """Practice of the makers: whether a controller computes poses with the data sheet or with constants of its own robot.
 
-A robot measured at the factory has its own constants in the controller, which then differ from the data sheet by up to
-1 mm and 0.8°. Constants of a single robot are never in the library: they come from its controller.
+A robot measured at the factory has its own constants, which differ from the data sheet by up to 1 mm and 0.8°.
 """
 
 from __future__ import annotations

@@ -80,8 +80,6 @@ class EffectProvenance(Part):
 
 @dataclass(frozen=True)
 class Scope:
-    """Properties of runs that determine which effects are observable."""
-
     timed: bool
     """Joints turn during the readings (circles)."""
     gauges: tuple[Gauge, ...]
@@ -101,8 +99,6 @@ class Scope:
 
 @dataclass(frozen=True)
 class FreeShape:
-    """A shape fitted together with the size."""
-
     field: str
     expected: float
     spread: float
@@ -160,8 +156,6 @@ BY_TARGETS = Compensation("targets only")
 
 @dataclass(frozen=True)
 class SeatNotation:
-    """Text notation of the location of an effect, such as an axis or a gauge."""
-
     pattern: str
     """Regular expression with a group per parameter."""
     example: str
@@ -330,7 +324,6 @@ def healthy(effect: _E) -> _E:
 
 
 def identity(effect: _E) -> _E:
-    """Effect with only its required keys, which identify name, seat and form."""
     return type(effect).model_validate(
         {name: getattr(effect, name) for name, info in type(effect).model_fields.items() if info.is_required()}
     )
@@ -431,7 +424,6 @@ def warmed(t_s: Array, time_constant_s: float) -> Array:
 
 
 def warming_parts(effect: Effect) -> tuple[tuple[tuple[float, Effect], ...], ...]:
-    """Combinations of effects with their shares: parts of a growth with faster or slower time constants."""
     tau_s = float(getattr(effect, "time_constant_s"))  # noqa: B009 - of those that grow alone
     others = [effect.model_copy(update={"time_constant_s": ratio * tau_s}) for ratio in SPECTRUM]
     return tuple(((SPECTRUM_SHARE, part), (-SPECTRUM_SHARE, effect)) for part in others)

@@ -193,10 +193,9 @@ def offered_tolerance_mm(rp_mm: float | None) -> float:
 
 
 def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | None) -> Limits:
-    """Limits corresponding to an error of `tolerance_mm` at the ball.
+    """Limits corresponding to an error of `tolerance_mm` at the ball, which turns the link by tolerance / radius.
 
-    On a circle of this radius such an error turns the link by tolerance / radius. Tracker poses have no limit: they
-    cover the complete work area, in which the error of an arm is larger than near a single place.
+    Tracker poses have no limit: they cover the work area, in which the error of an arm is larger.
     """
     mm, deg = shared_limit(tolerance_mm), shared_limit(math.degrees(tolerance_mm / radius_mm))
     circle = CircleLimits(band_deg=deg, circular_deviation_mm=mm, hysteresis_max_mm=mm)

@@ -20,7 +20,6 @@ C = TypeVar("C", bound=BaseModel)
 
 
 def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, type[C]]:
-    """Classes offered for a group by name. base: required base class. taken: names used by rig."""
     classes: dict[str, type[C]] = {}
     key = _KEY[group]
     for offer in sorted(ENTRY_POINTS.select(group=group), key=lambda offer: offer.name):

@@ -13,7 +13,7 @@ class Reference:
     """Comparable arms: of the same design and, for link constants, of the same family.
 
     link_sizes: typical deviation of each link constant in mm or degrees, by seat (`4.alpha`). is_data_sheet: True if
-    the constants of the model are those of the data sheet, from which every real arm differs.
+    the model has the constants of the data sheet.
     """
 
     design: Build

@@ -65,7 +65,6 @@ MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 
 def offered_makers() -> dict[MakerName, str]:
-    """Makers of other packages, each with a package that has a module per question."""
     offers = ENTRY_POINTS.select(group="rig.makers")
     return {offer.name: offer.value for offer in sorted(offers) if offer.name not in MAKERS}
 

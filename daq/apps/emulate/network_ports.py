@@ -21,8 +21,6 @@ _HOST = "127.0.0.1"
 
 
 class NetworkPort(ABC):
-    """Port with a single conversation at a time, each with a new device."""
-
     def __init__(self, port: str, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self.port = port
         self._device = device
@@ -53,8 +51,6 @@ class NetworkPort(ABC):
 
 
 class TcpPort(NetworkPort):
-    """TCP server, by default at a free loopback port. It serves a single client at a time."""
-
     def __init__(
         self, device: Callable[[], Conversation], jitter_ms: float = 0.0, server: socket.socket | None = None
     ) -> None:

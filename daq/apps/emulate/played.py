@@ -22,8 +22,6 @@ _AROUND = 8
 
 
 class StreamingPlayer:
-    """Streaming instrument that sends each piece on time, and after the corresponding data of the host."""
-
     def __init__(self, pieces: Sequence[Piece], time: Timebase, steps: Steps, *, hangs_up: bool, calls: bool) -> None:
         """hangs_up: close the link at the end, as over TCP.
 
@@ -108,8 +106,6 @@ class StreamingPlayer:
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """A request of the host and the data until the next request, with capture times."""
-
     asked_ns: int
     question: bytes
     answers: tuple[Piece, ...]
@@ -161,8 +157,6 @@ class Exchanges:
 
 
 class AnsweringPlayer:
-    """Answering instrument: each request receives the answer to the nearest captured request."""
-
     def __init__(self, exchanges: Exchanges, time: Timebase, steps: Steps, *, hangs_up: bool) -> None:
         self.sent = 0
         self._exchanges = exchanges

@@ -34,8 +34,6 @@ Player = StreamingPlayer | AnsweringPlayer
 
 
 class Replay:
-    """Captured instruments of a rig. Start and stop them with `cell`."""
-
     def __init__(
         self,
         rig: Rig,
@@ -44,7 +42,6 @@ class Replay:
         *,
         opening: Callable[..., EmulatedInstruments] = EmulatedInstruments,
     ) -> None:
-        """Open the ports of a capture. marks: file for timing deviations. opening: opens the cell."""
         streams, self._time = streams_of(rig), Timebase()
         heard = {stream.name: capture.of(stream.name) for stream in streams}
         for name, pieces in heard.items():

@@ -51,8 +51,6 @@ class SimulatedLine:
         return ours
 
     def serve(self, make: Callable[[], Device], made: list[Device]) -> None:
-        """Serve devices in a thread. made: receives the device of each connection."""
-
         def serve() -> None:
             while True:
                 if self.ends is None:
@@ -139,8 +137,6 @@ class _LineEnd:
 
 
 class SimulatedCell:
-    """Instruments of a rig measuring a motion, each on a line. `daemon` starts a daemon for them."""
-
     def __init__(
         self,
         time: SimulatedClock,

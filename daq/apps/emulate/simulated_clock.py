@@ -50,8 +50,6 @@ class _Task:
 
 
 class SimulatedClock:
-    """Simulated clock, driven by the waits of the thread that enters `running`."""
-
     def __init__(self, seed: int, hangs_s: float = _HANGS_S, began_wall_ns: int = _WALL_NS + _BEGIN_NS) -> None:
         """began_wall_ns: initial wall time in ns since 1970."""
         self.seed, self._hangs_s, self._began_wall_ns = seed, hangs_s, began_wall_ns

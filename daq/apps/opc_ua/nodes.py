@@ -179,7 +179,6 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
 
 
 def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCUARobotics) -> Talk[tuple[float, ...]]:
-    """Degrees per unit of each position. The server has precedence over the rig file."""
     units = yield from engineering_units(positions)
     stated = [
         None if unit is None else _DEG_PER.get(unit.UnitId) or _DEG_PER_NAME.get(_name(unit).lower()) for unit in units
@@ -226,7 +225,6 @@ def _condition_nodes(browser: _Browser, system: Any, robot: Any, axes: Sequence[
 
 
 def _motors(browser: _Browser, robot: Any, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
-    """Motor temperature nodes by column. A power train lists the driven axis."""
     moved: dict[str, list[int]] = {}
     for names, nodes in (yield from browser.find(robot, "PowerTrains/*/*")):
         moved.setdefault(names[1], []).extend(place for place, axis in enumerate(axes) if axis == nodes[-1])

@@ -46,8 +46,6 @@ class ArmPosition:
 
 
 class Together:
-    """Groups values into positions. together_s: largest spread of the stamps of a position."""
-
     def __init__(self, together_s: float) -> None:
         self._together_s = together_s
         self._known: dict[int, AxisValue] = {}

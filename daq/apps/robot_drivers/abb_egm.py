@@ -68,7 +68,6 @@ def number_in(message: Sequence[Field], number: int) -> int:
 
 
 def message_in(message: Sequence[Field], number: int) -> list[Field] | None:
-    """A nested message, empty if missing; None if invalid."""
     parts = [value for key, wire_type, value in message if key == number and wire_type == BYTES]
     return fields(b"".join(part for part in parts if isinstance(part, bytes)))
 
@@ -93,7 +92,6 @@ def nested(number: int, content: bytes) -> bytes:
 
 
 def doubles(number: int, values: Sequence[float]) -> bytes:
-    """A repeated double in proto2 style, with each value as a separate field."""
     key = varint(number << 3 | FIXED64)
     return b"".join(key + struct.pack("<d", value) for value in values)
 

@@ -96,8 +96,6 @@ def _nine(values: Sequence[float]) -> list[float]:
 
 
 class _StreamMotionClient(Positions):
-    """Requests the version, unless the rig file states it, and then the status."""
-
     def __init__(self, feedback: FANUCStreamMotion) -> None:
         check = (
             "check the address, the cable and that option J519 is there; another client may have the stream; or state"

@@ -116,7 +116,6 @@ class Recipe:
         return struct.Struct(">B" + "".join(_FORMATS[kind][1] for kind in self.types.values()))
 
     def without(self, lacking: Collection[str]) -> Recipe:
-        """Recipe without the missing fields. Those that have an earlier name are replaced by it."""
         named = [(OLDER.get(name) if name in lacking else name, kind) for name, kind in self.types.items()]
         return Recipe({name: kind for name, kind in named if name})
 
@@ -363,7 +362,6 @@ class _RTDEController(SteadyDevice):
         return b""
 
     def _set_up(self, payload: bytes) -> bytes:
-        """Answer to a recipe: the number, 0 for none, and the field types."""
         # SDU's ur_rtde ends the list with a comma, which real controllers accept.
         names = payload[8:].decode("ascii", "replace").removesuffix(",").split(",")
         (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
