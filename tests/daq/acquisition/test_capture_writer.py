@@ -97,7 +97,7 @@ def test_oversized_or_failing_capture_ends_with_a_fault(tmp_path, monkeypatch, c
         if " ! 5\n" in (tmp_path / "log").read_text():
             found.add("g1", CaptureMark.SENT, bytes(1000))
         time.sleep(0.01)
-    found.stop(20)
+    found.finish(20)
     capture = read_capture(tmp_path / "log")
     assert [piece.data[100:] for piece in capture.pieces[:10]] == [str(n).encode() for n in range(10)]
     assert Piece(capture.pieces[10].at_ns, "g1", CaptureMark.LEFT_OUT, b"5") == capture.pieces[10]
