@@ -1,8 +1,7 @@
 """Conformity of the features of a program, by JCGM 106:2012.
 
 A feature is accepted if it is inside its tolerance with a probability of 95 %, and rejected if it is outside with this
-probability, so both risks of a wrong decision are at most 5 %. Probabilities are shares of draws from the joint
-distribution of the target errors.
+probability. Probabilities are shares of draws of the target errors.
 """
 
 from __future__ import annotations
@@ -27,17 +26,16 @@ from analysis.robot.kinematics.arm import Array, Integers
 from rigs.rig import Rig
 
 RISK = 0.05
-"""Largest risk of accepting a feature that is outside, and of rejecting one that is inside."""
+"""Risk of each wrong decision."""
 _DRAWS, _DRAWS_OF_CAUSE = 8000, 1000
-"""Number of draws for a probability, with a standard error of 0.0025 at 95 %, and for comparing causes."""
+"""Draws for a probability, with a standard error of 0.0025 at 95 %, and for comparing causes."""
 Verdict = Literal["accept", "reject", "undecided"]
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Expected error of a feature with its standard uncertainty, in mm, probability inside the tolerance, and verdict.
-
-    u_mm and probability are None if the calibration does not cover a target.
+    """Expected error and u in mm, and probability inside the tolerance; u_mm and probability are None outside the
+    calibration.
     """
 
     expected_mm: float | None
@@ -48,9 +46,11 @@ class Judged:
 
 @dataclass(frozen=True)
 class Certified:
-    """A feature now and after `rig correct`. cause: the largest contribution to the risk. next: the reading that would
-    reduce the uncertainty most, None if the feature is decided or no reading helps. why: reason for no decision. until:
-    day on which a growing figure of the history takes the feature out."""
+    """A feature now and after `rig correct`.
+
+    cause: the largest contribution to the risk. next: the reading that would reduce the uncertainty most, if undecided.
+    why: reason for no decision. until: day on which growing errors take it out.
+    """
 
     feature: Feature
     now: Judged
@@ -79,11 +79,7 @@ def certify(
     taught: tuple[Array, Array] | None = None,
     drifts: Sequence[Drift] = (),
 ) -> list[Certified]:
-    """Judge the features of a program for the arm of a rig file.
-
-    taught: postures and poses at which frame and tool are taught, by default the measured targets. drifts: growing
-    figures of the robot's history.
-    """
+    """taught: postures and poses at which frame and tool are taught, by default the measured targets."""
     work, unknown = listed.work, listed.unknown
     known = np.array([row not in unknown for row in range(len(work.q))], dtype=bool)
     place, reasons = np.cumsum(known) - 1, dict(unknown)
@@ -127,8 +123,9 @@ def certify(
 def _drawn(
     feature: Feature, nominal: Array, causes: Sequence[Cause], rows: Integers, *, is_corrected: bool
 ) -> tuple[Array, Array, str | None]:
-    """Draws (d, m, 3) mm of the positions of a feature now and after a correction, and the cause whose absence
-    would reduce the risk most."""
+    """Draws (d, m, 3) mm of the positions now and after a correction, and the cause whose absence would reduce the risk
+    most.
+    """
     rng = np.random.default_rng(0)
     drawn = [cause.draw(rows, _DRAWS, rng) for cause in causes]
     means = [cause.mean[rows] if cause.nature == "correctable" else np.zeros_like(nominal) for cause in causes]
@@ -156,6 +153,6 @@ def _inside(feature: Feature, nominal: Array, moves: Array) -> float:
 
 
 def _risk(feature: Feature, nominal: Array, moved: Array) -> float:
-    """Share of draws outside the tolerance, and among equal shares the mean square error in tolerances."""
+    """Share of draws outside, and among equal shares the mean square error in tolerances."""
     values = feature.values(nominal, moved) / feature.tolerance_mm
     return float(np.mean(np.abs(values) > 1)) + 1e-6 * float(np.mean(values**2))

@@ -65,13 +65,11 @@ def _cells(judged: Judged) -> tuple[str, str]:
 
 
 def write_page(judged: Sequence[Certified], listed: Listed, path: Path, program: str, rig: str) -> None:
-    """Write the page. Raises FileError if it cannot be written."""
     picture = Figure("Features from above and from the side", _picture(judged, listed))
     write_html(answer_page(f"Certificate of {program} on {rig}", [*answer_of(judged), picture], "en", boxed=1), path)
 
 
 def _picture(judged: Sequence[Certified], listed: Listed) -> Markup:
-    """Draw the features, coloured by the probability inside the tolerance."""
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
 
     from analysis.apps.report.still_chart import Sheet  # noqa: PLC0415

@@ -16,6 +16,9 @@ from rigs.text import as_argument, counted
 
 if TYPE_CHECKING:
     from analysis.apps.certify.certificate import Certified
+    from analysis.apps.certify.drift import Drift
+    from analysis.apps.certify.program import Listed
+    from rigs.errors import RigError
     from rigs.rig import Rig
 
 _MOST_NOTES = 20
@@ -82,14 +85,10 @@ def certify(
 
     The exit code is 1 if a feature is not accepted."""
     from analysis.apps.certify.certificate import certify as certified
-    from analysis.apps.certify.certificate_report import answer_of, write_page
-    from analysis.apps.certify.drift import drifts_of
+    from analysis.apps.certify.certificate_report import write_page
     from analysis.apps.certify.features import features_of
     from analysis.apps.certify.program import programmed_places, targets_of, with_lines
     from analysis.apps.correct.stated_frames import frames_of, start_of
-    from analysis.apps.plant.collect import Workers, collect
-    from analysis.apps.plant.history import history_of
-    from analysis.apps.report.blocks import say_answer
     from analysis.apps.report.html_page import check_page_file
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with, with_controller, worst
@@ -101,13 +100,37 @@ def certify(
     with named_by(rig_file, rig), progress_of("judging the features"):
         of_user = frames_of(rig.robot, tools or (), frames or ())
         listed = targets_of(program, rig, of_user, start_of(start), load_kg)
-        notes = [f"line {listed.lines[row]}: {listed.names[row]} {why}" for row, why in sorted(listed.unknown.items())]
         places = programmed_places(listed)
         features, errors = features_of(tolerances or (), table, listed.names, listed.lines, places)
         listed, features, not_driven = with_lines(rig, listed, features)
-        drifts = drifts_of(history_of(collect(history, rig.name, Workers(), lambda *_: None))) if history else ()
+        drifts = _drifts(history, rig) if history else ()
         judged = certified(rig, listed, features, rp_mm=rp_mm, drifts=drifts)
     errors += not_driven
+    _show(program, rig, listed, judged, errors, as_json=as_json)
+    if output:
+        write_page(judged, listed, output, program.name, rig.name)
+        say_written([output])
+    _say_next(rig, rig_file, program, judged)
+    for error in errors:
+        say_error(error)
+    end_with(worst(errors) or int(any(one.now.verdict != "accept" for one in judged)))
+
+
+def _drifts(runs: Path, rig: Rig) -> Sequence[Drift]:
+    from analysis.apps.certify.drift import drifts_of
+    from analysis.apps.plant.collect import Workers, collect
+    from analysis.apps.plant.history import history_of
+
+    return drifts_of(history_of(collect(runs, rig.name, Workers(), lambda *_: None)))
+
+
+def _show(
+    program: Path, rig: Rig, listed: Listed, judged: Sequence[Certified], errors: Sequence[RigError], *, as_json: bool
+) -> None:
+    from analysis.apps.certify.certificate_report import answer_of
+    from analysis.apps.report.blocks import say_answer
+
+    notes = [f"line {listed.lines[row]}: {listed.names[row]} {why}" for row, why in sorted(listed.unknown.items())]
     if as_json:
         counts = Counter(one.now.verdict for one in judged)
         say_json({
@@ -119,17 +142,9 @@ def certify(
         say_answer(answer_of(judged))
     for note in notes[:_MOST_NOTES]:
         say(f"{program}: {note}", err=True, mark="note: ")
-    if output:
-        write_page(judged, listed, output, program.name, rig.name)
-        say_written([output])
-    _say_next(rig, rig_file, program, judged)
-    for error in errors:
-        say_error(error)
-    end_with(worst(errors) or int(any(one.now.verdict != "accept" for one in judged)))
 
 
 def _say_next(rig: Rig, rig_file: str, program: Path, judged: Sequence[Certified]) -> None:
-    """Print the correction if it helps, and the next reading of a feature that stays undecided."""
     from analysis.apps.makers import maker_of_file
 
     if gains := sum(one.corrected.verdict == "accept" and one.now.verdict != "accept" for one in judged):

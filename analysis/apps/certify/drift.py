@@ -1,7 +1,7 @@
 """The day on which a figure that grows in a robot's history takes a feature out of its tolerance.
 
-Backlash of a joint (`play_j2_deg`) moves each target along the motion of that joint. The error of poses (`rms_mm`)
-scales all errors. The growth is that of the newest ramp of the history, and continues at the same rate.
+Backlash of a joint moves each target along the motion of that joint; `rms_mm` of poses scales all errors. The newest
+ramp of the history goes on at its rate.
 """
 
 from __future__ import annotations
@@ -19,18 +19,16 @@ from analysis.robot.kinematics.arm import Array, arm_of, drive_angles, forward_a
 from rigs.rig import Rig
 
 _LONGEST_DAYS = 3650.0
-"""Farthest date that is stated: ten years."""
 _ROUNDS = 30
 Inside = Callable[[Array], float]
-"""Probability of a feature to be inside its tolerance for drawn displacements (d, m, 3) mm."""
+"""Probability inside the tolerance for displacements (d, m, 3) mm."""
 
 
 @dataclass(frozen=True)
 class Drift:
-    """A growing figure, and the day of the newest run.
+    """A growing figure.
 
-    rate, u: growth per day and its standard uncertainty: degrees of backlash of an axis (from 0), or a share of
-    the present error for all axes (None).
+    rate, u: growth per day, in degrees of backlash of an axis (from 0), or as a share of the present error (None).
     """
 
     figure: str
@@ -42,7 +40,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class Until:
-    """Expected day on which a feature is probably outside, and its 95 % interval; None beyond ten years."""
+    """Expected day outside, and its 95 % interval; None beyond ten years."""
 
     figure: str
     date: dt.date
@@ -55,7 +53,6 @@ class Until:
 
 
 def drifts_of(history: History) -> list[Drift]:
-    """Figures of a history that rise up to the newest run."""
     drifts = []
     for series in history.series:
         axis = int(series.figure[6]) - 1 if series.figure.startswith("play_j") else None
@@ -74,7 +71,7 @@ def drifts_of(history: History) -> list[Drift]:
 
 
 def until(rig: Rig, drift: Drift, work: Work, moved: Array, inside: Inside) -> Until | None:
-    """Day on which a feature leaves its tolerance; None if it is outside already, or inside for ten years.
+    """None if a feature is outside already, or inside for ten years.
 
     work: targets of the feature (m,). moved: draws (d, m, 3) mm of their displacements now.
     """

@@ -1,8 +1,8 @@
-"""Features of a program with tolerances: position, distance, flatness and straightness of its targets.
+"""Features of a program with tolerances.
 
-The tolerance of a position is the largest distance from the programmed position, that of a distance the largest
-deviation in either direction. Flatness and straightness are widths of the zone that contains the points (ISO 1101): the
-distance of two planes, or the diameter of a cylinder, both about the least-squares element.
+The tolerance of a position is its largest distance from the programmed one, that of a distance the deviation in either
+direction. Flatness and straightness are widths of the zone about the least-squares element (ISO 1101): the distance of
+two planes, or the diameter of a cylinder.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ _SIGN = "FEATURE=0.2mm, such as hole1=0.2mm, distance:hole1,hole2=0.1mm or flatn
 _COLUMNS = ("name", "kind", "targets", "tolerance_mm")
 _MOST_BYTES = 1_000_000
 _NOMINAL_MM = 0.01
-"""Largest nominal width of a plane or line: the decimals of a program, 0.001 mm, many times over."""
+"""Nominal width of a plane or line: the decimals of a program, 0.001 mm, many times over."""
 
 
 @dataclass(frozen=True)
 class Feature:
-    """A tolerance on targets, which are rows of the program's target list (m,)."""
+    """rows: of the program's target list."""
 
     name: str
     kind: Kind
     tolerance_mm: float
     rows: Integers
     where: str = ""
-    """Argument or line of the table that states it, for errors."""
+    """Argument or line of the table, for errors."""
 
     def values(self, nominal: Array, moved: Array) -> Array:
-        """Error (k,) mm for nominal (m, 3) and k displaced sets of points (k, m, 3), in mm."""
+        """Error (k,) mm for nominal (m, 3) and k displaced sets of points (k, m, 3)."""
         if self.kind == "position":
             return np.asarray(np.linalg.norm(moved[:, 0] - nominal[0], axis=1))
         if self.kind == "distance":
@@ -52,7 +52,7 @@ class Feature:
 
 
 def _distances(points: Array) -> Array:
-    """Distance (k,) mm of the first point from the datum of the others (k, m, 3): a point, a line or a plane."""
+    """Distance (k,) of the first point from the datum of the others (k, m, 3): a point, line or plane."""
     datum = points[:, 1:]
     middle = datum.mean(axis=1)
     away = points[:, 0] - middle
@@ -63,7 +63,7 @@ def _distances(points: Array) -> Array:
 
 
 def _widths(points: Array, is_plane: bool) -> Array:
-    """Width (k,) mm of the zone about the least-squares plane or line of points (k, m, 3)."""
+    """Width (k,) of the zone about the least-squares plane or line of points (k, m, 3)."""
     axes = np.linalg.eigh(_scatter(points))[1]
     across = (points - points.mean(axis=1, keepdims=True)) @ axes[:, :, : 1 if is_plane else 2]
     return np.asarray(np.ptp(across[..., 0], axis=1) if is_plane else 2 * np.linalg.norm(across, axis=2).max(axis=1))
@@ -77,11 +77,10 @@ def _scatter(points: Array) -> Array:
 def features_of(
     tolerances: Sequence[str], table: Path | None, names: Sequence[str], lines: Sequence[int], places: Array
 ) -> tuple[list[Feature], list[RigError]]:
-    """Read arguments of --tolerance and a table of features, on targets with these names and line numbers.
+    """Features of --tolerance and of a table, and an error for each that is not possible.
 
-    Also return an error for each feature that is not possible. `position:all` is a feature for each target.
-    places (n, 3): programmed positions in mm, NaN if unknown. Raises UseError without any tolerance, and FileError for
-    a table without the columns name, kind, targets and tolerance_mm.
+    names, lines, places (n, 3) mm: of the targets; NaN if unknown. Raises UseError without any tolerance, and FileError
+    for a table without the columns.
     """
     if not tolerances and table is None:
         remedy = "add --tolerance hole1=0.2mm, or --features TABLE.csv"
@@ -106,7 +105,7 @@ def features_of(
 
 
 def _stated(where: str, label: str, text: str) -> tuple[str, Kind, str, float]:
-    """Name, kind, targets and tolerance in mm of a feature as written, such as `distance:A,B=0.1mm`."""
+    """Name, kind, targets and tolerance in mm of a text such as `distance:A,B=0.1mm`."""
     feature, equals, tolerance = (part.strip() for part in text.rpartition("="))
     if not equals or not feature:
         raise UseError(where, "is not FEATURE=MM", f"write {_SIGN}", code="certify.feature")
@@ -126,7 +125,7 @@ def _stated(where: str, label: str, text: str) -> tuple[str, Kind, str, float]:
 
 
 def _rows_in(table: Path) -> list[tuple[str, str, str]]:
-    """Place, name and text of the features in a table. Raises FileError for a table without the columns."""
+    """Place, name and text of the features."""
     rows = csv.DictReader(io.StringIO(read_bytes(table, _MOST_BYTES).decode("utf-8-sig", "replace"), newline=""))
     if missing := [name for name in _COLUMNS if name not in (rows.fieldnames or ())]:
         has_no_unit = "tolerance" in (rows.fieldnames or ())
@@ -143,7 +142,6 @@ def _rows_in(table: Path) -> list[tuple[str, str, str]]:
 
 
 def _check(feature: Feature, nominal: Array) -> None:
-    """Raise UseError for a feature that its targets cannot have."""
     fewest, count = _FEWEST[feature.kind], len(feature.rows)
     if count < fewest or (feature.kind == "position" and count > 1):
         problem = f"has {count} targets, and a {feature.kind} needs {fewest}{' or more' * (feature.kind != 'position')}"
@@ -156,7 +154,7 @@ def _check(feature: Feature, nominal: Array) -> None:
 
 
 def _rows_of(where: str, targets: str, names: Sequence[str], lines: Sequence[int]) -> list[int]:
-    """Rows of the targets of a feature; `A..B` are all from A to B. Raises UseError."""
+    """`A..B` are all targets from A to B."""
     if targets == "all":
         return list(range(len(names)))
     rows: list[int] = []

@@ -27,15 +27,17 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 _ON_LINE = 9
-"""Number of points between the ends of a line. Chosen: the error of an arm varies over a tenth of its work area."""
+"""Points between the ends of a line. Chosen: the error of an arm varies over a tenth of its work area."""
 _ANY_MM_S = 100.0
 
 
 @dataclass(frozen=True)
 class Listed:
-    """The n targets of a program: names, line numbers, postures and poses, reason for each unknown posture, and pairs
-    of targets between which the program moves in a straight line (None: all). is_corrected: the program contains the
-    corrections by rig."""
+    """The n targets of a program, and the reason for each unknown posture.
+
+    straight: pairs with a straight line between them (None: all). is_corrected: the program contains the corrections by
+    rig.
+    """
 
     names: tuple[str, ...]
     lines: tuple[int, ...]
@@ -46,10 +48,7 @@ class Listed:
 
 
 def targets_of(path: Path, rig: Rig, frames: Frames, start: tuple[float, ...] | None, load_kg: float | None) -> Listed:
-    """Targets of a program of any maker, or of a CSV table. load_kg: payload, None for that of the rig.
-
-    A table may have the columns name and load_kg. Raises FileError.
-    """
+    """Targets of a program of any maker, or of a CSV table. load_kg: payload, None for that of the rig."""
     listed = _of_program(path, rig, frames, start) if path.is_dir() or maker_of_file(path) else _of_table(path, rig)
     work = listed.work
     if listed.is_corrected:  # the targets mean the poses that the real arm takes there
@@ -109,9 +108,8 @@ def _of_program(path: Path, rig: Rig, frames: Frames, start: tuple[float, ...] |
 
 
 def with_lines(rig: Rig, listed: Listed, features: Sequence[Feature]) -> tuple[Listed, list[Feature], list[UseError]]:
-    """Replace each straightness of two targets by the points of the straight line between them.
-
-    Also return an error for each line that the program does not drive.
+    """Replace each straightness of two targets by points of the line; an error for each line that the program does not
+    drive.
     """
     errors, drawn = list[UseError](), list[Feature]()
     for feature in features:

@@ -18,19 +18,16 @@ from rigs.schema.effect import Scope, healthy, phases, scaled, size_field
 Group = Literal["constants", "gravity", "curves"]
 GROUPS: tuple[Group, ...] = ("constants", "gravity", "curves")
 _ORDERS = (1, 2, 3, 4, 5, 6)
-"""Orders of the sines of a joint's error over its angle, as in `rig moved`; their prior falls with the order."""
+"""As in `rig moved`; the prior falls with the order."""
 _CURVE = 2.0
 """Multiple of the usual amplitude for order 1: chosen, as strain-wave gears are accurate to about an arc minute."""
 _OF_THE_BALL = ("q_deg", "d_mm")
 """Constants of the last axis that change only the position of the ball."""
 _STEP = 0.01
-"""Step of a derivative, as a share of a prior standard deviation."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """An unknown of the fit: an effect with the size of one prior standard deviation, and its group."""
-
     effect: Effect
     group: Group
 
@@ -54,9 +51,8 @@ class PairArm:
         return moved(replace(self.model, effects=(*self.model.effects, *added)), visits(q)).T
 
     def slopes(self, q: Array, times: Array, point_mm: Array) -> Array:
-        """Change (n, 3, terms) of points (n, 3) on the tool, in mm, for one prior standard deviation of each term.
-
-        times (terms,): multiples of the terms at which the derivatives are taken.
+        """Change (n, 3, terms) in mm of points (n, 3) on the tool, for one prior standard deviation of each term, at
+        `times` (terms,).
         """
         begin = tool_points(self.poses(q, times), point_mm)
         columns = np.empty((len(q), 3, len(self.terms)))
@@ -73,10 +69,9 @@ def tool_points(T: Array, point_mm: Array) -> Array:
 
 
 def arm_terms(rig: Rig) -> tuple[Term, ...]:
-    """Unknown terms of an arm: zeros, link constants, compliance, and curves of each joint.
+    """Zeros, link constants, compliance, and curves of each joint.
 
-    Constants that change only the base frame or the ball position are omitted: all of axis 1, and zero and d of the
-    last axis.
+    Without those that only change the base frame or the ball: all of axis 1, and zero and d of the last axis.
     """
     axes = rig.robot.axes
     scope = Scope(False, (), tuple(axis.alpha_deg for axis in axes), (1.0,) * len(axes), False, rig.robot.payload_kg)
@@ -91,7 +86,7 @@ def arm_terms(rig: Rig) -> tuple[Term, ...]:
 
 
 def _group_of(form: Effect, rig: Rig) -> Group | None:
-    """Group of a form; None if touches of two arms do not reveal it, or if its shape would have to be fitted."""
+    """None if touches of two arms do not reveal a form, or if its shape would have to be fitted."""
     if form.STAGE not in ("arm", "joint") or (form.STRETCHED and not is_sine(form)):
         return None
     if constant := form.compensation().constant:
@@ -105,7 +100,6 @@ def _group_of(form: Effect, rig: Rig) -> Group | None:
 
 
 def scale_shares(arm: PairArm) -> Array:
-    """Multiples (terms,) of the terms that increase all lengths of an arm by one thousandth."""
     shares = np.zeros(len(arm.terms))
     for k, term in enumerate(arm.terms):
         constant = term.effect.compensation().constant

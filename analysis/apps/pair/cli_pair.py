@@ -98,7 +98,6 @@ def pair(
 
 
 def _two_rigs(first_file: str, second_file: str) -> tuple[tuple[Rig, str], tuple[Rig, str]]:
-    """Both rigs with their texts. They have different names."""
     from rigs.load import load
 
     first, second = load(first_file), load(second_file)
@@ -111,7 +110,6 @@ def _two_rigs(first_file: str, second_file: str) -> tuple[tuple[Rig, str], tuple
 def fit_two_arms(
     first_file: str, second_file: str, table: Path, output: Path | None, lang: Language, *, as_json: bool
 ) -> None:
-    """Calibrate two arms by a table of touches, print the result, and write a page, or a directory."""
     from analysis.apps.pair import pair_report
     from analysis.apps.pair.fit_pair import fit_pair, pair_of
     from analysis.apps.pair.pair_table import read_pair_table
@@ -198,7 +196,6 @@ def _plan(
 
 
 def _simulated(first: Rig, second: Rig, planned: PlannedTouches, seed: int) -> str:
-    """Table of drawn arms. Also prints where they have their bases."""
     from analysis.apps.pair.plan_touches import base_of, simulated_touches
 
     touches, state = simulated_touches(first, second, planned.table, seed)

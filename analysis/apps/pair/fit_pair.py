@@ -1,4 +1,4 @@
-"""Fit two arms to their touches: without a prior first, then linearised at the posterior, without outliers."""
+"""Fit two arms to their touches: without a prior, then linearised at the posterior, without outliers."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Touch
 
 _ROUNDS = 3
-"""Linearisations: the mean after three differs from that after two by at most 0.001 u."""
+"""The mean after three differs from that after two by at most 0.001 u."""
 _LARGEST_GAP_MM = 50.0
-"""Rms gap of nominal arms above which the table is refused: 0.5° of each joint give 20 mm at a metre."""
+"""Above this rms gap of nominal arms the table is refused: 0.5° of each joint give 20 mm at a metre."""
 _OUTLIER_CHI2 = 35.0
-"""Chi-square of the three coordinates of a touch, given all others: probability 1e-7."""
+"""Chi-square of the three coordinates of a touch: probability 1e-7."""
 _MOST_OUTLIERS_SHARE = 0.1
 
 
@@ -36,7 +36,7 @@ class FittedPair:
     posterior: PairPosterior
     state: PairState
     odd: tuple[tuple[int, float], ...]
-    """Excluded rows of the table, each with its distance in mm."""
+    """Excluded rows with their distances in mm."""
     nominal_rms_mm: float
     """Rms of a coordinate of the gap with nominal arms."""
 
@@ -46,7 +46,7 @@ _NOMINAL_MM = 0.01
 
 
 def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
-    """Two rigs with their touches. Refuses a rail and an existing calibration."""
+    """Refuses a rail and an existing calibration."""
     for rig in (first, second):
         if rig.robot.rail is not None:
             raise FileError(
@@ -66,10 +66,7 @@ def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
 
 
 def fit_pair(pair: Pair) -> FittedPair:
-    """Fit two arms to their touches.
-
-    Refuses planned joints, touches that no set-up explains, and too many outliers.
-    """
+    """Refuses planned joints, touches that no set-up explains, and too many outliers."""
     state, nominal_rms = start(pair)
     if nominal_rms < _NOMINAL_MM:
         problem = f"fits the nominal arms to {nominal_rms:.3f} mm, which no real arms do: these are planned joints"
@@ -148,4 +145,4 @@ def start(pair: Pair) -> tuple[PairState, float]:
 
 
 _MEDIAN_OF_SQUARE = 0.455
-"""Median of the square of a standard normal variable; it makes the rms insensitive to outliers."""
+"""Median of the square of a standard normal variable."""

@@ -1,7 +1,7 @@
 """Gap between ball and socket of each touch, and its derivatives by all unknowns of two arms.
 
-The unknowns in order: multiples of the terms of the first and the second arm; the set-up with translation (3,) mm and
-rotation (3,) rad of the second world about the centre of the work, the ball (3,) mm, and each socket (3,) mm.
+Unknowns in order: terms of the first and second arm; translation (3,) mm and rotation (3,) rad of the second world
+about the centre of the work; ball (3,) mm; each socket (3,) mm.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ SETUP = 9
 
 @dataclass(frozen=True)
 class PairState:
-    """Values of all unknowns: multiples of the terms of both arms, the second world in the first (4, 4), the ball (3,)
-    mm in the tool frame of the first arm, and sockets (3,) mm by name, on the second tool or in the first world.
+    """Multiples of the terms of both arms, the second world in the first (4, 4), the ball (3,) mm on the first tool,
+    and sockets (3,) mm by name, on the second tool or in the first world.
     """
 
     times: tuple[Array, Array]
@@ -34,7 +34,7 @@ class PairState:
     sockets_mm: dict[str, Array]
 
     def moved(self, step: Array, centre_mm: Array) -> PairState:
-        """State after a change (unknowns,) of all values; the rotation is about a centre (3,) mm."""
+        """State after a change (unknowns,); rotations are about a centre (3,) mm."""
         counts = [len(times) for times in self.times]
         first, second, setup = np.split(step, np.cumsum(counts))
         R = Rotation.from_rotvec(setup[3:6]).as_matrix()
@@ -69,12 +69,11 @@ class Pair:
 
     @cached_property
     def socket(self) -> Integers:
-        """Index (n,) in `names` of each touch's socket."""
         return np.searchsorted(np.array(self.names), self.table.socket)
 
     @cached_property
     def q_second(self) -> Array:
-        """Angles (n, axes) of the second arm; zero if the socket is fixed."""
+        """Angles (n, axes); zero if the socket is fixed."""
         return np.where(self.table.is_mounted[:, None], self.table.p, 0.0)
 
     @property
@@ -90,18 +89,16 @@ class Pair:
         return self.between(T_first, T_second, state)
 
     def poses(self, times: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Tool poses (n, 4, 4) of both arms, each in its world."""
         return self.first.poses(self.table.q, times[0]), self.second.poses(self.q_second, times[1])
 
     def between(self, T_first: Array, T_second: Array, state: PairState) -> Array:
-        """Gap (n, 3) mm from ball to socket in the first world, with the tools at these poses."""
         at, X = self.sockets_at(state), state.T_first_second
         carried = tool_points(T_second, at) @ X[:3, :3].T + X[:3, 3]
         socket = np.where(self.table.is_mounted[:, None], carried, at)
         return np.asarray(socket - tool_points(T_first, state.ball_mm))
 
     def sockets_at(self, state: PairState) -> Array:
-        """Socket position (n, 3) of each touch, on the second tool or in the first world."""
+        """(n, 3), on the second tool or in the first world."""
         return np.stack([state.sockets_mm[name] for name in self.names])[self.socket]
 
 
@@ -110,14 +107,14 @@ class LinearGaps:
     """Gaps linearised at a state."""
 
     y: Array
-    """Value (m,) of each reading if all unknowns had their prior mean."""
+    """Readings (m,) if all unknowns had their prior mean."""
     columns: Array
     """Derivative (m, k) by each unknown."""
     known_var: Array
     near: tuple[Array, Array]
-    """Correlation (m, m) of the unexplained part of each arm."""
+    """Correlations (m, m) of the unexplained part of each arm."""
     group: Integers
-    """Index (k,) in `GROUPS` of a term, plus 3 for the second arm; -1 for the set-up."""
+    """Index (k,) in `GROUPS`, plus 3 for the second arm; -1 for the set-up."""
     state: PairState
     centre_mm: Array
 
@@ -127,7 +124,7 @@ class LinearGaps:
 
 
 _STEP, _STEP_RAD = 1e-3, 1e-6
-"""Steps of derivatives by the set-up, in mm and rad."""
+"""In mm and rad."""
 
 
 def linearise(pair: Pair, state: PairState) -> LinearGaps:
@@ -163,7 +160,7 @@ def linearise(pair: Pair, state: PairState) -> LinearGaps:
 
 
 def _known_distances(pair: Pair) -> list[KnownSocketDistance]:
-    """Known distances between touched sockets. Raises FileError for two that do not move together."""
+    """Raises FileError for sockets that do not move together."""
     fixed = set(pair.table.socket[~pair.table.is_mounted])
     known = [stated for stated in pair.distances if set(stated.between) <= set(pair.names)]
     for begin, end in (stated.between for stated in known):
@@ -179,10 +176,7 @@ _NEAR_RAD = (0.6, 1.5)
 
 
 def _nearness(q: Array, has_part: Mask, others: int) -> Array:
-    """Correlation (m, m) of the unexplained part of an arm at angles q (n, axes) rad.
-
-    Coordinates are independent. The last `others` readings have no unexplained part.
-    """
+    """Correlation (m, m) of the unexplained part at angles q (n, axes) rad; the last `others` readings have none."""
     apart = (q[:, None] - q[None] + np.pi) % (2 * np.pi) - np.pi
     square = (apart**2).sum(axis=2)
     near = sum(np.exp(-0.5 * square / length**2) for length in _NEAR_RAD) / len(_NEAR_RAD)

@@ -1,4 +1,4 @@
-"""Two arms that measured each other, and a plan for it, on the screen."""
+"""Answers of `rig pair`: two arms that measured each other, and a plan for it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ from analysis.runs.written_files import holding, write_all_new
 from rigs.schema.part import Vector
 
 _CERTAIN = 2.0
-"""Multiple of u above which a correction is listed; the JSON has all."""
+"""Multiple of u above which a correction is listed."""
 
 
 def answer_of(result: PairResult, texts: Texts) -> list[Block]:
-    """The first sentence, the transform of the bases, certain corrections, and what is not testable."""
     first, second = result.names
     tone: Tone = "pass" if result.left_mm < result.before_mm else "watch"
     key = "pair_calibrated" if tone == "pass" else "pair_not_calibrated"
@@ -46,7 +45,7 @@ def answer_of(result: PairResult, texts: Texts) -> list[Block]:
 
 
 def base_rows(result: PairResult, texts: Texts) -> list[tuple[str, ...]]:
-    """Transform between the bases: name, value, u, unit."""
+    """Name, value, u, unit."""
     base = result.base
     places = zip("xyz", base.xyz_mm, base.u_xyz_mm, strict=True)
     angles = zip(("roll", "pitch", "yaw"), base.rpy_deg, base.u_rotation_deg, strict=True)
@@ -80,7 +79,6 @@ def page_of(result: PairResult, language: Language = "en") -> str:
 
 
 def plan_answer(planned: PlannedTouches) -> list[Block]:
-    """The expected uncertainties of planned touches."""
     result = planned.expected
     shown = sum(constant.shown for constant in result.constants)
     count = len(planned.table.q)
@@ -95,9 +93,8 @@ def plan_answer(planned: PlannedTouches) -> list[Block]:
 def write(
     fit: FittedPair, result: PairResult, texts: tuple[str, str], table: Path, directory: Path, language: Language = "en"
 ) -> list[Path]:
-    """Write both calibrated rig files, the result as JSON and the page; their paths, rig files last.
-
-    Raises FileError if one exists or a text cannot be changed in place.
+    """Write both rig files, JSON and page; the rig files are last. Raises FileError if one exists or cannot be changed
+    in place.
     """
     files = {
         "pair.json": holding((json.dumps(result.to_dict(), indent=2) + "\n").encode()),

@@ -19,18 +19,17 @@ from rigs.schema.vocabulary import MOST_AXES
 FEWEST = 12
 """36 gaps for the 12 numbers of transform, ball and socket, and the largest constants."""
 _LARGEST_DEG = 1000.0
-"""Largest joint angle: no controller counts beyond three turns."""
+"""No controller counts beyond three turns."""
 _FULL_TURN = 2 * np.pi
 """Angles within it are assumed to be in radians: in degrees the joints would hardly have moved."""
 _MOVED_RAD = float(np.radians(5.0))
-"""Joint range of an arm that did not move: far above noise, far below any useful plan."""
+"""Far above noise, far below any useful plan."""
 
 
 @dataclass(frozen=True)
 class PairTable:
-    """Touches with angles q (n, axes) of the first arm, and p of the second, NaN if the socket is fixed in the cell.
-
-    row (n,): row in the file, from 1.
+    """Angles q (n, axes) of the first arm, and p of the second, NaN if the socket is fixed. row (n,): in the file, from
+    1.
     """
 
     q: Array
@@ -59,7 +58,7 @@ def read_pair_table(path: Path, first: Rig, second: Rig) -> PairTable:
 
 
 def check_pair_table(table: PairTable, where: str, first: str, second: str) -> None:
-    """Refuse too few touches, an arm that stood still, or a socket that is both fixed and mounted."""
+    """Refuse too few touches, an arm that stood still, or a socket both fixed and mounted."""
     mounted = table.is_mounted
     twofold = sorted(set(table.socket[mounted]) & set(table.socket[~mounted]))
     if twofold:
@@ -80,13 +79,13 @@ def check_pair_table(table: PairTable, where: str, first: str, second: str) -> N
 
 
 def _is_still(joints: Array) -> bool:
-    """True if no joint (n, axes) moved, in rad or in degrees misinterpreted as rad."""
+    """No joint (n, axes) moved, in rad or in degrees misread as rad."""
     moved = joints[~np.isnan(joints).any(axis=1)]
     return not len(moved) or bool(np.ptp(moved, axis=0).max() < _MOVED_RAD)
 
 
 def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_be_empty: bool) -> Array:
-    """Joint columns (n, axes) of an arm in degrees; NaN for empty rows if these are permitted."""
+    """Angles (n, axes) in degrees; NaN for empty rows if these are permitted."""
     present = [name for name in names if name in raw.names]
     needed = names[:axes]
     if missing := [name for name in needed if name not in present]:

@@ -1,4 +1,4 @@
-"""Selection of postures for touches of two arms, the expected result, and simulated touches for trying the plan."""
+"""Postures for touches of two arms, the expected result, and simulated touches for trying the plan."""
 
 from __future__ import annotations
 
@@ -22,15 +22,13 @@ from analysis.runs.written_files import csv_text
 from rigs.rig import Rig
 
 _CANDIDATES = 500
-"""Number of candidate postures. Chosen: ten for each touch of a usual plan."""
+"""Chosen: ten for each touch of a usual plan."""
 _READING_MM = 0.1
 _SEED = 1
 
 
 @dataclass(frozen=True)
 class PlannedTouches:
-    """Touches, most informative first, and the expected result."""
-
     table: PairTable
     expected: PairResult
 
@@ -53,7 +51,7 @@ class PlannedTouches:
         }  # fmt: skip
 
     def csv(self) -> str:
-        """Postures as a table. After each touch, the operator replaces the planned angles by the reported ones."""
+        """The operator replaces the planned angles by the reported ones."""
         table = self.table
         head = [SOCKET, *joint_columns(table.q.shape[1]), *second_joint_columns(table.p.shape[1])]
         angles = np.degrees(np.hstack([table.q, table.p])).tolist()
@@ -62,7 +60,7 @@ class PlannedTouches:
 
 
 def plan_touches(first: Rig, second: Rig, count: int, where: str) -> PlannedTouches:
-    """Select touches of two arms whose rig files describe their bases in the same world."""
+    """Most informative first, for two rig files whose bases are in the same world."""
     socket = second.tests.touch.sockets[0] if second.tests.touch else "A"
     empty = PairTable(np.empty((0, 0)), np.empty((0, 0)), np.empty(0, dtype=np.str_), np.empty(0, dtype=np.int64))
     pair = pair_of(first, second, empty, where)
@@ -84,7 +82,7 @@ def plan_touches(first: Rig, second: Rig, count: int, where: str) -> PlannedTouc
 
 
 def _chosen(pair: Pair, state: PairState, count: int) -> list[int]:
-    """Indices of the touches that add most information about constants, gravity and set-up, one after the other."""
+    """Touches that add most information about constants, gravity and set-up, one after the other."""
     gaps = linearise(pair, state)
     touches = gaps.columns.reshape(len(pair.table.q), 3, -1)
     is_curve = (gaps.group >= 0) & (gaps.group % 3 == 2)
@@ -107,12 +105,11 @@ def _chosen(pair: Pair, state: PairState, count: int) -> list[int]:
 
 
 _BASE_MM, _BASE_RAD, _BALL_MM = 5.0, 0.003, 2.0
-"""Standard deviations of the second base, ball and socket, as placed by tape measure."""
+"""Standard deviations of the second base, ball and socket, placed by tape measure."""
 _ROUNDS = 8
 
 
 def simulated_touches(first: Rig, second: Rig, planned: PairTable, seed: int) -> tuple[PairTable, PairState]:
-    """Touches of two random arms near planned postures, and their true state."""
     rng = np.random.default_rng(seed)
     pair = pair_of(first, second, planned, "simulated touches")
     times = [rng.standard_normal(len(arm_terms(rig))) for rig in (first, second)]

@@ -14,26 +14,21 @@ from analysis.robot.kinematics.arm import Array
 LEVELS = 6
 """Levels of the groups: constants, gravity and curves of the first arm, then of the second."""
 _MEDIAN = np.log(np.array([1.0] * 6 + [0.03, 0.03, 0.05]))
-"""Prior medians of the levels: usual sizes of the effects; unexplained part of each arm in mm (calibrated arms have
-0.03 to 0.5 mm, and less with curves of six orders); scatter of a seated ball in mm.
+"""Prior medians: usual sizes of the effects; unexplained part in mm (calibrated arms have 0.03 to 0.5 mm, and less with
+curves of six orders); scatter of a seated ball in mm.
 """
 _WIDTH = np.array([0.7] * 6 + [1.0, 1.0, 1.0])
-"""Prior standard deviations of the logarithms: effects of arms of one build differ by a factor of two, the others by
-three.
-"""
+"""Prior standard deviations of the logarithms: arms of one build differ by a factor of two, the others by three."""
 _BOUND = 4.0
-"""Limit of a search, in prior standard deviations (_WIDTH)."""
 _WIDE_MM, _WIDE_RAD = 30.0, 0.03
 """Prior standard deviations of the set-up, without influence."""
 _DRAWS, _SEED = 24, 20261127
-"""Draws of the levels from Laplace's approximation, and the seed."""
 _STEP = 1e-3
-"""Step of derivatives by the logarithms of the levels."""
 
 
 @dataclass(frozen=True)
 class Levels:
-    """Logarithms (9,) of the levels with their covariance (9, 9)."""
+    """Logarithms (9,) with their covariance."""
 
     log: Array
     cov: Array
@@ -45,13 +40,13 @@ class Levels:
 
     @property
     def unexplained_mm(self) -> tuple[float, float]:
-        """Standard deviation of a coordinate of the unexplained part of each arm."""
+        """Standard deviation of a coordinate, by arm."""
         return float(np.exp(self.log[6])), float(np.exp(self.log[7]))
 
 
 @dataclass(frozen=True)
 class PairPosterior:
-    """Posterior of the k unknowns: terms relative to the prior, the set-up relative to the linearisation."""
+    """Terms relative to the prior, the set-up relative to the linearisation."""
 
     mean: Array
     cov: Array
@@ -61,13 +56,11 @@ class PairPosterior:
     odd: Array
     """Chi-square (touches,) of each touch given all others."""
     left_mm: Array
-    """Each coordinate (3 touches,) of a gap minus its prediction from all other touches."""
+    """Each coordinate (3 touches,) of a gap minus its prediction from the other touches."""
 
 
 @dataclass(frozen=True)
 class _Solved:
-    """Readings at given levels, with the set-up by generalised least squares."""
-
     gain: Array
     setup_cov: Array
     without_setup: Array
@@ -77,7 +70,7 @@ class _Solved:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Negative log evidence as a function of the levels.
+    """Negative log evidence by the levels.
 
     by_level (9, m, m): covariance of the readings for each level at 1. setup (m, s): derivatives by the set-up.
     """
@@ -87,7 +80,6 @@ class _Evidence:
     setup: Array
 
     def solved(self, log: Array) -> _Solved:
-        """Readings at logarithms (9,) of the levels."""
         cov = np.diag(self.gaps.known_var)
         for value, matrix in zip(log.tolist(), self.by_level, strict=True):
             cov = cov + np.exp(2 * value) * matrix
@@ -101,7 +93,7 @@ class _Evidence:
         return _Solved(gain, setup_cov, inverse - projected @ gain, determinants)
 
     def value_and_slope(self, log: Array) -> tuple[float, Array]:
-        """Negative log evidence including the prior of the levels, and its gradient (9,)."""
+        """Value with the prior of the levels, and gradient (9,)."""
         solved = self.solved(log)
         weighted = solved.without_setup @ self.gaps.y
         away = (log - _MEDIAN) / _WIDTH
@@ -129,7 +121,7 @@ def setup_sds(gaps: LinearGaps) -> Array:
 
 
 def fitted_levels(gaps: LinearGaps, start: Array | None = None) -> Levels:
-    """Most likely levels, searched from logarithms (9,), with covariance by Laplace's approximation."""
+    """Most likely levels from a start (9,), with covariance by Laplace's approximation."""
     evidence = _evidence_of(gaps)
     bounds = list(zip(_MEDIAN - _BOUND * _WIDTH, _MEDIAN + _BOUND * _WIDTH, strict=True))
     optimum = minimize(
@@ -181,7 +173,6 @@ def _prior_sds(gaps: LinearGaps, log: Array) -> Array:
 
 
 def _moments(evidence: _Evidence, log: Array) -> tuple[Array, Array]:
-    """Mean (k,) and covariance (k, k) at given levels."""
     gaps, solved = evidence.gaps, evidence.solved(log)
     terms = gaps.group >= 0
     prior_sd = _prior_sds(gaps, log)[terms]
@@ -198,7 +189,7 @@ def _moments(evidence: _Evidence, log: Array) -> tuple[Array, Array]:
 
 
 def _left_out(gaps: LinearGaps, inverse: Array) -> tuple[Array, Array]:
-    """Chi-square (touches,) of each touch given all others, and its gap minus the prediction."""
+    """Chi-square (touches,) of each touch given the others, and its gap minus the prediction."""
     weighted = inverse @ gaps.y
     count = gaps.touches
     odd, left_mm = np.empty(count), np.empty((count, 3))

@@ -11,25 +11,22 @@ from rigs.errors import FileError
 _FACING = float(np.cos(np.radians(60)))
 """Cosine of the largest angle between the tool axes: a socket of less than half a ball lets the stem tilt by 60°."""
 _CLEAR_MM = 150.0
-"""Minimum distance between the centre lines of both arms, except their last links.
-
-Links of arms with a reach of one metre are 60 to 150 mm thick, so an operator must watch the first run.
+"""Distance of the centre lines of both arms, except their last links. Links are 60 to 150 mm thick, so an operator must
+watch the first run.
 """
 _UPRIGHT = 0.5
 """Below this cosine a base is on a ceiling or wall, so the floor is not below it."""
 _ROUNDS, _STEP_RAD, _DAMPING_MM = 30, 0.3, 1.0
 _SEATED_MM = 1e-3
 _TRIES, _BATCH = 60, 2000
-"""Batches of random postures, and postures per batch."""
 _POINTS = 6
 
 
 def common_postures(
     arms: tuple[Arm, Arm], points_mm: tuple[Array, Array], count: int, rng: np.random.Generator, where: str
 ) -> tuple[Array, Array]:
-    """Random postures (n, axes) of both arms with the ball (3,) mm of one in the socket (3,) mm of the other.
-
-    They are within limits, face each other, and are clear of each other and of the floor.
+    """Random postures (n, axes) of both arms with the ball (3,) mm of one in the socket (3,) mm of the other, within
+    limits, facing and clear of each other and of the floor.
     """
     first, second = arms
     qs, ps, reached, ranges = [], [], 0, []
@@ -72,7 +69,7 @@ def _reach_mm(arm: Arm, point_mm: Array) -> float:
 
 
 def seated(arm: Arm, q: Array, point_mm: Array, goal: Array) -> Array:
-    """Angles (n, axes) near q that move a point (3,) of the tool to goals (n, 3) in mm, by damped least squares."""
+    """Angles (n, axes) near q that move a point (3,) of the tool to goals (n, 3) mm, by damped least squares."""
     q = q.copy()
     for _ in range(_ROUNDS):
         T, J = forward_and_jacobian(arm, q)
@@ -85,7 +82,7 @@ def seated(arm: Arm, q: Array, point_mm: Array, goal: Array) -> Array:
 
 
 def is_clear(arms: tuple[Arm, Arm], q: Array, p: Array, ball: Array) -> Mask:
-    """Postures (n,) in which both arms are clear of each other and above the floor. ball (n, 3): in the world."""
+    """ball (n, 3): in the world."""
     lines = [_middle_lines(arm, angles) for arm, angles in zip(arms, (q, p), strict=True)]
     stand = all(arm.T_world_base[2, 2] > _UPRIGHT for arm in arms)
     floor = min(arm.T_world_base[2, 3] for arm in arms) if stand else -np.inf
@@ -100,7 +97,6 @@ def is_clear(arms: tuple[Arm, Arm], q: Array, p: Array, ball: Array) -> Mask:
 
 
 def _middle_lines(arm: Arm, q: Array) -> Array:
-    """Points (n, k, 3) on the lines between the joints of an arm."""
     base = np.broadcast_to(arm.T_world_base[:3, 3], (len(q), 1, 3))
     joints = np.concatenate([base, link_frames(arm, q)[:, :, :3, 3]], axis=1)
     along = np.linspace(0.0, 1.0, _POINTS)[:, None]

@@ -1,4 +1,4 @@
-"""Result of a pair: constants of both arms, transform between their bases, scale, and untestable quantities."""
+"""Result of a pair: constants of both arms, transform between their bases, scale, and what is not testable."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from rigs.schema.effect import size_field
 from rigs.schema.part import Vector
 
 _SHOWN = 0.5
-"""Share of the prior below which u counts as measured: the readings then give three quarters of the information."""
+"""Share of the prior below which u counts as measured."""
 _RIG_DIGITS = 6
 
 
 @dataclass(frozen=True)
 class PairConstant:
-    """Correction of a constant: nominal + delta ± u, in the unit of its key in the rig file."""
+    """nominal + delta ± u, in the unit of the key in the rig file."""
 
     arm: str
     axis: int
@@ -39,7 +39,7 @@ class PairConstant:
 
 @dataclass(frozen=True)
 class BaseTransform:
-    """Base of the second arm in that of the first, with fixed-axis roll, pitch and yaw."""
+    """Second base in the first, with fixed-axis roll, pitch and yaw."""
 
     xyz_mm: Vector
     rpy_deg: Vector
@@ -50,12 +50,11 @@ class BaseTransform:
     work_mm: Vector
     """Centre of the touches in the first base."""
     u_work_mm: Vector
-    """Standard uncertainty of the second arm's frame there."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Common scale of all lengths, with its standard uncertainty and that of the nominal lengths alone."""
+    """Scale of all lengths, with its u and that of the nominal lengths."""
 
     ppm: float
     u_ppm: float
@@ -65,8 +64,6 @@ class Scale:
 
 @dataclass(frozen=True)
 class NotTestable:
-    """A quantity that these touches do not determine, with the arm (empty for both) and the reason."""
-
     arm: str
     what: str
     reason: str
@@ -77,7 +74,6 @@ class PairResult:
     names: tuple[str, str]
     touches: int
     before_mm: float
-    """Rms of a coordinate of the gap with nominal arms."""
     left_mm: float
     scatter_mm: float
     unexplained_mm: tuple[float, float]
@@ -163,7 +159,6 @@ def _base(fit: FittedPair) -> BaseTransform:
 
 
 def _scale(fit: FittedPair) -> Scale:
-    """Mean of all lengths, weighted by their priors."""
     shares = np.concatenate([scale_shares(arm) for arm in fit.pair.arms])
     count = len(shares)
     prior = fit.posterior.prior_sd[:count]
@@ -210,7 +205,7 @@ def _doubts(fit: FittedPair, left_mm: float) -> Iterator[str]:
 
 
 _STILL_RAD = float(np.radians(20.0))
-"""Range of an axis that hardly moved: it changes the lever arm of an error by a few percent."""
+"""It changes the lever arm of an error by a few percent."""
 
 
 def _vector(values: Array) -> Vector:

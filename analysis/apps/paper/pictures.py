@@ -1,11 +1,7 @@
-"""Figures of Oh 2019 drawn from the simulated robot, with the published and the simulated numbers below each.
+"""Figures of Oh 2019 drawn from the simulated robot, with published and simulated numbers.
 
-Figures 3 to 8 show yaw, 10 and 11 roll, 13 and 14 the hemisphere, and 15 the repeatability. Figures 1, 2, 9 and 12 show
-equipment and are omitted. The charts are those of a report.
-
-Figures of measurements (3, 5, 6, 10, 13, 15) include all effects of the rig file. Figures of the paper's simulations
-include only the effects named in the paper: eccentricity (4), datum errors and backlash (8), gear errors (14). All runs
-are simulated and evaluated in the usual way.
+Figures of equipment (1, 2, 9, 12) are omitted. Figures of measurements include all effects of the rig file, those of
+the paper's simulations only the effects named there: eccentricity (4), datum errors and backlash (8), gear errors (14).
 """
 
 from __future__ import annotations
@@ -45,11 +41,11 @@ FIGURES = {
 }
 """File name and title, by figure number."""
 _SECTIONS = {4: "§2.1", 7: "Table 1"}
-"""Section or table of the paper whose rows are shown below a figure, if not those of the figure itself."""
+"""Section or table of the paper whose rows are shown below a figure."""
 
 
 def charts_of(rig: Rig, rig_text: str) -> dict[int, Sequence[Picture]]:
-    """Simulate all runs, and return their charts by figure number. Raises FileError if the robot cannot run a test."""
+    """Charts by figure number. Raises FileError if the robot cannot run a test."""
     texts = texts_of("en")
 
     def run(test: TestName, direction: Direction | None, effects: Sequence[Effect], of: Rig = rig) -> Result:
@@ -80,10 +76,6 @@ def charts_of(rig: Rig, rig_text: str) -> dict[int, Sequence[Picture]]:
 
 
 def save(rig: Rig, rig_text: str, rows: Sequence[PaperRow], directory: Path) -> list[Path]:
-    """Write the pictures to a directory; file names contain the figure numbers of the paper.
-
-    Raises FileError if a picture cannot be written.
-    """
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
     files = {}
@@ -96,7 +88,6 @@ def save(rig: Rig, rig_text: str, rows: Sequence[PaperRow], directory: Path) -> 
 
 
 def _table(rows: Sequence[PaperRow]) -> Part:
-    """The published and the simulated numbers of a figure."""
     cells = [[row.figure, written(row, row.paper), written(row, row.ours)] for row in rows]
     cells = cells or [["the paper gives no number for this figure", "", ""]]
 

@@ -1,6 +1,6 @@
-"""Rows of the `rig paper` table: a published figure, the same figure of tests on a simulated robot, and remarks.
+"""Rows of `rig paper`: a published figure, the same figure of simulated tests, and remarks.
 
-All tests are noise-free except the repeatability test, because the uni-directional figure consists of noise.
+Only the repeatability test has noise, because the uni-directional figure consists of it.
 """
 
 from __future__ import annotations
@@ -29,13 +29,11 @@ from rigs.schema.effect import is_play
 from rigs.schema.vocabulary import Direction
 
 SCATTER = Noise(wander_mm=0.087, wander_s=0.5)
-"""Scatter of readings between approaches to a target: 0.087 mm, fitted to the published 0.261 mm.
-
-This is the simulator's wander. The time constant of 0.5 s is short compared with the 4 s between readings. Both gauges
-move equally, so yaw and roll angles are unaffected.
+"""Scatter between approaches to a target, fitted to the published 0.261 mm. Its time constant is short compared with
+the 4 s between readings, and both gauges move equally, so angles are unaffected.
 """
 SEEDS = 100
-"""Number of repeatability tests to average. The range of three readings varies strongly between tests."""
+"""The range of three readings varies strongly, so several tests are averaged."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +61,12 @@ class FittedSphere:
 
 
 def circle(rig: Rig, test: str, direction: Direction, effects: Sequence[Effect]) -> SimulatedLap:
-    """Simulate one lap of yaw or roll. Raises FileError if the robot cannot run it."""
     table = simulate(rig, "yaw" if test == "yaw" else "roll", direction, None, effects)
     assert isinstance(table, CircleTable)  # noqa: S101 - by the test's name
     return curve_of(table, rig)
 
 
 def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
-    """Evaluate the first lap of a circle table."""
     lap = laps_of(table, rig, rig.name).first
     phi = lap.phi % (2 * np.pi)
     order = np.argsort(phi)
@@ -81,14 +77,13 @@ def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
 
 
 def step(curve: SimulatedLap, at_deg: float, span_deg: float) -> float:
-    """Change of the residual in degrees from circle angle `at_deg` over `span_deg`, negative for cw."""
+    """Change of the residual in degrees over `span_deg`, negative for cw."""
     ends = np.radians([at_deg, at_deg + span_deg]) % (2 * np.pi)
     before, after = np.interp(ends, curve.phi, curve.residual, period=2 * np.pi)
     return float(np.degrees(after - before))
 
 
 def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
-    """Simulate the radial test and fit a sphere. Raises FileError if a target is out of reach."""
     table = simulate(rig, "radial", None, None, effects)
     assert isinstance(table, RadialTable)  # noqa: S101 - by the test's name
     result = radial.evaluate(table, hemisphere_of(rig).radius_mm, 0.0, rig.name)
@@ -96,7 +91,7 @@ def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
 
 
 def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str, Array]:
-    """Simulate repeatability tests: uni_mm and bi_mm, (seeds,) each."""
+    """uni_mm and bi_mm (seeds,)."""
     readings = []
     for seed in range(seeds):
         table = simulate(rig, "repeatability", None, noise_seed(seed, None), effects, SCATTER)
@@ -110,13 +105,13 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
 
 
 def typical_seed(figures: dict[str, Array]) -> int:
-    """Index of the most typical test: the closest to the means of the figures, relative to the spread of each."""
+    """Test closest to the means of the figures, relative to their spreads."""
     off = [(values - values.mean()) / (values.std() or 1.0) for values in figures.values()]
     return int(np.argmin(np.sum(np.square(off), axis=0)))
 
 
 STEP_DEG = 6.0
-"""Circle angle over which a jump is measured. Theta crosses the backlash within this angle."""
+"""Theta crosses the backlash within this angle."""
 DIRECTIONS: tuple[Direction, ...] = ("cw", "acw")
 
 
@@ -144,7 +139,6 @@ class PaperRow:
 
 
 def rows_of(rig: Rig) -> list[PaperRow]:
-    """Compute all rows. Raises FileError if the rig cannot run a test."""
     return [
         *rule_rows(rig),
         *reversal_rows(rig),
@@ -156,7 +150,7 @@ def rows_of(rig: Rig) -> list[PaperRow]:
 
 
 def rule_rows(rig: Rig) -> Iterator[PaperRow]:
-    """Rows for §2.1, the eccentricity rule: from the formula, and by simulation and evaluation."""
+    """Rows for §2.1, by the formula and by simulation."""
     e_mm, R_mm = paper.RULE_ECCENTRICITY_MM, paper.RULE_RADIUS_MM
     by_rule = paper.RULE_CONSTANT * e_mm * 1000 / R_mm / 3600
     curve = circle(eccentric(rig), "yaw", "acw", ())
@@ -172,7 +166,6 @@ def rule_rows(rig: Rig) -> Iterator[PaperRow]:
 
 
 def eccentric(rig: Rig) -> Rig:
-    """The rig with the eccentricity and radius used in the rule."""
     frame = frame_of(circle_of(rig))
     eccentricity_mm = tuple(float(x) for x in paper.RULE_ECCENTRICITY_MM * (frame.u + frame.v) / np.sqrt(2))
     moved = circle_of(rig).model_copy(update={"eccentricity_mm": eccentricity_mm, "radius_mm": paper.RULE_RADIUS_MM})
@@ -180,7 +173,7 @@ def eccentric(rig: Rig) -> Rig:
 
 
 def reversal_rows(rig: Rig) -> Iterator[PaperRow]:
-    """Rows for Table 1. Reversals depend on the set-up only, not on effects."""
+    """Rows for Table 1; reversals depend on the set-up only."""
     names = [axis.name for axis in rig.robot.axes]
     all_turns = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
     for axis, name in enumerate(names, start=1):
@@ -246,7 +239,7 @@ def roll_rows(rig: Rig) -> Iterator[PaperRow]:
 
 
 def sphere_rows(rig: Rig) -> Iterator[PaperRow]:
-    """Rows for figures 13 (all errors) and 14 (gear transmission errors only, as in the paper's simulation)."""
+    """Rows for figures 13 (all errors) and 14 (gear errors only)."""
     measured, simulated = sphere(rig, rig.effects), sphere(rig, paper.gears(rig.effects))
     every, gears = "all errors", "gear transmission errors alone"
     yield PaperRow("Fig. 13", "sphere, measured: radius", paper.RADIUS_MM, measured.radius_mm, "mm", every)
@@ -309,7 +302,6 @@ SLIPS = (
 
 
 def answer_of(rig: Rig, rows: Sequence[PaperRow]) -> list[Block]:
-    """The rows as a table, followed by the effects, the errata of the paper, and the limitations."""
     cells = []
     for row in rows:
         difference = "" if row.difference is None else f"{row.difference:+z.{row.digits}f}"
@@ -329,7 +321,6 @@ def written(row: PaperRow, value: float | str) -> str:
 
 
 def in_words(rig: Rig, effect: Effect) -> str:
-    """Describe an effect by name, joint and size, such as `… Theta 0.071°`."""
     axis = getattr(effect, "axis", None)
     name = f" {rig.robot.axes[axis - 1].name}" if axis else ""
     order = getattr(effect, "order", None)

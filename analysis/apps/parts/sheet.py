@@ -1,7 +1,6 @@
-"""Documents for the printed parts: a sectional drawing, and a sheet with parts, assembly and checks.
+"""Documents of the printed parts: a sectional drawing, true to scale at 100 %, and a sheet with parts and checks.
 
-The drawing is true to scale when printed at 100 %. The text below each part lists all dimensions to check with a
-caliper after printing. Prices are estimates for small packs from web shops. They are upper limits, not offers.
+Prices are upper limits for small packs from web shops.
 """
 
 from __future__ import annotations
@@ -15,14 +14,14 @@ from analysis.apps.parts.sizes import Bought, PrintedPart
 from rigs.text import plain
 
 _GRAMS_PER_CM3 = 1.24
-"""Density of PLA. With four walls and 40 % infill, a part has about 60 % of the solid weight."""
+"""PLA; with four walls and 40 % infill, a part has about 60 % of the solid weight."""
 _FILLED = 0.6
 _EURO_PER_GRAM = 0.025
 
 
 @dataclass(frozen=True)
 class Purchase:
-    """An item to buy: quantity, name, highest total price (€), and purpose."""
+    """price: highest, in €."""
 
     count: int
     name: str
@@ -94,7 +93,7 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
 
 
 _MARGIN, _LINE, _COLUMN, _HEAD = 12.0, 5.0, 62.0, 18.0
-"""In mm: margin around a part, line spacing, minimum column width, and space above all parts for a ball in its seat."""
+"""In mm: margin around a part, line spacing, column width, and space above the parts for a ball."""
 _STYLE = (
     ".paper{fill:#fff}text{font:3.4px sans-serif;fill:#1a1a1a}.title{font-weight:bold;font-size:4px}"
     ".part{fill:#e3e8ee;stroke:#1a1a1a;stroke-width:.35}.ball{fill:none;stroke:#0b57a4;stroke-width:.3}"
@@ -130,7 +129,6 @@ def drawing(parts: Sequence[PrintedPart], title: str) -> str:
 
 
 def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
-    """Draw a part centred on x = 0, with the foot level with its lowest corner."""
     foot = _MARGIN + height
     axes = [0.0]
     if "distance of the sockets" in part.numbers:
@@ -164,7 +162,6 @@ def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
 
 
 def _ball_overhang(part: PrintedPart) -> float:
-    """Distance from the foot of a link down to the lowest point of the ball, in mm; 0 for other parts."""
     reach = part.numbers.get("ball to ball", 0.0) - part.numbers.get("length", 0.0)
     return reach / 2 + part.numbers["ball"] / 2 if "ball to ball" in part.numbers else 0.0
 

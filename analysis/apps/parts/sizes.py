@@ -1,8 +1,7 @@
-"""Dimensions of printed parts, for a rig file and commercial balls, magnets and screws.
+"""Dimensions of printed parts for commercial balls, magnets and screws.
 
-Each ball sits in a cone of 90 degrees and touches the cone on a circle, at 0.71 of the ball's radius from the axis.
-Printing errors elsewhere have no influence. The ball does not touch the magnet below, so the cone alone determines the
-centre of the ball.
+A ball touches its cone of 90 degrees on a circle at 0.71 of its radius, and not the magnet below, so printing errors
+elsewhere have no influence.
 """
 
 from __future__ import annotations
@@ -16,31 +15,27 @@ from rigs.rig import Rig
 
 Size = tuple[float, float]
 _SCREWS: dict[str, Size] = {"M3": (3.4, 6.7), "M4": (4.5, 9.0), "M5": (5.5, 11.2)}
-"""Diameters in mm: clearance hole (ISO 273, medium) and head of a countersunk screw (ISO 10642)."""
+"""In mm: clearance hole (ISO 273, medium) and head of a countersunk screw (ISO 10642)."""
 _TAPPED_MM, _TAPPED_DEEP_MM = 5.0, 14.0
-"""Diameter and depth of the hole in the foot of the holder. An M6 screw cuts a thread into the plastic (core hole of
-ISO 965: 5.0 mm).
-"""
+"""An M6 screw cuts its thread into the plastic (core hole of ISO 965: 5.0 mm)."""
 _GAP_MM = 0.5
-"""Gap between ball and magnet, one or two layers of a printer. It ensures that the ball touches only the cone."""
+"""Between ball and magnet, one or two layers of a printer."""
 _CLEAR_MM = 0.15
 """Radial clearance of bores, usual for filament printers."""
 _RIM_MM, _WALL_MM, _FLOOR_MM = 2.0, 3.0, 3.0
-"""Width of the cone outside the contact circle, thickness of the wall, and thickness below a screw head."""
+"""Cone outside the contact circle, wall, and floor below a screw head."""
 _FOOT_MM, _FOOT_RADIUS_MM, _NECK_MM = 6.0, 15.0, 1.5
-"""Height and radius of the holder's foot, and difference of radius between cup and neck."""
+"""Holder's foot, and difference of radius between cup and neck."""
 _SHELF_MM = 1.0
-"""Width of the shelf that stops a magnet in a bore with a conical ceiling. A printer can bridge this width."""
+"""Shelf that stops a magnet in a bore with a conical ceiling; a printer can bridge it."""
 _SHORTEST_HOLDER_MM, _LONGEST_HOLDER_MM = 35.0, 150.0
 DISTANCE_MM = 100.0
 BED_MM = 220.0
-"""Bed size of most printers. Longer parts are not written."""
+"""Longer parts are not written."""
 
 
 @dataclass(frozen=True)
 class Bought:
-    """Dimensions of purchased items in mm, and the screw of a socket."""
-
     ball_mm: float = 20.0
     magnet_mm: Size = (10.0, 5.0)
     """Diameter and height."""
@@ -49,8 +44,7 @@ class Bought:
 
 @dataclass(frozen=True)
 class Seat:
-    """Cone seat of a ball: heights above the apex of the cone, in mm. In a cone of 90 degrees the radius equals the
-    height."""
+    """Heights above the apex of the cone in mm; at 90 degrees the radius equals the height."""
 
     centre: float
     contact: float
@@ -75,7 +69,7 @@ class PrintedPart:
 
 
 def seat_of(bought: Bought) -> Seat:
-    """Compute the seat of a ball above a magnet. Raises UseError if the magnet is too wide for the ball."""
+    """Raises UseError if the magnet is too wide for the ball."""
     radius = bought.ball_mm / 2
     centre, contact = radius * math.sqrt(2), radius / math.sqrt(2)
     bore = bought.magnet_mm[0] / 2 + _CLEAR_MM
@@ -92,7 +86,7 @@ def seat_of(bought: Bought) -> Seat:
 
 
 def parts_of(rig: Rig, bought: Bought) -> tuple[PrintedPart, ...]:
-    """Parts required for a rig's touches and link. Raises UseError if a dimension is impossible."""
+    """Raises UseError if a dimension is impossible."""
     touch, circle = rig.tests.touch, rig.tests.circle
     distance_mm = touch.distances[0].distance_mm if touch and touch.distances else DISTANCE_MM
     sockets = max(len(touch.sockets) - 2, 0) if touch else 1
@@ -108,7 +102,6 @@ def parts_of(rig: Rig, bought: Bought) -> tuple[PrintedPart, ...]:
 
 
 def remarks_of(rig: Rig, bought: Bought) -> list[str]:
-    """Remarks about oversized parts and the position of the holder."""
     lengths = {"the long link": _long_mm(rig)}
     if rig.tests.touch and rig.tests.touch.distances:
         lengths["the bar of two sockets"] = rig.tests.touch.distances[0].distance_mm + 2 * seat_of(bought).outside
@@ -128,10 +121,7 @@ def _long_mm(rig: Rig) -> float | None:
 
 
 def _hole(bought: Bought) -> list[tuple[float, float]]:
-    """Inner contour of a socket from the rim downwards: cone, bore of the magnet, and countersunk screw.
-
-    Heights are measured from the printer's bed.
-    """
+    """From the rim downwards: cone, bore of the magnet, and countersunk screw, with heights above the bed."""
     seat = seat_of(bought)
     if bought.screw not in _SCREWS:
         raise UseError(
@@ -177,7 +167,7 @@ def _bar(bought: Bought, distance_mm: float) -> PrintedPart:
 
 
 def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
-    """Ball holder of the tool. The height of the ball centre follows the rig file, within the printable range."""
+    """Holder of the tool's ball, as high as the rig file states, within the printable range."""
     seat = seat_of(bought)
     height = min(max(asked_mm, _SHORTEST_HOLDER_MM), _LONGEST_HOLDER_MM)
     rim = height - (seat.centre - seat.contact)
@@ -197,9 +187,9 @@ def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
 
 
 def _link(bought: Bought, name: str, length_mm: float) -> PrintedPart:
-    """Rod with a cone at each end. The distance between the balls is the radius of the test.
+    """Rod with a cone at each end, which keeps the balls at the radius of the test.
 
-    The bore of the lower magnet ends in a cone above a shelf, because a flat ceiling would require supports.
+    The lower bore ends in a cone above a shelf, because a flat ceiling would require supports.
     """
     seat = seat_of(bought)
     top = length_mm / 2 - (seat.centre - seat.rim)

@@ -1,7 +1,6 @@
-"""Closed surfaces of turned parts and of a bar with two equal holes, with STL export.
+"""Closed surfaces of turned parts and of a bar with two holes, as STL.
 
-Surfaces are built ring by ring, without boolean operations. By construction, every edge belongs to exactly two
-triangles. Lengths are in mm, and z points up from the printer's bed.
+Built ring by ring, so every edge belongs to exactly two triangles. Lengths are in mm, z up from the bed.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ Faces = NDArray[np.int64]
 Profile = Sequence[tuple[float, float]]
 
 SEGMENTS = 128
-"""Number of sides of a circle. The cone seat of a ball of 20 mm is then round to within 2 µm."""
+"""A cone seat of a ball of 20 mm is then round to within 2 µm."""
 _HEADER = b"rig parts, mm".ljust(80)
 _ON_AXIS = 1e-9
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A closed surface: corners (n, 3) mm, and faces (m, 3) of corner indices, counterclockwise seen from outside."""
+    """Corners (n, 3) mm, and faces (m, 3) of corner indices, counterclockwise from outside."""
 
     corners: Array
     faces: Faces
@@ -49,10 +48,7 @@ class Solid:
 
 
 def turned(profile: Profile) -> Solid:
-    """Revolve a section, with corners on one side of the axis, downwards on the outside.
-
-    A section that starts and ends on the axis becomes a closed body, any other section becomes a ring.
-    """
+    """Revolve a section, downwards on the outside; a body if it starts and ends on the axis, else a ring."""
     angles = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     rings = [
         np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(SEGMENTS, height)])
@@ -64,11 +60,7 @@ def turned(profile: Profile) -> Solid:
 
 
 def bar(hole: Profile, apart_mm: float, beyond_mm: float) -> Solid:
-    """Bar along x with two equal vertical holes.
-
-    hole: radii and heights of a hole, from the top to the bottom of the bar. apart_mm: distance of the axes. beyond_mm:
-    length of the bar past each axis.
-    """
+    """hole: radii and heights, from the top down. apart_mm: of the axes. beyond_mm: past each axis."""
     # Build the half of the bar with the hole at the origin, open at the cut x = to_cut, as triangles (m, 3, 3).
     to_cut = apart_mm / 2
     corners = np.arctan2([beyond_mm, beyond_mm, -beyond_mm, -beyond_mm], [to_cut, -beyond_mm, -beyond_mm, to_cut])
@@ -96,14 +88,13 @@ def bar(hole: Profile, apart_mm: float, beyond_mm: float) -> Solid:
 
 
 def _band(upper: Array, lower: Array) -> list[Array]:
-    """Connect two rings (n, 3) with triangles (3, 3), two per side. They are degenerate if a ring has radius 0."""
+    """Two triangles (3, 3) per side of two rings (n, 3), degenerate at radius 0."""
     after_upper, after_lower = np.roll(upper, -1, axis=0), np.roll(lower, -1, axis=0)
     quads = zip(upper, lower, after_lower, after_upper, strict=True)
     return [triangle for a, b, c, d in quads for triangle in (np.array([a, b, c]), np.array([a, c, d]))]
 
 
 def _joined(triangles: Sequence[Array]) -> Solid:
-    """Merge triangles (3, 3) mm into a solid. Corners are shared, and degenerate faces are dropped."""
     all_corners = np.array(triangles).reshape(-1, 3).round(9) + 0.0
     corners, numbers = np.unique(all_corners, axis=0, return_inverse=True)
     faces = numbers.reshape(-1, 3)

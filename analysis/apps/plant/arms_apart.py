@@ -1,7 +1,7 @@
-"""Comparison of two arms of the same model: the distance between their tools at equal joint angles.
+"""Distance between the tools of two arms of the same model at equal joint angles.
 
-It shows whether a program can be moved from one arm to the other. The complete difference refers to the robot bases.
-The remaining difference applies if frame and tool are taught for each arm.
+It shows whether a program can move from one arm to the other: as the bases stand, and with frame and tool taught for
+each arm.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from rigs.schema.robot import Pose
 from rigs.text import plain
 
 _POSTURES = 200
-"""Chosen: it determines an rms to 5 %."""
+"""An rms to 5 %."""
 _OTHER_MODEL_MM = 20.0
 """Arms of the same model, calibrated or not, agree within some mm."""
 _SHOWN = 5e-5
-"""Smallest difference between two constants that is shown: it is below the last digit."""
+"""Below the last digit shown."""
 _CONSTANTS = (("zero_deg", "offset"), ("a_mm", "a"), ("d_mm", "d"), ("alpha_deg", "alpha"), ("beta_deg", "beta"))
 
 
 @dataclass(frozen=True)
 class ArmsApart:
-    """Tool of the second arm minus tool of the first in the bases of the arms, with the tool of the first on both."""
+    """Second tool minus first in the bases of the arms, with the tool of the first on both."""
 
     names: tuple[str, str]
     q_deg: Array
     apart_mm: Array
     turned_deg: Array
     taught_mm: Array
-    """Remaining difference of position (n,) with frame and tool taught."""
+    """Difference of position (n,) with frame and tool taught."""
     u_mm: Array
-    """Standard uncertainty (n,) of the difference, NaN if unknown for an arm."""
+    """(n,), NaN if unknown for an arm."""
     constants: tuple[dict[str, float], ...]
     play_deg: tuple[dict[int, float], dict[int, float]]
     doubts: tuple[str, ...]
@@ -74,7 +74,7 @@ class ArmsApart:
 
 
 def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
-    """Difference between two arms of the same model. Raises FileError for different models."""
+    """Raises FileError for different models."""
     bare = {"base": Pose(), "tool": rig.robot.tool, "rail": None}
     first, other = (
         CalibratedArm(of.model_copy(update={"robot": of.robot.model_copy(update=bare)})) for of in (rig, second)
@@ -126,7 +126,7 @@ def _postures(*arms: CalibratedArm) -> Array:
 
 
 def _constants(*rigs: Rig) -> tuple[dict[str, float], ...]:
-    """Differences of the constants by axis, second arm minus first: angles in degrees, lengths in mm."""
+    """Second arm minus first, by axis."""
     first, second = (geometric_arm(model_of(rig)) for rig in rigs)
     columns = {name: getattr(second, key) - getattr(first, key) for name, key in _CONSTANTS}
     columns |= {name: np.degrees(column) for name, column in columns.items() if name.endswith("deg")}
@@ -134,7 +134,6 @@ def _constants(*rigs: Rig) -> tuple[dict[str, float], ...]:
 
 
 def answer_of(apart: ArmsApart) -> list[Block]:
-    """Distance of the tools, and a table of the constants and plays that differ, by axis."""
     seen = apart.to_dict()
     first, second = map(plain, apart.names)
     u = "" if seen["u_rms_mm"] is None else f", known to {seen['u_rms_mm']:.3f} mm (u)"

@@ -1,8 +1,7 @@
 """Runs after a repair compared with runs before: the difference of each figure, and its significance.
 
-The spread between runs is pooled over both sides and with that of the robot's history, because two runs per side hardly
-determine one. The difference follows Student's distribution, and 2 u contain 95.45 %. The probability of a false
-finding is divided among the figures (Bonferroni).
+The spread between runs is pooled over both sides and the history, because two runs per side hardly determine one. The
+difference follows Student's distribution; the false findings are divided among the figures (Bonferroni).
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from rigs.errors import FileError
 _FEWEST_OF_HISTORY = 10
 """Minimum number of runs in a series for a spread from the history."""
 _EFFICIENCY = 0.37
-"""Efficiency of a median absolute deviation relative to a standard deviation (normal distribution)."""
+"""Of a median absolute deviation relative to a standard deviation (normal distribution)."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +37,9 @@ class Difference:
     before: float
     after: float
     difference: Quantity
-    """After minus before, with infinite u if no spread is known."""
+    """With infinite u if no spread is known."""
     explained: float
-    """Largest difference explained by the spread between runs, infinite if unknown."""
+    """Largest difference that the spread explains, infinite if unknown."""
     runs_before: int
     runs_after: int
 
@@ -71,7 +70,6 @@ class Difference:
 
 
 def headlines(compared: Sequence[Difference]) -> list[str]:
-    """A sentence per changed figure, or a statement that there is none, and the unknown cases."""
     larger = [difference.sentence for difference in compared if difference.is_larger]
     unknown = sum(not np.isfinite(difference.difference.u) for difference in compared)
     repeat = "record two or more runs on at least one side."
@@ -107,7 +105,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
 
 
 def _record(run: Path, histories: dict[Path, dict[str, RunRecord]]) -> RunRecord:
-    """Record of a run, from an up-to-date history in the same local directory if possible."""
+    """From an up-to-date history in the same directory if possible."""
     path = run.resolve()
     with fetched(path) as directory:
         manifest = load_manifest(directory)
@@ -157,7 +155,7 @@ def _difference(
 def _spread_of_history(
     key: tuple[str, str, str, str], figure: str, histories: dict[Path, dict[str, RunRecord]]
 ) -> tuple[float, float]:
-    """Standard deviation between runs in the longest history, and the degrees of freedom; 0 and 0 without one."""
+    """Standard deviation in the longest history, and degrees of freedom; 0 and 0 without one."""
     best: list[RunRecord] = []
     for records in histories.values():
         series = [

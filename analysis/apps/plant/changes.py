@@ -1,14 +1,12 @@
 """Detection of changes in a figure beyond the scatter between runs.
 
-Each series is compared with each shape of a change under each kind of noise (`Shapes`). The score is the log-likelihood
-ratio between the best shape and no change, both with their best noise, so slow noise is not mistaken for a change.
-After a detection, the runs before and after are searched in the same way (binary segmentation: A. J. Scott and M.
-Knott, Biometrics 30 (1974)). Single outliers are removed first (F. R. Hampel, J. Am. Stat. Assoc. 69 (1974)). The false
-alarm probability of a robot is divided among the figures (Bonferroni); docs/evidence/history.md has the measured one.
+The score of a shape is its log-likelihood ratio to no change, both with their best noise, so slow noise is no change.
+The runs before and after a detection are searched in the same way (binary segmentation: A. J. Scott and M. Knott,
+Biometrics 30 (1974)), without single outliers (F. R. Hampel, J. Am. Stat. Assoc. 69 (1974)). The false alarm
+probability of a robot is divided among its figures; docs/evidence/history.md has the measured one.
 
-A shape is a plateau, a straight ramp and a second plateau: a step is the shortest ramp, and slow growth a ramp up to
-the last run. The noise is white plus a slow part common to neighbouring runs, with a grid of shares and lengths, as in
-decision 0011 for laps. Position and size of a change follow from generalised least squares.
+A shape is a plateau, a straight ramp and a second plateau: a step is the shortest ramp. The noise is white plus a slow
+part common to neighbouring runs, on a grid of shares and lengths, as in decision 0011.
 """
 
 from __future__ import annotations
@@ -21,19 +19,17 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 FEWEST = 4
-"""Minimum number of runs on either side: fewer may be a burst of outliers, or a single set-up."""
+"""On either side: fewer may be a burst of outliers, or a single set-up."""
 _STARTS = 100
-"""Positions of a change in the first search. The best is refined to single runs."""
+"""Of the first search; the best is refined to single runs."""
 _ENDS = 25
 _SHARES = (0.25, 0.5, 0.75, 0.9, 0.97)
 _LENGTHS = (1.5, 5.0, 15.0, 50.0)
-"""Shares of the slow part in the variance, and correlation lengths in runs."""
+"""Share of the slow part in the variance, and correlation length in runs."""
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """A noise model that whitens to variance 1, relative to the variance of a run."""
-
     rows: Array
     half_log_det: float
     level: Array
@@ -46,7 +42,7 @@ class Whitening:
         return cls(rows, float(np.log(np.diag(lower)).sum()), level / np.linalg.norm(level))
 
     def without_level(self, values: Array) -> Array:
-        """Whitened values (n, m) with their least-squares constant removed."""
+        """Whitened values (n, m) without their least-squares constant."""
         white = self.rows @ values
         without: Array = white - np.outer(self.level, self.level @ white)
         return without
@@ -54,7 +50,7 @@ class Whitening:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Ramps between the runs first (c,) and last (c,), whitened for each noise model to length 1 (n, c)."""
+    """Ramps between the runs first (c,) and last (c,), whitened for each noise to length 1 (n, c)."""
 
     first: Integers
     last: Integers
@@ -76,7 +72,7 @@ def shapes_of(count: int) -> Shapes:
 
 
 def refined(count: int, first: int, last: int) -> tuple[Integers, Integers]:
-    """Ramps near a ramp of `shapes_of`: indices of the first (c,) and last (c,) run."""
+    """Ramps near a ramp of `shapes_of`."""
     reach = 2 * max(1, count // _STARTS) + (last - first) // 2
     near = [np.arange(max(0, at - reach), min(count, at + reach + 1)) for at in (first, last)]
     if len(near[0]) > _ENDS:  # A long ramp: noise hides the ends anyway
@@ -86,7 +82,7 @@ def refined(count: int, first: int, last: int) -> tuple[Integers, Integers]:
 
 
 def rises(count: int, first: Integers, last: Integers) -> Array:
-    """Shapes (count, c): 0 up to run first (c,), 1 from run last (c,) on, linear in between."""
+    """(count, c): 0 up to run first (c,), 1 from run last (c,) on."""
     shape: Array = np.clip((np.arange(count)[:, None] - first) / (last - first), 0.0, 1.0)
     return shape
 
@@ -99,7 +95,6 @@ def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
 
 
 def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
-    """Ramps with enough runs on either side; those within a long ramp count on both sides."""
     first, last = pairs.T
     within = (last - first - 1) // 2
     enough = (first + 1 + within >= FEWEST) & (count - last + within >= FEWEST)
@@ -115,27 +110,26 @@ def whitenings(count: int) -> tuple[Whitening, ...]:
 
 
 FALSE_ALARMS = 0.01
-"""False alarm probability for an unchanged robot."""
+"""Of an unchanged robot."""
 NEWEST = 500
-"""Number of newest runs searched: time and memory are quadratic."""
+"""Runs searched: time and memory are quadratic."""
 _CHANCE = 6.5
-"""Constant in the bound of the false alarm probability: P(score > s) <= exp(_CHANCE - s) if nothing changes.
-Simulated for 10 to 300 runs, white noise and slow parts of 50 to 90 % over 1.5 to 50 runs, 1500 to 4000 series
-each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1."""
+"""P(score > s) <= exp(_CHANCE - s) if nothing changes; simulated for 10 to 300 runs, white noise and slow parts of 50
+to 90 % over 1.5 to 50 runs. The worst 99 % quantile was 11.2.
+"""
 _WINDOW, _OUTLIER_SPREADS = 7, 4.0
-"""Window of the running median, and outlier limit in spreads."""
+"""Of the running median, and in spreads."""
 _SLOWER = 2.0
-"""Required excess of the score of a longer ramp over the best step."""
 _TO_SD, _MEAN_TO_SD = 1.4826, 1.2533
-"""Ratios of the standard deviation of a normal distribution to its median and mean absolute deviation."""
+"""Standard deviation of a normal distribution over its median and mean absolute deviation."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change of a figure in its unit between two runs, by index.
+    """A change between two runs, by index.
 
-    u: by the scatter of the runs. chance: probability of such a series if nothing changes, over all figures of the
-    robot. is_last: the ramp reaches the last run and may continue.
+    u: by the scatter of the runs. chance: of such a series if nothing changes, over all figures of the robot. is_last:
+    the ramp reaches the last run and may continue.
     """
 
     first: int
@@ -149,10 +143,8 @@ class Change:
 
 @dataclass(frozen=True)
 class Trend:
-    """Changes in order of time, outliers (n,), and spread.
-
-    spread: standard deviation between runs, excluding changes and outliers; zero if most runs repeat a value, NaN for a
-    single run.
+    """wild (n,): outliers. spread: standard deviation between runs without changes; zero if most repeat a value, NaN
+    for a single run.
     """
 
     changes: tuple[Change, ...]
@@ -169,10 +161,7 @@ class _Best:
 
 
 def trend_of(values: Array, u: Array, series: int) -> Trend:
-    """Changes in values (n,) with standard uncertainties u (n,).
-
-    series: number of series searched for the robot.
-    """
+    """series: number of series searched for the robot."""
     wild = outlying_runs(values, u)
     # Standard deviation between successive runs, hardly affected by a step or slow ramp; NaN for a single run.
     steps = np.abs(np.diff(values[~wild]))
@@ -189,7 +178,6 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
 
 
 def outlying_runs(values: Array, u: Array) -> Mask:
-    """Runs (n,) that differ from their neighbours beyond the scatter."""
     count = len(values)
     if count < _WINDOW:
         return np.zeros(count, dtype=np.bool_)
@@ -235,7 +223,7 @@ def _changes(values: Array, series: int) -> list[Change]:
 
 
 def _best(values: Array) -> tuple[_Best, _Best]:
-    """Step and longer ramp with the highest scores, each with its best noise."""
+    """Step and longer ramp with the highest scores."""
     shapes = shapes_of(len(values))
     without, scores = -np.inf, []
     for noise, unit in zip(shapes.noises, shapes.directions, strict=True):
@@ -253,7 +241,7 @@ def _best(values: Array) -> tuple[_Best, _Best]:
 
 
 def _refined(values: Array, best: _Best) -> _Best:
-    """Shape refined to single runs. The false alarm probability ignores the increase of the score."""
+    """The false alarm probability ignores the increase of the score."""
     first, last = refined(len(values), best.first, best.last)
     is_alike = (last - first == 1) == (best.last - best.first == 1)
     first, last = first[is_alike], last[is_alike]
@@ -264,7 +252,7 @@ def _refined(values: Array, best: _Best) -> _Best:
 
 
 def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, Array]:
-    """Log-likelihood for no change, and of each whitened shape (n, c), maximised over noise and size."""
+    """For no change, and of each whitened shape (n, c), maximised over noise and size."""
     count = len(values)
     white = noise.without_level(values[:, None])[:, 0]
     total = float(white @ white)

@@ -146,8 +146,9 @@ def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> No
 
 
 def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
-    """Rig file of an arm; for a URDF, or a file with only the section robot, that of the runs. Runs of gauges need a
-    rig file, which states where the ball link is on the flange.
+    """Rig of an arm; that of the runs with the arm of a URDF or of a file with only the section robot.
+
+    Runs of gauges need a rig file, which states where the ball link is on the flange.
     """
     from analysis.apps.commission.rig_file_text import chosen_arm
     from analysis.apps.interchange.urdf import import_urdf

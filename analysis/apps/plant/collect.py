@@ -1,7 +1,6 @@
 """Records of runs: new and changed runs are evaluated and stored, the others are read from the file of figures.
 
-Runs are compared with the file by names, sizes and times of their files, without opening them. Remote stores provide a
-state of each file, such as the ETag of an object store.
+Runs are compared by names, sizes and times of their files, in remote stores by state (ETag), without opening them.
 """
 
 from __future__ import annotations
@@ -33,17 +32,16 @@ from rigs.schema.limits import Limits
 
 T = TypeVar("T")
 Progress = Callable[[str, int, int], None]
-"""Called with the current task, the finished number and the total."""
+"""Task, finished number, and total."""
 _FEW = 4
-"""Up to so many runs are evaluated in this process, unless jobs are specified."""
+"""Evaluated in this process, unless jobs are given."""
 _SAVED_EVERY_S = 5.0
-"""Interval between saves, which limits the loss by an interruption."""
+"""Limits the loss by an interruption."""
 REASONS = {
     "damaged": "the manifest is missing, or it or the marks cannot be read",
     "crashed": "it was interrupted: rig recover makes it readable",
     "recording": "it is being recorded",
 }
-"""Reasons for missing figures, by status of the run."""
 
 
 @dataclass(frozen=True)
@@ -56,33 +54,28 @@ class Workers:
 class MarkedCheck:
     run: str
     when: datetime
-    """Start of the run, in the time zone of this computer."""
     check: MovementCheck
 
     @property
     def has_moved(self) -> bool:
-        """True if a cause was named, other than "nothing"."""
         return self.check.what not in ("", "nothing")
 
 
 @dataclass(frozen=True)
 class Collected:
-    """The runs of a robot in order of time."""
-
     robot: str
     runs: tuple[RunRecord, ...]
     broken: tuple[RunRecord, ...]
     """Runs with no figures, by name."""
     notes: tuple[str, ...]
-    """On the file of figures, and on copies of runs."""
+    """On the file of figures, and on copies."""
     limits: Limits
-    """Limits in the rig file of the newest run."""
+    """Of the newest run."""
     checks: tuple[MarkedCheck, ...] = ()
-    """Movement checks in order of time."""
 
 
 def collect(directory: Path, robot: str, workers: Workers, progress: Progress) -> Collected:
-    """Runs of a robot in or below a directory, by the name of the rig file or of the robot."""
+    """By the name of the rig file or of the robot."""
     seen, in_cache = runs_below(directory), store.default_path(directory)
     files = [in_cache] if isinstance(directory, RemotePath) else [directory / store.FILE, in_cache]
     file, notes = store.prepare_first(files)
@@ -125,7 +118,6 @@ def collect(directory: Path, robot: str, workers: Workers, progress: Progress) -
 def collected_of(
     robot: str, records: Sequence[RunRecord], notes: Sequence[str], rig_texts: Mapping[str, str]
 ) -> Collected:
-    """Combine the records of a robot's runs, in any order. rig_texts: rig files by name of run."""
     # Each run counts once, even after relabelling a copy or importing a table twice. The newest import of a table has
     # priority, because the rig file may have been corrected.
     kept: dict[str, RunRecord] = {}
@@ -143,7 +135,7 @@ def collected_of(
 
 
 def _checks_of(directory: Path, records: Iterable[RunRecord]) -> tuple[MarkedCheck, ...]:
-    """Movement checks in order of time; a check of several runs once, with its first run."""
+    """A check of several runs counts once, with its first run."""
     marked = []
     for record in records:
         with suppress(FileError, OSError, ValueError):  # of a damaged run, which is listed as such
@@ -176,11 +168,10 @@ class RunOnDisk:
     run: str
     """Path relative to the directory."""
     signature: str
-    """Digest of the names, sizes and times of the files, empty if they cannot be listed or compared."""
+    """Empty if the files cannot be listed or compared."""
 
 
 def runs_below(directory: Path) -> list[RunOnDisk]:
-    """Runs below a directory in order of path. Raises FileError if there are none."""
     remedy = "give the directory with the plant's runs"
     if not isinstance(directory, RemotePath) and not directory.is_dir():
         raise FileError(str(directory), "no such directory", remedy, code="file.missing")
@@ -218,10 +209,10 @@ def update(
     progress: Progress,
     is_wanted: Callable[[Path], bool] = lambda _: True,
 ) -> tuple[dict[str, Entry], int, int]:
-    """Examine and store the new and changed runs, and forget deleted runs.
+    """Examine and store new and changed runs, and forget deleted ones; the stored runs, and how many were examined and
+    forgotten.
 
-    Returns all stored runs by path, and the numbers of runs examined and forgotten. is_wanted: whether a new run is to
-    be examined. If a remote store stops responding, the previous results are saved.
+    is_wanted: whether a new run is to be examined. If a remote store stops responding, previous results are saved.
     """
     known = store.entries(file)
     changed = [
@@ -275,8 +266,6 @@ def save_periodically(items: Iterable[T], keep: Callable[[Sequence[T]], None], p
 
 @dataclass(frozen=True)
 class Examined:
-    """The record and rig file of a run."""
-
     record: RunRecord
     rig_text: str = ""
     is_evaluated: bool = True
@@ -284,10 +273,7 @@ class Examined:
 
 
 def examine(path: Path) -> Examined | None:
-    """Record with figures or the reason for failure; None if the run is gone.
-
-    Never raises for a bad run, only for a remote run that cannot be fetched.
-    """
+    """None if the run is gone. Raises only for a remote run that cannot be fetched."""
     with fetched(path) as directory:
         examined = _examine(directory)
     if examined is None:

@@ -19,7 +19,7 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _CLEARLY = 0.97
-"""An arm fits better below this ratio: 3 % of the rms is more than a fitted set-up gains by chance."""
+"""3 % of the rms is more than a fitted set-up gains by chance."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class FittingArm:
 
     @property
     def better(self) -> ArmFit | None:
-        """The arm that fits clearly better; None if the runs do not distinguish them."""
+        """None if the runs do not distinguish the arms."""
         best, worse = sorted(self.fits, key=lambda fit: fit.rms_um)
         return best if best.rms_um < _CLEARLY * worse.rms_um else None
 
@@ -53,13 +53,11 @@ class FittingArm:
 
 
 def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> FittingArm:
-    """Compare the residual of runs between two arms, given with file names."""
     first, second = (_fit(runs, file, rig) for file, rig in arms)
     return FittingArm((first[0], second[0]), tuple(run.run.manifest.name for run in runs), first[1])
 
 
 def answer_of(fitting: FittingArm) -> list[Block]:
-    """The better arm, and a table of the residuals of both arms."""
     better, head = fitting.better, "These runs do not distinguish the two arms."
     if better is not None:
         (worse,) = (fit for fit in fitting.fits if fit is not better)
@@ -73,7 +71,7 @@ def answer_of(fitting: FittingArm) -> list[Block]:
 
 
 def _fit(runs: Sequence[Measured], file: str, rig: Rig) -> tuple[ArmFit, tuple[str, ...]]:
-    """Residual of runs for an arm, and messages about the positions of base, ball and tool."""
+    """Residual, and messages about the positions of base, ball and tool."""
     axes = len(rig.robot.axes)
     for run in runs:
         if (count := len(run.rig.robot.axes)) != axes:

@@ -47,10 +47,7 @@ _ORDER = (
 
 
 def answer_of(fleet: Fleet, links: Mapping[Key, str] | None = None, failed: Sequence[str] = ()) -> list[Block]:
-    """A sentence, a row for each robot, and the omissions.
-
-    links: addresses of the pages of robots. failed: pages that could not be written.
-    """
+    """links: pages of robots. failed: pages that could not be written."""
     robots = fleet.robots
     counts = Counter(state.attention for state in robots)
     states = ", ".join(f"{counts[reason]} {WORDS[reason]}" for reason in ORDER if counts[reason])
@@ -80,7 +77,6 @@ def answer_of(fleet: Fleet, links: Mapping[Key, str] | None = None, failed: Sequ
 
 
 def as_object(fleet: Fleet) -> dict[str, Any]:
-    """Plain values for scripts, with every omitted run and the reason."""
     plain: dict[str, Any] = for_json(
         {
             "directory": str(fleet.directory),
@@ -100,10 +96,7 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
 
 
 def write_figures(fleet: Fleet, path: Path) -> None:
-    """Write a row per figure, atomically, with a single robot in memory at a time.
-
-    A run with no figures has a row with the `problem`.
-    """
+    """A row per figure, with one robot in memory at a time; a run without figures has a row with the `problem`."""
     import pyarrow as pa  # noqa: PLC0415 - slow to import, needed for Parquet only
     import pyarrow.parquet as pq  # noqa: PLC0415
 
@@ -164,8 +157,6 @@ _HEAD_BYTES = 2000
 
 @dataclass(frozen=True)
 class _Page:
-    """A page of a robot to be written: catalogue and key, digest of its inputs, and the page of the plant."""
-
     path: Path
     catalogue: Path
     key: Key
@@ -174,10 +165,7 @@ class _Page:
 
 
 def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) -> list[str]:
-    """Write the page of the plant, and the outdated history pages of the robots.
-
-    Returns a line for each page of a robot that could not be written.
-    """
+    """Write the page of the plant and the outdated pages of robots; a line for each that could not be written."""
     folder = path.with_name(f"{path.stem}-robots")
     pages = [_page(fleet, state, folder, path) for state in fleet.robots if state.runs]
     fresh = [page for page in pages if not _is_current(page)]

@@ -26,8 +26,6 @@ from analysis.runs.batch import FailedItem, Outcome, each
 
 @dataclass(frozen=True)
 class Fleet:
-    """The robots of a plant, most urgent first."""
-
     directory: Path
     catalogue: Path
     robots: tuple[FleetRobot, ...]
@@ -40,11 +38,7 @@ class Fleet:
 
 
 def gather(directory: Path, file: Path, workers: Workers, progress: Progress) -> Fleet:
-    """Find the robots of the runs below a directory.
-
-    file: the catalogue. workers: for reading runs; the states of robots are computed by local processes, because they
-    need the catalogue.
-    """
+    """file: the catalogue, which local processes need for the states of robots."""
     seen, notes = runs_below(directory), store.prepare(file)
     known, examined, gone = update(file, seen, workers, progress)
     hashes: dict[Key, hashlib._Hash] = {}
@@ -64,7 +58,6 @@ def gather(directory: Path, file: Path, workers: Workers, progress: Progress) ->
         store.save_states(file, (), gone_robots)
 
     def judged(outcome: Outcome[tuple[Path, Key], FleetRobot]) -> tuple[Key, str, str]:
-        """Keep the state of a robot, with its digest unless it failed and is to be repeated."""
         _, key = outcome.item
         if not isinstance(outcome, FailedItem):
             states[key] = outcome.value

@@ -1,8 +1,7 @@
 """History of a robot: each figure of each test over the runs, with dated changes and the standing against the limit.
 
-Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`). A series stands like its newest run.
-It crosses a bound at the first run proven beyond it after the last run proven within, and vice versa. Outliers are
-excluded, except in the newest runs: sudden damage looks like an outlier until it has lasted for some runs.
+A series stands like its newest run (ISO 14253-1). It crosses a bound at the first run proven beyond it after the last
+run proven within. Outliers are excluded, except in the newest runs: sudden damage looks like one at first.
 """
 
 from __future__ import annotations
@@ -31,15 +30,13 @@ WATCHED = (
     *("uni_mean_mm", "bi_mean_mm", "reversal_mean_mm"),
     *("rms_mm", "rms_deg", "repeat_mm"),
 )
-"""A characteristic figure of each kind. The others repeat these, or depend on the mounting of ball and gauges."""
+"""One figure of each kind. The others repeat these, or depend on the mounting of ball and gauges."""
 CORRECTED = {"targets": "corrected programs", "entries": "with values entered"}
 _OF_AN_AXIS = {"play_j": "play", "temperature_j": "mean temperature", "warming_j": "warming within a run"}
 
 
 @dataclass(frozen=True)
 class Series:
-    """A figure of a test and program over n runs, in order of time."""
-
     title: str
     figure: str
     runs: tuple[RunRecord, ...]
@@ -83,7 +80,7 @@ class History:
 
 
 def label_of(figure: str) -> str:
-    """Displayed name of a figure, such as `play of axis 2`."""
+    """`play of axis 2`."""
     for prefix, words in _OF_AN_AXIS.items():
         if figure.startswith(prefix):
             return f"{words} of axis {figure[len(prefix)]}"
@@ -93,10 +90,7 @@ def label_of(figure: str) -> str:
 def history_of(
     collected: Collected, figure: str | None = None, since: date | None = None, limits: Limits | None = None
 ) -> History:
-    """Series of a robot's runs with changes.
-
-    figure: only this figure. since: first day. limits: replace the limits of the newest run.
-    """
+    """limits: in place of those of the newest run."""
     runs = [run for run in collected.runs if since is None or run.when.date() >= since]
     names = {name for run in runs for name in run.figures}
     if not runs:
@@ -125,10 +119,9 @@ def history_of(
 
 
 def programs_of(runs: Iterable[RunRecord]) -> list[tuple[str, list[RunRecord]]]:
-    """Runs with equal keys, each group with a title, such as `yaw acw, placement left, corrected programs`.
+    """Comparable runs with a title, such as `yaw acw, placement left, corrected programs`.
 
-    The title has the program if several were driven at one placement. Runs of a corrected program show the correction,
-    not the state of the arm.
+    Runs of a corrected program show the correction, not the arm.
     """
     groups: dict[tuple[str, str, str, str], list[RunRecord]] = {}
     for run in runs:
@@ -147,16 +140,11 @@ _CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
     "watch": (("watch", "fail"), "pass"),
     "fail": (("fail",), "pass"),
 }
-"""Dating of a crossing, by the standing of the newest run.
-
-Standings of the first run after the crossing, the standing of the last before it, by the deciding bound.
-"""
+"""By the standing of the newest run: standings of the first run after the crossing, and of the last before it."""
 
 
 @dataclass(frozen=True)
 class JudgedSeries:
-    """A series judged by its limit."""
-
     limit: Limit
     standing: Standing
     bound: float
@@ -167,7 +155,7 @@ class JudgedSeries:
 
 
 def judge(series: Series) -> JudgedSeries | None:
-    """Standing of a series; None if it has no limit."""
+    """None without a limit."""
     if series.limit is None:
         return None
     last = max(np.flatnonzero(~series.trend.wild), default=-1)

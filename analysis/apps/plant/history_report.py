@@ -23,16 +23,13 @@ from rigs.text import counted
 
 _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 20
-"""Characters of a sparkline; each is the median of an equal share of the runs."""
+"""Each is the median of an equal share of the runs."""
 
 
 def answer_of(
     history: History, figures: Sequence[Figure] = (), left_out: int = 0, *, dated: bool = False
 ) -> list[Block]:
-    """The sentences, a row for each figure, the pictures on a page, and remarks.
-
-    left_out: number of figures whose picture is left out. dated: add the times of runs to their figures.
-    """
+    """left_out: number of pictures left out. dated: add the times of runs."""
     lines = [*doubts(history), *[f"{left_out} further figures without a change are not shown."] * (left_out > 0)]
     days = [run.when.date() for series in history.series for run in series.runs]
     span = sorted({str(min(days)), str(max(days))}) if days else []
@@ -56,7 +53,6 @@ _U = "u is the standard uncertainty of a figure within a run. It does not includ
 
 
 def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
-    """A row per figure: the value for single runs, otherwise first, last and a sparkline."""
     is_one = all(len(series.runs) == 1 for series in all_series)
     is_limited = any(series.limit for series in all_series)
     columns = ["test", "figure", *(("value ± u",) if is_one else ("runs", "first", "last", "spread", "course", ""))]
@@ -83,7 +79,6 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
 
 
 def differences_answer(compared: Sequence[Difference]) -> list[Block]:
-    """A sentence per changed figure, and a row per compared figure."""
     rows, title = [], ""
     for difference in compared:
         by = difference.difference
@@ -104,7 +99,6 @@ def differences_answer(compared: Sequence[Difference]) -> list[Block]:
 
 
 def sparkline(values: Array) -> str:
-    """Values (n,) from smallest to largest; flat for equal values."""
     pieces = np.array_split(values, min(_WIDTH, len(values)))
     heights = np.array([np.median(piece) for piece in pieces])
     low, span = heights.min(), np.ptp(heights)
@@ -177,16 +171,16 @@ def as_table(all_series: Sequence[Series]) -> pa.Table:
 
 
 _MOST = 60
-"""Pictures on a page, exceeded limits and changes first: about 20 kB each."""
+"""Limits and changes first; about 20 kB each."""
 _IN_SIGHT = 2.0
-"""A limit is drawn if it is below this multiple of the largest run; otherwise the runs would look flat."""
+"""Multiple of the largest run below which a limit is drawn; otherwise the runs would look flat."""
 _DAY_S = 86400.0
 _MARGIN = 0.04
 _INK, _CHANGE, _OUTLIER, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
 def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
-    """Write the page. made_of: digest of the inputs. overview: address of a linked page."""
+    """made_of: digest of the inputs. overview: address of a linked page."""
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
     # A single run, or simultaneous runs, have no time axis.
     drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
@@ -209,10 +203,7 @@ def _is_beyond(series: Series) -> bool:
 
 
 def _picture(series: Series, moved: Sequence[float]) -> Markup:
-    """SVG of a figure over time: runs with 2 u, detected levels, outliers as crosses, and movements.
-
-    moved: times of movements in days since 1970.
-    """
+    """moved: times of movements in days since 1970."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # noqa: PLC0415 - slow to import
 
     from analysis.apps.report.still_chart import Sheet, svg_of  # noqa: PLC0415

@@ -17,7 +17,6 @@ _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept",
 
 
 def sentences(history: History) -> list[str]:
-    """A sentence per movement, exceeded limit and change, with dates, or a statement that there are none."""
     moved = [movement_line(check) for check in history.collected.checks if check.has_moved]
     limited = [line for series in history.series for line in _limit_sentences(series)]
     # Simultaneous changes of a figure in several tests in the same direction, the most certain first
@@ -44,7 +43,6 @@ def sentences(history: History) -> list[str]:
 
 
 def change_words(series: Series, change: Change) -> tuple[Quantity, str]:
-    """Size of a change, and its text with both levels and the dates."""
     size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
     verb = "rose" if change.after > change.before else "fell"
     levels = f"from {size.rounded(change.before)} to {size.rounded(change.after)} {series.unit}"
@@ -119,7 +117,7 @@ def is_short(series: Series) -> bool:
 
 
 def against_limit(series: Series, *, dated: bool = True) -> str:
-    """Standing of a series, such as `beyond 0.1 since 2026-05-03`; empty if it has no limit."""
+    """`beyond 0.1 since 2026-05-03`; empty without a limit."""
     judged = judge(series)
     if judged is None:
         return ""
@@ -130,7 +128,6 @@ def against_limit(series: Series, *, dated: bool = True) -> str:
 
 
 def _limit_sentences(series: Series) -> list[str]:
-    """Since when a series exceeds or may exceed its limit, or a temporary excess."""
     judged = judge(series)
     if judged is None or (judged.standing == "pass" and not judged.beyond):
         return []
@@ -152,7 +149,7 @@ def _limit_sentences(series: Series) -> list[str]:
 
 
 def dates(series: Series, change: Change) -> str:
-    """Dates of a change, such as `between 3 and 17 May 2026`, or clock times within a day."""
+    """`between 3 and 17 May 2026`, or clock times within a day."""
     first, last = series.runs[change.first].when, series.runs[change.last].when
     if first.date() == last.date():
         return f"on {_day(first)} between {first:%H:%M} and {last:%H:%M}"
@@ -162,7 +159,7 @@ def dates(series: Series, change: Change) -> str:
 
 
 def _span(runs: Sequence[RunRecord]) -> str:
-    """Range of days, such as `from 1 May 2026 to 6 May 2026`."""
+    """`from 1 May 2026 to 6 May 2026`."""
     first, last = _day(runs[0].when), _day(runs[-1].when)
     return f"on {first}" if first == last else f"from {first} to {last}"
 
@@ -185,7 +182,6 @@ def _alike(pair: tuple[Series, Change], other_pair: tuple[Series, Change]) -> bo
 
 
 def simulated_runs(simulated: int, runs: int) -> str:
-    """Sentence on the number of simulated runs; empty if all measured a robot."""
     if not simulated:
         return ""
     if simulated == runs:

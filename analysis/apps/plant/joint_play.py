@@ -1,13 +1,10 @@
 """Backlash of each joint in a circle run: the jump at joint reversals (Y. T. Oh, Applied Sciences 9 (2019), 3.2).
 
-Angle and distance of a lap are fitted by low orders and, for each reversing joint, by the modelled change of the
-readings caused by backlash. A wide backlash is crossed over many degrees, so shapes are computed for several widths,
-and the sizes follow from nonlinear least squares in between. If gravity keeps the gears on the same flank, there is no
-jump and the figure is near zero.
+Angle and distance of a lap are fitted by low orders and by the modelled response to the backlash of each reversing
+joint, computed for several widths. If gravity keeps the gears on one flank, the figure is near zero.
 
-A gear wave near a reversal can resemble backlash, but a reversing joint passes the same wave twice, which gives a bend
-instead of a jump. Waves of all axes and usual orders are therefore fitted too, each with a size determined by the lap
-(automatic relevance, MacKay 1992). Waves indistinguishable from backlash increase the uncertainty.
+A gear wave gives a bend instead of a jump. Waves of usual orders are therefore fitted too, with sizes determined by the
+lap (automatic relevance, MacKay 1992); those that resemble backlash increase u.
 """
 
 from __future__ import annotations
@@ -37,7 +34,7 @@ if TYPE_CHECKING:
 
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
-"""Cycles per turn of a joint: eccentricity, wave generators and their stages. Faster waves are rarely as large."""
+"""Per turn of a joint: eccentricity, wave generators and their stages. Faster waves are rarely as large."""
 _SIZE_DEG = 0.005
 _LEAST_DEG = 1e-6
 _ROUNDS = 40
@@ -45,10 +42,7 @@ _ROUNDS = 40
 
 @dataclass(frozen=True)
 class Fitted:
-    """Backlash (p,) with u (p,), and minus twice the log evidence.
-
-    solve (p, m): its linear dependence on the readings (m,).
-    """
+    """Backlash (p,) with u (p,), its dependence on the readings (p, m), and minus twice the log evidence."""
 
     sizes_deg: Array
     solve: Array
@@ -57,9 +51,9 @@ class Fitted:
 
 
 def waves_of(slopes: Array, q: Array) -> Array:
-    """Response (m, 2 pairs) in mm of a lap to waves of one degree, alternating sine and cosine.
+    """Response (m, 2 pairs) of a lap to waves of one degree, sine and cosine.
 
-    slopes (m, 6): in mm per degree of joint error. q (m, 6): joint angles in rad.
+    slopes (m, 6): in mm per degree. q (m, 6): rad.
     """
     turns = q[:, :, None] * np.array(ORDERS)
     both = np.stack([np.sin(turns), np.cos(turns)], axis=3) * slopes[:, :, None, None]
@@ -76,10 +70,10 @@ def fitted(
     widest_deg: float,
     alike: float,
 ) -> Fitted:
-    """Fit backlash and waves to a lap (m,) mm, starting from start_deg (p,).
+    """Fit backlash and waves to a lap (m,) mm.
 
-    curve, slopes: response (m,) mm of the lap to backlash (p,) in degrees, and the derivatives (m, p). waves (m, k): in
-    mm per degree. alike: number of correlated readings.
+    curve, slopes: response (m,) mm to backlash (p,) in degrees, and derivatives (m, p). waves (m, k): mm per degree.
+    alike: number of correlated readings.
     """
     sizes, plays = start_deg.copy(), len(start_deg)
     variances = np.full(waves.shape[1] // 2, _SIZE_DEG**2)
@@ -109,30 +103,25 @@ def fitted(
 
 
 _SMOOTH = 12
-"""Smooth orders: offsets, links and set-up have orders up to 3, eccentric gears some more."""
+"""Offsets, links and set-up have orders up to 3, eccentric gears some more."""
 _WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.25), [0.32]])
-"""Widths with computed responses, a factor of 1.19 apart.
-
-With 1.41 the curve of 0.024° was wrong by half the noise of a reading, and another joint absorbed it.
-"""
+"""A factor of 1.19 apart: with 1.41 the curve of 0.024° was wrong by half the noise of a reading."""
 _BOTH_WAYS_DEG = np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG])
 _ROWS = 3000
-"""Rows of a modelled lap: four per node."""
 _INDEPENDENT = 72
-"""Independent sections of a lap: a jump is judged by a neighbourhood of about 5°."""
+"""A jump is judged by a neighbourhood of about 5°."""
 _OUT_DEG = 0.01
 _BELOW_ZERO = 3.0
-"""Limit of negative values in multiples of u. Backlash is never negative; beyond it the cause is a different one."""
+"""Multiple of u: backlash is never negative, so the cause is a different one beyond it."""
 _WORST_U_DEG = 0.05
-"""Beyond it the jumps are too small, or too close to those of a different joint."""
+"""Jumps too small, or too close to those of another joint."""
 
 
 @dataclass(frozen=True)
 class _Jumps:
-    """Response of a lap to backlash, smooth in the width.
+    """Response to backlash, smooth in the width.
 
-    curves (axes, 2 widths + 1, 2 NODES) mm: from the widest negative value, a mirror image that noise may resemble,
-    through zero to the widest.
+    curves (axes, 2 widths + 1, 2 NODES) mm: from the widest negative width, which noise may resemble, to the widest.
     """
 
     curves: Array
@@ -140,7 +129,6 @@ class _Jumps:
 
     @classmethod
     def through(cls, wider: Array) -> _Jumps:
-        """Interpolate the curves (axes, widths, 2 NODES) mm for _WIDTHS_DEG."""
         from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import, needed where a run is read only
 
         curves = np.concatenate([-wider[:, ::-1], np.zeros_like(wider[:, :1]), wider], axis=1)
@@ -156,10 +144,7 @@ class _Jumps:
 
 
 def joint_plays(result: Result) -> dict[str, Quantity]:
-    """`play_j1_deg` … of the reversing joints in a yaw or roll run; empty for other tests.
-
-    u includes the noise within the run and the unexplained part of the fit.
-    """
+    """`play_j1_deg` … of the reversing joints in a circle run. u includes the unexplained part of the fit."""
     circle, table = result.found, result.measured.table
     if not isinstance(circle, CircleResult) or not isinstance(table, CircleTable):
         return {}
@@ -171,7 +156,6 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
     basis = np.linalg.qr(_smooth())[0]
 
     def rough(curves: Array) -> Array:
-        """Curves (..., 2 NODES) mm without their smooth part."""
         rest_mm: Array = curves - (curves @ basis) @ basis.T
         return rest_mm
 
@@ -199,10 +183,7 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
 
 
 def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
-    """Initial sizes (axes,) for a lap (2 NODES,) mm: zero, and the widths that explain most of it in turn.
-
-    Joints that reverse together have similar responses, hence the second start.
-    """
+    """Zero, and the widths that explain most of a lap in turn, because joints that reverse together look alike."""
     none = np.zeros(len(jumps.curves))
     start, residual_mm = none.copy(), lap
     for _ in start:
@@ -217,7 +198,7 @@ def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Lap:
-    """The first lap as modelled. q (NODES, 6): angles of the drives in rad."""
+    """The first lap as modelled. q (NODES, 6): of the drives in rad."""
 
     rig: Rig
     way: CircleTable
@@ -255,7 +236,7 @@ class _Lap:
 
 
 def _smooth() -> Array:
-    """Low orders (2 NODES, orders), of length 1, separately for angle and distance."""
+    """Orders (2 NODES, orders) of angle and distance."""
     orders = np.arange(1, _SMOOTH + 1) * PHI[:, None]
     block = np.concatenate([np.ones((len(PHI), 1)), np.cos(orders), np.sin(orders)], axis=1)
     none = np.zeros_like(block)

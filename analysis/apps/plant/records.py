@@ -31,7 +31,6 @@ from rigs.schema.vocabulary import DrivenTest
 
 _MOST_BYTES = 1_000_000_000
 _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
-"""Keys that differ between cells and runs of the same program."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +45,7 @@ class RunRecord:
     direction: str
     placement: str
     program: str = ""
-    """Short digest of circle or hemisphere in the rig file."""
     problem: str = ""
-    """Reason for missing figures, in a line."""
     figures: dict[str, Quantity] = field(default_factory=dict)
     readings: str = ""
     simulated: bool = False
@@ -56,7 +53,7 @@ class RunRecord:
 
     @property
     def as_json(self) -> str:
-        """Line of JSON for `of_json`, with lone surrogates escaped."""
+        """With lone surrogates escaped."""
         figures = {name: astuple(quantity) for name, quantity in self.figures.items()}
         return json.dumps(vars(self) | {"figures": figures, "problem": storable(self.problem)})
 
@@ -71,12 +68,12 @@ class RunRecord:
 
     @property
     def title(self) -> str:
-        """Test and direction, such as `yaw acw`."""
+        """`yaw acw`."""
         return f"{self.test} {self.direction}".strip()
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """Title, placement, program and correction: the figures of runs with equal keys are comparable."""
+        """Runs with equal keys are comparable."""
         return self.title, self.placement, self.program, self.corrected
 
     @property
@@ -90,7 +87,7 @@ class RunRecord:
 
 
 def fingerprint_of(run: Path) -> str:
-    """Digest of manifest, ledger and file sizes; the ledger contains the digest of every chunk."""
+    """Of manifest, ledger and file sizes; the ledger contains the digest of every chunk."""
     digest = hashlib.sha256()
     for name in (MANIFEST, LEDGER):
         path = run / name

@@ -20,20 +20,16 @@ ORDER: tuple[Attention, ...] = ("beyond", "watch", "unreadable", "changed", "wit
 
 @dataclass(frozen=True)
 class FleetRobot:
-    """A robot in the list of `rig fleet`."""
-
     folder: str
-    """Directory of the runs relative to the plant's directory."""
     robot: str
     tests: tuple[str, ...] = ()
     runs: int = 0
     last: str = ""
     standing: Standing | Literal[""] = ""
-    """Worst standing, empty if there are no limits."""
     worst: str = ""
-    """Figure closest to or furthest beyond its limit, as text."""
+    """Closest to or furthest beyond its limit."""
     worst_ratio: float = 0.0
-    """Value of this figure divided by the bound."""
+    """Of this figure to the bound."""
     trend: str = ""
     changed: str = ""
     grew: bool = False
@@ -42,7 +38,7 @@ class FleetRobot:
     copies: int = 0
     simulated: int = 0
     corrected: int = 0
-    """Number of runs with corrected programs or entered values, which do not show the arm and are not judged."""
+    """Runs of corrected programs or with entered values, which do not show the arm."""
     problem: str = ""
 
     @property
@@ -113,7 +109,7 @@ def in_order(states: Sequence[FleetRobot]) -> list[FleetRobot]:
 
 
 def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, float]:
-    """Worst standing, the figure as text, and the ratio to the bound; the largest ratio decides among equals."""
+    """The largest ratio to the bound decides among equals."""
     judgements = []
     for series in all_series:
         judged = judge(series)
@@ -128,10 +124,9 @@ def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, f
 
 
 def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
-    """Day of the newest change, a text on it, and whether it is a growth.
+    """Day of the newest change, its words, and whether the figure grew.
 
-    The last change of each series counts, because it describes the present state. Growth has precedence, then certainty
-    for changes on the same day.
+    The last change of each series counts; growth comes first, then certainty.
     """
     last = [(series, series.trend.changes[-1]) for series in all_series if series.trend.changes]
     grown = [pair for pair in last if abs(pair[1].after) > abs(pair[1].before)]

@@ -1,8 +1,7 @@
 """Figures of runs in an SQLite file, so that a run is evaluated only once.
 
-`rig history` keeps the file next to the runs, or in the user's cache if it cannot write there. `rig fleet`, and both
-for a remote directory, keep it in the cache. A file that is damaged or of a different version is rebuilt from the runs.
-SQLite handles concurrent commands and crashes.
+`rig history` keeps it next to the runs, `rig fleet` in the user's cache. A file that is damaged or of another version
+is rebuilt from the runs.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ VERSION = 7
 """Version of the tables and figures."""
 _OURS = 0x52494748
 _IDS = (b"RIGH", b"RIGF")
-"""SQLite's application_id; catalogues up to version 1.1 have `RIGF`. Files of other programs are not touched."""
+"""Catalogues up to version 1.1 have `RIGF`. Files of other programs are not touched."""
 _MAGIC, _ID_AT, _HEADER = b"SQLite format 3\0", 68, 100
-"""Start of an SQLite file, and offset of the application_id in the header (sqlite.org/fileformat.html, 1.3)."""
+"""Start of an SQLite file, and place of the application_id (sqlite.org/fileformat.html, 1.3)."""
 _WAIT_S = 30.0
 _OF_THE_SYSTEM = {
     sqlite3.SQLITE_PERM,
@@ -40,7 +39,7 @@ _OF_THE_SYSTEM = {
     sqlite3.SQLITE_FULL,
     sqlite3.SQLITE_CANTOPEN,
 }
-"""Errors of disk, permissions and locks: the file may be valid and is not deleted."""
+"""Of disk, permissions and locks: the file may be valid and is not deleted."""
 # Tables with records have rowids. In tables declared `without rowid`, SQLite stores rows above a quarter of a page in
 # separate pages, which doubles the size of the file.
 _TABLES = """
@@ -56,17 +55,13 @@ create table states (
 """
 
 Key = tuple[str, str]
-"""A robot: the directory of its runs relative to the directory of all runs, and the name of its rig file."""
+"""Directory of the runs relative to that of all runs, and name of the rig file."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A stored run without its figures."""
-
     run: str
-    """Path relative to the directory of all runs."""
     key: Key
-    """Without a name if the manifest is unreadable."""
     signature: str
     """Empty if the run must be examined again."""
     fingerprint: str
@@ -78,14 +73,14 @@ def made_by() -> str:
 
 
 def default_path(directory: Path) -> Path:
-    """Catalogue in the user's cache, named by a digest of the directory of the runs."""
+    """In the user's cache, named by a digest of the directory of the runs."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     name = hashlib.sha256(os.fsencode(directory.resolve())).hexdigest()[:16]
     return cache / "rig" / f"fleet-{name}.sqlite"
 
 
 def prepare_first(paths: Sequence[Path]) -> tuple[Path, tuple[str, ...]]:
-    """Prepare the first file that can be used, and return it with notes. Raises the error of the last."""
+    """The first file that can be used, and notes. Raises the error of the last."""
     *preferred, last = paths
     notes: tuple[str, ...] = ()
     for path in preferred:
@@ -97,7 +92,7 @@ def prepare_first(paths: Sequence[Path]) -> tuple[Path, tuple[str, ...]]:
 
 
 def prepare(path: Path) -> tuple[str, ...]:
-    """Create the file if necessary. Returns a note if a previous file is replaced.
+    """Create the file if necessary; a note if a previous file is replaced.
 
     Raises CellError if it cannot be written, and FileError for a file that is not of rig.
     """
@@ -189,7 +184,6 @@ def forget(path: Path, runs: Iterable[str]) -> None:
 
 
 def records_of(path: Path, key: Key) -> tuple[list[RunRecord], dict[str, str]]:
-    """Records of a robot, and its rig files by run name."""
     folder, robot = key
     with _opened(path) as file:
         rows = file.execute(

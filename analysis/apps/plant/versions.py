@@ -1,7 +1,7 @@
 """Versions of a robot's calibration: rig files with a calibration, as written by diagnoses.
 
-The effects in a rig file were found together with its calibration, and neither is valid without the other. No file is
-deleted: the replaced version is kept under a name with the date.
+Effects and calibration of a file are valid together only. No file is deleted: the replaced one is kept under a name
+with the date.
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ _MOST = 10_000
 
 @dataclass(frozen=True)
 class Version:
-    """A rig file with its calibration. in_use: the current rig file has the same calibration."""
-
     path: Path
     calibrated: CalibratedModel
     sha256: str
@@ -53,7 +51,7 @@ class Version:
 
 
 def versions(rig_file: Path, folder: Path) -> list[Version]:
-    """Calibrations below a folder for the arm of a rig file, newest first. Other files are skipped."""
+    """Newest first; other files are skipped."""
     rig, _ = load(rig_file)
     files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
     if len(files) > _MOST:
@@ -94,10 +92,10 @@ def _identity(rig: Rig) -> tuple[str, str]:
 
 
 def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> tuple[Path, list[str]]:
-    """Replace a rig file by a version, atomically, and keep the previous file under a name with the time.
+    """Replace a rig file by a version, and keep the previous file under a name with the time.
 
-    Returns the kept file, and the keys other than effects and calibration with changed contents. Refuses a version
-    without a calibration, of a different robot, or the file itself.
+    The kept file, and the other keys with changed contents. Refuses a version without a calibration, of another robot,
+    or the file itself.
     """
     rig, text = load(rig_file)
     former, former_text = load(version)

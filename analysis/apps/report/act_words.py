@@ -1,7 +1,5 @@
-"""Recommended acts in sentences: the act, the expected error, and the arguments against it.
-
-The acts are values (`analysis.diagnosis.judge.acts`); this module makes no decisions. Screen, page, session and history
-share these sentences.
+"""Recommended acts in sentences for screen, page, session and history: the act, the expected error, and the arguments
+against it.
 """
 
 from __future__ import annotations
@@ -23,21 +21,19 @@ _KEYS = {
     "elsewhere": "act_elsewhere", "revisit": "act_revisit", "commanded": "act_commanded",
     "not_visible": "next_plan", "visits_differ": "act_repeats_differ", "gauges_differ": "act_gauges_differ",
 }  # fmt: skip
-"""Text keys of the reasons for a measurement whose sentence depends on the reason only."""
+"""Text keys of measurements by their reason."""
 
 
 class ActWords(AnswerWords):
     @property
     def next(self) -> str:
-        """The first act with the expected gain and the arguments against it; empty if nothing is recommended."""
         act = self.diagnosis.next_act
         return self.sentence(act) if act else ""
 
     def sentence(self, act: Act, *, corrected: bool = False) -> str:
-        """Return an act as a sentence, with the expected gain and the arguments against it.
+        """An act with the expected gain and the arguments against it.
 
-        corrected: the robot already drives with the correction. The sentence then omits the effect of the act on the
-        correction, which the caller states once for all acts.
+        corrected: leaves out the effect of the act on the correction, which the caller states once for all acts.
         """
         against, acts = self.against(act), self.diagnosis.acts
         before = acts[: acts.index(act)] if act in acts else acts
@@ -72,7 +68,6 @@ class ActWords(AnswerWords):
         kind, part = act.kind, {"clocks": "gauges", "gravity": "base"}.get(act.effect.part, act.effect.part)
         ends = (f"_{act.effect.effect}", f"_{part}", f"_{act.why}", "")
         key = next(key for end in ends if (key := f"act_{kind}{end}") in texts.words)
-        axis = getattr(act.effect, "axis", None)
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
         twins = next((named.twins for named in self.diagnosis.effects if named.effect == act.effect), ())
@@ -80,21 +75,27 @@ class ActWords(AnswerWords):
             key,
             cause=texts("or").join(map(self.noun, (act.effect, *twins))),
             size=size if act.kind != "remaster" or size.startswith("-") else f"+{size}",
-            axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
+            axis=self.joint(act.effect),
         )
 
     def imperative(self, act: Act) -> str:
-        """Return an act as an imperative sentence without its command line."""
         if act.kind == "load":
             return self.texts(f"do_load{load_variant(self.diagnosis.rig)}")
         return self.texts("do_convert") if act.kind == "convert" else self.what(act)
 
     def action_of(self, act: Act) -> str:
-        reason = f"do_now_{act.why}"
-        return self.texts(reason if reason in self.texts.words else f"do_now_{act.kind}")
+        """An act in a few words. A correction says whether it compensates the faults or precedes their repair."""
+        faults = [named.effect for named in self.diagnosis.standing]
+        if act.kind == "load" and faults:
+            remaining = [effect for effect in faults if effect.compensation().use == "none"]
+            names = dict.fromkeys(self.joint(effect) or self.noun(effect) for effect in remaining)
+            key = "do_now_load_first" if names else "do_now_load_fault"
+            return self.texts(key, axes=self.texts("and").join(names))
+        joint = self.joint(act.effect)
+        keys = (f"do_now_{act.why}", f"do_now_{act.kind}_axis" if joint else "", f"do_now_{act.kind}")
+        return self.texts(next(key for key in keys if key in self.texts.words), axis=joint)
 
     def _none(self, act: Act) -> str:
-        """Return the reason to leave the parts of an act unchanged, and the way to avoid play within the limits."""
         indices = [self.diagnosis.budget[k].index for k in act.parts if act.why == "sound"]
         effects = [self.diagnosis.effects[k].effect for k in indices if k is not None]
         avoidable = ", ".join(self.noun(effect) for effect in effects if effect.part == "reversal")
@@ -102,10 +103,7 @@ class ActWords(AnswerWords):
         return joined([sentence, self.texts("act_none_sound_avoidable", parts=avoidable)]) if avoidable else sentence
 
     def removes(self, act: Act) -> str:
-        """Return the error expected after an act, ± its standard uncertainty, and where this error was estimated.
-
-        The sentence says so if the error was not computed. It is empty for acts that remove no error.
-        """
+        """The error expected after an act, and where it was estimated; empty for acts that remove no error."""
         if act.kind in ("none", "measure") or (act.effect is None and act.kind != "load"):
             return ""
         if act.removes_um is None or act.remains_um is None:
@@ -135,7 +133,6 @@ class ActWords(AnswerWords):
         return joined(sentences)
 
     def against(self, act: Act) -> str:
-        """Return the arguments against an act as short phrases; empty if none apply."""
         texts, phrases = self.texts, []
         rivals = [
             rival.effect for named in self.diagnosis.effects if named.effect == act.effect for rival in named.rivals
@@ -170,8 +167,7 @@ class ActWords(AnswerWords):
         if act.why in _KEYS:
             return texts(self._of_places(_KEYS[act.why]))
         if act.why == "follows" and (followed := self.diagnosis.residual.likeliest):
-            joint = texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
-            return texts(f"act_follows_{followed.what}", joint=joint)
+            return texts(f"act_follows_{followed.what}", joint=self.joint(followed))
         if test is None:
             key = "next_elsewhere" if act.why == "rivals" else self._of_places("act_group_no_test")
             return texts(key, parts=self.parts(act))
@@ -183,13 +179,13 @@ class ActWords(AnswerWords):
         return texts(which, test=test.test, minutes=minutes, parts=self.parts(act), share=share)
 
     def _of_places(self, key: str) -> str:
-        """Return the key of a text, or its variant for runs of poses or touches, which have no ball and gauges."""
+        """The variant of a text for runs of poses or touches, which have no ball and gauges, if there is one."""
         of_places = f"{key}_places"
         return of_places if of_places in self.texts.words and self.diagnosis.train.of_places else key
 
 
 def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
-    """Return the acts except remounting with negligible gain, or all if no other act exists."""
+    """The acts except remounting with negligible gain, or all if no other act exists."""
     idle = [
         act
         for act in acts
@@ -202,17 +198,14 @@ def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
 
 
 def load_variant(rig: Rig) -> str:
-    """Return the suffix of the texts on corrected targets: which targets `rig correct` corrects for an arm."""
+    """Suffix of the texts on corrected targets, by what `rig correct` corrects for an arm."""
     if not rig.takes_programs:
         return "_targets"
     return "_joints" if rig.controller == "unknown" else ""
 
 
 def command(act: Act) -> str:
-    """Return the command line of an act, or an empty text if no command performs it.
-
-    If the calibrated model is not written yet, return the command that writes it.
-    """
+    """Command line of an act, or of the diagnosis that writes the missing model; empty if there is none."""
     if any(word.startswith(FOUND) for word in act.command):
         return "rig diagnose RUN… -o found"
     return " ".join(["rig", *act.command]) if act.command else ""

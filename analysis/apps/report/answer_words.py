@@ -1,8 +1,4 @@
-"""The answer of a diagnosis in sentences: condition, accuracy, next step, and parts of the error.
-
-This module alone selects the sentences; the wording comes from the texts of a language. Screen and picture use English,
-the page the selected language.
-"""
+"""Sentences of a diagnosis: condition, accuracy, next step, and parts of the error, in the texts of a language."""
 
 from __future__ import annotations
 
@@ -10,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 from analysis.apps.report.diagnosis_words import (
     error_size,
@@ -53,10 +48,7 @@ _MOST_NAMED = 3
 
 
 def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
-    """Return the parts above a third of the error except faults, which the condition already covers.
-
-    The list contains certain effects, effects with a few rivals, and groups with named members.
-    """
+    """Parts above a third of the error, except faults, with a certain cause or named members."""
     faults = [part_of(diagnosis, named) for named in diagnosis.standing]
     return [
         part
@@ -69,9 +61,9 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
 
 
 def is_certain_except_small(diagnosis: Diagnosis) -> bool:
-    """Return whether an undecided diagnosis is certain about a large part of the error, and open only in small parts.
+    """True if an undecided diagnosis is certain about a large part of the error, and open only in small parts.
 
-    A fault in a small part cannot be the first action, because actions are sorted by gain.
+    A fault in a small part cannot be the first act, because acts are sorted by gain.
     """
     residual = diagnosis.residual
     if diagnosis.condition != "undecided" or residual.scatter_um or residual.unrepeated_um:
@@ -82,39 +74,26 @@ def is_certain_except_small(diagnosis: Diagnosis) -> bool:
 
 
 def unusual_groups(diagnosis: Diagnosis) -> list[BudgetPart]:
-    """Return the groups of small errors that are larger than usual although no single cause is certain.
-
-    The list is empty unless the condition is harmless; otherwise a fault or an open cause explains the error.
-    """
+    """Groups of small errors that are larger than usual; none if a fault or an open cause explains the error."""
     groups = [part for part in diagnosis.budget if part.rank == "unusual" and part.index is None]
     return groups if diagnosis.condition in HARMLESS else []
 
 
 def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
-    """Return the parts of the error with separate lines, and the small parts that are counted together."""
+    """Parts of the error with separate lines, and the small parts that are counted together."""
     small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
     return [part for part in diagnosis.budget if part not in small], small
 
 
 def has_model(diagnosis: Diagnosis) -> bool:
-    """Return whether the rig file contains effects or a calibration. The robot drives without the model."""
+    """True if the rig file contains effects or a calibration. The robot drives without them."""
     return diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
 
 
 def is_complete(diagnosis: Diagnosis) -> bool:
-    """Return whether the model of the rig file is complete.
-
-    It is complete if it contains effects or a calibration and scatter makes up more than nine tenths of the remaining
-    error. Smaller shares are not worth an act.
-    """
+    """True if scatter makes up more than nine tenths of the error that the model of the rig file leaves."""
     scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
     return has_model(diagnosis) and diagnosis.condition in HARMLESS and scatter > 1 - LEAST_SHARE
-
-
-def fields_of(effect: Effect) -> dict[str, Any]:
-    """Return the parameters of an effect in the units used in sentences. A gear order is given as a number of teeth."""
-    fields = effect.model_dump()
-    return fields | ({"order": whole_order(fields["order"])} if "order" in fields else {})
 
 
 @dataclass(frozen=True)
@@ -124,23 +103,18 @@ class AnswerWords:
 
     @property
     def preconditions(self) -> list[str]:
-        """Sentences that limit all conclusions and therefore come first.
-
-        They describe contradicted constants, movements, commanded angles, and deviations that may be scatter if only
-        repeats decide what to do.
-        """
+        """Sentences that limit all conclusions and therefore come first."""
         moved = [movement_sentence(movement, self.texts) for movement in self.diagnosis.movements]
         commanded = [self.texts("finding_only_commanded")] if self.diagnosis.only_commanded else []
         return [*self.contradictions, *moved, *commanded, *(self.unrepeated if self._repeats_decide else [])]
 
     @property
     def _repeats_decide(self) -> bool:
-        """Whether repeated measurements come before every other act."""
         return self.diagnosis.next_act is not None and self.diagnosis.next_act.why == "revisit"
 
     @property
     def unrepeated(self) -> list[str]:
-        """A sentence on deviations larger than usual scatter, if no target was visited twice."""
+        """Deviations above the usual scatter, if no target was visited twice."""
         residual = self.diagnosis.residual
         if residual.unrepeated_um is None or residual.scatter_um is not None:
             return []
@@ -148,7 +122,6 @@ class AnswerWords:
 
     @property
     def contradictions(self) -> list[str]:
-        """A sentence for each stated constant that the readings contradict."""
         return [
             self.texts(
                 "finding_contradicted", constant=self.constant_name(made), stated=str(made.stated),
@@ -162,7 +135,7 @@ class AnswerWords:
 
     @property
     def visits(self) -> str:
-        """The difference between visits or repeats, or of two gauges, if it is unusual; otherwise empty."""
+        """The difference between repeats or between two gauges; empty if it is usual."""
         residual = self.diagnosis.residual
         if residual.visits_um:
             places = "_places" if self.diagnosis.train.of_places else ""
@@ -179,7 +152,7 @@ class AnswerWords:
         return self.texts(model, now=f"{now_um} µm", largest=micrometres(accuracy.now_largest_um))
 
     def gap_cells(self, gap: Gap) -> dict[str, str]:
-        """Return the errors of a gap in µm by the text key of the column; an error much smaller than its u as "< u"."""
+        """Errors of a gap in µm, by the text key of the column."""
         diagnosis = self.diagnosis
         errors = {"gap_before": (gap.before_um, gap.u_um)}
         errors |= {"gap_after": (gap.after_um, gap.residual_u_um)} if diagnosis.standing else {}
@@ -188,7 +161,7 @@ class AnswerWords:
         return cells | {"noise" if diagnosis.shows_noise else "assumed_noise": error_size(gap.noise_floor_um, 0.0)}
 
     def _bounded(self, um: float, u_um: float) -> str:
-        """Return an error in µm, or "< u" if it is much smaller than its measured standard uncertainty."""
+        """An error in µm, or "< u" if it is much smaller than its measured standard uncertainty."""
         return error_size(um, measured_u(self.diagnosis, u_um)).partition(" ± ")[0]
 
     @property
@@ -196,37 +169,29 @@ class AnswerWords:
         accuracy = self.diagnosis.accuracy
         if accuracy.standing is None or accuracy.limit is None:
             return self.texts("accuracy_open")
-        by = self.texts(f"limit_{accuracy.limit}")
-        which = "accuracy_uncorrected" if has_model(self.diagnosis) else "accuracy_standing"
-        return self.texts(which, standing=self.texts(f"standing_{accuracy.standing}"), by=by)
+        judged = self.texts(f"accuracy_{accuracy.standing}", by=self.texts(f"limit_{accuracy.limit}"))
+        return self.texts("accuracy_uncorrected", judged=judged) if has_model(self.diagnosis) else judged
 
     def part_name(self, part: BudgetPart) -> str:
-        """Return the name of a budget part, with the parts that cancel some of it."""
+        """Name of a part with the parts that cancel some of it."""
         name, others = self.short_name(part), ", ".join(map(self.short_name, part.shown_together[1:]))
         return self.texts("with_cancelled", part=name, others=others) if others else name
 
     def describe_parts_alone(self, parts: Sequence[BudgetPart]) -> list[str]:
-        """Return a phrase with the individual rms in µm for each of several parts that partly cancel."""
         return [self.texts("alone", part=self.short_name(part), um=micrometres(part.um, part.u_um)) for part in parts]
 
     def short_name(self, part: BudgetPart) -> str:
-        """Return the name of a budget part without the parts that cancel some of it, for narrow places."""
         if part.index is not None:
             return self.noun(self.diagnosis.effects[part.index].effect)
         if part.kind == "effect":
             return name_in_words(part.name)
-        joint = self.texts.axis(self.diagnosis.rig.robot, part.axis) if part.axis else ""
-        return self.texts(f"part_{part.kind}", joint=joint)
+        return self.texts(f"part_{part.kind}", joint=self.joint(part))
 
     def size_of(self, part: BudgetPart) -> str:
-        """Return the size of an effect ± standard uncertainty; empty for other parts."""
+        """Size of an effect ± standard uncertainty; empty for other parts."""
         return size(self.diagnosis.effects[part.index]) if part.index is not None else ""
 
-    def rank_of(self, part: BudgetPart) -> str:
-        return self.texts(f"rank_{part.rank}") if part.rank else ""
-
     def times_usual(self, part: BudgetPart) -> str:
-        """Return the part as a multiple of the usual size; empty if no finite multiple exists."""
         times = part.times_usual
         if times is None or not math.isfinite(times):
             return ""
@@ -236,30 +201,51 @@ class AnswerWords:
         words = self.texts.nouns.get(name_of(effect), self.texts.nouns.get(effect.effect))
         if words is None:
             return plain(self.diagnosis.rig, effect)
+        fields = effect.model_dump() | {"joint": self.joint(effect)}
+        if "order" in fields:  # as a number of teeth
+            fields["order"] = whole_order(fields["order"])
+        return words.format(**fields)
+
+    def joint(self, effect: object) -> str:
+        """Name of the axis of an effect; empty if it has none."""
         axis = getattr(effect, "axis", None)
-        joint = self.texts.axis(self.diagnosis.rig.robot, axis) if axis else ""
-        return words.format(**fields_of(effect) | {"joint": joint})
+        return self.texts.axis(self.diagnosis.rig.robot, axis) if axis else ""
 
     @property
     def already_held(self) -> str:
-        """A sentence on the effects of the rig file, since "nothing found" then means nothing further."""
+        """The effects of the rig file, since "nothing found" then means nothing further."""
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         return self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
 
     @property
     def usual_or_faults(self) -> str:
-        """Return a sentence on effects of usual size that may be faults; empty if more runs would decide."""
+        """Effects of usual size that may be faults; empty if more runs would decide."""
         diagnosis = self.diagnosis
         open_ones = [named for named in diagnosis.effects if fault_rivals(named)]
         if diagnosis.condition != "undecided" or diagnosis.runs_to_decide is not None:
             return ""
-        return joined(map(self._usual_or_fault, open_ones[:_MOST_NAMED]))
+        return joined(
+            self.texts(
+                "finding_usual_or_fault", share=percent(share_of(diagnosis, named)), usual=self.noun(named.effect),
+                odds=sure(named.probability),
+                faults=self.texts("or").join(
+                    f"{self.noun(rival.effect)} ({sure(rival.probability)})" for rival in fault_rivals(named)
+                ),
+            )
+            for named in open_ones[:_MOST_NAMED]
+        )  # fmt: skip
 
     @property
     def condition_sentence(self) -> str:
-        """The condition of the arm as a sentence; named effects have separate sentences."""
+        """The condition of the arm; named effects have separate sentences."""
         if self.diagnosis.condition == "out_of_range":
-            return self._out_of_range()
+            (named,) = self.diagnosis.effects
+            limit = min((abs(limit) for limit in size_limits(named.effect) if limit), default=math.inf)
+            unit = quantity_of(named.effect, size_field(named.effect), {}).sign
+            nouns = self.texts("or").join(map(self.noun, (named.effect, *named.twins)))
+            return self.texts(
+                "finding_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip()
+            )
         which, values = self._condition()
         unusual = [
             ", ".join([self.short_name(part), self.times_usual(part)]) for part in unusual_groups(self.diagnosis)
@@ -284,7 +270,7 @@ class AnswerWords:
         return "nothing_unusual" if is_usual else diagnosis.condition, values
 
     def _complete(self) -> tuple[str, dict[str, str]]:
-        """Return the sentence on a complete model: at how many places the readings still differ, if it was repeated."""
+        """The sentence on a complete model: at how many places repeated readings still differ."""
         diagnosis, places = self.diagnosis, len(self.diagnosis.where)
         if not (diagnosis.repeated and len(diagnosis.runs) > 1):
             return "model_sufficient", {"um": micrometres(diagnosis.residual.um)}
@@ -294,7 +280,7 @@ class AnswerWords:
         return f"nearly_complete{'_single' * (places == 1)}", {"count": str(places), "largest": largest}
 
     def _undecided(self) -> tuple[str, dict[str, str]]:
-        """Return the reason why no part can be confirmed: the number of runs, an open question, or an imitation."""
+        """Why no part can be confirmed: the number of runs, an open question, or an imitation."""
         diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.residual.um)}
         doubts = {named.doubt for named in diagnosis.effects}
         if diagnosis.runs_to_decide is None and self.unrepeated:
@@ -309,7 +295,7 @@ class AnswerWords:
 
     @property
     def unexplained_too(self) -> str:
-        """A sentence on the error of unknown cause; empty if a different sentence already states it."""
+        """The error of unknown cause; empty if another sentence states it."""
         residual, condition = self.diagnosis.residual, self.diagnosis.condition
         if self.unrepeated:
             return "" if self._repeats_decide else self.unrepeated[0]
@@ -320,45 +306,20 @@ class AnswerWords:
 
     @property
     def follows(self) -> str:
-        """The quantity that the unexplained error follows; empty unless the cause is unknown and a search was made."""
+        """The quantity that the unexplained error follows; empty if none was searched."""
         residual = self.diagnosis.residual
         if not residual.follows or self.diagnosis.condition != "outside_library":
             return ""
         if (followed := residual.likeliest) is None:
             return self.texts("finding_follows_none")
-        joint = self.texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
-        subject = self.texts(f"follows_{followed.what}", joint=joint)
+        subject = self.texts(f"follows_{followed.what}", joint=self.joint(followed))
         return self.texts("finding_follows", subject=subject, share=percent(followed.share))
-
-    def _out_of_range(self) -> str:
-        (named,) = self.diagnosis.effects
-        effect = named.effect
-        limit = min((abs(limit) for limit in size_limits(effect) if limit), default=math.inf)
-        unit = quantity_of(effect, size_field(effect), {}).sign
-        nouns = self.texts("or").join(map(self.noun, (effect, *named.twins)))
-        return self.texts(
-            "finding_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip()
-        )
-
-    def _usual_or_fault(self, named: Named) -> str:
-        """Return an effect of usual size and the faults that could replace it, each with the odds."""
-        faults = self.texts("or").join(
-            f"{self.noun(rival.effect)} ({sure(rival.probability)})" for rival in fault_rivals(named)
-        )
-        return self.texts(
-            "finding_usual_or_fault",
-            share=percent(share_of(self.diagnosis, named)),
-            usual=self.noun(named.effect),
-            odds=sure(named.probability),
-            faults=faults,
-        )
 
     def _listed(self, phrases: Sequence[str]) -> str:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
 
     def with_rivals(self, named: Named) -> str:
-        """Return an effect and the rivals that cannot be dismissed, likeliest first, joined by "or"."""
         return self.texts("or").join(self.noun(cause.effect) for cause in self.likeliest_first(named))
 
     def likeliest_first(self, named: Named) -> list[Named | Rival]:
@@ -366,13 +327,12 @@ class AnswerWords:
 
 
 def share_of(diagnosis: Diagnosis, named: Named) -> float:
-    """Return the share of the error caused by an effect, also if the budget counts it with a different part."""
+    """Share of the error caused by an effect, also if the budget counts it with another part."""
     part = part_of(diagnosis, named)
     return min(part.share if part else (named.contribution_um / diagnosis.accuracy.now_um) ** 2, 1.0)
 
 
 def _length(um: float) -> str:
-    """Return a length in mm from 0.1 mm upwards, and in µm below."""
     return f"{1e-3 * um:.2f} mm" if um >= 100 else micrometres(um)
 
 

@@ -28,17 +28,13 @@ _STYLES: dict[Tone, str] = {
     "doubt": "yellow", "note": "dim", "strong": "bold",
 }  # fmt: skip
 _BAR = 16
-"""Length of the longest bar in a table on a terminal."""
 _STACKED = 40
-"""Width of a stacked bar in columns on a wide terminal: half of the usual 80."""
+"""Half of the usual 80 columns."""
 FILLS = "█▓▒░"
-"""Fill characters of the segments, distinguishable on a terminal that shows no colours."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """Heading of the following blocks, up to the next heading of the same or a higher level."""
-
     text: str
     level: int = 2
 
@@ -63,10 +59,7 @@ class Command:
 
 @dataclass(frozen=True)
 class BarSegment:
-    """A segment of the stacked bar.
-
-    share: of the error, 0 to 1; percent: the same as text. rank: class of the part; empty if it has none.
-    """
+    """share: of the error, 0 to 1; percent: the same as text. rank: class of the part."""
 
     name: str
     share: float
@@ -76,8 +69,6 @@ class BarSegment:
 
 @dataclass(frozen=True)
 class Segments:
-    """Stacked bar of the parts of the error."""
-
     parts: tuple[BarSegment, ...]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -103,7 +94,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """A table. numbers: columns aligned right."""
+    """numbers: columns aligned right."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str | Cell, ...], ...]
@@ -129,7 +120,6 @@ Block = Heading | Sentence | Command | Segments | Table | Figure
 
 
 def on_screen(blocks: Sequence[Block]) -> RenderableType:
-    """Return blocks for a terminal of any width; what follows a heading is indented."""
     shown: list[RenderableType] = []
     level = 0
     for block in blocks:
@@ -144,7 +134,7 @@ def on_screen(blocks: Sequence[Block]) -> RenderableType:
 
 
 def say_answer(blocks: Sequence[Block], *, aside: bool = False) -> None:
-    """Print an answer on the terminal. aside: on standard error."""
+    """aside: on standard error."""
     PlainConsole(stderr=aside).print(on_screen(blocks), crop=False)
 
 
@@ -159,7 +149,7 @@ def _shown(block: Sentence | Segments | Table) -> RenderableType:
 
 @dataclass(frozen=True)
 class _Abreast:
-    """A table, split into several below each other if its columns of numbers do not fit on the terminal."""
+    """A table, split into several if its columns of numbers do not fit on the terminal."""
 
     table: Table
 
@@ -199,7 +189,6 @@ def _cell(cell: Cell) -> Text:
 
 
 def as_object(blocks: Sequence[Block]) -> list[dict[str, Any]]:
-    """Return blocks as plain values for JSON, texts with the keys of the catalogue."""
     found: list[dict[str, Any]] = []
     for block in blocks:
         plain: dict[str, Any] = {"kind": type(block).__name__.lower()}

@@ -1,7 +1,7 @@
-"""Contents of a chart, independent of the renderer.
+"""Contents of a chart.
 
-The script of the page draws the interactive version (`live_chart`), `still_chart` the version for paper and for
-browsers with scripts disabled.
+`live_chart` draws the interactive version by the script of the page, `still_chart` that for paper and for browsers
+without scripts.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from analysis.apps.report.texts import Texts
 from analysis.robot.kinematics.arm import Array
 
 Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
-"""Meaning of a line. It determines colour, dash and symbol together, so no meaning depends on colour only."""
+"""Meaning of a line; determines colour, dash and symbol together, so that no meaning depends on colour only."""
 Frame = Literal["straight", "polar", "targets", "plane"]
-"""Horizontal axis: circle angle, circle angle in polar form, target number, or a plane with equal scales."""
+"""Horizontal axis: circle angle, straight or polar, target number, or a plane with equal scales."""
 _HOLE = 2.6
 """Radius of the zero circle in a polar chart, in units of the largest deviation, as in roundness diagrams."""
 _SAME_DEG = 8.0
@@ -27,10 +27,9 @@ _SAME_DEG = 8.0
 
 @dataclass(frozen=True)
 class RoleStyle:
-    """Appearance of a role: colours on light and dark paper, dashes, and symbol of points.
+    """Colours on light and dark paper, dashes, and symbol of points.
 
-    Orange, blue and green are distinguishable with colour blindness (Okabe and Ito); the dashes differ in black and
-    white.
+    Orange, blue and green are distinguishable with colour blindness (Okabe and Ito), and dashes in black and white.
     """
 
     light: str
@@ -54,10 +53,9 @@ ROLE_STYLES: dict[Role, RoleStyle] = {
 
 @dataclass(frozen=True)
 class ChartLine:
-    """Values y (n,) at x (n,), drawn as a line or as points.
+    """Values y (n,) at x (n,).
 
-    half (n,): half length of the error bars, if any. steps (steps, n): values at each step of an animated chart; y is
-    the last.
+    half (n,): half length of the error bars. steps (steps, n): values at each step of an animated chart; y is the last.
     """
 
     name: str
@@ -71,19 +69,13 @@ class ChartLine:
 
 @dataclass(frozen=True)
 class CircleMark:
-    """A labelled place on the circle, in degrees."""
-
     at_deg: float
     text: str
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Lines of a chart in a common frame.
-
-    y_label includes the unit, and `unit` follows each number. marks and shaded ranges (from, to) are in degrees of the
-    circle. ticks: names at the positions x of the targets.
-    """
+    """marks, shaded (from, to): in degrees of the circle. ticks: names at the positions x of the targets."""
 
     title: str
     caption: str
@@ -96,9 +88,9 @@ class Chart:
     shaded: tuple[tuple[float, float], ...] = ()
     ticks: tuple[tuple[float, str], ...] = ()
     panels: tuple[str, ...] = ()
-    """Names of the steps; paper shows a panel for each. Only the first chart of a diagnosis has them."""
+    """Names of the steps; paper shows a panel for each."""
     span: tuple[float, float] | None = None
-    """Range of the vertical axis on paper, if several charts share it."""
+    """Range of the vertical axis on paper, common to several charts."""
 
     @property
     def steps(self) -> int:
@@ -110,7 +102,6 @@ class Chart:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Range of the values of all steps, with a margin."""
         every = [line.y if line.steps is None else line.steps for line in self.lines]
         low, high = min(float(values.min()) for values in every), max(float(values.max()) for values in every)
         room = 0.06 * max(high - low, 1e-9)
@@ -118,12 +109,11 @@ class Chart:
 
     @property
     def largest(self) -> float:
-        """Largest absolute value; the scale of a polar chart."""
+        """Scale of a polar chart."""
         return max(1e-9, *(float(np.abs(line.y).max()) for line in self.lines))
 
     @property
     def largest_shown(self) -> str:
-        """The largest absolute value with two significant digits, in plain notation if readable."""
         return f"{float(f'{self.largest:.2g}'):g}"
 
     @property
@@ -133,10 +123,9 @@ class Chart:
 
 @dataclass(frozen=True)
 class SphereChart:
-    """A measured surface around the least-squares sphere, with magnified deviations.
+    """A measured surface around the least-squares sphere, with the largest deviation drawn as a fifth of the radius.
 
-    grid: directions (n, m, 3) on the hemisphere with grid_deviation_mm (n, m) from the sphere. targets: directions (t,
-    3) with deviation_mm (t,). The largest deviation is drawn as a fifth of the radius.
+    grid: directions (n, m, 3) with grid_deviation_mm (n, m). targets: directions (t, 3) with deviation_mm (t,).
     """
 
     title: str
@@ -157,7 +146,7 @@ class SphereChart:
         return 0.2 * self.radius_mm / largest
 
     def chart_points(self, direction: Array, deviation_mm: Array) -> Array:
-        """Return the drawn positions (..., 3) mm of points in a direction (..., 3) with a deviation (...) mm."""
+        """Positions (..., 3) mm of points with a deviation (...) mm in a direction (..., 3), magnified."""
         place: Array = direction * (self.radius_mm + self.magnified * deviation_mm)[..., None]
         return place
 
@@ -166,7 +155,7 @@ Picture = Chart | SphereChart
 
 
 def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[CircleMark, ...]:
-    """Return a mark for each reversal, given as angle in degrees and axis number. Close marks share a label."""
+    """Marks of reversals, given as angle in degrees and axis. Close marks share a label."""
     groups: list[list[tuple[float, int]]] = []
     for turn in sorted(turns):
         if groups and turn[0] - groups[-1][0][0] < _SAME_DEG:

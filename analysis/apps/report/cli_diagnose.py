@@ -112,10 +112,7 @@ def diagnose(
 
 
 def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
-    """Return whether the input is a single table with the joints of two arms.
-
-    Raises UseError if a second arm is given for other data.
-    """
+    """True for a single table with the joints of two arms. Raises UseError if a second arm is given for other data."""
     from analysis.cli.several import is_table
 
     has_both = False
@@ -132,7 +129,7 @@ def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
 def two_arms_diagnosed(
     table: Path, first: str | None, second: str | None, output: Path | None, *, is_alone: bool, as_json: bool
 ) -> None:
-    """Calibrate both arms of a table, as `rig pair` does, and say so. Raises UseError if a rig file is missing."""
+    """Calibrate both arms of a table, as `rig pair` does."""
     from analysis.cli.commands import imported
 
     if first is None or second is None:
@@ -156,10 +153,9 @@ def load_uses(
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> tuple[list[list[Measured]], Rig, str, list[RigError]]:
-    """Load the runs used, held out and elsewhere, and the model with the constants of the controller.
+    """Runs used, held out and elsewhere, the rig file with its text, and errors of unreadable runs.
 
-    Return them with the text of the rig file and the errors of runs that could not be read. Raises UseError if no run
-    is used, and ends the command if none can be read.
+    Raises UseError if no run is used, and ends the command if none can be read.
     """
     from analysis.cli.several import (
         end_with,
@@ -190,10 +186,10 @@ def load_uses(
 def with_commands_here(
     diagnosis: Diagnosis, output: Path | None, again: tuple[str, ...] = (), to: str = "found"
 ) -> Diagnosis:
-    """Return a diagnosis with acts whose commands refer to the written model.
+    """Acts with commands that refer to the written model: `output`, or the rig file in that directory.
 
-    The model is `output`, or the rig file in that directory. If no output was requested, the acts refer to a new file.
-    The command `again` would write it, or else the present command with an output named after `to`.
+    If no output was requested, they refer to a new file named after `to`, which the command `again` or the present one
+    would write.
     """
     from analysis.diagnosis.judge.acts import acts_with
 
@@ -210,10 +206,7 @@ def with_commands_here(
 def _write(
     diagnosis: Diagnosis, by_use: Sequence[list[Measured]], text: str, output: Path, errors: Sequence[RigError]
 ) -> None:
-    """Write the report page, or the output directory with the extended rig file last.
-
-    by_use: the runs used, the held-out runs, and the unseen runs.
-    """
+    """by_use: the runs used, held out, and unseen."""
     from analysis.apps.report.html_page import is_page
 
     if is_page(output):
@@ -240,9 +233,7 @@ def _write(
 
 
 def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequence[Path]) -> str:
-    """Return runs as command-line arguments relative to the current directory, or as their parent directory if all
-    runs in it are used.
-    """
+    """Runs as command-line arguments, or their directory if all runs in it are used."""
     from analysis.cli.several import runs_below
 
     directory, current = used[0].parent, Path.cwd()
@@ -260,7 +251,6 @@ def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequen
 
 
 def say_correct(diagnosis: Diagnosis, model: Path) -> None:
-    """Print the correction command for the written model, unless the model is empty or should not be applied."""
     from rigs.calibration import verdict_of
 
     calibrated = diagnosis.calibrated

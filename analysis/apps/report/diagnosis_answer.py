@@ -40,17 +40,14 @@ from rigs.text import counted
 _MOST_PLACES = 6
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
-"""Largest number of undetectable effects listed by name; further ones are only counted."""
 _SAME_DEG = 15.0
 """Distance below which places on the circle count as the same reversal, seen in two runs."""
 _TENTHS = 1000
-"""Tenths of a percent in 100 %."""
 Sections = dict[str, list[Block]]
 """Blocks of an answer by section, each after its heading; sections without contents are missing."""
 
 
 def summary_parts(summary: Summary, texts: Texts) -> list[list[Block]]:
-    """The first line with what is unknown, and the three tiles: error, causes, next step."""
     error = summary.error
     command = [Command(summary.command)] if summary.command else []
     basis = Sentence(f"{error.basis} {error.standing}".rstrip())
@@ -72,7 +69,7 @@ def summary_blocks(summary: Summary, texts: Texts) -> list[Block]:
 def sections_of(
     diagnosis: Diagnosis, texts: Texts, acts: Sequence[Act] | None = None, *, corrected: bool = False
 ) -> Sections:
-    """The sections after the summary. acts: the open acts, by default all; corrected: the robot drives corrected."""
+    """acts: the open acts, by default all; corrected: the robot drives corrected."""
     words = ActWords(diagnosis, texts)
     open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
     steps = [Sentence(f"{k}. {words.sentence(act, corrected=corrected)}") for k, act in enumerate(open_acts, 1)]
@@ -106,19 +103,17 @@ def answer_of(diagnosis: Diagnosis, texts: Texts | None = None) -> list[Block]:
 
 
 def plain_object(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The values of a diagnosis with its answer as blocks, for JSON."""
     return diagnosis.to_dict() | {"blocks": as_object(answer_of(diagnosis))}
 
 
 def _details(words: AnswerWords, *, corrected: bool) -> list[str]:
-    """The condition of the arm unless the faults state it, the effects of the rig file, and the present accuracy."""
     is_named = words.diagnosis.condition in ("named", "ambiguous")
     condition = "" if is_named else words.usual_or_faults or words.condition_sentence
     return [condition, words.already_held, "" if corrected else words.accuracy]
 
 
 def _budget(words: AnswerWords) -> list[Block]:
-    """A row for each part of the error, and a row for all small parts. The shown shares add up to 100 %."""
+    """A row for each part of the error, and one for all small parts."""
     diagnosis, texts = words.diagnosis, words.texts
     if not diagnosis.budget:
         return []
@@ -130,7 +125,7 @@ def _budget(words: AnswerWords) -> list[Block]:
     for part, share in zip(large, shown, strict=False):
         doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
         below = [words.size_of(part), *doubt, *words.describe_parts_alone(part.shown_together)]
-        rank = Cell(words.rank_of(part), tuple(filter(None, [words.times_usual(part)])))
+        rank = Cell(texts(f"rank_{part.rank}") if part.rank else "", tuple(filter(None, [words.times_usual(part)])))
         name = Cell(words.part_name(part), tuple(filter(None, below)))
         rows.append((name, share, error_size(part.um, part.u_um), rank))
     if small:
@@ -142,10 +137,7 @@ def _budget(words: AnswerWords) -> list[Block]:
 
 
 def _tenths(shares: Sequence[float]) -> list[int]:
-    """Round shares, which add up to 1, to tenths of a percent that add up to 1000.
-
-    The shares with the largest rounding losses are rounded up.
-    """
+    """Shares in tenths of a percent that add up to 1000: those with the largest rounding losses are rounded up."""
     exact = [_TENTHS * share for share in shares]
     whole = [math.floor(tenths) for tenths in exact]
     lost = _TENTHS - sum(whole)
@@ -155,7 +147,6 @@ def _tenths(shares: Sequence[float]) -> list[int]:
 
 
 def _passport(words: AnswerWords) -> list[Block]:
-    """The distances of the real arm, and what left the factory state or changed since the last visit."""
     passport, texts = words.diagnosis.passport, words.texts
     if not (passport and passport.distances):
         return []
@@ -166,7 +157,6 @@ def _passport(words: AnswerWords) -> list[Block]:
 
 
 def _faults(words: AnswerWords) -> list[Block]:
-    """A row for each fault, with its parameters, its places on the circle and its rivals, and what is not confirmed."""
     diagnosis, texts = words.diagnosis, words.texts
     # Fitted effects that are doubted for a reason other than their usual size
     by_reason: dict[Doubt, list[str]] = {}
@@ -210,7 +200,7 @@ def _fault(words: AnswerWords, named: Named) -> tuple[str | Cell, ...]:
 
 
 def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
-    """Return the places on the circle at which the faulty joint reverses and the readings disagree with the model."""
+    """Places on the circle where the faulty joint reverses and the readings disagree with the model."""
     axis = getattr(named.effect, "axis", None)
     places = [place for place in diagnosis.where if axis is not None and place.joint == axis and place.test in CIRCLES]
     middles: list[float] = []
@@ -223,7 +213,6 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
 
 
 def stairs_table(stairs: Stairs, texts: Texts) -> Table:
-    """A row for each step of the staircase, with a bar for the residual on the runs used."""
     rows: list[tuple[str | Cell, ...]] = []
     for name, (used, *others) in zip(stairs.step_names(texts), stairs.left, strict=True):
         rows.append((name, Cell(residual_words(used), bar=used.um / stairs.largest_um), *map(residual_words, others)))
@@ -253,7 +242,6 @@ def _gaps(words: AnswerWords) -> list[Block]:
 
 
 def _unexplained(words: AnswerWords) -> list[Block]:
-    """The unexplained error, and the quantities on which it depends."""
     diagnosis, texts, residual = words.diagnosis, words.texts, words.diagnosis.residual
     share = texts("share_of_error", share=percent(residual.share))
     blocks: list[Block] = [Sentence(f"{residual.um:.1f} µm rms, {share}: {residual.words}")]
@@ -283,7 +271,6 @@ def _undetectable(diagnosis: Diagnosis) -> Iterable[Block]:
 
 
 def places_blocks(where: Sequence[ResidualPlace]) -> list[Block]:
-    """A table of the worst places, each with the axis that reverses there."""
     if not where:
         return [Sentence("They agree everywhere within the noise.")]
     worst = sorted(where, key=lambda place: -place.sigma)[:_MOST_PLACES]

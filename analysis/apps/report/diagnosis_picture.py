@@ -17,17 +17,13 @@ from rigs.effect_names import name_in_words
 
 _MOST_GROUPS = 5
 _COLUMNS, _TEXT_COLUMNS, _NAME_COLUMNS = 92, 165, 40
-"""Characters per line of the title, of the text below, and of the name of a step."""
+"""Characters per line of title, text below, and names of steps."""
 _BAR = 0.27
 """Height of a bar; three places share the distance of two steps."""
 
 
 def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
-    """Draw the diagnosis on one sheet, as high as necessary.
-
-    in_session: leave out the recommendation to load corrected programs. The session itself corrects the programs and
-    states the expected error.
-    """
+    """The diagnosis on one sheet. in_session: without the advice to correct, which the session does itself."""
     summary = summarise(diagnosis)
     error, is_next = summary.error, summary.next and not (in_session and diagnosis.acts[0].kind == "load")
     lines = [*summary.unknowns, f"{error.title}: {error.words}. {error.basis} {error.standing}"]
@@ -40,7 +36,6 @@ def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
 
 
 def disagreement_picture(residual: LocatedResidual) -> Figure:
-    """Draw the disagreement of a rig file's model and the readings, and the staircase of its effects."""
     title = f"Where model and readings disagree · {residual.rig.name}"
     return _sheet([title], residual, stairs_of_model(residual), [])
 

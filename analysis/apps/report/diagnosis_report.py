@@ -29,10 +29,9 @@ from rigs.text import as_argument
 def with_origin(
     effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float], **more: Any
 ) -> Effect:
-    """Return an effect with provenance: date, runs, standard uncertainties, and the gap (before, after) it closed.
+    """An effect with its provenance, and the gap (before, after) it closed.
 
-    Values are rounded to nine digits, uncertainties to three and gaps to the nanometre, because people read this file.
-    more: further fields of `EffectProvenance`.
+    Numbers are rounded, because people read the file. more: further fields of `EffectProvenance`.
     """
     before, after = gap_um
     origin = EffectProvenance(
@@ -50,11 +49,7 @@ def with_origin(
 def extended_files(
     text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None
 ) -> dict[str, Writer]:
-    """Return the files of an extended rig file: first the calibrated model as NAME.calibration.json, then the rig file.
-
-    text: the original rig file, to which the effects are added by name. Raises RigFileError if an effect is out of
-    bounds.
-    """
+    """The calibrated model as NAME.calibration.json, then the rig file with effects added by name."""
     files, named = {}, None
     if calibrated:
         path, content = calibration_path(output), calibrated.content
@@ -65,15 +60,11 @@ def extended_files(
 def write_extended(
     text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None = None
 ) -> list[Path]:
-    """Write the files of `extended_files`, either all or none, and return the paths, that of the rig file last.
-
-    Raises FileError if a file exists or cannot be written, RigFileError if an effect is out of bounds.
-    """
+    """Write the files of `extended_files`, all or none; the path of the rig file is last."""
     return write_all_new(output.parent, extended_files(text, effects, output, calibrated))
 
 
 def refuse_existing_rig(output: Path) -> None:
-    """Raise FileError if a rig file or the calibration already exists. Call it before any computation."""
     for path in (output, calibration_path(output)):
         refuse_existing(path)
 
@@ -83,10 +74,7 @@ def calibration_path(output: Path) -> Path:
 
 
 def calibration_file(name: str, content: bytes) -> CalibrationFile:
-    """Return the reference of a rig file to a calibration file.
-
-    Raises FileError for a name that a rig file cannot contain.
-    """
+    """Raises FileError for a name that a rig file cannot contain."""
     try:
         return CalibrationFile(file=name, sha256=hashlib.sha256(content).hexdigest())
     except ValidationError:
@@ -97,7 +85,7 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
 
 
 def require_empty(directory: Path) -> None:
-    """Raise FileError unless a directory is empty, or absent and can be created. Call it before any computation."""
+    """Raise FileError unless a directory is empty, or can be created."""
     above = next(path for path in (directory, *directory.absolute().parents) if os.path.lexists(path))
     if not above.is_dir() or not os.access(above, os.R_OK | os.W_OK | os.X_OK):
         problem = f"cannot be written: {above} is not a writable directory"
@@ -108,10 +96,10 @@ def require_empty(directory: Path) -> None:
 
 
 def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool = False) -> list[Path]:
-    """Write the files of a diagnosis to an empty directory and return the paths, that of the rig file last.
+    """Write the files of a diagnosis to an empty directory; the path of the rig file is last.
 
-    text: the initial rig file. The written rig file adds the faults (of rivals the likeliest) and refers to the
-    calibrated model next to it, unless the runs are inconclusive. in_session: see `picture`. Raises FileError.
+    The rig file adds the faults (of rivals the likeliest) and refers to the calibrated model, unless the runs are
+    inconclusive. in_session: see `picture`.
     """
     from analysis.apps.report.diagnosis_answer import plain_object  # noqa: PLC0415 - slow to import
     from analysis.apps.report.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only

@@ -1,4 +1,4 @@
-"""Phrases of a diagnosis: effects, sizes, odds, places. Module answer_words combines them into an answer."""
+"""Phrases of a diagnosis: effects, sizes, odds, places."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ _WHOLE_LAP_DEG = 350.0
 LEAST_ODDS = 0.01
 """Odds below which a cause is shown as "< 1 %" and not listed among the likeliest."""
 _UPPER_BOUND = 1 / 3
-"""Ratio to the standard uncertainty below which a figure is shown as an upper bound."""
+"""Ratio to u below which a figure is shown as an upper bound."""
 
 
 def plain(rig: Rig, effect: Effect) -> str:
-    """Return the plain name of an effect: `play of axis 1 (Theta)`."""
+    """`play of axis 1 (Theta)`."""
     axis = getattr(effect, "axis", None)
     return effect.plain("" if axis is None else rig.robot.axis_words(axis))
 
 
 def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0) -> str:
-    """Return a parameter ± `times` the standard uncertainty in sensible digits; no ± if the uncertainty is unknown."""
+    """A parameter ± `times` its standard uncertainty, if that is known."""
     quantity = quantity_of(effect, field, sd)
     if not 0 < quantity.u < math.inf:
         return f"{quantity.value:z.4g} {quantity.sign}".rstrip()
@@ -36,12 +36,11 @@ def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times:
 
 
 def size(named: Named | Rival | GroupMember, times: float = 1.0) -> str:
-    """Return the size of a named effect, a rival or a group member ± `times` the standard uncertainty."""
     return with_uncertainty(named.effect, size_field(named.effect), named.sd, times)
 
 
 def other_parameters(named: Named) -> list[str]:
-    """Return the parameters of an effect other than its size, if fitted, or required such as a gear's order."""
+    """Parameters other than the size, if fitted, or required such as a gear's order."""
     fields = type(named.effect).model_fields
     return [
         field
@@ -55,7 +54,7 @@ def rival_names(named: Named) -> list[str]:
 
 
 def sure(posterior: float) -> str:
-    """Return a posterior probability in percent, bounded at "> 99.9 %" and "< 1 %"."""
+    """Percent, bounded at "> 99.9 %" and "< 1 %"."""
     if posterior > 0.999:
         return "> 99.9 %"
     if posterior < LEAST_ODDS:
@@ -64,28 +63,26 @@ def sure(posterior: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in percent with as many digits as a reader needs."""
     value = 100 * share
     return f"{value:.0f} %" if abs(value) >= 0.95 else f"{value:z.1f} %"
 
 
 def micrometres(um: float, u_um: float = 0.0) -> str:
-    """Return a size in µm ± standard uncertainty: two digits below ten, whole numbers above."""
     return f"{error_size(um, u_um)} µm" if math.isfinite(um) else "–"
 
 
 def has_measured_noise(diagnosis: Diagnosis) -> bool:
-    """Return whether repeats or residuals show the noise; otherwise it is assumed and gives no uncertainty."""
+    """True if repeats or residuals show the noise; an assumed noise gives no uncertainty."""
     return diagnosis.shows_noise or diagnosis.repeated
 
 
 def measured_u(diagnosis: Diagnosis, u_um: float | None) -> float:
-    """Return the standard uncertainty of an error; 0 if it is unknown or would come from an assumed noise."""
+    """Standard uncertainty; 0 if it is unknown or would come from an assumed noise."""
     return (u_um or 0.0) if has_measured_noise(diagnosis) else 0.0
 
 
 def error_size(um: float, u_um: float) -> str:
-    """Return an error in µm with its standard uncertainty, both with the same decimals; "< u" if much smaller."""
+    """Both with the same decimals; "< u" if the error is much smaller than u."""
     if not math.isfinite(um):
         return "–"
     if um < _UPPER_BOUND * u_um:
@@ -95,12 +92,12 @@ def error_size(um: float, u_um: float) -> str:
 
 
 def runs_of(place: ResidualPlace | Curve | ResidualBand) -> str:
-    """Return test and direction: `yaw acw`, `radial`."""
+    """`yaw acw`, `radial`."""
     return f"{place.test} {place.direction}" if place.direction else place.test
 
 
 def stretch(place: ResidualPlace) -> str:
-    """Return the range on the circle or the targets of a place: `231–243°`, `targets 3–7`."""
+    """`231–243°`, `targets 3–7`."""
     low, high = place.from_deg, place.to_deg
     if place.test not in CIRCLES:
         row = "row" if place.test in WITHOUT_GAUGES else "target"
@@ -110,25 +107,25 @@ def stretch(place: ResidualPlace) -> str:
 
 
 def closed(gap: Gap) -> float:
-    """Return the share of the gap's energy explained by the calibrated model; nan for a gap of zero."""
+    """Share of the gap's energy explained by the calibrated model; nan for a gap of zero."""
     return 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan
 
 
 def held_out_rows(diagnosis: Diagnosis, texts: Texts) -> str:
-    """Return a sentence with the number of validation rows of each run; empty if rig did not select such rows."""
+    """The number of validation rows that rig selected in each run; empty if none."""
     rows = diagnosis.held_out.rows if diagnosis.held_out else {}
     counts = ", ".join(f"{name} {len(numbers)}" for name, numbers in rows.items())
     return texts("validation_rows", counts=counts, keys="gap.held_out.rows") if rows else ""
 
 
 _FOUND = 0.02
-"""Share from which a quantity counts as an explanation of the residual. The fit is tuned on the validation places,
-and the shares are slightly optimistic.
+"""Share from which a quantity explains the residual. The fit is tuned on the validation places, so shares are
+optimistic.
 """
 
 
 def remains_rows(residual: HeldOutResidual, texts: Texts) -> list[tuple[str, str]]:
-    """Return a row for each tested quantity: its share of the residual, or the reason for a missing share."""
+    """Each tested quantity with its share of the residual, or the reason for a missing share."""
 
     def words(share: float | None) -> str:
         if share is None:

@@ -1,7 +1,7 @@
-"""Writing of a page as HTML or PDF.
+"""Writing of a page as HTML or PDF; an old page stays until the new one is complete.
 
-Templates escape all values as plain text, and an old page stays until the new one is complete. WeasyPrint, an optional
-dependency, makes the PDF with the still pictures. It runs no scripts and loads no external resources.
+WeasyPrint, an optional dependency, makes the PDF with the still pictures. It runs no scripts and loads no external
+resources.
 """
 
 from __future__ import annotations
@@ -31,9 +31,8 @@ def is_page(file: Path) -> bool:
 
 
 def check_page_file(file: Path) -> None:
-    """Raise UseError unless the file name ends like that of an HTML page, because browsers use the ending.
-
-    Raises FileError if the file exists and was not written by rig.
+    """Raise UseError for another suffix, by which browsers know a page, and FileError for an existing file of another
+    program.
     """
     if not is_page(file):
         raise UseError(str(file), "is not the name of a page", "give --output FILE.html", code="output.form")
@@ -41,9 +40,7 @@ def check_page_file(file: Path) -> None:
 
 
 def environment() -> Environment:
-    """Return the template environment of this package. Values are inserted as plain, escaped text unless they are
-    HTML.
-    """
+    """Templates of this package, which insert values as plain, escaped text unless they are HTML."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
 
     def plain(value: object) -> object:
@@ -58,16 +55,16 @@ def environment() -> Environment:
 def answer_page(
     title: str, blocks: Sequence[Block], lang: str = "en", *, boxed: int = 1, made_of: str = "", overview: str = ""
 ) -> str:
-    """Return an answer as a page, its first blocks in a box.
+    """An answer as a page, its first blocks in a box.
 
-    made_of: digest of the inputs, written into the page. overview: address of a linked page.
+    made_of: digest of the inputs. overview: address of a linked page.
     """
     template = environment().get_template("answer.html")
     return template.render(title=title, blocks=blocks, lang=lang, boxed=boxed, made_of=made_of, overview=overview)
 
 
 def write_html(html: str, file: Path) -> None:
-    """Write a page, replacing an existing page. Raises FileError if that is not a page of rig or cannot be written."""
+    """Raises FileError if an existing file is no page of rig."""
     refuse_foreign(file)
     _replace(file, html.encode())
 
@@ -88,9 +85,7 @@ _STYLE = """
 figure.polar { display: inline-block; width: 49%; }
 .verdict { break-inside: auto !important; }
 """
-"""Print style for WeasyPrint, which otherwise puts the second column of a grid beyond the paper and moves a verdict
-that does not fit below the heading to a new page.
-"""
+"""WeasyPrint would put the second column of a grid beyond the paper, and a verdict that does not fit on a new page."""
 
 
 def is_pdf(file: Path) -> bool:
@@ -98,20 +93,12 @@ def is_pdf(file: Path) -> bool:
 
 
 def check_pdf_output(file: Path) -> None:
-    """Check that a PDF can be written, before a diagnosis of several minutes.
-
-    Raises CellError with the remedy if WeasyPrint or Pango is missing, and FileError if the file exists and was not
-    written by rig.
-    """
+    """Raise CellError if WeasyPrint or Pango is missing, before a diagnosis of several minutes."""
     refuse_foreign(file)
     _weasyprint(file)
 
 
 def write_pdf(html: str, file: Path) -> None:
-    """Write a page as a PDF, replacing an existing file.
-
-    Raises CellError if WeasyPrint is missing, and FileError if the file cannot be written.
-    """
     weasyprint = _weasyprint(file)
     fetcher = weasyprint.urls.URLFetcher(allowed_protocols={"data"})
     style = weasyprint.CSS(string=_STYLE, url_fetcher=fetcher)

@@ -14,7 +14,6 @@ from rigs.text import plain_values
 
 
 def live(picture: Picture) -> dict[str, Any]:
-    """Return the contents in plain types. All text is plain."""
     contents: dict[str, Any] = {"frame": picture.frame}
     if isinstance(picture, SphereChart):
         contents |= {
@@ -40,7 +39,6 @@ def live(picture: Picture) -> dict[str, Any]:
 
 
 def looks() -> dict[str, Any]:
-    """Return colours, dash, symbol and width of each role."""
     return {role: asdict(look) for role, look in ROLE_STYLES.items()}
 
 
@@ -57,5 +55,5 @@ def _places(points: Array) -> dict[str, Any]:
 
 
 def _packed(values: Array) -> str:
-    """Pack numbers in single precision: finer than the screen, at a third of the size of text."""
+    """Single precision: finer than the screen, at a third of the size of text."""
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()

@@ -1,6 +1,4 @@
-"""Charts of the model: measured and simulated runs, and residuals before and after the diagnosis, along circles and
-at targets.
-"""
+"""Charts of the model: measured and simulated runs, and residuals before and after the diagnosis."""
 
 from __future__ import annotations
 
@@ -27,9 +25,7 @@ _MOST_MAPS = 3
 _ARROWS = {"out": "↓", "in": "↑"}
 """Symbols of the approach sides, as in R↓ and R↑ of ISO 230-2."""
 _IN_PICTURE = {"deg": ("°", 1.0), "mm": ("µm", 1e3)}
-"""Unit and conversion factor of a compared curve."""
 _PARTS = {"distance": np.array([0.5, 0.5]), "angle": np.array([-1.0, 1.0])}
-"""Combinations of the two gauges in which disagreement is located."""
 _MOST_ROWS = 6
 _ALONG = {"phi_deg": "circle_angle", "target": "target", "place": "target_and_side"}
 
@@ -37,9 +33,9 @@ _ALONG = {"phi_deg": "circle_angle", "target": "target", "place": "target_and_si
 def simulated_charts(
     simulated: Compared | None, corrected: Compared | None, group: Sequence[Result], texts: Texts
 ) -> list[Chart]:
-    """Return a chart of measured and simulated error for each direction, with the mean of repeated runs.
+    """Measured and simulated error for each direction, as means of repeated runs.
 
-    corrected: the runs compared with the model including the effects; None if no effects exist.
+    corrected: runs compared with the model including the effects, if any.
     """
     paths = {result.measured.path for result in group}
     by_title: dict[str, tuple[list[Comparison], list[Comparison]]] = {}
@@ -51,7 +47,6 @@ def simulated_charts(
 
 
 def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], texts: Texts) -> Chart:
-    """Return a chart of measured and simulated errors of runs with the same title, also with effects if given."""
     result, is_angle = before[0].result, before[0].unit == "deg"
     unit, factor = _IN_PICTURE[before[0].unit]
     # Places of a repeatability run: each target from outside and from inside
@@ -70,9 +65,7 @@ def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], te
 
 
 def _mean_curves(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
-    """Return positions (n,) and mean measured and simulated curves (n,), over the runs with the same positions as
-    the first.
-    """
+    """Positions (n,) and mean measured and simulated curves (n,) of the runs at the same positions."""
     alike = [comparison for comparison in runs if np.array_equal(comparison.x, runs[0].x)]
     measured = np.mean([comparison.measured_curve for comparison in alike], axis=0)
     simulated = np.mean([comparison.simulated_curve for comparison in alike], axis=0)
@@ -83,8 +76,7 @@ def _mean_curves(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
 class Strand:
     """Angle or distance part of the residual of a circle.
 
-    phi_deg (n,) increases. steps_um (steps, n) µm: residuals of the models of a staircase, from the initial to the
-    calibrated model. places: the located places of this part.
+    phi_deg (n,) increases. steps_um (steps, n): residuals from the initial to the calibrated model.
     """
 
     curve: Curve
@@ -95,15 +87,12 @@ class Strand:
 
     @property
     def title(self) -> str:
-        """Test, direction and part: `yaw acw, angle`."""
+        """`yaw acw, angle`."""
         return f"{runs_of(self.curve)}, {self.part}"
 
 
 def strands_of(residuals: Diagnosis | LocatedResidual) -> list[Strand]:
-    """Return a strand for each circle, of the part with the larger disagreement.
-
-    Circles beyond the limit are omitted, smallest residuals first.
-    """
+    """The part of each circle with the larger disagreement; the smallest residuals are omitted."""
     steps = (
         residuals.staircase.curves
         if residuals.staircase
@@ -127,12 +116,11 @@ def strands_of(residuals: Diagnosis | LocatedResidual) -> list[Strand]:
 
 
 def _size(values: Array, part: str) -> float:
-    """Return the rms in units of the gauge noise, which is larger in a difference than in a mean."""
+    """Rms in units of the gauge noise, which is larger in a difference than in a mean."""
     return rms(values) / float(np.linalg.norm(_PARTS[part]))
 
 
 def residual_charts(residuals: Diagnosis | LocatedResidual, stairs: Stairs | None, texts: Texts) -> list[Chart]:
-    """Return charts of readings and model on circles, and of residuals at targets, for each step."""
     charts = strand_charts(residuals, texts)
     if stairs and charts:
         charts[0] = replace(charts[0], panels=tuple(stairs.step_names(texts)))
@@ -143,11 +131,7 @@ def residual_charts(residuals: Diagnosis | LocatedResidual, stairs: Stairs | Non
 
 
 def strand_charts(residuals: Diagnosis | LocatedResidual, texts: Texts) -> list[Chart]:
-    """Return a chart for each circle.
-
-    Each chart shows the measured error, the accumulated parts, and the residual. If the staircase is missing, it shows
-    the residual only.
-    """
+    """Measured error, accumulated parts, and residual on each circle; without a staircase the residual only."""
     strands = strands_of(residuals)
     charts, count, drawn = [], Counter(strand.title for strand in strands), Counter[str]()
     for strand in strands:  # `yaw acw, angle`; circles at several places share a title and are numbered

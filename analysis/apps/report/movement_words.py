@@ -1,4 +1,4 @@
-"""Sentences about movements: names of causes, sizes with uncertainty, and the recommended action."""
+"""Sentences about movements: causes, sizes, and recommended actions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rigs.schema.part import Vector
 
 _ENGLISH = texts_of("en")
 _SMALL = 2.0
-"""Smallest multiple of its uncertainty u at which a component of a direction is mentioned."""
+"""Multiple of u from which a component of a direction is mentioned."""
 
 
 def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) -> str:
@@ -25,7 +25,6 @@ def name_of(cause: Cause, texts: Texts = _ENGLISH, *, of_tracker: bool = False) 
 
 
 def size_of(cause: CauseOdds, texts: Texts = _ENGLISH, *, of_tracker: bool = False) -> str:
-    """Return the size of a cause with uncertainty and direction, of a pair with the names; empty if there is none."""
     if cause.together:
         sizes = [(name_of(part.cause, texts, of_tracker=of_tracker), size_of(part, texts)) for part in cause.together]
         return "; ".join(map(" ".join, sizes))
@@ -54,7 +53,7 @@ def _angle(size_deg: float, u_deg: float) -> str:
 
 
 def _shift(shift_mm: Vector, u_mm: float, turn_deg: Vector | None, u_turn_deg: float | None, texts: Texts) -> str:
-    """Return the length of a shift with the components that exceed their uncertainty, and a turn that does."""
+    """Length of a shift, with the components and the turn that exceed their uncertainty."""
     shown = [f"{axis} {mm:+z.2f}" for axis, mm in zip("xyz", shift_mm, strict=True) if abs(mm) > _SMALL * u_mm]
     direction = f"{', '.join(shown)} mm" if shown else texts("moved_nowhere")
     words = f"{math.hypot(*shift_mm):.2f} ± {u_mm:.2f} mm ({direction})"
@@ -69,10 +68,10 @@ def act_after(movements: Sequence[Movement], texts: Texts) -> str:
 
 
 def act_of(moved: Cause | Movement, name: str, texts: Texts, alike: str | None) -> str:
-    """Return the recommended action after a movement of a cause with a given name. alike: see `look_alike`."""
+    """alike: see `look_alike`."""
     return texts(f"check_act_{_kind(moved.what, alike)}", axis=moved.axis or "", name=name)
 
 
 def _kind(cause: str, alike: str | None) -> str:
-    """Return the key of a cause in the texts, with the part that looks the same."""
+    """Key of a cause, with the part that looks the same."""
     return f"{cause}_or_{alike}" if alike else cause

@@ -1,7 +1,4 @@
-"""The answer of analysed runs as blocks: a table of figures for each test, and remarks on uncertainties.
-
-The page shows the same tables (`analysis.apps.report.page.sections`).
-"""
+"""The answer of analysed runs as blocks: a table of figures for each test, and remarks on uncertainties."""
 
 from __future__ import annotations
 
@@ -26,7 +23,7 @@ from analysis.procedures.shared.quantity import Quantity
 from rigs.text import counted
 
 _UNPLACED_DEG = 15.0
-"""Standard uncertainty beyond which a place on the circle is not shown: ± 2 u would cover a sixth of the circle."""
+"""Standard uncertainty beyond which no place is shown: ± 2 u would cover a sixth of the circle."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class Column:
 
 
 def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
-    """The columns of a test: the mean of repeated runs, each other run, and the comparison of both directions."""
+    """The mean of repeated runs, each other run, and the comparison of both directions."""
     columns, notes = [], {"mean": "mean_of_runs", "pairs": "pairs"}
     for column in figure_columns(group):
         title = texts("acw_against_cw") if column.kind == "pairs" else column.direction
@@ -50,7 +47,6 @@ def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
 
 
 def figure_table(columns: Sequence[Column], texts: Texts, *more: tuple[str, ...]) -> Table:
-    """A row for each figure, leading figures in bold, and further rows."""
     rows: list[tuple[str | Cell, ...]] = []
     names = in_order(name for column in columns for name in column.figures)
     for name in names:
@@ -67,7 +63,6 @@ def figure_table(columns: Sequence[Column], texts: Texts, *more: tuple[str, ...]
 
 
 def _figure(name: str, figure: Quantity, texts: Texts) -> str:
-    """Return a figure rounded to two digits of u, or a remark if it is a place with too large an uncertainty."""
     if name.endswith("_at_deg") and not figure.u < _UNPLACED_DEG:
         return texts("no_place")
     return figure_in_words(name, figure)
@@ -76,7 +71,7 @@ def _figure(name: str, figure: Quantity, texts: Texts) -> str:
 def answer_of(
     results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = (), *, each: bool = False
 ) -> list[Block]:
-    """A table for each test and the doubts. each: add a table with a column for each run, as truths always do."""
+    """each: add a table with a column for each run, as truths always do."""
     texts, blocks = texts_of("en"), list[Block]()
     truth_of = {id(result): truth for result, truth in zip(results, truths, strict=False)}
     for group in by_test(results):
@@ -110,7 +105,6 @@ def _runs_table(group: Sequence[Result], truth_of: Mapping[int, dict[str, TruthC
 
 
 def _facts(group: Sequence[Result], columns: int) -> list[tuple[str, ...]]:
-    """The rows on the readings of runs, for a table with a column for each run before others."""
     rows = [("samples", *(f"{result.found.samples}" for result in group))]
     if any(result.measured.u_lag_s for result in group):  # uncertainty of the time of the gauges relative to the robot
         rows.append(("time, gauges to robot", *(f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)))
@@ -123,15 +117,12 @@ def remarks_of(group: Sequence[Result]) -> list[str]:
 
 
 def doubts_of(group: Sequence[Result]) -> list[tuple[Result, str]]:
-    """Return the doubts about runs of a test, and about those that are left out of a mean."""
     doubts = [(result, doubt) for result in group for doubt in result.doubts]
     return doubts + [(result, why) for means in pooled(group) for result, why in means.left_out]
 
 
 def doubt_lines(doubts: Sequence[tuple[Result, str]], *, with_title: bool = False) -> list[str]:
-    """Return each doubt with the runs that it concerns. Doubts that differ only in figures appear once, with those of
-    the first run.
-    """
+    """Each doubt with its runs. Doubts that differ only in figures appear once."""
     runs_of_doubt: dict[str, list[str]] = {}
     for result, doubt in doubts:
         runs_of_doubt.setdefault(doubt, []).append(f"{result.title}, {result.name}" if with_title else result.name)

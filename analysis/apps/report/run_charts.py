@@ -1,5 +1,5 @@
-"""Charts of evaluated runs: circles in both directions, hemisphere and least-squares sphere, repeatability, poses,
-and the cube and paths of ISO 9283 on their inclined plane with magnified deviations.
+"""Charts of evaluated runs: circles, hemisphere, repeatability, poses, and the cube and paths of ISO 9283 on their
+plane.
 """
 
 from __future__ import annotations
@@ -25,18 +25,14 @@ from rigs.text import counted
 _FRAMES: tuple[Frame, ...] = ("straight", "polar")
 _DIRECTIONS: tuple[Role, ...] = ("acw", "cw")
 _EACH_DEG = 2.0
-"""Spacing of the points of a joint curve, which is smooth."""
 _FULL_TURN_DEG = 300.0
-"""Range of a joint above which it is not drawn, because it would dwarf the others."""
+"""Range of a joint above which it would dwarf the others, and is not drawn."""
 _JOINT_ROLES: tuple[Role, ...] = ("acw", "cw", "after", "quiet", "fifth", "sixth")
 _GRID = (13, 37)
-"""Nodes of the drawn surface in polar angle and azimuth: every 7.5° and 10° of a hemisphere."""
+"""Polar angle and azimuth: every 7.5° and 10° of a hemisphere."""
 _NEAR = 4
-"""Number of targets used to interpolate a node of the surface."""
 _SHARE = 0.12
-"""Size of the largest drawn deviation as a share of the cube's side."""
 _STATIONS = 80
-"""Maximum number of drawn stations of each path."""
 
 
 def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
@@ -60,9 +56,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
 
 
 def raw_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
-    """Return a chart for each run with the angle over the circle angle and the least-squares sine (figure 3 of the
-    paper), on a common scale.
-    """
+    """Angle and least-squares sine of each run (figure 3 of the paper), on a common scale."""
     whole, charts = np.linspace(0, 2 * np.pi, 361), list[Chart]()
     for result in group:
         if not isinstance(circle := result.found, CircleResult):
@@ -81,7 +75,7 @@ def raw_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
 
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
-    """Return a chart of each joint angle over the circle minus the mean, from the feedback of the first run."""
+    """Joint angles over the circle minus their means, of the first run."""
     reversals, robot = group[0].reversals, group[0].measured.rig.robot
     lap = next(result.found for result in group if isinstance(result.found, CircleResult)).laps.first
     phi_deg, q_deg = np.degrees(lap.phi % (2 * np.pi)), np.degrees(lap.q)
@@ -120,17 +114,13 @@ def target_charts(result: Result, texts: Texts) -> list[Picture]:
 
 
 def directions(polar_deg: Array, azimuth_deg: Array) -> Array:
-    """Return unit vectors (..., 3) in the frame of the hemisphere: z to the middle, x to azimuth 0."""
+    """Unit vectors (..., 3) in the frame of the hemisphere: z to the middle, x to azimuth 0."""
     polar, azimuth = np.radians(polar_deg), np.radians(azimuth_deg)
     return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
 
 
 def interpolated(targets: Array, values_mm: Array, nodes: Array) -> Array:
-    """Interpolate values (t,) mm at targets (t, 3) to nodes (..., 3) by inverse squared angle over the nearest targets
-    (Shepard 1968).
-
-    The resulting surface passes through every target.
-    """
+    """Interpolate values (t,) mm at targets (t, 3) to nodes (..., 3), by inverse squared angle (Shepard 1968)."""
     angle = np.arccos(np.clip(nodes @ targets.T, -1.0, 1.0))
     near = np.argsort(angle, axis=-1)[..., :_NEAR]
     weight = 1.0 / np.maximum(np.take_along_axis(angle, near, axis=-1), 1e-6) ** 2
@@ -171,7 +161,7 @@ def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Pictur
 
 
 def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> Chart:
-    """Return a chart of every reading by target and approach side, relative to the mean of the target."""
+    """Readings by target and approach side, relative to the mean of the target."""
     targets, place = np.unique(curve.target, return_inverse=True)
     middle = np.array([curve.reading_mm[place == k].mean() for k in range(len(targets))])
     away_um = 1e3 * (curve.reading_mm - middle[place])
@@ -187,9 +177,7 @@ def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> C
 
 
 def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
-    """Return charts of the cube stops, if any, of every pose, and of each axis that was driven separately in both
-    directions.
-    """
+    """The cube stops, every pose, and each axis that was driven by itself."""
     view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
     line = ChartLine(texts("measured"), "measured", number, curve.distance_mm, points=True)
     labels = texts("pose"), f"{texts('error_position')} / mm"
@@ -211,10 +199,7 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
 def _plane(
     title: str, command: Array, places: Array, off: Array, side_mm: float, texts: Texts, *, points: bool
 ) -> Chart:
-    """Return a chart of positions (n, 2) mm on the plane of the cube, with magnified deviations `off` from `places`.
-
-    Gaps between paths are nan.
-    """
+    """Positions (n, 2) mm on the plane of the cube, with magnified deviations `off`; gaps between paths are nan."""
     largest = max(float(np.nanmax(np.linalg.norm(off, axis=1))), 1e-9)
     times = float(f"{_SHARE * side_mm / largest:.1g}")
     positions: tuple[tuple[str, Role, Array], ...] = (
@@ -226,9 +211,7 @@ def _plane(
 
 
 def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
-    """Return a chart of the paths and the means of their cycles on the plane, and a chart of the deviations along
-    each path.
-    """
+    """The paths on the plane, and the deviations along them."""
     names = dict.fromkeys(curve.path.tolist())
     command, off = [], []
     for name in (path for path in names if path != "small_circle"):  # limited to the magnified size
@@ -256,9 +239,7 @@ def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
 
 
 def _cube_view(result: Result) -> tuple[Array, Array, Array, float] | None:
-    """Commanded places (k, 2) mm of the cube of a pose run, those of its stops (n, 2) with the deviations (n, 2), and
-    the side in mm; None without a cube.
-    """
+    """Commanded places (k, 2) mm of the cube, those of the stops (n, 2) with deviations (n, 2), and the side in mm."""
     table, rig = result.measured.table, result.measured.rig
     if not isinstance(result.found, PoseResult) or rig.tests.iso9283 is None or len(rig.robot.axes) != DRIVEN_AXES:
         return None

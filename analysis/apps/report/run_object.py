@@ -1,5 +1,6 @@
-"""Analysed runs for scripts: the JSON object, the comparison with the known truth of an emulated cell
-(`truth.json`), and sentences about uncertainties and both directions. It imports no screen module.
+"""Analysed runs for scripts: JSON, comparison with the truth of an emulated cell, and sentences on uncertainties.
+
+Imports no screen module.
 """
 
 from __future__ import annotations
@@ -22,9 +23,7 @@ from rigs.files import read_bytes
 
 _LARGEST_OF_NOISE = ("hysteresis_max_deg", "hysteresis_max_mm")
 _BEYOND = 4.0
-"""Multiple of the standard uncertainty beyond which two eccentricities contradict each other. Chosen: odds of 10 000
-to 1.
-"""
+"""Multiple of u beyond which two eccentricities contradict each other. Chosen: odds of 10 000 to 1."""
 
 
 def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
@@ -38,7 +37,7 @@ def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
 
 
 def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
-    """Return a figure as text. A largest hysteresis below u is noise and shown as the bound u."""
+    """A largest hysteresis below u is noise, and shown as the bound u."""
     value = figure.mean if isinstance(figure, BetweenRuns) else figure
     if name in _LARGEST_OF_NOISE and value.value < value.u < np.inf:
         return f"≤ {value.rounded_u} {value.sign}"
@@ -46,7 +45,6 @@ def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
 
 
 def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
-    """Return a sentence if the eccentricities by angle and by distance differ significantly."""
     apart = []
     for result in group:
         angle, distance = (result.figures.get(f"{by}eccentricity_mm") for by in ("", "distance_"))
@@ -100,17 +98,14 @@ _MOST_BYTES = 1_000_000
 
 @dataclass(frozen=True)
 class TruthComparison:
-    """Comparison of a figure with the truth: the truth, and the deviation in standard uncertainties."""
+    """deviation_u: in standard uncertainties."""
 
     truth: float
     deviation_u: float
 
 
 def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthComparison]]:
-    """Compare the figures of each result with the truth; a result with no known truth has no comparisons.
-
-    Raises FileError.
-    """
+    """Raises FileError if the file is not the truth of these runs. Results without a truth have no comparisons."""
     try:
         truth = json.loads(read_bytes(path, _MOST_BYTES))
         comparisons = []
@@ -145,14 +140,12 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
 
 
 def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
-    """Return the number of figures within two standard uncertainties of the truth, as a line of text."""
     every = [comparison for by_name in comparisons for comparison in by_name.values()]
     within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
     return f"{within} of {len(every)} figures agree with the truth within 2 u"
 
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
-    """Return results as a JSON object: degrees, mm, u the standard uncertainty, null if unknown."""
     runs = [result.to_dict() for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
@@ -182,7 +175,6 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthCompari
 
 
 def _pooled_object(runs_mean: Pooled) -> dict[str, Any]:
-    """Return the mean of runs as a JSON object. u is that of the mean, sd the standard deviation between runs."""
     every = runs_mean.runs or tuple(result for result, _ in runs_mean.left_out)
     return {
         "rig": every[0].measured.rig.name,

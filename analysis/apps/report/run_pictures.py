@@ -17,7 +17,6 @@ from analysis.procedures.results import Result, by_test
 
 
 def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
-    """Write the pictures of all runs by test, and return the paths. Raises FileError if they cannot be written."""
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
     texts, figures = texts_of("en"), dict[str, Callable[[], Figure]]()
@@ -35,7 +34,7 @@ def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
 
 
 def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
-    """Return results by name. Runs with equal names, from different directories, are numbered."""
+    """Names of results; equal names, from different directories, are numbered."""
     names = [result.name for result in results]
     return [
         (name if names.count(name) == 1 else f"{name}-{place}", result)

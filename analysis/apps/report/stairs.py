@@ -42,7 +42,6 @@ def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None
 
 
 def stairs_of_model(residual: LocatedResidual) -> Stairs | None:
-    """Return the staircase of a rig file's effects and calibration; None if the model has none."""
     if residual.staircase is None:
         return None
     texts, rig = texts_of("en"), residual.rig
@@ -62,7 +61,6 @@ def residual_words(residual: ModelResidual) -> str:
 
 
 def step_sentences(stairs: Stairs, texts: Texts) -> list[str]:
-    """Return a sentence for each step, for screen readers and the slider of the page."""
     first, *parts = stairs.names
     later = [texts("step_now", number=number, count=len(parts), part=part) for number, part in enumerate(parts, 1)]
     return [texts("step_start", count=len(parts), name=first), *later]

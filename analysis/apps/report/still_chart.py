@@ -1,8 +1,6 @@
-"""Charts for paper: as SVG in the page, for printing and for browsers with disabled scripts, and as part of a PNG.
+"""Charts for paper: as SVG in the page, for printing and for browsers without scripts, and as part of a PNG.
 
-Text remains text in the SVG. It is small, sharp on paper and can use every font of the reader. All text is plain
-(`rigs.text`), and formula parsing is off: matplotlib would read text between two dollar signs as a formula and fail on
-names it cannot parse. Characters missing in the font are drawn as a box, and the warning is suppressed.
+Text stays text, in any font of the reader. Formula parsing is off, because names may contain two dollar signs.
 """
 
 from __future__ import annotations
@@ -30,16 +28,16 @@ mpl.rcParams["text.parse_math"] = False
 
 
 def as_png(draw: Callable[[], Figure], dpi: int = 150) -> Callable[[BinaryIO], None]:
-    """Return a writer that draws a picture only when written: hundreds of figures at once would not fit into memory."""
+    """Draw a picture only when it is written: hundreds of figures would not fit into memory."""
     return lambda file: draw().savefig(file, format="png", dpi=dpi)
 
 
 Part = tuple[float, Callable[[SubFigure], None]]
-"""A part of a sheet: height in inches, and drawing function."""
+"""Height in inches, and drawing function."""
 
 
 class Sheet(Figure):
-    """A figure of this package, with a layout that avoids overlaps."""
+    """Constrained layout; characters missing in the font become boxes without a warning."""
 
     def __init__(self, width_inch: float, height_inch: float) -> None:
         super().__init__(figsize=(width_inch, height_inch), layout="constrained")
@@ -60,17 +58,14 @@ _HEAD = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>|<!--.*?-->", re.DOTAL
 _DECIMALS = re.compile(r"-?\d+\.\d{2,}")
 _FONTS = re.compile(r"font-family: [^;]*sans-serif")
 _HEIGHTS_INCH: dict[Frame, float] = {"straight": 1.8, "targets": 1.8, "plane": 4.2, "polar": 3.6}
-"""Heights of charts. Chosen: three straight charts and a pair of polar charts fit on a page of A4."""
+"""Chosen: three straight charts and a pair of polar charts fit on a page of A4."""
 _MOST_NODES = 360
-"""Maximum number of nodes of a line on paper, 1 per degree, while curves resolve 4.5° (docs/figures.md)."""
+"""Nodes of a line on paper: 1 per degree, while curves resolve 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
-"""Number of points above which small dots are drawn."""
 _WIDEST = 45
-"""Maximum total length of the names in a legend line, in characters."""
+"""Characters of the names in a legend line."""
 _PANEL_LETTERS = 62
-"""Maximum line length of a step name above a panel, in characters."""
 _CAPTION_LETTERS = 150
-"""Maximum length of a caption line in a PNG, in characters."""
 _TAG = re.compile(r"<[^>]*>")
 _SPACE = re.compile(r"\s+")
 
@@ -83,9 +78,8 @@ def still(picture: Picture) -> str:
 
 
 def svg_of(figure: Figure, salt: str = "rig") -> str:
-    """Return a figure as SVG with its text as text; equal figures give equal SVG.
-
-    salt: different for figures whose SVG is part of one page, because it makes the names of their parts.
+    """Equal figures give equal SVG. salt: different for each figure of a page, because it makes the names of their
+    parts.
     """
     written = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": salt}):
@@ -113,7 +107,7 @@ def part_of(picture: Picture) -> Part:
 def sheet_of(
     title: Sequence[str], pictures: Sequence[Picture], more: Sequence[Part] = (), width_inch: float = 9.0
 ) -> Sheet:
-    """Return charts below each other under the lines of a title, as high as necessary, and other parts below."""
+    """Charts below each other under the lines of a title, and other parts below."""
     parts = [*map(part_of, pictures), *more]
     heights = [height for height, _ in parts]
     sheet = Sheet(width_inch, sum(heights) + 0.2 + 0.2 * len(title))
@@ -167,7 +161,7 @@ def _legend(sheet: FigureBase, axes: Axes, chart: Chart) -> None:
 
 
 def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
-    """Draw the lines, marks and axes of a chart. shared: leave out axis labels, which are common to all panels."""
+    """shared: without axis labels, which are common to all panels."""
     for line in chart.lines:
         _draw(axes, line)
     for low, high in chart.shaded:

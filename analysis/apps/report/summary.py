@@ -1,7 +1,4 @@
-"""Summary of a diagnosis in three tiles: error now and after, main causes, next step.
-
-Page, window, terminal and picture show the same words.
-"""
+"""Summary of a diagnosis in three tiles, for page, window, terminal and picture: error, main causes, next step."""
 
 from __future__ import annotations
 
@@ -15,8 +12,6 @@ from analysis.correction.deviation import Deviation
 
 @dataclass(frozen=True)
 class ErrorChange:
-    """Error before and after in µm rms, each with its label; `after` is empty if unknown."""
-
     now_label: str
     now: str
     after_label: str
@@ -34,18 +29,13 @@ class ErrorChange:
         return label[:1].upper() + label[1:]
 
     def with_remarks(self, texts: Texts, *, is_measured: bool) -> ErrorChange:
-        """Return the errors with remarks on unmeasured noise and on errors stated as a bound."""
         remarks = ["noise_assumed"] * (not is_measured) + ["error_bounded"] * ("<" in self.words)
         return replace(self, basis=joined([self.basis, *map(texts, remarks)]))
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Headline and three tiles.
-
-    `standing` is the leading condition of the badge; `moved` and `contradicted` come before conditions. `unknowns` are
-    the limits of the evidence, shown before the next step.
-    """
+    """standing: condition of the badge, after `moved` and `contradicted`. unknowns: limits of the evidence."""
 
     badge: str
     standing: str
@@ -57,7 +47,7 @@ class Summary:
     command: str = ""
     tone: BadgeTone = "unjudged"
     action: str = ""
-    """The next step in a few words, which ends the first sentence of the headline."""
+    """The next step in a few words, at the end of the first sentence."""
 
 
 def with_action(sentence: str, action: str) -> str:
@@ -71,13 +61,12 @@ def with_next(summary: Summary, step: str, command: str, action: str) -> Summary
 
 
 _CHANGES_ARM = ("repair", "remaster", "enter", "check")
-"""Kinds of acts that change the arm, so an existing correction no longer fits."""
 
 
 def with_corrections_removed(summary: Summary, kind: str, way: str, texts: Texts) -> Summary:
-    """Return a summary whose next step, of the given kind of act, also removes the existing correction of the robot.
+    """Also remove the correction, which would correct a repaired arm twice.
 
-    A repaired arm would otherwise be corrected twice. way: how the robot was corrected.
+    kind: of the next act. way: how the robot was corrected.
     """
     if way == "none" or kind not in _CHANGES_ARM:
         return summary
@@ -85,14 +74,11 @@ def with_corrections_removed(summary: Summary, kind: str, way: str, texts: Texts
 
 
 WITHOUT_FAULT = ("uncalibrated", "nothing_unusual", "unusual_group", "no_certain_fault")
-"""Conditions in which the limits of the accuracy alone decide the colour of the badge."""
+"""Conditions in which the limits alone decide the colour of the badge."""
 
 
 def with_driven_error(summary: Summary, before: Deviation, after: Deviation, texts: Texts) -> Summary:
-    """Return a summary with the measured error before and after a correction.
-
-    The limits behind the colour of the badge applied to the uncorrected robot.
-    """
+    """The measured error before and after a correction; the limits behind the colour applied without it."""
     error = ErrorChange(
         now_label=texts("error_before_label"),
         now=error_size(before.um, before.u_um),

@@ -1,4 +1,4 @@
-"""Summary of a diagnosis in a given language. Headline, figures, causes and next step are selected only here."""
+"""Summary of a diagnosis in a given language."""
 
 from __future__ import annotations
 
@@ -46,16 +46,17 @@ from analysis.diagnosis.judge.result import (
 )
 
 _MOST_CAUSES = 3
-"""Maximum number of bar segments with their own names. Chosen: as many names as fit on a phone."""
+"""As many names as fit on a phone."""
 _MOST_RIVALS = 3
-"""Maximum number of rivals in the headline. Chosen: as many as causes."""
 _LEAST_SHARE = 0.01
-"""Minimum share of the error for a main cause. Chosen: the narrowest visible segment."""
+"""Chosen: the narrowest visible segment."""
 _TENTH_PERCENT = 0.001
 _LIKELY = 0.5
 """Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
 _REPAIRS = ("repair", "remaster", "enter", "mount")
 """Kinds of acts that change the arm or its set-up, so that a correction from the same runs no longer fits."""
+_OPEN = ("cause_open", "ambiguous", "undecided", "unusual_group")
+"""Headings of an open cause. A correction does not need the cause, and the first line says so."""
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
 """Conditions under which no cause and no act is certain."""
 
@@ -63,10 +64,11 @@ _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here
 def summarise(diagnosis: Diagnosis, texts: Texts | None = None) -> Summary:
     words, acts = _SummaryWords(diagnosis, texts or texts_of("en")), without_idle_mounts(diagnosis.acts)
     act, causes = acts[0] if acts else None, words.leading()
-    action = words.action(act) if act else ""
+    heading = words.heading(causes, act)
+    action = words.action(act, heading) if act else ""
     first, *others = words.first_sentences(causes)
     return Summary(
-        badge=words.texts(f"badge_{words.heading(causes, act)}"),
+        badge=words.texts(f"badge_{heading}"),
         standing=words.standing,
         tone=words.tone(causes),
         headline=joined([with_action(first, action), *others]),
@@ -81,7 +83,7 @@ def summarise(diagnosis: Diagnosis, texts: Texts | None = None) -> Summary:
 
 @dataclass(frozen=True)
 class _Cause:
-    """A leading cause of the error. is_single: an effect or the likely member of a group, not many small errors."""
+    """is_single: an effect or the likely member of a group, not many small errors."""
 
     share: float
     words: str
@@ -93,7 +95,6 @@ class _Cause:
 class _SummaryWords(ActWords):
     @property
     def standing(self) -> str:
-        """The condition of the arm, or a contradicted constant or a movement, which come first."""
         diagnosis = self.diagnosis
         if diagnosis.contradictions or diagnosis.movements:
             return "contradicted" if diagnosis.contradictions else "moved"
@@ -105,7 +106,6 @@ class _SummaryWords(ActWords):
         return "no_certain_fault" if is_certain_except_small(diagnosis) else diagnosis.condition
 
     def heading(self, causes: Sequence[_Cause], act: Act | None) -> str:
-        """Key of the first words: whether the cause of the error is known, or the reason why it is not."""
         if self.standing not in (*WITHOUT_FAULT, "named", "ambiguous"):
             return self.standing
         if any(cause.is_certain for cause in causes):
@@ -119,7 +119,7 @@ class _SummaryWords(ActWords):
 
     @property
     def _is_within_limits(self) -> bool:
-        """Whether the error is within the limits, so that no step is necessary for the accuracy."""
+        """True if the accuracy requires no step."""
         return self.diagnosis.accuracy.standing == "pass" and self.standing in (*WITHOUT_FAULT, "named", "ambiguous")
 
     def tone(self, causes: Sequence[_Cause]) -> BadgeTone:
@@ -132,9 +132,9 @@ class _SummaryWords(ActWords):
         return "unjudged" if self.standing in ("undecided", "no_certain_fault", "not_testable_here") else "watch"
 
     def first_sentences(self, causes: Sequence[_Cause]) -> list[str]:
-        """Sentences that limit the conclusions, then the cause, small undecided parts and the unexplained error.
+        """What limits the conclusions, then the cause, small undecided parts and the unexplained error.
 
-        The cause is omitted if the readings contradict a stated constant, because the constant must be checked first.
+        The readings of a contradicted constant name no cause, because the constant must be checked first.
         """
         if self.diagnosis.contradictions:
             return self.preconditions
@@ -148,10 +148,6 @@ class _SummaryWords(ActWords):
         return [*cause, *before] if is_found else [*before, *cause]
 
     def _cause(self, causes: Sequence[_Cause]) -> str:
-        """The largest cause with size, class and share, and the largest fault if it is a different cause.
-
-        The condition if no cause can be named.
-        """
         return capital(self._cause_sentence(causes))
 
     def _cause_sentence(self, causes: Sequence[_Cause]) -> str:
@@ -201,9 +197,8 @@ class _SummaryWords(ActWords):
         return self.texts("probable_member", part=name, member=self.noun(member.effect), odds=sure(member.odds))
 
     def _effect(self, named: Named, part: BudgetPart | None, *, is_fault: bool = False) -> str:
-        """Return an effect with size, class and share of the error, and the likely rivals.
-
-        If the effect is not likely by itself, return only the causes with their odds.
+        """An effect with size, class and share, and its likely rivals; only the causes with their odds if none is
+        likely.
         """
         share = self._share(part) if part else ""
         if named.probability < _LIKELY and likely_rivals(named):
@@ -221,7 +216,6 @@ class _SummaryWords(ActWords):
         return self.texts("otherwise", first=first, others=others) if rivals else first
 
     def unknowns(self, act: Act | None, first: str) -> list[str]:
-        """Return the limits of the evidence as sentences, except those in the headline."""
         diagnosis, texts = self.diagnosis, self.texts
         sentences = [self._cause(self.leading())] if diagnosis.contradictions else []
         sentences.append(self.visits)
@@ -230,15 +224,20 @@ class _SummaryWords(ActWords):
             sentences.append(sentence)
         sentences.append(self.follows)
         if act and (against := self.against(act)):
-            sentences.append(texts("uncertain", against=against))
+            sentences.append(texts("uncertain_load" if act.kind == "load" else "uncertain", against=against))
         return list(filter(None, sentences))
 
     def step(self, act: Act) -> str:
         step = self.imperative(act)
         return self.texts("optional_step", step=step) if self._is_optional(act) else step
 
-    def action(self, act: Act) -> str:
-        return self.texts("do_nothing_necessary") if self._is_optional(act) else self.action_of(act)
+    def action(self, act: Act, heading: str) -> str:
+        if self._is_optional(act):
+            return self.texts("do_nothing_necessary")
+        if act.kind == "load" and heading == "outside_library":
+            return self.texts("do_now_load_rest")
+        is_open = act.kind == "load" and heading in _OPEN and not self.diagnosis.standing
+        return self.texts("do_now_load_open") if is_open else self.action_of(act)
 
     def _is_optional(self, act: Act) -> bool:
         return self._is_within_limits and act.kind in ("load", "approach", *_REPAIRS)
@@ -247,7 +246,7 @@ class _SummaryWords(ActWords):
     def error(self) -> ErrorChange:
         """The error now and after the acts that reduce it, both on the runs used to validate the model.
 
-        An assumed noise is no measured uncertainty of the two figures, and the basis says so.
+        An assumed noise is no measured uncertainty, and the basis says so.
         """
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
         gap, crossed, is_used = judged_gap(diagnosis), diagnosis.residual.held_out, accuracy.place == "used"
@@ -278,14 +277,14 @@ class _SummaryWords(ActWords):
 
     @property
     def _after_label(self) -> str:
-        """The acts after which the second error is reached; empty if no act reduces the error."""
+        """The acts after which the second error is reached."""
         kinds = {act.kind for act in without_idle_mounts(self.diagnosis.acts) if act.kind == "check" or act.removes}
         ways = ["correction"] * bool(kinds & {"load", "approach"}) + ["repair"] * bool(kinds & {"check", *_REPAIRS})
         return self.texts(f"error_after_{'_'.join(ways)}") if ways else ""
 
     @property
     def _each_by_itself(self) -> str:
-        """The errors after only the correction and only the repairs, and the order; empty unless both exist."""
+        """The errors after only the correction and only the repairs; empty unless both exist."""
         acts = [act for act in self.diagnosis.acts if act.removes and act.place == self.diagnosis.accuracy.place]
         corrections, repairs = ([act for act in acts if act.kind in kinds] for kinds in (("load",), _REPAIRS))
         if not corrections or not repairs:
@@ -296,7 +295,6 @@ class _SummaryWords(ActWords):
 
     @property
     def causes(self) -> list[BarSegment]:
-        """The largest parts of the error as separate segments, and all other parts as a single segment."""
         parts = [part for part in self.diagnosis.budget[:_MOST_CAUSES] if part.share >= _LEAST_SHARE]
         shares = [(self._cause_name(part), part.share, part.rank or "") for part in parts]
         rest = 1.0 - sum(min(part.share, 1.0) for part in parts)
@@ -308,9 +306,7 @@ class _SummaryWords(ActWords):
         return part.index is not None and self.diagnosis.effects[part.index].doubt in IMITATED
 
     def _cause_name(self, part: BudgetPart) -> str:
-        """Return the name of a part, marked if an unknown cause may imitate it. An uncertain effect has its
-        probability, as in the headline.
-        """
+        """Name of a part, marked if an unknown cause may imitate it; an uncertain effect with its probability."""
         name = self.short_name(part)
         named = self.diagnosis.effects[part.index] if part.index is not None else None
         if self._may_be_imitated(part):

@@ -1,9 +1,6 @@
-"""The fixed texts of each language, and the labels of the figures in their order, from `texts.LANGUAGE.yaml`.
+"""Fixed texts of each language and labels of the figures, from `texts.LANGUAGE.yaml`, all with the same keys.
 
-Answers that exist in English only have their sentences in `english.yaml`.
-
-All languages have the same keys. The page uses the selected language; screen and picture use English. Sentences
-composed by the analysis, such as doubts and remedies, stay English.
+Answers in English only have their sentences in `english.yaml`. Doubts and remedies of the analysis stay English.
 """
 
 from __future__ import annotations
@@ -19,22 +16,21 @@ import yaml
 from rigs.schema.robot import Robot
 
 LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius_mm", "line_at_mm"})
-"""Figures printed in bold: the ones the paper reports."""
+"""Figures of the paper, in bold."""
 
 
 def in_order(names: Iterable[str]) -> list[str]:
-    """Return distinct figure names in the order of the labels, details below their main line; unknown names last."""
+    """Distinct names in the order of the labels, unknown ones last."""
     place = {name: k for k, name in enumerate(texts_of("en").labels)}
     return sorted(dict.fromkeys(names), key=lambda name: place.get(name, len(place)))
 
 
 def label(name: str) -> str:
-    """Return the English label of a figure in a table, or the name if it has none."""
     return texts_of("en").label(name)
 
 
 def whole_label(name: str, label: Callable[[str], str] = label) -> str:
-    """Return the label of a figure outside a table, a detail after the main line: `position error, largest`."""
+    """Label outside a table, a detail after the main line: `position error, largest`."""
     text = label(name)
     if not text.startswith(" "):
         return text
@@ -50,7 +46,7 @@ LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 
 class Phrase(str):
-    """A text of the catalogue that knows its key, the keys of the texts inserted into it, and the values."""
+    """A text that knows its key, the keys of the texts inserted into it, and the values."""
 
     __slots__ = ("keys", "values")
     keys: tuple[str, ...]
@@ -70,7 +66,6 @@ def keys_of(text: object) -> tuple[str, ...]:
 
 
 def capital(text: str) -> Phrase:
-    """Return a text with a capital first letter, and its keys."""
     return Phrase(f"{text[:1].upper()}{text[1:]}", keys_of(text))
 
 
@@ -81,10 +76,7 @@ def joined(texts: Iterable[str], by: str = " ") -> Phrase:
 
 @dataclass(frozen=True)
 class Texts:
-    """Texts by key, labels of figures by name, and nouns for effects.
-
-    nouns contains only the effects whose standard name this language replaces.
-    """
+    """nouns: only of effects whose standard name this language replaces."""
 
     language: Language
     words: dict[str, str]
@@ -103,17 +95,16 @@ class Texts:
         return self.words.get(f"test_{name}", name)
 
     def not_known(self, share: float) -> str:
-        """Return the sentence about the share of the work with unknown accuracy; empty for 0."""
+        """The sentence about the share of the work with unknown accuracy; empty for 0."""
         key = "work_unknown_all" if share == 1 else "work_unknown"
         return self(key, share=f"{max(100 * share, 1):.0f} %") if share else ""
 
     def axis(self, robot: Robot, axis: int) -> str:
-        """Return the name of an axis, counted from 1: `axis 4 (gamma)`."""
+        """`axis 4 (gamma)`, counted from 1."""
         name = robot.own_name(axis)
         return self("axis_of", axis=axis, name=name) if name else self("axis_numbered", axis=axis)
 
     def label(self, name: str) -> str:
-        """Return the label of a figure, in English if this language has none."""
         return self.labels.get(name) or texts_of("en").labels.get(name, name)
 
 

@@ -39,9 +39,8 @@ _PR_SET_PDEATHSIG = 1
 
 
 def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> tuple[Answer, Diagnosis]:
-    """Diagnose runs with the model of a rig file and write the files of the diagnosis to a directory.
-
-    judges: runs at the other place, used only for the judgement. Raises RigError.
+    """Diagnose runs with a rig file, and write the files of the diagnosis to a directory. judges: unseen runs of the
+    other place.
     """
     import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
     from analysis.apps.report.act_words import ActWords, command  # noqa: PLC0415
@@ -108,7 +107,7 @@ class Inference:
         return self._outcome.poll() or not self._process.is_alive()
 
     def result(self) -> tuple[Answer, Diagnosis]:
-        """The answer with its diagnosis. Raises RigError if the diagnosis failed."""
+        """Raises RigError if the diagnosis failed."""
         try:
             outcome: tuple[Answer, Diagnosis] | RigError = self._outcome.recv()
         except (EOFError, OSError):  # killed before or while it returned the outcome
@@ -139,8 +138,8 @@ def _infer_and_return(
 class ControllerModel:
     """Correction active in the controller during a run.
 
-    model: model of the arm used by the controller; None if uncorrected. reading_deg: offset of the reported joint
-    angles (6,) caused by entered values, in degrees.
+    model: arm used by the controller, None if uncorrected. reading_deg: offsets of the joint angles (6,) by entered
+    values.
     """
 
     model: Rig | None = None
@@ -148,10 +147,10 @@ class ControllerModel:
 
 
 def path_error(runs: Sequence[Path], driven: ControllerModel, noise_um: float) -> Deviation | None:
-    """Deviation of the tool from the commanded circle, after fitting the set-ups; None if there are no runs.
+    """Deviation of the tool from the commanded circle, after fitting the set-ups; None without runs.
 
-    noise_um: rms scatter of a run, 0 if not measured. The joint angles of a corrected controller do not reveal the
-    commanded place. The commanded joints are therefore recovered from the circle angle. Raises FileError.
+    noise_um: rms scatter of a run. A corrected controller does not show the commanded joints, so they follow from the
+    circle angle.
     """
     from analysis.diagnosis.judge.compare_runs import compare  # noqa: PLC0415 - slow to import
 

@@ -1,7 +1,7 @@
 """Cell of a session: an operator who starts the programs, or an emulated cell, with rigd as a child process.
 
-Recording starts when the robot stands at the start of a program and stops when it stands at the end of the path. A run
-therefore belongs to the program that was actually driven, which may differ from the requested program.
+A recording lasts from the start to the end of a path. A run therefore belongs to the program that was driven, which may
+differ from the requested one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from daq.service.client import Client, find_socket
 from rigs.errors import CellError, RigError
 
 POLL_S = 0.1
-"""Interval between two checks of the joints."""
 _READY_S = 30.0
 """Time limit for rigd and an emulated cell to start."""
 _LEAVES_S = 6.0
@@ -63,18 +62,14 @@ class Screen(Protocol):
 
 @dataclass(frozen=True)
 class ProgramRun:
-    """A recorded run by its directory name, and the program that was driven."""
-
     name: str
     program: str
     why: str = ""
-    """Reason for being unusable, or empty."""
     held_up: int = 0
     """Number of stalls of the computer during the run."""
 
 
 def wait_until(done: Callable[[], Any], limit_s: float, error: Callable[[], CellError]) -> None:
-    """Poll until `done` is true, or raise an error after a time limit."""
     until_s = clock.now_s() + limit_s
     while not done():
         if clock.now_s() > until_s:
@@ -87,7 +82,6 @@ def _not_ready(name: str, log: Path) -> CellError:
 
 
 def _socket_of(rig_name: str) -> Path | None:
-    """Socket of the daemon that serves a rig; None if there is none."""
     with suppress(CellError):
         return find_socket(rig_name)
     return None
@@ -95,7 +89,7 @@ def _socket_of(rig_name: str) -> Path | None:
 
 @dataclass
 class RealCell:
-    """A cell whose operator reads what to do. The motion of the robot shows whether a request was followed."""
+    """A cell whose operator reads what to do. The motion of the robot shows what was done."""
 
     session: Session
     directory: Path
@@ -124,7 +118,6 @@ class RealCell:
     # What the conductor of a session requests.
 
     def set_up(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
-        """Have a stage set up, with its programs, and start rigd for it. Raises CellError."""
         self.stop_rigd()
         self._programs, self._ended, self._newest = programs, "", {}
         self._paths = {name: ProgramPath.of(program.plan) for name, program in programs.items()}
@@ -132,10 +125,7 @@ class RealCell:
         wait_until(lambda: not self.silent(), _READS_S, lambda: self._silence(f"sent no readings for {_READS_S:.0f} s"))
 
     def drive(self, step: ProgramStep, look: Callable[[], None]) -> ProgramRun:
-        """Have a step driven and record it. look: called repeatedly while waiting. Raises CellError if nothing starts.
-
-        The recording ends in any case, even after an error.
-        """
+        """Have a step driven, and record it. look: called while waiting. Raises CellError if no program starts."""
         watch = ProgramWatch(self._paths, step.program, self._ended)
         self._ended, self._try_again_s, self._lines = "", 0.0, set()
         self.start_program(self._programs[step.program])
@@ -167,7 +157,7 @@ class RealCell:
                 self._recording = ""
 
     def enter(self, file: Path) -> bool:
-        """Have the values of a file entered at the controller. Return whether they are entered."""
+        """Have the values of a file entered at the controller; True if they are."""
         if self.is_entered(file):
             self.entered.append(file)
         return file in self.entered
@@ -176,14 +166,13 @@ class RealCell:
         return Inference(used, judges, rig_file, directory)
 
     def close(self) -> None:
-        """Stop rigd, which closes a run in progress, and leave the cell as it is."""
         self.stop_rigd()
 
     # ------------------------------------------------------------------------------------------------------------------
     # What another kind of cell does in another way.
 
     def mount(self, stage: Stage, rig_file: Path) -> Path:
-        """Set up a stage and return the rig file of the resulting cell. The operator has read the request."""
+        """Set up a stage, and return the rig file of the cell."""
         return rig_file
 
     def start_program(self, program: SessionProgram) -> None:
@@ -197,7 +186,7 @@ class RealCell:
         """Check that the cell is still present. Raises CellError."""
 
     def is_entered(self, file: Path) -> bool:
-        """Enter the values of a file, or ask whether they are entered; False without a terminal."""
+        """Ask whether the values of a file are entered; False without a terminal."""
         if not (sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()):
             return False
         try:
@@ -210,7 +199,7 @@ class RealCell:
     # rigd.
 
     def start_rigd(self, rig_file: Path) -> None:
-        """Start the daemon. The daemon of a killed session gets some seconds to exit. Raises CellError."""
+        """Start the daemon, after that of a killed session has exited. Raises CellError."""
         log = self.directory / "rigd.log"
         problem = f"a rigd serves {self.session.rig} already, but a session starts a separate one"
         remedy = "stop the other rigd first; if it is a service: sudo systemctl stop rigd@NAME"
@@ -220,7 +209,7 @@ class RealCell:
         wait_until(self._connect, _READY_S, lambda: _not_ready("rigd", log))
 
     def _connect(self) -> bool:
-        """Connect to the daemon. Return whether it is ready. Raises CellError if it has ended."""
+        """True once the daemon is ready. Raises CellError if it has ended."""
         assert self._rigd is not None  # noqa: S101 - it was started
         if not self._rigd.runs:
             raise self._rigd.ended()
@@ -237,7 +226,7 @@ class RealCell:
             self._rigd = None
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Send a command to the daemon. Reconnect if it closed an idle connection. Raises RigError."""
+        """Send a command to the daemon; reconnect if it closed an idle connection."""
         assert self._rigd is not None and self._client is not None  # noqa: S101 - a stage was set up
         if not self._rigd.runs:
             raise self._rigd.ended()
@@ -276,7 +265,9 @@ class RealCell:
         return CellError(step.program, where, "start it, then repeat the command", code="program.not_started")
 
     def _handle(self, watch: ProgramWatch, seen: str, step: ProgramStep) -> str | None:
-        """React to an observation. Return why a recorded program that has ended is unusable, or an empty string."""
+        """React to an observation. Returns why the run of an ended program is unusable, empty if usable, None if none
+        ended.
+        """
         program, share = watch.program, f"{100 * watch.share:.0f} %"
         match seen:
             case "elsewhere":
@@ -299,7 +290,7 @@ class RealCell:
         return None
 
     def _begin_run(self, name: str, step: ProgramStep) -> None:
-        """Start recording a program and let it continue. Report a refusal and retry later."""
+        """Start recording a program and let it continue; retry a refusal later."""
         if clock.now_s() < self._try_again_s:
             return
         program = self._programs[name]
@@ -322,7 +313,6 @@ class RealCell:
         self.go_on(program)
 
     def _finish_run(self, program: str, why: str) -> ProgramRun:
-        """Stop the recording and check whether the run is usable."""
         ended = self.ask("record_stop")
         self._recording = ""
         name, counters = Path(ended["run"]).name, ended["counters"]
@@ -358,7 +348,7 @@ class Machine(Protocol):
 
 @dataclass
 class ServedCell(RealCell):
-    """A cell emulated by `rig emulate`. Its robot drives the programs, and its controller accepts entered values."""
+    """A cell emulated by `rig emulate`, whose robot drives the programs and whose controller accepts values."""
 
     _machine: Machine | None = None
     _events: queue.SimpleQueue[CellEvent] = field(default_factory=queue.SimpleQueue)
@@ -383,7 +373,6 @@ class ServedCell(RealCell):
         return self._machine
 
     def switch_on(self, rig_file: Path, programs: Path, seed: int, hear: Callable[[CellEvent], None]) -> Machine:
-        """Start the emulated cell. hear: receives its events. Raises RigError."""
         arguments: list[str | Path] = ["emulate", rig_file, "--programs", programs, "--for", self.session.maker]
         arguments += ["-o", self.directory / "emulated", "--seed", str(seed), "--json"]
         if self.emulated.effects:
@@ -420,14 +409,12 @@ class ServedCell(RealCell):
         self._may_go_on = True
 
     def check(self) -> None:
-        """Process the events of the cell. Raises CellError if the cell reports an error or has ended."""
         self._hear()
         if self._waits and self._may_go_on:
             self._waits = self._may_go_on = False
             self.machine.type_line("go on")
 
     def is_entered(self, file: Path) -> bool:
-        """Enter the values of a file at the emulated controller."""
         if self._machine:
             self._free()
             self._machine.type_line(f"enter {file}")
@@ -463,12 +450,11 @@ class ServedCell(RealCell):
         return heard
 
     def _await(self, event: str) -> None:
-        """Wait for an event of the cell. Raises CellError if the cell ends or takes too long."""
         log = self.directory / "emulated.log"
         wait_until(lambda: event in self._hear(), _READY_S, lambda: _not_ready("rig emulate", log))
 
     def _free(self) -> None:
-        """Wait for a program at its end, and stop a program that drives or waits. Otherwise a command is queued."""
+        """Wait for a program at its end; stop one that drives or waits, because it would delay the next command."""
         until_s = clock.now_s() + _END_PAUSE_S
         while self._is_busy and clock.now_s() < until_s:
             self.check()

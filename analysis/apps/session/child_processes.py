@@ -1,7 +1,7 @@
 """Child processes of a session: rigd, and an emulated cell.
 
-The children always end with the session. If the session is killed, the operating system terminates them
-(`PR_SET_PDEATHSIG`) and thereby frees the ports and locks for the next session.
+The operating system terminates them if the session is killed (`PR_SET_PDEATHSIG`), which frees ports and locks for the
+next session.
 """
 
 from __future__ import annotations
@@ -20,10 +20,7 @@ _ENTRY = (
     "import ctypes, os, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM); os.nice({nice}); "
     "signal.signal(signal.SIGINT, signal.SIG_IGN); from {module} import main; sys.argv[0] = {name!r}; main()"
 )
-"""Entry code of a child. It requests SIGTERM at the death of the parent and ignores Ctrl-C.
-
-The value 1 is PR_SET_PDEATHSIG (linux/prctl.h).
-"""
+"""Code of a child: SIGTERM at the death of the parent (1 is PR_SET_PDEATHSIG, linux/prctl.h), and no Ctrl-C."""
 _ENDS_S = 15.0
 """Time for an orderly shutdown: rigd closes a run first, and a slow disk may delay that."""
 
@@ -42,10 +39,10 @@ class Child:
         hear: Callable[[str], None] | None = None,
         nice: int = 0,
     ) -> Child:
-        """Start the `main` function of a module as a program.
+        """Start the `main` function of a module.
 
-        hear: called from a thread with each line of output. It also opens the standard input of the program. Raises
-        FileError if the log cannot be written.
+        hear: called from a thread with each line of output; it also opens the standard input. Raises FileError if the
+        log cannot be written.
         """
         entry = _ENTRY.format(module=module, name=name, nice=nice)
         try:
@@ -77,7 +74,7 @@ class Child:
                 hear(line.decode("utf-8", "replace").rstrip("\n"))
 
     def type_line(self, line: str) -> None:
-        """Write a line to the program. Raises CellError if the program has ended."""
+        """Raises CellError if the program has ended."""
         try:
             assert self._process.stdin is not None  # noqa: S101 - of a child that talks
             self._process.stdin.write(line.encode() + b"\n")

@@ -13,15 +13,14 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import rewrite_line, say, say_json
 from analysis.cli.options import AsJson, Operator, RigArgument, maker_option, operator_or_user
+from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import MakerName
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analysis.apps.report.blocks import Block
-    from analysis.apps.session.session_state import SessionDirectory
-
-_MINUTES, _WAIT_MIN = 50.0, 15.0
+    from analysis.apps.session.session_state import Session, SessionDirectory
 
 
 @command(app, "rig session cell.yaml --for kuka")
@@ -29,7 +28,7 @@ def session(
     rig_file: RigArgument,
     minutes: Annotated[
         float, typer.Option(min=1, max=1440, help="Available time, including set-up and verification.")
-    ] = _MINUTES,
+    ] = 50.0,
     aim: Annotated[
         Literal["faults", "accuracy", "check"],
         typer.Option(
@@ -57,7 +56,7 @@ def session(
     ] = False,
     wait_min: Annotated[
         float, typer.Option(min=0.1, max=1440, help="Minutes to wait for the robot to start a program.")
-    ] = _WAIT_MIN,
+    ] = 15.0,
     operator: Operator = "",
     emulated: Annotated[
         bool,
@@ -87,40 +86,31 @@ def session(
     day.
     """
     from analysis.apps.session.session_state import Emulated, SessionDirectory
-    from rigs.errors import UseError
     from rigs.load import find, load, named_by
 
     rig, text = load(rig_file)
     place = SessionDirectory(directory or Path(f"session-{rig.name}"))
     if status:
-        _show(place, rig_file, text, as_json=as_json)
+        _show(*_status(place, rig_file, text), as_json=as_json)
         return
-    for option, is_given in (("--effects", bool(effects)), ("--fast", fast)):
-        if is_given and not emulated:
-            problem = "is allowed only with --emulated"
-            raise UseError(option, problem, "add --emulated", code="session.option_unused")
+    if not emulated and (effects or fast):
+        option = "--effects" if effects else "--fast"
+        raise UseError(option, "is allowed only with --emulated", "add --emulated", code="session.option_unused")
     controller = maker or rig.maker
     if controller is None:
         problem = "is required, because neither feedback nor robot names the maker"
         raise UseError("--for", problem, "give --for", code="session.maker")
-    from analysis.apps.report.blocks import as_object
     from analysis.apps.session.run_session import run_session
     from analysis.apps.session.session_answer import end_blocks
     from analysis.apps.session.session_plan import SessionOptions
 
     if Path(effects).is_file():  # an absolute path is valid in any working directory; the name of a shipped rig is kept
         effects = str(Path(effects).resolve())
+    cell = Emulated(effects=effects, seed=seed, fast=fast) if emulated else None
     asked = SessionOptions(
-        rig_file=str(find(rig_file).resolve()),
-        aim=aim,
-        minutes=minutes,
-        maker=controller,
-        emulated=Emulated(effects=effects, seed=seed, fast=fast) if emulated else None,
-        operator=operator_or_user(operator),
-        wait_min=wait_min,
-        correct=correct,
-        entered=entered,
-    )
+        str(find(rig_file).resolve()), aim, minutes, controller, cell, operator_or_user(operator), wait_min, correct,
+        entered,
+    )  # fmt: skip
     screen = _Lines(aside=as_json)
     try:
         with named_by(rig_file, rig):
@@ -130,35 +120,34 @@ def session(
         raise typer.Exit(130) from None
     finally:
         screen.clear()
-    end = end_blocks(done, place.directory)
-    if as_json:
-        say_json(done.model_dump(mode="json") | {"blocks": as_object(end)})
-    else:
-        screen.answer(end)
+    _show(done, end_blocks(done, place.directory), as_json=as_json)
 
 
-def _show(place: SessionDirectory, rig_file: Path | str, rig_text: str, *, as_json: bool) -> None:
-    from analysis.apps.report.blocks import as_object, say_answer
+def _status(place: SessionDirectory, rig_file: Path | str, rig_text: str) -> tuple[Session, list[Block]]:
     from analysis.apps.session.next_step import next_of
     from analysis.apps.session.session_answer import status_blocks
-    from rigs.errors import FileError
 
-    kept_session = place.read()
-    if kept_session is None:
+    kept = place.read()
+    if kept is None:
         remedy = f"start a session: {place.command(rig_file)}"
         raise FileError(str(place.file), "this directory has no session", remedy, code="session.none")
-    place.require_complete(kept_session, rig_text)
-    blocks = status_blocks(kept_session, next_of(kept_session), place.directory)
+    place.require_complete(kept, rig_text)
+    return kept, status_blocks(kept, next_of(kept), place.directory)
+
+
+def _show(session: Session, blocks: list[Block], *, as_json: bool) -> None:
+    from analysis.apps.report.blocks import as_object, say_answer
+
     if as_json:
-        say_json(kept_session.model_dump(mode="json") | {"blocks": as_object(blocks)})
+        say_json(session.model_dump(mode="json") | {"blocks": as_object(blocks)})
     else:
         say_answer(blocks)
 
 
 class _Lines:
-    """Output of a session: permanent lines on standard output and a rewritten progress line on a terminal.
+    """Output of a session: permanent lines, and a progress line that a terminal rewrites.
 
-    aside: print the permanent lines on standard error, because JSON follows on standard output.
+    aside: the permanent lines go to standard error, because JSON follows on standard output.
     """
 
     def __init__(self, *, aside: bool) -> None:
@@ -166,7 +155,13 @@ class _Lines:
 
     def say(self, line: str) -> None:
         self.clear()
-        for piece in _wrapped(line):
+        pieces = [line]
+        if sys.stdout.isatty():
+            indent, columns = " " * (len(line) - len(line.lstrip()) + 2), shutil.get_terminal_size().columns
+            pieces = textwrap.wrap(
+                line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+            )
+        for piece in pieces:
             say(piece, err=self._aside)
         sys.stdout.flush()
 
@@ -186,15 +181,3 @@ class _Lines:
         if self._shown:
             rewrite_line("")
             self._shown = False
-
-
-def _wrapped(line: str) -> list[str]:
-    """Wrap a line to the width of the terminal with indented continuation lines.
-
-    If there is no terminal, do not wrap.
-    """
-    if not sys.stdout.isatty():
-        return [line]
-    indent = " " * (len(line) - len(line.lstrip()) + 2)
-    columns = shutil.get_terminal_size().columns
-    return textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)

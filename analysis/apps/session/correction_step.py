@@ -1,8 +1,7 @@
-"""Correction step of a session: values entered at the controller or programs with corrected targets.
+"""Correction step of a session: values entered at the controller, or programs with corrected targets.
 
-The choice depends on the error that each removes. Entered values serve every program, so they are preferred if they
-remove nearly as much. Gear errors, joint compliance and play can only be corrected in the targets of a program with a
-known path. Errors that depend on time or on the instruments need a repair instead.
+Entered values serve every program, so they are preferred if they remove nearly as much. Gear errors, compliance and
+play can be corrected only in targets of a known path.
 """
 
 from __future__ import annotations
@@ -71,11 +70,10 @@ def corrected(
     directory: Path,
     chosen_way: Way | None = None,
 ) -> tuple[SessionCorrection, dict[str, SessionProgram]]:
-    """Compute the correction from the model of a session and replace the files of an older correction in the directory.
+    """Correction by the model of a session, and the corrected programs by the name of the program that each replaces.
 
-    Return the correction and the corrected programs, by the name of the program that each replaces. runs: runs on the
-    circle of the rig, which decide between entries and programs, and runs at the other place. steps: steps to drive
-    after the correction. chosen_way: choice of the user. Raises FileError and CellError.
+    runs: on the circle of the rig, which decide between entries and programs, and at the other place. steps: to drive
+    after the correction. The files replace those in the directory.
     """
     shutil.rmtree(directory, ignore_errors=True)
     model, _ = load(model_file)
@@ -144,10 +142,10 @@ def corrected(
 
 
 def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
-    """Expected error on runs after a correction, with the uncertainty of the model there.
+    """Expected error on runs after a correction.
 
-    The uncertainty applies to each coordinate of the tool's place with the frame taught on the circle. It is None if
-    the runs of the model do not determine it.
+    Its uncertainty applies to each coordinate of the tool with the frame taught on the circle, None if the runs of the
+    model do not determine it.
     """
     q = np.concatenate([run.table.q[:: -(-len(run.table.q) // _POSES)] for run in runs])
     u_um = 1e3 * rms(where_known(pose_u, q, frame_u_mm(model, pose_u, q, q) / np.sqrt(3)))
@@ -155,7 +153,7 @@ def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured],
 
 
 def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
-    """Residual of runs in µm, given these effects: the error left by a controller that corrects them."""
+    """Rms in µm that these effects leave of the readings."""
     modelled = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(runs, modelled).runs])
     return 1e3 * rms(every)
@@ -175,7 +173,6 @@ def _correction(
 
 
 def _best_way(now_um: float, entries_gain_um: float, targets_gain_um: float) -> Way:
-    """Choose the way by the rms error of the readings, and by how much entries and corrected targets reduce it."""
     if max(targets_gain_um, entries_gain_um) < max(_LEAST_UM, _LEAST_SHARE * now_um):
         return "none"
     return "entries" if entries_gain_um >= _NEARLY * targets_gain_um else "programs"
@@ -186,7 +183,7 @@ def entries_file(directory: Path) -> Path:
 
 
 def reading_deg(directory: Path) -> tuple[float, ...]:
-    """Offsets of the joint readings (6,) in degrees after entering the values of a correction."""
+    """Offsets of the joint readings (6,) in degrees by the entered values of a correction."""
     data = read_yaml((directory / _FILE).read_text(encoding="utf-8"), str(directory / _FILE))[1]
     added_deg = [0.0] * 6
     for entry in data["controller"]["entries"]:
@@ -197,10 +194,7 @@ def reading_deg(directory: Path) -> tuple[float, ...]:
 def corrected_programs(
     rig: Rig, model: Rig, stages: Sequence[Stage], steps: Sequence[ProgramStep]
 ) -> dict[str, SessionProgram]:
-    """Corrected programs for some steps, by the name of the nominal program that each replaces.
-
-    Raises FileError if a target cannot be corrected.
-    """
+    """Corrected programs by the name of the nominal program that each replaces."""
     return programs_by_step(stages, steps, partial(_of_test, rig, model), FIXED)
 
 
@@ -222,11 +216,7 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Sessi
 
 
 def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[SessionProgram]) -> float:
-    """Rms error in µm of corrected circle programs between targets, where the controller interpolates.
-
-    The sources are waves with a short period and play at reversals of a joint. A shift of the circle and a zero offset
-    of the gauges do not count.
-    """
+    """Rms error in µm of corrected circle programs between targets, from waves with a short period and from play."""
     moved = stage_rig(rig, stage).modelled_as(model)
     effects = (*used_effects(model, supports(model)), *known_plays(moved))
     real, frame = model_of(moved, effects), frame_of(circle_of(moved))

@@ -26,10 +26,8 @@ class Infer:
 
 
 Following = Drive | Infer | Literal["decide", "correct", "enter", "report", "done"]
-"""Kind of the next step.
-
-decide: decide from the answer whether more tests are needed. correct: compute the correction. enter: enter the values
-at the controller. report: compare the runs before and after the correction and write the page. done: session complete.
+"""decide: are more tests needed? enter: have the values entered. report: compare the runs before and after, and write
+the page.
 """
 
 
@@ -47,7 +45,7 @@ def next_of(session: Session) -> Following:
 
 
 def _correcting(session: Session) -> Following | None:
-    """Next step between the last inference and the last verification run; None after that run."""
+    """Step between the last inference and the last verification run; None after that run."""
     answer, correction = session.answer, session.correction
     if correction is None:
         if answer is not None and session.is_last(answer):
@@ -64,7 +62,6 @@ def _correcting(session: Session) -> Following | None:
 
 
 def first_open(session: Session, purpose: Purpose, program: str = "") -> int | None:
-    """Number of the first open step with a purpose, and with a program if given."""
     return next(
         (
             number
@@ -76,7 +73,7 @@ def first_open(session: Session, purpose: Purpose, program: str = "") -> int | N
 
 
 def shows_more(session: Session) -> bool:
-    """True if an inference may show more than the last: both directions, and a new run or all runs of a kind."""
+    """True if there are both directions, and a new run or all runs of a kind."""
     find = session.runs_for("find")
     understood = session.answer.runs if session.answer else 0
     all_driven = first_open(session, "judge") is None and first_open(session, "find") is None
@@ -85,10 +82,8 @@ def shows_more(session: Session) -> bool:
 
 
 def is_answered(session: Session, answer: Answer) -> bool:
-    """True if the question of the session is answered.
-
-    This requires repeats in both directions, a settled condition, little unexplained error, and no large group of
-    causes that a different test could name.
+    """True for repeats in both directions, a settled condition, little unexplained error, and no large group that
+    another test could name.
     """
     used = session.runs_for("find")[: answer.runs - answer.joined]
     circles = [(step.test, step.direction) for step in used if step.direction]
@@ -99,9 +94,8 @@ def is_answered(session: Session, answer: Answer) -> bool:
 
 
 def why_nothing(session: Session) -> str:
-    """Reason for not correcting the robot as a sentence; empty if a correction is allowed.
-
-    The verdict of the other place counts, if available. The last answer includes these runs and has no judge.
+    """Reason not to correct the robot; empty if a correction is allowed. The verdict of the other place counts, if
+    there is one.
     """
     answer = session.judged or session.answer
     return _WHY_NOTHING.get(answer.ground, "") if answer else ""

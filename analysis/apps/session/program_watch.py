@@ -1,7 +1,6 @@
-"""Detection of the driven program and the progress from joint angles, without a clock or a daemon.
+"""Detection of the driven program and its progress from joint angles, without a clock or a daemon.
 
-A robot resting at the start of a path is about to drive that program. A robot that leaves the path drives something
-else. The outward and return paths pass through the same places, so progress never decreases.
+The outward and return paths pass through the same places, so progress never decreases.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from analysis.robot.kinematics.arm import Array
 from analysis.runs.stands import FLICKER_DEG
 
 NEAR_DEG = 1.0
-"""Maximum distance of each joint from the start of a program. Chosen: corrected programs start some hundredths of a
-degree from the nominal start, and the starts of different programs differ by tens of degrees.
+"""Largest distance of each joint from the start of a program. Chosen: corrected programs start hundredths of a degree
+away, other programs tens of degrees.
 """
 _ASTRAY_DEG = 5.0
-"""Distance from the entire path above which the robot drives something else. Chosen: between targets a controller may
-deviate slightly from the planned joint angles.
+"""Distance from the path above which the robot drives something else. Chosen: controllers deviate slightly between
+targets.
 """
 _STANDSTILL_S = 0.5
 _ENDED_S = 2.0
@@ -32,29 +31,25 @@ _MORE_S = 3.0
 """Margin added to twice the longest planned pause: a longer standstill elsewhere means that the robot was stopped."""
 _ELSEWHERE_S = 4.0
 _ACCEPTED_S = 4.0
-"""Standstill at the start of an unexpected program after which it is accepted. Until then the operator may still move
-the robot to the start of the requested program.
+"""Standstill at the start of an unexpected program after which it is accepted; before, the operator may still move the
+robot.
 """
 _STEP_DEG = 0.5
 """Spacing of the points of a path. Chosen: a tenth of the distance that counts as astray."""
 _AHEAD = 240
 """Number of path points searched ahead: 120 degrees of the fastest joint, more than the motion between two checks."""
 _NEARLY, _LAST = 0.99, 4
-"""Share of the path, or number of last points, from which the robot counts as near the end. The search takes the first
-near point, and the path of a small circle has only seventy points.
-"""
+"""Share of the path, or number of last points, near the end. The path of a small circle has only seventy points."""
 
 Seen = Literal["nothing", "at_start", "driving", "ended", "stopped", "astray", "elsewhere"]
-"""Observation of the robot.
-
-at_start: a program is about to start. driving: it is in progress. ended: it is complete. stopped: it was interrupted.
-astray: the robot left the path. elsewhere: the robot moved to a place that is not the start of any program.
+"""at_start: a program is about to start. stopped: interrupted. astray: off the path. elsewhere: at no start of a
+program.
 """
 
 
 @dataclass(frozen=True)
 class ProgramPath:
-    """Path of a program: joint angles q_deg (n, 6) at equal distances, and the longest planned pause in s."""
+    """Joint angles q_deg (n, 6) at equal distances, and the longest planned pause."""
 
     q_deg: Array
     longest_stand_s: float
@@ -75,10 +70,10 @@ class ProgramPath:
 
 
 class ProgramWatch:
-    """Tracks a step: waits for the expected program or a different known program and follows it to the end."""
+    """Waits for the expected or another known program, and follows it to the end."""
 
     def __init__(self, ways: Mapping[str, ProgramPath], expected: str, ended: str = "") -> None:
-        """ended: previous program. The robot may still stand at its end."""
+        """ended: previous program, at whose end the robot may still stand."""
         self._ways, self._expected, self._ended = ways, expected, ended
         self.program = ""
         """Program that is about to start or in progress."""

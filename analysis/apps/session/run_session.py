@@ -1,7 +1,7 @@
-"""Execution of the command `rig session`: starts or resumes a session and carries it out to its end.
+"""Execution of `rig session`.
 
-The next step depends only on the stored session (`analysis.apps.session.next_step`), which is stored after each event.
-An interrupted session therefore resumes anywhere with the same command.
+The next step depends only on the stored session (`analysis.apps.session.next_step`), so the same command resumes an
+interrupted session anywhere.
 """
 
 from __future__ import annotations
@@ -78,10 +78,9 @@ def run_session(
     screen: Screen,
     make_cell: Callable[[Session], RealCell] | None = None,
 ) -> Session:
-    """Start a session, or resume the stored session, and run it to the end.
+    """Start a session, or resume the stored one, and run it to the end.
 
-    make_cell: makes the cell of the session; default: the real cell, or the one emulated as requested. Raises RigError.
-    Progress is stored, so the same call resumes the session.
+    make_cell: default: the real cell, or the one emulated as requested.
     """
     with place:
         kept = place.read()
@@ -115,8 +114,6 @@ def run_session(
 
 @dataclass
 class Conductor:
-    """Carries a session out step by step, and stores it after each event."""
-
     rig: Rig
     rig_text: str
     place: SessionDirectory
@@ -129,13 +126,12 @@ class Conductor:
     driving: int | None = None
     """Number of the step being driven."""
     corrected: Mapping[str, SessionProgram] = field(default_factory=dict)
-    """Corrected programs, by the name of the program that each replaces."""
+    """Corrected programs by the name of the program that each replaces."""
     inference: Inference | None = None
     """The running inference."""
     inferred: tuple[list[str], list[str]] = ([], [])
-    """Names of the runs of the running or last inference: the runs used, and the runs that judge."""
+    """Runs of the running or last inference: those used, and those that judge."""
     diagnosis: Diagnosis | None = None
-    """Result of the last inference; None while it is running."""
 
     def run(self) -> Session:
         self._adopt_runs()
@@ -177,7 +173,7 @@ class Conductor:
     # Runs and programs.
 
     def _adopt_runs(self) -> None:
-        """Assign runs in the directory to open steps if they were recorded just before an interruption."""
+        """Assign runs that were recorded just before an interruption to open steps."""
         known = {attempt.run for step in self.session.steps for attempt in step.tries} | set(self.session.left_alone)
         for path in sorted(self.place.runs.glob("*")):
             if path.name in known or not is_run(path):
@@ -189,10 +185,7 @@ class Conductor:
                 self._say(f"  {path.name} does not belong to a step of this session, or was interrupted: ignored")
 
     def _step_of(self, path: Path) -> int | None:
-        """Open step that a run belongs to.
-
-        None for a run that is incomplete, unusable, of another rig, or a copy of a known run.
-        """
+        """Open step of a run; None for a run that is incomplete, unusable, of another rig, or a copy."""
         following = next_of(self.session)
         try:
             manifest = load_manifest(path)
@@ -217,7 +210,6 @@ class Conductor:
         return programs | {new.name: new for new in self.corrected.values() if new.stage == stage.name}
 
     def _write_stage(self, stage: Stage, programs: Mapping[str, SessionProgram]) -> None:
-        """Write the rig file and the programs of a stage. Existing files are overwritten with the same content."""
         directory = self.place.directory
         write_programs(self.session.maker, list(programs.values()), directory / "programs" / stage.name)
         files = {**self.rig.companion_files, f"{stage.name}.yaml": stage_text(self.rig_text, stage).encode()}
@@ -227,7 +219,6 @@ class Conductor:
     # A step.
 
     def _drive(self, number: int) -> None:
-        """Drive a step, store its run, and start an inference if the runs may show more than before."""
         step = self.session.steps[number]
         stage = self.session.stage_of(step)
         self.driving = number
@@ -246,7 +237,6 @@ class Conductor:
         self._store_run(run, number if is_asked else first_open(self.session, step.purpose, run.program))
 
     def _store_run(self, run: ProgramRun, number: int | None) -> None:
-        """Assign a run to the step of its program. number: of that step; None if there is none."""
         self._say(f"  {run.name}: {f'not usable: {run.why}; repeat the run' if run.why else 'usable'}")
         if number is None:
             self._keep(left_alone=(*self.session.left_alone, run.name))
@@ -259,7 +249,6 @@ class Conductor:
             self._infer(joins=False)
 
     def _look(self) -> None:
-        """Process an answer that arrives while a step is driven."""
         if self.inference is None or not self.inference.is_done:
             return
         try:
@@ -273,10 +262,7 @@ class Conductor:
     # Diagnosis.
 
     def _infer(self, *, joins: bool) -> None:
-        """Start an inference with the available runs.
-
-        joins: also use the runs of the other place, after their judgement.
-        """
+        """joins: also use the runs of the other place, after their judgement."""
         find, judge = ([step.run for step in self.session.runs_for(kind) if step.run] for kind in ("find", "judge"))
         self.inferred, self.diagnosis = ([*find, *judge], []) if joins else (find, judge), None
         folder = self.place.directory / "found"
@@ -298,7 +284,7 @@ class Conductor:
         return answer
 
     def _store_answer(self, answer: Answer) -> None:
-        """Store an answer. If it answers the question, skip the remaining steps for finding errors."""
+        """Store an answer. If it answers the question, the remaining steps for finding errors are skipped."""
         session, judges = self.session, len(self.session.runs_for("judge"))
         if judges and answer.runs > len(session.runs_for("find")):
             answer = answer.model_copy(update={"joined": judges})
@@ -316,7 +302,7 @@ class Conductor:
             self._say(f"  {_ANSWERED}: {programs} skipped" if is_known else f"  {_OPEN}: {programs} required after all")
 
     def _skipped(self, purpose: Purpose, why: str) -> tuple[ProgramStep, ...]:
-        """Steps with the undriven ones of a purpose skipped; an empty `why` reopens them."""
+        """Skip the undriven steps of a purpose; an empty `why` reopens them."""
         return tuple(
             step.model_copy(update={"skipped": why})
             if step.purpose == purpose and step.run is None and number != self.driving
@@ -325,7 +311,7 @@ class Conductor:
         )
 
     def _decide(self) -> None:
-        """Insert a test that separates rivals or helps to decide. If there is none, close the search for errors."""
+        """Insert a test that separates rivals or helps to decide, or close the search for errors."""
         session, answer = self.session, _of(self.session.answer)
         addition = further_stage(session, answer, self.rig, self.asked.pace) if session.aim != "check" else None
         if addition is None:
@@ -343,7 +329,7 @@ class Conductor:
     # Correction and the end.
 
     def _verify_steps(self) -> list[ProgramStep]:
-        """Steps after the correction with the nominal programs from which they are derived."""
+        """Verification steps with the names of the nominal programs."""
         return [
             step.model_copy(update={"program": step.program.removesuffix(FIXED)})
             for step in self.session.steps
@@ -351,7 +337,6 @@ class Conductor:
         ]
 
     def _correct(self) -> None:
-        """Compute and store the correction. Its programs, if any, replace those of the verification steps."""
         answer, way = _of(self.session.answer), self.asked.correct
         why = why_nothing(self.session) if way in (None, "none") else ""
         if not answer.model:
@@ -393,7 +378,6 @@ class Conductor:
         return correction
 
     def _enter(self) -> None:
-        """Have the values entered. Raises CellError if the operator does not confirm it."""
         file, session = entries_file(self.place.directory / CORRECTIONS), self.session
         self._say(f"enter the values of {file}, as described in that file")
         if not self.cell.enter(file):
@@ -415,13 +399,12 @@ class Conductor:
 
 
 def _of(value: _T | None) -> _T:
-    """Value that is always present at this point of a session."""
     assert value is not None  # noqa: S101 - by the step that comes next
     return value
 
 
 def _failed(step: ProgramStep, *, is_emulated: bool) -> CellError:
-    """Error after repeated failures of a step: a problem in the cell or of the computer must be solved first."""
+    """Error after repeated failures of a step."""
     last = step.tries[-1].why
     if is_emulated or any(attempt.held_up for attempt in step.tries[-MOST_TRIES:]):
         vain = f"after {MOST_TRIES} failed attempts at {step.program}, last error: {last}"
@@ -436,7 +419,6 @@ def _failed(step: ProgramStep, *, is_emulated: bool) -> CellError:
 
 @contextmanager
 def _cell_of(session: Session, place: SessionDirectory, asked: SessionOptions, screen: Screen) -> Iterator[RealCell]:
-    """Yield the cell of a session, in simulated time if requested."""
     if asked.emulated is None:
         yield RealCell(session, place.directory, screen, asked)
     elif not asked.emulated.fast:
@@ -449,7 +431,7 @@ def _cell_of(session: Session, place: SessionDirectory, asked: SessionOptions, s
 
 
 def offer_lines(rig_name: str, directories: Sequence[Path]) -> Iterator[str]:
-    """Yield the offer to find first what moved, if a reference of the cell exists."""
+    """The offer to find first what moved, if a reference of the cell exists."""
     references = references_of(dict.fromkeys(directories), rig_name)
     if not references:
         return

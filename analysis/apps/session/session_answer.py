@@ -44,7 +44,7 @@ def plan_blocks(session: Session, pace: SessionPace, directory: Path) -> list[Bl
 
 
 def step_lines(session: Session, number: int) -> list[str]:
-    """Return the program to start, and at its first run the commands for recording it manually."""
+    """The program to start, and at its first run the commands for recording it by hand."""
     step = session.steps[number]
     is_again = any(earlier.program == step.program and earlier.run for earlier in session.steps[:number])
     start = f"step {number + 1} of {len(session.steps)}: start program {step.program}"
@@ -69,10 +69,7 @@ def _parts(parts: Sequence[PartOfError]) -> Table:
 
 
 def before_after(session: Session, directory: Path, verdict: PageVerdict | None = None) -> BeforeAfter | None:
-    """Return the correction of a session with the measured errors; None before the correction.
-
-    verdict: on the runs after the correction.
-    """
+    """verdict: on the runs after the correction."""
     correction, judged = session.correction, session.judged
     if correction is None:
         return None
@@ -85,7 +82,6 @@ def before_after(session: Session, directory: Path, verdict: PageVerdict | None 
 
 
 def end_blocks(session: Session, directory: Path) -> list[Block]:
-    """The result of a session: causes, error before and after the correction, and the acts that remain."""
     answer, after, blocks = session.answer, before_after(session, directory), list[Block]()
     if session.summary:
         blocks += summary_blocks(session.summary, _TEXTS)

@@ -1,9 +1,8 @@
 """Plan of a session: the programs, places and repeats that fit into the available time.
 
-Every session with a correction drives the circle of the rig file repeatedly in both directions, which measures the
-scatter between runs, and the same circle at a second place, which only judges the model. After the correction both are
-driven again, starting at the current place of the ball. The remaining time is used for tests that make the most
-additional parameters testable (`rig plan`).
+A session drives the circle of the rig file repeatedly in both directions, which measures the scatter, and the same
+circle at a second place, which only judges the model. After the correction both are driven again, starting at the
+current place of the ball. The remaining time is used for the tests that make the most further parameters testable.
 """
 
 from __future__ import annotations
@@ -61,10 +60,7 @@ Addition = tuple[Stage, tuple[ProgramStep, ...]]
 
 @dataclass(frozen=True)
 class SessionPace:
-    """Time needed in addition to the motion.
-
-    set_up_min: for each stage. handling_s: for each program. thinking_min: inference, correction and report at the end.
-    """
+    """Time needed besides the motion, per stage and per program; thinking_min: inference, correction and report."""
 
     set_up_min: float
     handling_s: float
@@ -72,9 +68,9 @@ class SessionPace:
 
 
 BY_HAND = SessionPace(SET_UP_MIN, 45.0, 2.0)
-"""Chosen: an experienced operator walks to the pendant, selects a program, mounts the link and starts the program."""
+"""Chosen: walk to the pendant, select a program, mount the link, start."""
 BY_ITSELF = SessionPace(0.05, 1.5, 0.8)
-"""Pace of an emulated cell, measured on two busy cores: 3 s per stage, 0.5 to 1 s per motion, 45 s at the end."""
+"""Measured on two busy cores: 3 s per stage, 0.5 to 1 s per motion, 45 s at the end."""
 
 
 @dataclass(frozen=True)
@@ -86,21 +82,17 @@ class SessionOptions:
     emulated: Emulated | None
     operator: str
     wait_min: float
-    """Minutes to wait for the robot to start a program."""
     correct: Way | None = None
-    """Way of the correction chosen by the user."""
     entered: bool = False
-    """True if the user states that the values of the correction are entered."""
 
     @property
     def pace(self) -> SessionPace:
-        """Time needed in addition to the motion; in simulated time the same as for an operator."""
         return BY_ITSELF if self.emulated and not self.emulated.fast else BY_HAND
 
 
 @dataclass(frozen=True)
 class SessionProgram:
-    """A program of a session. corrected: kind of correction active while it is driven."""
+    """corrected: kind of correction active while it is driven."""
 
     name: str
     stage: str
@@ -112,7 +104,7 @@ class SessionProgram:
 
 
 def stage_rig(rig: Rig, stage: Stage) -> Rig:
-    """Rig of a stage, including the circle. Automatic runs are disabled, because the session records."""
+    """Rig of a stage, without automatic runs, because the session records."""
     moved = rig.model_copy(update={"automatic": None})
     return moved if stage.circle is None else with_circle(moved, stage.circle)
 
@@ -128,10 +120,7 @@ def stage_text(text: str, stage: Stage) -> str:
 def planned(
     rig: Rig, aim: Aim, minutes: float, pace: SessionPace, progress: Callable[[str], None]
 ) -> tuple[tuple[Stage, ...], tuple[ProgramStep, ...]]:
-    """Plan the stages and steps for the available time.
-
-    Raises FileError if the arm cannot drive the circle, and UseError if the time is too short for any session.
-    """
+    """Raises FileError if the arm cannot drive the circle, and UseError if the time is too short."""
     if not rig.gauges.recorded:
         problem = "does not have gauges, but a session needs two gauges to read circles"
         remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then run rig diagnose"
@@ -155,7 +144,7 @@ def planned(
 
 
 def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, ...], tuple[ProgramStep, ...]]]:
-    """Yield the possible backbones in order of decreasing length."""
+    """The possible backbones, longest first."""
     main_programs = programs_for(rig, main, MAIN)
     if aim == "check":
         for repeats in (2, 1):
@@ -171,7 +160,7 @@ def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, .
 
 
 def elsewhere(rig: Rig) -> Stage | None:
-    """Stage at a second place with the same link and tool; None if the arm cannot drive any."""
+    """Stage at a second place with the same link and tool, if the arm can drive one."""
     circle = rig.tests.circle
     assert circle is not None  # noqa: S101 - looked at before
     for words, centre in places(rig, circle):
@@ -215,7 +204,7 @@ def _circles(programs: Sequence[SessionProgram], purpose: Purpose, repeats: int)
 
 
 def _addition(rig: Rig, further: FurtherTest, words: str, moved: Rig, number: int) -> Addition | None:
-    """Stage and steps of a further test; None if it needs another link or tool. Raises FileError if undrivable."""
+    """None if it needs another link or tool. Raises FileError if undrivable."""
     circle, rig_circle = moved.tests.circle, rig.tests.circle
     if moved.robot != rig.robot or (circle and rig_circle and circle.radius_mm != rig_circle.radius_mm):
         return None
@@ -227,10 +216,9 @@ def _addition(rig: Rig, further: FurtherTest, words: str, moved: Rig, number: in
 
 
 def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> Addition | None:
-    """Stage and the steps of a test named by `rig plan`.
+    """Stage and steps of a test named by `rig plan`; None if it needs another link or tool.
 
-    number: number of the stage, used in the name if the circle differs. None if the test needs another link or tool, or
-    if the arm cannot drive it.
+    number: in the name of the stage if the circle differs. Raises FileError if undrivable.
     """
     for further in further_tests(rig, tests):
         for called, moved in further.choices:
@@ -240,7 +228,7 @@ def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> 
 
 
 def _further_stages(rig: Rig, minutes: float, pace: SessionPace, progress: Callable[[str], None]) -> list[Addition]:
-    """Choose additional tests for the remaining time by the number of parameters made testable per minute."""
+    """Tests for the remaining time, by the number of parameters made testable per minute."""
     possible: list[tuple[str, float, Addition]] = []
     for number, further in enumerate(further_tests(rig, (MAIN,)), start=2):
         for words, moved in further.choices:
@@ -261,7 +249,7 @@ def _further_stages(rig: Rig, minutes: float, pace: SessionPace, progress: Calla
 
 
 def further_stage(session: Session, answer: Answer, rig: Rig, pace: SessionPace) -> Addition | None:
-    """Stage with steps that separate rivals or help to decide; None if none does, or if time is short."""
+    """Steps that separate rivals or help to decide; None if none does, or if time is short."""
     if len(session.stages) >= 2 + _MOST_MORE:
         return None
     addition: Addition | None = None
@@ -287,7 +275,6 @@ def further_stage(session: Session, answer: Answer, rig: Rig, pace: SessionPace)
 
 
 def insert_find_steps(steps: Sequence[ProgramStep], added: Iterable[ProgramStep]) -> tuple[ProgramStep, ...]:
-    """Insert further steps that find errors before the steps that judge and verify."""
     at = sum(step.purpose == "find" for step in steps)
     return (*steps[:at], *added, *steps[at:])
 
@@ -299,10 +286,7 @@ def minutes_of(stages: Sequence[Stage], steps: Sequence[ProgramStep], pace: Sess
 
 
 def numbered(steps: Sequence[ProgramStep], written: Sequence[ProgramStep] = ()) -> tuple[ProgramStep, ...]:
-    """Number the programs of steps in the order of first use.
-
-    written: steps with existing program files; these keep their numbers.
-    """
+    """Number the programs in the order of first use; the files in `written` keep their numbers."""
     names = {_bare(step.program): step.program for step in written}
     for bare in map(_bare, (step.program for step in steps)):
         names.setdefault(bare, f"p{len(names) + 1:02d}-{bare}")
@@ -315,7 +299,7 @@ def _bare(program: str) -> str:
 
 
 def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONGEST_ARC_DEG) -> list[SessionProgram]:
-    """Programs of a test at a stage, for each direction, without numbers. Raises FileError."""
+    """Programs of a test at a stage, for each direction, without numbers."""
     at = stage_rig(rig, stage)
     ways: tuple[Direction | None, ...] = _BOTH if test in CIRCLES else (None,)
     place = stage.name if stage.circle else ""
@@ -336,7 +320,7 @@ def programs_by_step(
     programs_of_test: Callable[[Stage, DrivenTest], list[SessionProgram]],
     suffix: str = "",
 ) -> dict[str, SessionProgram]:
-    """Programs of some steps, by the name in the step. suffix: added to the names of the programs."""
+    """suffix: added to the names of the programs."""
     programs: dict[str, SessionProgram] = {}
     for stage in stages:
         stage_steps = [step for step in steps if step.stage == stage.name]
@@ -350,9 +334,5 @@ def programs_by_step(
 
 
 def write_programs(maker: MakerName, programs: Sequence[SessionProgram], directory: Path) -> list[Path]:
-    """Write the program files for the controllers of a maker and replace existing files.
-
-    Raises FileError if the files are not possible in this place, and CellError if the disk refuses.
-    """
     files = programs_of(maker, [(program.plan, demand_of(program.plan)) for program in programs])
     return write_all_over(directory, encoded_programs(maker, files))

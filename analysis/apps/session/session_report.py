@@ -26,10 +26,6 @@ PAGE = "report.html"
 
 
 def verified_by(session: Session, place: SessionDirectory) -> VerifiedError:
-    """Return the path error before and after the correction, on the same tests and at the other place.
-
-    Raises RigError.
-    """
     nominal = after = ControllerModel()
     noise_um = session.answer.noise_um if session.answer else 0.0
     if session.answer is not None and session.correction is not None and session.correction.way != "none":
@@ -51,10 +47,10 @@ def verified_by(session: Session, place: SessionDirectory) -> VerifiedError:
 
 
 def write_report(session: Session, rig: Rig, place: SessionDirectory, diagnosis: Diagnosis | None = None) -> Path:
-    """Write the page of a session and replace an older page.
+    """Write the page of a session.
 
-    The figures show the runs for finding errors. The diagnosis uses all runs before the correction. diagnosis: that of
-    these runs, if it exists already. Raises FileError and CellError.
+    The figures show the runs for finding errors, the diagnosis all runs before the correction. diagnosis: that of these
+    runs, if it exists.
     """
     find, judges = (
         [load_measured(run) for run in place.runs_of(session.runs_for(purpose))] for purpose in ("find", "judge")

@@ -1,8 +1,4 @@
-"""State of a session in a readable file, rewritten after each step.
-
-The file contains all knowledge of a session and alone determines the next step (`analysis.apps.session.next_step`). An
-interrupted session therefore resumes with the same command.
-"""
+"""State of a session in a readable file, rewritten after each step. It alone determines the next step."""
 
 from __future__ import annotations
 
@@ -38,18 +34,16 @@ _MOST_BYTES = 1_000_000
 _MOST_MINUTES = 10_000.0
 """One week; a session takes at most a day."""
 MOST_TRIES = 3
-"""Number of attempts at a step before the session stops and the user has to check the cell."""
 
 MAIN: DrivenTest = CIRCLES[0]
 """Test for finding errors and for verifying the correction."""
 ELSEWHERE = "other"
 """Name of the stage at the other place, which is not used to find errors."""
 Aim = Literal["faults", "accuracy", "check"]
-"""Aim of a session: find worn, loose or shifted parts; reach the best accuracy; or check the robot."""
 Purpose = Literal["find", "judge", "verify"]
-"""Purpose of a run: find errors; judge the model at the other place; or verify a correction."""
+"""Find errors; judge the model at the other place; or verify a correction."""
 Way = Literal["entries", "programs", "none"]
-"""Way to correct the robot: values entered at the controller, programs with corrected targets, or no correction."""
+"""Values entered at the controller, programs with corrected targets, or no correction."""
 
 
 def _a_time(text: str) -> str:
@@ -58,20 +52,14 @@ def _a_time(text: str) -> str:
 
 
 class Stage(Part):
-    """Set-up for some programs: the place of the ball and the mounting of the gauges."""
-
     name: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,40}$")]
     words: str
     """Instructions for the operator."""
     circle: Circle | None = None
-    """Circle of the stage if it differs from the rig file."""
 
 
 class Try(Part):
-    """A run recorded for a step.
-
-    why: reason for being unusable, or empty. held_up: number of stalls of the computer during the run.
-    """
+    """A run of a step. why: reason for being unusable. held_up: stalls of the computer during the run."""
 
     run: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,200}$")]
     why: str = ""
@@ -79,7 +67,7 @@ class Try(Part):
 
 
 class ProgramStep(Part):
-    """A program to drive; the last usable run counts. skipped: reason for skipping the step, or empty."""
+    """A program to drive; its last usable run counts. skipped: reason."""
 
     program: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,60}$")]
     stage: str
@@ -113,10 +101,7 @@ class PartOfError(Part):
 
 
 class SessionAct(Part):
-    """An act recommended by an answer (`analysis.diagnosis.judge.acts`).
-
-    words: text of the recommendation. corrected: text for a corrected robot, if different.
-    """
+    """An act (`analysis.diagnosis.judge.acts`). corrected: words for a corrected robot, if different."""
 
     kind: str
     why: str
@@ -130,10 +115,10 @@ class SessionAct(Part):
 
 
 class Answer(Part):
-    """Result of an inference during a session, with the sentences of the answer.
+    """Result of an inference with its sentences.
 
-    joined: number of the runs used that had judged an earlier answer. runs_to_decide: number of runs of each kind
-    needed to decide. found: directory of the result files. noise_um: rms scatter of a run, 0 if not measured.
+    joined: runs used that had judged an earlier answer. runs_to_decide: runs of each kind needed. found: directory of
+    the result files. noise_um: rms scatter of a run.
     """
 
     runs: Count
@@ -146,13 +131,12 @@ class Answer(Part):
     next_step: str
     parts: tuple[PartOfError, ...]
     remedies: tuple[str, ...] = ()
-    """Further recommendations after the next step."""
     acts: tuple[SessionAct, ...] = ()
-    """The next step and the remedies with the kind of each act; empty in sessions of earlier versions."""
+    """Empty in sessions of earlier versions."""
     next_test: str = ""
     """Test that would separate rivals or name a group."""
     ground: str = ""
-    """Reason to correct or not to correct by the model (`rigs.calibration.Ground`); empty if not assessed."""
+    """Reason to correct or not (`rigs.calibration.Ground`)."""
     runs_to_decide: int | None = None
     now_um: NotNegative
     calibrated_um: NotNegative
@@ -164,16 +148,13 @@ class Answer(Part):
     seconds: NotNegative
     found: str
     model: str = ""
-    """File name of the rig file with the diagnosed effects; empty if there is none."""
+    """Rig file with the diagnosed effects, if there is one."""
     summary: Summary | None = None
     """Headline and tiles; None in sessions of earlier versions."""
 
 
 class SessionCorrection(Part):
-    """A correction, with the error of the readings before it and as expected after it.
-
-    entered: whether the values are entered at the controller.
-    """
+    """Errors of the readings before the correction, and expected after it."""
 
     way: Way
     sentence: str
@@ -187,7 +168,7 @@ class SessionCorrection(Part):
 
 
 class VerifiedError(Part):
-    """Measured errors before and after the correction on the same tests and at the other place; None if not driven."""
+    """Measured errors on the same tests and at the other place, None if not driven."""
 
     same_before: Deviation | None = None
     same_after: Deviation | None = None
@@ -196,8 +177,6 @@ class VerifiedError(Part):
 
 
 class Emulated(Part):
-    """Emulated cell of a session: hidden effects, seed of the noise, and whether it runs in simulated time."""
-
     effects: str = ""
     seed: int = 1
     fast: bool = False
@@ -216,20 +195,19 @@ class Session(Part):
     stages: tuple[Stage, ...]
     steps: tuple[ProgramStep, ...]
     driven_minutes: NotNegative = 0.0
-    """Total time from the start of each step to the recorded run. Pauses between sessions do not count."""
+    """From the start of each step to the recorded run; pauses do not count."""
     left_alone: tuple[str, ...] = ()
-    """Runs in the directory that do not belong to any step: recorded for another purpose, or interrupted."""
+    """Runs in the directory that belong to no step."""
     answer: Answer | None = None
     answered: str = ""
-    """Reason for ending the search for errors; empty while the search continues."""
+    """Reason for ending the search for errors; empty while it continues."""
     judged: Answer | None = None
-    """Answer validated on the runs at the other place, which it did not use. These runs join the last answer."""
+    """Answer validated on the runs at the other place, which join the last answer."""
     decided: int = 0
     """Number of runs of the answer on which the end of measuring was decided."""
     correction: SessionCorrection | None = None
     verified: VerifiedError | None = None
     report: str = ""
-    """File name of the page after the end of the session."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Session:
@@ -254,7 +232,7 @@ class Session(Part):
         return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
 
     def is_last(self, answer: Answer) -> bool:
-        """True if an answer used all runs before the correction, including the judging runs."""
+        """True if an answer used all runs before the correction, including those that judge."""
         if any(step.purpose == "judge" and step.is_open for step in self.steps):
             return False
         judges = len(self.runs_for("judge"))
@@ -266,7 +244,6 @@ class Session(Part):
 
     @property
     def sides(self) -> tuple[Side, ...]:
-        """Errors of the robot at each place that was measured before the correction."""
         verified, correction = self.verified or VerifiedError(), self.correction
         at_place, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
         sides = []
@@ -278,7 +255,7 @@ class Session(Part):
 
     @property
     def to_do(self) -> tuple[str, ...]:
-        """Recommended acts in order of priority. After a verified correction, the correction itself is omitted."""
+        """Acts by priority. A verified correction is left out."""
         answer = self.answer
         if answer is None:
             return ()
@@ -287,7 +264,6 @@ class Session(Part):
 
     @property
     def open_acts(self) -> tuple[SessionAct, ...]:
-        """The actions that the correction has not done."""
         if self.answer is None:
             return ()
         way = self.correction.way if self.correction and self.is_corrected else None
@@ -296,10 +272,7 @@ class Session(Part):
 
     @property
     def summary(self) -> Summary | None:
-        """Headline and tiles of the last answer; None if there is no answer.
-
-        For a corrected robot they show the error measured with the correction.
-        """
+        """For a corrected robot, with the error measured with the correction."""
         if self.answer is None or (summary := self.answer.summary) is None:
             return None
         acts, verified = self.open_acts, self.verified
@@ -318,18 +291,13 @@ class Session(Part):
 
     @property
     def diagnosed_runs(self) -> list[str]:
-        """Names of the runs of the diagnosis on the page: the runs for finding errors, and joined runs of the other
-        place.
-        """
+        """Runs of the diagnosis on the page."""
         joined = self.runs_for("judge") if self.answer and self.answer.joined else []
         return [step.run for step in (*self.runs_for("find"), *joined) if step.run]
 
 
 def own_programs(session: Session, directory: Path) -> str:
-    """Command for correcting other programs of the user with the model of a session.
-
-    Empty if there is no model, or if a correction is not recommended.
-    """
+    """Command that corrects other programs of the user; empty if a correction is not recommended."""
     if not (session.answer and session.answer.model) or (session.correction and session.correction.way == "none"):
         return ""
     model = SessionDirectory(directory).model_of(session.answer)
@@ -337,14 +305,13 @@ def own_programs(session: Session, directory: Path) -> str:
 
 
 class SessionDirectory:
-    """The directory of a session, with the state file and a lock that allows one process at a time."""
+    """A session's directory with the state file and a lock for one process."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         self._lock: int | None = None
 
     def __enter__(self) -> SessionDirectory:
-        """Take the lock. Raises CellError if another session has it, and FileError if the directory cannot be used."""
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             self._lock = durable.try_lock(self.directory)
@@ -368,7 +335,7 @@ class SessionDirectory:
         return self.directory / STATE
 
     def command(self, rig_file: Path | str, kept: Session | None = None) -> str:
-        """Command that starts a session of a rig file in this directory, or resumes the stored session."""
+        """Command that starts a session here, or resumes the stored one."""
         command = f"rig session {as_argument(rig_file)} -o {as_argument(self.directory)}"
         if kept is None:
             return command
@@ -406,7 +373,7 @@ class SessionDirectory:
             raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
 
     def require_complete(self, session: Session, rig_text: str) -> None:
-        """Raise FileError if the stored session belongs to another text of the rig file, or if its runs are missing."""
+        """Raise FileError if the session belongs to another text of the rig file, or if runs are missing."""
         if session.rig_sha256 != digest_of(rig_text):
             problem = f"is a session with the rig file {session.rig_file}, which has changed or is a different file"
             remedy = "restore that file, or start a new session with a different --output"
@@ -417,7 +384,7 @@ class SessionDirectory:
             raise FileError(str(self.file), problem, remedy, code="session.run_missing")
 
     def write(self, session: Session) -> None:
-        """Store a session durably and atomically. Raises CellError if the disk refuses; the old file is kept."""
+        """The old file is kept if the disk refuses (CellError)."""
         try:
             durable.replace(self.file, (_HEAD + text_of(session)).encode())
         except OSError as error:
@@ -427,7 +394,7 @@ class SessionDirectory:
 
 
 def text_of(session: Session) -> str:
-    """Session as YAML with a line for each step. Fields with default values are omitted."""
+    """YAML with a line for each step, without default values."""
     plain: dict[str, Any] = session.model_dump(mode="json", exclude_defaults=True)
     text: str = yaml.safe_dump(
         {"version": 1, **plain}, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None

@@ -1,8 +1,7 @@
 """Cell of a session in simulated time: 50 minutes pass in one or two.
 
-Only the processes, ports and clock are replaced. Nothing is ever late, regardless of the load of the computer, and a
-seed always produces the same runs. Manual work between programs is planned for but takes no time. An inference runs in
-parallel with the robot and takes a fixed simulated time.
+Only processes, ports and clock are replaced, nothing is ever late, and a seed always gives the same runs. Manual work
+takes no time; an inference takes a fixed simulated time.
 """
 
 from __future__ import annotations
@@ -37,22 +36,18 @@ _HANGS_S = 1800.0
 
 
 class SimulatedInference(Inference):
-    """An inference in a separate process that finishes after a fixed simulated time."""
-
     def __init__(self, *request: Any) -> None:
         super().__init__(*request)
         self._done_ns = clock.now_ns() + int(1e9 * _INFERENCE_S)
 
     @property
     def is_done(self) -> bool:
-        """True if the simulated time has passed. The property then blocks until the real process has finished."""
+        """Blocks, once the simulated time has passed, until the real process has finished."""
         return clock.now_ns() >= self._done_ns and self._outcome.poll(None)
 
 
 @dataclass
 class MachineInThisProcess:
-    """An emulated cell that runs in the process of the session."""
-
     keyboard: Keyboard | None = None
 
     @property
@@ -73,8 +68,6 @@ class MachineInThisProcess:
 
 @dataclass
 class CellInSimulatedTime(ServedCell):
-    """An emulated cell whose instruments and daemon run in this process, by a simulated clock."""
-
     simulated: SimulatedClock = field(kw_only=True)
     _cell: SimulatedCell | None = None
     _daemon: Any = None
@@ -121,7 +114,7 @@ class CellInSimulatedTime(ServedCell):
 
 @contextmanager
 def simulated_time(seed: int) -> Iterator[SimulatedClock]:
-    """Start simulated time, which passes as fast as it can be computed. Ctrl-C interrupts it like real time."""
+    """Simulated time, which Ctrl-C interrupts like real time."""
     simulated = SimulatedClock(seed, hangs_s=_HANGS_S, began_wall_ns=time.time_ns())
     with simulated.running():
         if threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""Verdict on accuracy: figures compared with limits, including their uncertainty; the worst standing decides."""
+"""Verdict on accuracy: figures compared with limits; the worst standing decides."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Overall = Standing | Literal["unjudged"]
 @dataclass(frozen=True)
 class PageVerdict:
     overall: Overall
-    """Standing by the tolerance given to the diagnosis, otherwise the worst one; `unjudged` without limits."""
+    """By the tolerance given to the diagnosis, otherwise the worst."""
     judged: tuple[JudgedFigure, ...]
     """Figures, worst first."""
     tests: tuple[TestName, ...]
@@ -34,7 +34,6 @@ class PageVerdict:
 
 
 def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None = None) -> PageVerdict:
-    """Judge runs by the limits of a rig file, or by the tolerance given to their diagnosis."""
     judged = judged_figures(results, limits)
     tests = tuple(dict.fromkeys(result.measured.run.manifest.test for result in results))
     if diagnosis is not None and diagnosis.accuracy.limit == "tolerance" and diagnosis.accuracy.standing is not None:
@@ -43,7 +42,7 @@ def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None
 
 
 def verdict_blocks(verdict: PageVerdict, texts: Texts, when: str = "") -> Sentence:
-    """The standing as a badge, and the reason for it. when: phrase before the standing."""
+    """when: phrase before the standing."""
     badge = joined([when, texts(f"standing_{verdict.overall}")])
     return Sentence(verdict_sentence(verdict, texts), verdict.overall, badge)
 
@@ -68,7 +67,6 @@ def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
 
 
 def limits_blocks(verdict: PageVerdict, texts: Texts, heading: str) -> list[Block]:
-    """A row for each judged figure with its limits, and the decision rule; empty without limits."""
     rows: list[tuple[str | Cell, ...]] = []
     for one in verdict.judged:
         watch, fail = (
@@ -90,10 +88,7 @@ def figure_title(figure: JudgedFigure, texts: Texts) -> str:
 
 
 def example_limits(verdict: PageVerdict) -> str:
-    """Return an example of the limits section of a rig file for the tests made, with bounds to replace.
-
-    Tests that cannot have limits are omitted.
-    """
+    """Limits section of a rig file for the tests made, with bounds to replace."""
     bounds = {
         test: {name: {"watch": watch, "fail": fail}}
         for test in TESTS

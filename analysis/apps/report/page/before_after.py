@@ -1,4 +1,4 @@
-"""A correction, and the error of the path before and after it, as blocks for the page and the end of a session."""
+"""A correction and the error of the path before and after it, for the page and the end of a session."""
 
 from __future__ import annotations
 
@@ -15,32 +15,27 @@ from analysis.correction.deviation import Deviation, Expected, Side, Work
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """A correction, and the error before and after it on the same circle and at the other place."""
-
     correction: str
     """What the operator has to do for it, in English."""
     way: Literal["entries", "programs", "none"]
     rows: tuple[Side, ...]
     work: Work | None = None
     judged: tuple[float, float] | None = None
-    """Error in µm before and with the model at the other place, before its runs joined the last diagnosis."""
+    """Errors in µm before and with the model at the other place, before its runs joined."""
     joined: int = 0
     """Number of runs that joined."""
     own_programs: str = ""
     """Command that corrects programs of the user."""
     verdict: PageVerdict | None = None
-    """Verdict on the runs after the correction on the same circle."""
     summary: Summary | None = None
-    """Headline and tiles for the corrected robot, in English; None for those of the diagnosis."""
+    """Headline and tiles for the corrected robot; None for those of the diagnosis."""
 
     @property
     def driven(self) -> tuple[Deviation, Deviation] | None:
-        """The error before and after on the same circle; None if no run followed the correction."""
         return self._at("same")
 
     @property
     def elsewhere(self) -> tuple[Deviation, Deviation] | None:
-        """The error before and after at the other place; None if that place was not measured."""
         return self._at("elsewhere")
 
     def _at(self, place: str) -> tuple[Deviation, Deviation] | None:
@@ -48,8 +43,7 @@ class BeforeAfter:
 
 
 def now_sentence(after: BeforeAfter, texts: Texts) -> str:
-    """The measured error now, here and at the second place, and the error expected over the work; empty if no run
-    followed the correction."""
+    """The error now, here and at the second place, and that expected over the work; empty if no run followed."""
 
     def change(key: str, before_um: float, after_um: float, u_um: float) -> str:
         return texts(key, before=micrometres(before_um), after=micrometres(after_um), u=micrometres(u_um))
@@ -76,7 +70,6 @@ def now_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
 
 
 def path_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
-    """A row with the error of the path for each place, before the correction, after it, and as expected."""
     is_driven = after.driven is not None
     lines = [texts("about_before_after")] if is_driven else [after.correction, texts("about_before_after")]
     if after.joined and after.judged:

@@ -16,11 +16,8 @@ from rigs.rig import Rig
 
 @dataclass(frozen=True)
 class Report:
-    """Evaluated runs of a robot.
-
-    rig: model and limits. simulated: the runs compared with the model; corrected: with the model including the found
-    parts, if any. undiagnosed: the reason for a missing diagnosis. left_out: errors of runs that could not be
-    evaluated.
+    """rig: model and limits. corrected: runs compared with the model and the found parts. undiagnosed: reason for a
+    missing diagnosis. left_out: errors of runs that could not be evaluated.
     """
 
     rig: Rig
@@ -48,12 +45,9 @@ def gather(
     after: BeforeAfter | None = None,
     progress: Callable[[str], None],
 ) -> Report:
-    """Compare and diagnose evaluated runs.
+    """Compare and diagnose evaluated runs, or state why this is impossible.
 
-    diagnosis: an existing diagnosis; diagnosed: whether to make one. left_out: errors of runs that could not be
-    evaluated. after: measured effect of a correction.
-
-    Runs that cannot be compared or diagnosed are reported with the reason. Raises FileError for runs of several robots.
+    diagnosis: an existing one; diagnosed: whether to make one. Raises FileError for runs of several robots.
     """
     runs = [result.measured for result in results]
     model = rig if rig is not None else runs[0].rig
@@ -80,7 +74,7 @@ def gather(
 
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
-    """Compare runs with a model; None if the runs cannot be simulated, such as poses."""
+    """None if the runs cannot be simulated, such as poses."""
     runs = [result.measured for result in results if format_of(result.measured.table.test).gauges]
     try:
         return compare(runs, rig) if runs else None

@@ -21,7 +21,7 @@ from rigs.schema.vocabulary import TestName
 
 _ORDER = get_args(TestName)
 _MOST_DRAWN = 2
-"""Number of drawn runs at targets: browsers show at most some sixteen rotatable charts."""
+"""Browsers show at most some sixteen rotatable charts."""
 _NOMINAL_DEG = 30.0
 """Largest distance between a measured reversal and the nominal reversal of the same sense."""
 
@@ -63,7 +63,6 @@ def _below(group: Sequence[Result], texts: Texts) -> list[Block]:
 
 
 def _reversals(result: Result, texts: Texts) -> Table | None:
-    """The reversals of the joints by feedback, each with the nominal reversal; None for a test without circles."""
     found = (
         sorted(turns(result.found.laps), key=lambda turn: turn.phi) if isinstance(result.found, CircleResult) else ()
     )

@@ -1,8 +1,7 @@
-"""The page as a single HTML file without requests, rendered from templates.
+"""The page as a single HTML file without requests.
 
-A Content-Security-Policy allows the two scripts of the page by SHA-256 and blocks all others. The large plotly script
-is embedded as it is packaged, in compressed form (`scripts/dev plotting_script` creates it, with version and licence),
-and the browser unpacks it. Text, tables and still pictures are plain HTML and SVG.
+A Content-Security-Policy allows only its two scripts, by SHA-256. The plotting script (`scripts/dev plotting_script`)
+is embedded compressed, and the browser unpacks it.
 """
 
 from __future__ import annotations
@@ -44,13 +43,11 @@ from rigs.rig import Rig
 from rigs.schema.probe import Certificate
 
 _LONGEST = 200
-"""Maximum length of a field, in characters: enough for a name, but not for an accidentally pasted page."""
+"""Characters of a field; more is an accidental paste."""
 
 
 @dataclass(frozen=True)
 class PageHead:
-    """User input for the head of a report; empty fields are omitted."""
-
     serial: str = ""
     customer: str = ""
     order: str = ""
@@ -69,9 +66,8 @@ NO_HEAD = PageHead()
 
 
 def fields_of(heading: PageHead, results: Sequence[Result], texts: Texts) -> list[tuple[str, str]]:
-    """Return the fields of the head as name and value, from the user first, then from rig file and runs.
-
-    The default serial number is taken from the rig files of the runs, since the model may belong to a different robot.
+    """Name and value of the fields of the head. The serial number comes from the runs, since the model may be of
+    another robot.
     """
     serials = dict.fromkeys(result.measured.rig.robot.serial for result in results)
     operators = dict.fromkeys(result.measured.run.manifest.operator for result in results)
@@ -116,18 +112,13 @@ def instruments_table(rig: Rig, texts: Texts) -> Table:
 
 
 def write_page(report: Report, file: Path, language: Language = "en", heading: PageHead = NO_HEAD) -> Path:
-    """Write the page of a report as HTML, or as PDF by the suffix. An existing file stays until the new one is
-    complete.
-
-    Raises FileError if the file cannot be written, and CellError if a PDF cannot be made.
-    """
+    """Write HTML, or PDF by the suffix. An existing file stays until the new one is complete."""
     write = write_pdf if is_pdf(file) else write_html
     write(rendered(report, texts_of(language), heading), file)
     return file
 
 
 def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
-    """Return the page as HTML; all text is plain and escaped."""
     found, after = report.found, report.after
     stairs = stairs_of(found, texts) if found else None
     sections, gaps = test_sections(report, texts), residual_charts(found, stairs, texts) if found else []
@@ -170,7 +161,6 @@ def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
 
 
 def _condition(report: Report, badge: Sentence, parts: Sections, texts: Texts) -> list[Block]:
-    """The condition of the arm as a badge, and in sentences, or the reason for a missing diagnosis."""
     why = joined([texts("undiagnosed"), report.undiagnosed]) if report.undiagnosed else texts("not_diagnosed")
     sentences = parts.get("details", [])[1:] if report.found else [Sentence(why, "strong")]
     return [Heading(texts("condition"), 3), badge, *sentences]
@@ -184,7 +174,6 @@ def _accuracy(after: BeforeAfter | None, verdict: PageVerdict, texts: Texts) -> 
 
 
 def _findings(report: Report, verdict: PageVerdict, parts: Sections, texts: Texts) -> list[list[Block]]:
-    """The acts, the faults, and an example of limits if the rig file has none for these tests."""
     acts, after, limits = parts.get("acts", []), report.after, list[Block]()
     if acts and after and after.driven:
         acts = [*acts, Sentence(texts(f"after_cause_{after.way}"))]
@@ -196,13 +185,11 @@ def _findings(report: Report, verdict: PageVerdict, parts: Sections, texts: Text
 
 
 def _summary(report: Report, verdict: PageVerdict, texts: Texts) -> tuple[Sentence, list[list[Block]]]:
-    """The badge, the first sentences, and the three tiles of a diagnosis; the first tile also states the accuracy."""
     if report.found is None:
         return Sentence("", "unjudged", texts("badge_not_examined")), [[]]
     summary = (report.after and report.after.summary) or summarise(report.found, texts)
     head, error, *tiles = summary_parts(summary, texts)
-    accuracy = f"{texts('accuracy')}: {texts(f'standing_{verdict.overall}')}"
-    error[-1] = Sentence(summary.error.basis, verdict.overall, accuracy)
+    error[-1] = Sentence(summary.error.basis, verdict.overall, texts(f"within_{verdict.overall}"))
     return Sentence("", summary.tone, summary.badge), [head, error, *tiles]
 
 
@@ -218,7 +205,7 @@ def _trace(report: Report, texts: Texts) -> list[Block]:
 
 
 def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
-    """Return the recommended acts that the correction of the robot has not made unnecessary."""
+    """Acts that the correction of the robot has not made unnecessary."""
     way = after.way if after and after.driven else None
     elsewhere = bool(way or (after and after.joined))
     every = without_idle_mounts(diagnosis.acts)
@@ -226,7 +213,7 @@ def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
 
 
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
-    """Return script, plotting library and chart data of the page, and the script hashes for the browser."""
+    """Scripts and chart data of the page, and the hashes for the browser."""
     packed = (resources.files("analysis") / "templates" / "plotly.min.js.gz").read_bytes()
     script = _template("report.js")
     places = {id(picture): f"p{number}" for number, picture in enumerate(pictures)}
