@@ -17,6 +17,7 @@ from analysis.apps.plant.changes import FALSE_ALARMS, trend_of
 from analysis.apps.plant.history import WATCHED, label_of, programs_of
 from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of
 from analysis.apps.plant.store import FILE, read_records
+from analysis.apps.report.blocks import Block, Sentence, Table
 from analysis.procedures.shared.quantity import Quantity, student_factor
 from analysis.runs.loading import refuse_copies
 from analysis.runs.remote import fetched
@@ -78,6 +79,26 @@ def headlines(compared: Sequence[Difference]) -> list[str]:
     none = ["All differences are within the spread between runs."]
     unjudged = [f"Quantities with an unknown spread between runs, not assessed: {unknown}; {repeat}"] if unknown else []
     return [*(larger or none), *unjudged]
+
+
+def differences_answer(compared: Sequence[Difference]) -> list[Block]:
+    rows, title = [], ""
+    for difference in compared:
+        by = difference.difference
+        is_known = bool(np.isfinite(by.u))
+        verdict = ("yes" if difference.is_larger else "no") if is_known else "unknown: repeat the runs"
+        cells = [by.rounded(value) for value in (difference.before, difference.after, by.value)]
+        cells += [by.rounded_u, by.sign, by.rounded(difference.explained)] if is_known else ["", by.sign, ""]
+        name = "" if difference.title == title else difference.title
+        rows.append((name, label_of(difference.figure), *cells, verdict))
+        title = difference.title
+    before = max(difference.runs_before for difference in compared)
+    counts = f"runs: {before} before, {max(difference.runs_after for difference in compared)} after"
+    u = f"u: standard uncertainty by the spread between runs; explained: largest difference by that spread; {counts}"
+    heads = ("", "", "before", "after", "difference", "u", "", "explained", "more than that")
+    ranks = tuple("unusual" if difference.is_larger else "" for difference in compared)
+    table = Table(heads, tuple(rows), frozenset({2, 3, 4, 5, 7}), ranks)
+    return [*(Sentence(sentence, "strong") for sentence in headlines(compared)), table, Sentence(u, "note")]
 
 
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:

@@ -101,8 +101,7 @@ def _is_arm(path: Path) -> bool:
 
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
-    from analysis.apps.plant.before_after import differences
-    from analysis.apps.plant.history_report import differences_answer
+    from analysis.apps.plant.before_after import differences, differences_answer
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from analysis.cli.several import distinct

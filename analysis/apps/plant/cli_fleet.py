@@ -46,7 +46,7 @@ def fleet(
     from analysis.apps.plant import fleet_report as report
     from analysis.apps.plant import store
     from analysis.apps.plant.collect import Workers
-    from analysis.apps.plant.gather import gather
+    from analysis.apps.plant.fleet import gather
 
     if output:
         from analysis.apps.report.html_page import check_page_file

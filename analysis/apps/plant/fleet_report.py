@@ -14,12 +14,10 @@ from typing import Any
 from urllib.parse import quote
 
 from analysis.apps.plant.collect import Collected, Progress, Workers
-from analysis.apps.plant.gather import Fleet, collected_in
-from analysis.apps.plant.history import history_of
+from analysis.apps.plant.fleet import ORDER, Attention, Fleet, FleetRobot, collected_in
+from analysis.apps.plant.history import history_of, simulated_runs, without_figures
 from analysis.apps.plant.history_report import write_page
-from analysis.apps.plant.history_words import simulated_runs, without_figures
 from analysis.apps.plant.records import RunRecord
-from analysis.apps.plant.robot_state import ORDER, Attention, FleetRobot
 from analysis.apps.plant.store import Key, made_by
 from analysis.apps.report.blocks import Block, Cell, Sentence, Table, Tone
 from analysis.apps.report.html_page import answer_page, write_html

@@ -11,9 +11,18 @@ import numpy as np
 import pyarrow as pa
 from markupsafe import Markup
 
-from analysis.apps.plant.before_after import Difference, headlines
-from analysis.apps.plant.history import History, Series, judge, label_of
-from analysis.apps.plant.history_words import against_limit, dates, doubts, origin, remarks, sentences, too_few
+from analysis.apps.plant.history import (
+    History,
+    Series,
+    against_limit,
+    dates,
+    doubts,
+    judge,
+    origin,
+    remarks,
+    sentences,
+    too_few,
+)
 from analysis.apps.report.blocks import Block, Cell, Figure, Heading, Sentence, Table
 from analysis.apps.report.html_page import answer_page, write_html
 from analysis.procedures.shared.quantity import Quantity
@@ -76,26 +85,6 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
     ranks = tuple("unusual" if series.trend.changes else "" for series in all_series)
     heads = (*columns, *["limit"] * is_limited)
     return Table(heads, tuple(rows), frozenset({2} if is_one else {2, 3, 4, 5}), ranks)
-
-
-def differences_answer(compared: Sequence[Difference]) -> list[Block]:
-    rows, title = [], ""
-    for difference in compared:
-        by = difference.difference
-        is_known = bool(np.isfinite(by.u))
-        verdict = ("yes" if difference.is_larger else "no") if is_known else "unknown: repeat the runs"
-        cells = [by.rounded(value) for value in (difference.before, difference.after, by.value)]
-        cells += [by.rounded_u, by.sign, by.rounded(difference.explained)] if is_known else ["", by.sign, ""]
-        name = "" if difference.title == title else difference.title
-        rows.append((name, label_of(difference.figure), *cells, verdict))
-        title = difference.title
-    before = max(difference.runs_before for difference in compared)
-    counts = f"runs: {before} before, {max(difference.runs_after for difference in compared)} after"
-    u = f"u: standard uncertainty by the spread between runs; explained: largest difference by that spread; {counts}"
-    heads = ("", "", "before", "after", "difference", "u", "", "explained", "more than that")
-    ranks = tuple("unusual" if difference.is_larger else "" for difference in compared)
-    table = Table(heads, tuple(rows), frozenset({2, 3, 4, 5, 7}), ranks)
-    return [*(Sentence(sentence, "strong") for sentence in headlines(compared)), table, Sentence(u, "note")]
 
 
 def sparkline(values: Array) -> str:
@@ -181,25 +170,24 @@ _INK, _CHANGE, _OUTLIER, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
     """made_of: digest of the inputs. overview: address of a linked page."""
-    shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
+
+    def is_later(series: Series) -> tuple[bool, bool]:
+        judged = judge(series)
+        return judged is None or judged.standing != "fail", not series.trend.changes
+
+    shown = sorted(history.series, key=is_later)
     # A single run, or simultaneous runs, have no time axis.
     drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
     moved = [check.when.timestamp() / _DAY_S for check in history.collected.checks if check.has_moved]
-    figures = [Figure(_caption(series), _picture(series, moved)) for series in drawn[:_MOST]]
+    figures = []
+    for series in drawn[:_MOST]:
+        limit = f"; limit: {against_limit(series)}" if series.limit else ""
+        caption = f"{series.title}: {series.label}, {counted(len(series.runs), 'run')}{limit}"
+        figures.append(Figure(caption, _picture(series, moved)))
     answer = answer_of(history, figures, max(0, len(drawn) - _MOST), dated=True)
     boxed = sum(isinstance(block, Sentence) and block.tone == "strong" for block in answer)
     title = f"{history.robot}: history"
     write_html(answer_page(title, answer, boxed=boxed, made_of=made_of, overview=overview), path)
-
-
-def _caption(series: Series) -> str:
-    limit = f"; limit: {against_limit(series)}" if against_limit(series) else ""
-    return f"{series.title}: {series.label}, {counted(len(series.runs), 'run')}{limit}"
-
-
-def _is_beyond(series: Series) -> bool:
-    judged = judge(series)
-    return judged is not None and judged.standing == "fail"
 
 
 def _picture(series: Series, moved: Sequence[float]) -> Markup:

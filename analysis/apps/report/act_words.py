@@ -57,7 +57,9 @@ class ActWords(AnswerWords):
         if act.why == "moved":
             return act_after(self.diagnosis.movements, texts)
         if act.why == "contradicted":
-            return self._check_stated()
+            made = self.diagnosis.contradictions
+            stated = ", ".join(dict.fromkeys(contradiction.key for contradiction in made))
+            return texts("act_check_contradicted", constants="; ".join(map(self.constant_name, made)), keys=stated)
         if act.effect is None:
             rig = self.diagnosis.rig
             load = f"act_load{load_variant(rig)}"
@@ -112,25 +114,20 @@ class ActWords(AnswerWords):
         change = act.removes_um / before if before > 0 else 0.0
         falls = f"act_{'load_' * (act.kind == 'load' and self.diagnosis.rig.takes_programs)}changes"
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
-        sentences = []
-        if act.effect is not None and act.with_before_um is None:
-            # Parts that this effect cancels become visible in full once it is removed.
-            label = label_of(act.effect)
-            lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together]
-            others = [line for line in lines if line.label != label]
-            if 0 < len(others) < len(lines):
-                sentences.append(self.texts("act_uncovers", others="; ".join(self.describe_parts_alone(others))))
-        sentences += [
-            self.texts(
-                falls if act.removes else f"act_{key}", before=micrometres(before),
-                after=micrometres(act.remains_um, measured_u(self.diagnosis, act.remains_u_um)),
-                place=self.texts(f"place_{act.place}"),
-            )
-        ]  # fmt: skip
+        sentence = self.texts(
+            falls if act.removes else f"act_{key}", before=micrometres(before),
+            after=micrometres(act.remains_um, measured_u(self.diagnosis, act.remains_u_um)),
+            place=self.texts(f"place_{act.place}"),
+        )  # fmt: skip
         if act.with_before_um is not None:
             after = micrometres(act.with_before_um, measured_u(self.diagnosis, act.with_before_u_um))
-            sentences.append(self.texts("act_with_before", after=after))
-        return joined(sentences)
+            return joined([sentence, self.texts("act_with_before", after=after)])
+        # Parts that this effect cancels become visible in full once it is removed.
+        lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together] if act.effect else []
+        others = [line for line in lines if act.effect and line.label != label_of(act.effect)]
+        is_uncovered = 0 < len(others) < len(lines)
+        uncovered = "; ".join(self.describe_parts_alone(others))
+        return joined([self.texts("act_uncovers", others=uncovered) if is_uncovered else "", sentence])
 
     def against(self, act: Act) -> str:
         texts, phrases = self.texts, []
@@ -153,11 +150,6 @@ class ActWords(AnswerWords):
 
     def parts(self, act: Act) -> str:
         return ", ".join(self.part_name(self.diagnosis.budget[k]) for k in act.parts)
-
-    def _check_stated(self) -> str:
-        made = self.diagnosis.contradictions
-        keys = ", ".join(dict.fromkeys(contradiction.key for contradiction in made))
-        return self.texts("act_check_contradicted", constants="; ".join(map(self.constant_name, made)), keys=keys)
 
     def _measure(self, act: Act) -> str:
         texts, test = self.texts, act.test

@@ -211,8 +211,7 @@ def _write(
 
     if is_page(output):
         from analysis import evaluate_runs
-        from analysis.apps.report.page.page_content import gather
-        from analysis.apps.report.page.write_page import write_page
+        from analysis.apps.report.page.write_page import gather, write_page
         from analysis.cli.console import progress_of
 
         with progress_of() as progress:

@@ -43,8 +43,7 @@ def report(
     """
     from analysis.apps.report.cli_diagnose import with_commands_here
     from analysis.apps.report.html_page import check_page_file, check_pdf_output, is_pdf
-    from analysis.apps.report.page.page_content import gather
-    from analysis.apps.report.page.write_page import PageHead, write_page
+    from analysis.apps.report.page.write_page import PageHead, gather, write_page
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, with_controller, with_tables, worst
     from rigs.load import load

@@ -7,16 +7,14 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
-from analysis.apps.report.diagnosis_words import rival_names
 from analysis.diagnosis.judge.acts import acts_with
-from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.result import Diagnosis, likely_rivals
 from analysis.runs.written_files import Writer, holding, refuse_existing, write_all_new
 from rigs.calibration import CalibratedModel, CalibrationFile
 from rigs.edit import extended
@@ -24,26 +22,6 @@ from rigs.effects import Effect, EffectProvenance
 from rigs.errors import FileError
 from rigs.schema.effect import name_of
 from rigs.text import as_argument
-
-
-def with_origin(
-    effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float], **more: Any
-) -> Effect:
-    """An effect with its provenance, and the gap (before, after) it closed.
-
-    Numbers are rounded, because people read the file. more: further fields of `EffectProvenance`.
-    """
-    before, after = gap_um
-    origin = EffectProvenance(
-        date=dt.datetime.now(dt.UTC).date(),
-        runs=tuple(runs),
-        sd={field: float(f"{value:.3g}") for field, value in sd.items() if math.isfinite(value)},
-        gap_um=(round(before, 3), round(after, 3)),
-        **more,
-    )
-    numbers = {field: value for field, value in effect if isinstance(value, float)}
-    rounded = {field: float(f"{value:.9g}") for field, value in numbers.items()}
-    return effect.model_copy(update={"found": origin, **rounded})
 
 
 def extended_files(
@@ -103,7 +81,6 @@ def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool 
     """
     from analysis.apps.report.diagnosis_answer import plain_object  # noqa: PLC0415 - slow to import
     from analysis.apps.report.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
-    from analysis.runs.written_files import holding, write_all_new  # noqa: PLC0415 - slow to import
 
     rig_file = directory / f"{diagnosis.rig.name}.yaml"
     pictured = replace(diagnosis, acts=acts_with(diagnosis.acts, as_argument(rig_file)))
@@ -112,7 +89,7 @@ def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool 
         "diagnosis.png": lambda file: picture(pictured, in_session=in_session).savefig(file, format="png", dpi=130),
     }
     if diagnosis.is_modelled:
-        files |= extended_files(text, _origins(diagnosis), rig_file, diagnosis.calibrated)
+        files |= extended_files(text, _with_provenance(diagnosis), rig_file, diagnosis.calibrated)
     return write_all_new(directory, files)
 
 
@@ -125,21 +102,25 @@ def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
     if diagnosis.condition == "out_of_range":
         (named,) = diagnosis.effects
         problem = f"was not written: {name_of(named.effect)} is beyond the range that rig corrects"
-        raise FileError(
-            str(output),
-            problem,
-            "check the rig file, the variant of the arm and the mastering",
-            code="diagnose.out_of_range",
-        )
-    return write_extended(text, _origins(diagnosis), output, diagnosis.calibrated)
+        remedy = "check the rig file, the variant of the arm and the mastering"
+        raise FileError(str(output), problem, remedy, code="diagnose.out_of_range")
+    return write_extended(text, _with_provenance(diagnosis), output, diagnosis.calibrated)
 
 
-def _origins(diagnosis: Diagnosis) -> list[Effect]:
+def _with_provenance(diagnosis: Diagnosis) -> list[Effect]:
+    """The faults of a diagnosis with their provenance, rounded for a reader of the file."""
     joints_deg = diagnosis.calibrated.joints_deg if diagnosis.calibrated else None
-    return [
-        with_origin(
-            named.effect, diagnosis.runs, named.sd, (named.gap_without_um, diagnosis.train.after_um),
-            rivals=tuple(rival_names(named)), together=tuple(map(name_of, named.twins)), joints_deg=joints_deg,
+    effects = []
+    for named in diagnosis.written:
+        provenance = EffectProvenance(
+            date=dt.datetime.now(dt.UTC).date(),
+            runs=tuple(diagnosis.runs),
+            sd={field: float(f"{value:.3g}") for field, value in named.sd.items() if math.isfinite(value)},
+            gap_um=(round(named.gap_without_um, 3), round(diagnosis.train.after_um, 3)),
+            rivals=tuple(name_of(rival.effect) for rival in likely_rivals(named)),
+            together=tuple(map(name_of, named.twins)),
+            joints_deg=joints_deg,
         )
-        for named in diagnosis.written
-    ]  # fmt: skip
+        rounded = {field: float(f"{value:.9g}") for field, value in named.effect if isinstance(value, float)}
+        effects.append(named.effect.model_copy(update={"found": provenance, **rounded}))
+    return effects

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 
 from analysis.apps.report.texts import Texts
 from analysis.diagnosis.judge.residuals import Curve, HeldOutResidual, ResidualBand, ResidualPlace
-from analysis.diagnosis.judge.result import Diagnosis, Gap, GroupMember, Named, Rival, likely_rivals
+from analysis.diagnosis.judge.result import Diagnosis, Gap, GroupMember, Named, Rival
 from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
-from rigs.schema.effect import name_of
 from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 
 _WHOLE_LAP_DEG = 350.0
@@ -47,10 +46,6 @@ def other_parameters(named: Named) -> list[str]:
         for field in parameters_of(named.effect)
         if field != size_field(named.effect) and (field in named.sd or fields[field].is_required())
     ]
-
-
-def rival_names(named: Named) -> list[str]:
-    return [name_of(rival.effect) for rival in likely_rivals(named)]
 
 
 def sure(posterior: float) -> str:

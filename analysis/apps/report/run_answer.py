@@ -12,7 +12,6 @@ from analysis.apps.report.run_object import (
     eccentricities_in_words,
     figure_in_words,
     lag_in_words,
-    verdict,
     warmth_in_words,
     what_u_is,
 )
@@ -53,19 +52,14 @@ def figure_table(columns: Sequence[Column], texts: Texts, *more: tuple[str, ...]
         cells = []
         for column in columns:
             figure = column.figures.get(name)
-            text = _figure(name, figure, texts) if figure else ""
+            is_unplaced = figure and name.endswith("_at_deg") and not figure.u < _UNPLACED_DEG
+            text = texts("no_place") if is_unplaced else figure_in_words(name, figure) if figure else ""
             line = column.below.get(name, "") if figure and text == str(figure) else ""
             cells.append(Cell(text, (line,) if line else ()))
         rows.append((texts.label(name), *cells))
     ranks = (*("unusual" if name in LEADING else "" for name in names), *[""] * len(more))
     titles = (texts("value_and_u"), *(column.title for column in columns))
     return Table(titles, (*rows, *more), frozenset(range(1, len(titles))), ranks, "stack")
-
-
-def _figure(name: str, figure: Quantity, texts: Texts) -> str:
-    if name.endswith("_at_deg") and not figure.u < _UNPLACED_DEG:
-        return texts("no_place")
-    return figure_in_words(name, figure)
 
 
 def answer_of(
@@ -86,8 +80,9 @@ def answer_of(
         first, *remarks = remarks_of(group)
         blocks += [Sentence(remark, "note") for remark in (first + hint, *remarks)]
     if truths:
-        agree = all(abs(one.deviation_u) <= 2 for by_name in truths for one in by_name.values())
-        blocks.append(Sentence(verdict(truths), "pass" if agree else "fail"))
+        agree = [abs(one.deviation_u) <= 2 for by_name in truths for one in by_name.values()]
+        verdict = f"{sum(agree)} of {len(agree)} figures agree with the truth within 2 u"
+        blocks.append(Sentence(verdict, "pass" if all(agree) else "fail"))
     doubts = [doubt for group in by_test(results) for doubt in doubts_of(group)]
     return [*blocks, *(Sentence(line, "doubt") for line in doubt_lines(doubts, with_title=True))]
 
@@ -112,8 +107,8 @@ def _facts(group: Sequence[Result], columns: int) -> list[tuple[str, ...]]:
 
 
 def remarks_of(group: Sequence[Result]) -> list[str]:
-    remarks = [what_u_is(group, [means for means in pooled(group) if means.figures])]
-    return [*remarks, *lag_in_words(pairs_of(group), group), *eccentricities_in_words(group), *warmth_in_words(group)]
+    lines = (*lag_in_words(pairs_of(group), group), *eccentricities_in_words(group), *warmth_in_words(group))
+    return [what_u_is(group), *lines]
 
 
 def doubts_of(group: Sequence[Result]) -> list[tuple[Result, str]]:

@@ -26,7 +26,8 @@ _BEYOND = 4.0
 """Multiple of u beyond which two eccentricities contradict each other. Chosen: odds of 10 000 to 1."""
 
 
-def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
+def what_u_is(group: Sequence[Result]) -> str:
+    repeated = [means for means in pooled(group) if means.figures]
     if not repeated:
         return ONE_RUN
     runs = " and ".join(f"{len(mean.runs)} {mean.title} runs" for mean in repeated)
@@ -45,22 +46,13 @@ def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
 
 
 def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
-    apart = []
+    apart_mm = []
     for result in group:
         angle, distance = (result.figures.get(f"{by}eccentricity_mm") for by in ("", "distance_"))
-        if angle is None or distance is None:
-            continue
-        u = float(np.hypot(angle.u, distance.u))
-        away = abs(angle.value - distance.value)
-        if np.isfinite(u) and away > _BEYOND * u:
-            apart.append(away)
-    if not apart:
-        return []
-    away = max(apart)
-    return [
-        f"the two estimates of the ball's place, by angle and by distance, differ by {1000 * away:.0f} µm: take "
-        "this as the uncertainty of the place"
-    ]
+        if angle and distance and abs(angle.value - distance.value) > _BEYOND * np.hypot(angle.u, distance.u):
+            apart_mm.append(abs(angle.value - distance.value))
+    words = "the two estimates of the ball's place, by angle and by distance, differ by {:.0f} µm: take this as the "
+    return [f"{words.format(1000 * max(apart_mm))}uncertainty of the place"] if apart_mm else []
 
 
 def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
@@ -75,11 +67,10 @@ def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
         return [*lines, f"no significant lag between gauges and robot: {lag}"]
     driven = both.runs[0][0].found
     rad_s = abs(driven.curve.rate) if isinstance(driven, CircleResult) else 0.0
-    words = f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by "
-    words += (
-        f"{np.degrees(rad_s * abs(lag.value) / 1000):.2g}° in opposite directions, which their u does not include; "
-    )
-    return [*lines, words + "describe the gauge by `timing` in the rig file, or run rig diagnose"]
+    off_deg = np.degrees(rad_s * abs(lag.value) / 1000)
+    words = f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {off_deg:.2g}° in opposite "
+    words += "directions, which their u does not include; describe the gauge by `timing` in the rig file, or run rig "
+    return [*lines, f"{words}diagnose"]
 
 
 def warmth_in_words(group: Sequence[Result]) -> list[str]:
@@ -94,6 +85,7 @@ def warmth_in_words(group: Sequence[Result]) -> list[str]:
 
 
 _MOST_BYTES = 1_000_000
+_REMEDY = "give the truth.json that rig emulate wrote"
 
 
 @dataclass(frozen=True)
@@ -119,30 +111,13 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
                 {name: TruthComparison(true, (seen.value - true) / seen.u) for name, seen, true in figures}
             )
     except OSError as error:
-        raise FileError(
-            str(path),
-            error.strerror or str(error),
-            "give the truth.json that rig emulate wrote",
-            code="truth.unreadable",
-        ) from None
+        raise FileError(str(path), error.strerror or str(error), _REMEDY, code="truth.unreadable") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise FileError(
-            str(path),
-            "is not the truth of these runs",
-            "give the truth.json that rig emulate wrote",
-            code="truth.other_runs",
-        ) from None
+        raise FileError(str(path), "is not the truth of these runs", _REMEDY, code="truth.other_runs") from None
     if not any(comparisons):
-        raise FileError(
-            str(path), f"does not cover the {results[0].test} test", "leave --truth out", code="truth.other_test"
-        )
+        problem = f"does not cover the {results[0].test} test"
+        raise FileError(str(path), problem, "leave --truth out", code="truth.other_test")
     return comparisons
-
-
-def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
-    every = [comparison for by_name in comparisons for comparison in by_name.values()]
-    within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
-    return f"{within} of {len(every)} figures agree with the truth within 2 u"
 
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
@@ -154,9 +129,7 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthCompari
         {
             "runs": runs,
             "between_runs": [_pooled_object(runs_mean) for group in groups for runs_mean in pooled(group)],
-            "remarks": [
-                what_u_is(group, [runs_mean for runs_mean in pooled(group) if runs_mean.figures]) for group in groups
-            ],
+            "remarks": [what_u_is(group) for group in groups],
             "acw_against_cw": [
                 {
                     "rig": group[0].measured.rig.name,

@@ -148,24 +148,21 @@ class _SummaryWords(ActWords):
         return [*cause, *before] if is_found else [*before, *cause]
 
     def _cause(self, causes: Sequence[_Cause]) -> str:
-        return capital(self._cause_sentence(causes))
-
-    def _cause_sentence(self, causes: Sequence[_Cause]) -> str:
         names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
         condition = self.diagnosis.condition
         is_unknown = condition in ("out_of_range", "outside_library") or (condition == "undecided" and names_open)
         if is_unknown or not causes or (self.standing == "undecided" and self.diagnosis.condition != "undecided"):
-            return self.usual_or_faults or self.condition_sentence
+            return capital(self.usual_or_faults or self.condition_sentence)
         is_minor = causes[0].is_fault or is_certain_except_small(self.diagnosis)
         if (undecided := self.usual_or_faults) and not is_minor:
-            return undecided
+            return capital(undecided)
         first, *others = causes
         words = first.words
         if not first.is_fault and (faults := [cause for cause in others if cause.is_fault]):
             others = others[1:]
             words = self.texts("also_a_fault", first=words, fault=faults[0].words)
         more = self.texts("and_more", count=len(others)) if others else ""
-        return Phrase(f"{joined([words, more], ', ')}.", keys_of(words))
+        return capital(Phrase(f"{joined([words, more], ', ')}.", keys_of(words)))
 
     def leading(self) -> list[_Cause]:
         diagnosis, causes = self.diagnosis, []

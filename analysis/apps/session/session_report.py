@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from analysis.api import diagnose, evaluate_runs
 from analysis.apps.report.page.accuracy import judge
-from analysis.apps.report.page.page_content import gather
-from analysis.apps.report.page.write_page import write_page
+from analysis.apps.report.page.write_page import gather, write_page
 from analysis.apps.session.answer import ControllerModel, path_error
 from analysis.apps.session.correction_step import CORRECTIONS, reading_deg
 from analysis.apps.session.session_answer import before_after

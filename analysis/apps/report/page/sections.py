@@ -10,10 +10,10 @@ import numpy as np
 from analysis.apps.report.blocks import Block, Heading, Sentence, Table
 from analysis.apps.report.chart import Picture
 from analysis.apps.report.model_charts import simulated_charts
-from analysis.apps.report.page.page_content import Report
 from analysis.apps.report.run_answer import columns_of, doubt_lines, doubts_of, figure_table, remarks_of
 from analysis.apps.report.run_charts import circle_charts, joint_chart, target_charts
 from analysis.apps.report.texts import Texts, capital
+from analysis.diagnosis.judge.comparison import Compared
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.joint_reversals import angle_difference, turns
@@ -30,8 +30,11 @@ TestSection = tuple[list[Block], list[Picture], list[Block]]
 """Blocks before the pictures of a test at a place, the pictures, and the blocks after them."""
 
 
-def test_sections(report: Report, texts: Texts) -> list[TestSection]:
-    groups = sorted(by_test(report.results), key=lambda group: _ORDER.index(group[0].test))
+def test_sections(
+    results: Sequence[Result], simulated: Compared | None, corrected: Compared | None, texts: Texts
+) -> list[TestSection]:
+    """corrected: runs compared with the model including the found parts."""
+    groups = sorted(by_test(results), key=lambda group: _ORDER.index(group[0].test))
     first_circle = next((group for group in groups if isinstance(group[0].found, CircleResult)), None)
     sections = []
     for group in groups:
@@ -41,16 +44,14 @@ def test_sections(report: Report, texts: Texts) -> list[TestSection]:
         else:
             charts += [chart for result in group[:_MOST_DRAWN] for chart in target_charts(result, texts)]
             about += f" {texts('first_drawn', count=_MOST_DRAWN)}" if len(group) > _MOST_DRAWN else ""
-        charts += simulated_charts(report.simulated, report.corrected, group, texts)
+        charts += simulated_charts(simulated, corrected, group, texts)
         charts += [joint_chart(group, texts)] if group is first_circle else []  # yaw and roll share one circle
-        sections.append((_above(group, about, texts), charts, _below(group, texts)))
+        place = group[0].measured.run.manifest.placement
+        title = texts.test(group[0].test) + (f" · {place}" if place and place != group[0].test else "")
+        doubts = (Sentence(line, "doubt") for line in doubt_lines(doubts_of(group)))
+        above: list[Block] = [Heading(title), Sentence(about), *doubts]
+        sections.append((above, charts, _below(group, texts)))
     return sections
-
-
-def _above(group: Sequence[Result], about: str, texts: Texts) -> list[Block]:
-    test, place = group[0].test, group[0].measured.run.manifest.placement
-    title = texts.test(test) + (f" · {place}" if place and place != test else "")
-    return [Heading(title), Sentence(about), *(Sentence(line, "doubt") for line in doubt_lines(doubts_of(group)))]
 
 
 def _below(group: Sequence[Result], texts: Texts) -> list[Block]:
@@ -63,11 +64,10 @@ def _below(group: Sequence[Result], texts: Texts) -> list[Block]:
 
 
 def _reversals(result: Result, texts: Texts) -> Table | None:
-    found = (
-        sorted(turns(result.found.laps), key=lambda turn: turn.phi) if isinstance(result.found, CircleResult) else ()
-    )
+    if not isinstance(result.found, CircleResult):
+        return None
     rows = []
-    for turn in found:
+    for turn in sorted(turns(result.found.laps), key=lambda turn: turn.phi):
         away = {
             reversal.phi_deg: abs(np.degrees(angle_difference(turn.phi, np.radians(reversal.phi_deg))))
             for reversal in result.reversals

@@ -11,7 +11,7 @@ import datetime as dt
 import gzip
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -19,31 +19,100 @@ from typing import Any
 
 from markupsafe import Markup
 
-from analysis.api import Result
+from analysis.api import Compared, Diagnosis, Result, RigError, diagnose
 from analysis.apps.report.act_words import without_idle_mounts
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Sentence, Table
 from analysis.apps.report.chart import Picture
 from analysis.apps.report.diagnosis_answer import Sections, sections_of, summary_parts
+from analysis.apps.report.diagnosis_report import calibration_file
 from analysis.apps.report.html_page import environment, is_pdf, write_html, write_pdf
 from analysis.apps.report.live_chart import live, looks
 from analysis.apps.report.model_charts import residual_charts
 from analysis.apps.report.page.accuracy import PageVerdict, example_limits, judge, limits_blocks, verdict_blocks
 from analysis.apps.report.page.before_after import BeforeAfter, now_blocks, path_blocks
-from analysis.apps.report.page.page_content import Report
 from analysis.apps.report.page.sections import test_sections
 from analysis.apps.report.stairs import stairs_of, step_sentences
 from analysis.apps.report.still_chart import still
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, Texts, joined, texts_of
 from analysis.diagnosis.judge.acts import Act, is_done
-from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.compare_runs import compare
+from analysis.runs.tables import format_of
 from rigs.distribution import version
-from rigs.errors import UseError
+from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.probe import Certificate
 
 _LONGEST = 200
 """Characters of a field; more is an accidental paste."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """rig: model and limits. corrected: runs compared with the model and the found parts. undiagnosed: reason for a
+    missing diagnosis. left_out: errors of runs that could not be evaluated.
+    """
+
+    rig: Rig
+    results: tuple[Result, ...]
+    simulated: Compared | None
+    corrected: Compared | None
+    found: Diagnosis | None
+    undiagnosed: str
+    left_out: tuple[str, ...]
+    after: BeforeAfter | None = None
+    """Measured effect of a correction."""
+
+    @property
+    def title(self) -> str:
+        return f"{self.results[0].measured.rig.name} – {self.rig.robot.name}"
+
+
+def gather(
+    results: Sequence[Result],
+    rig: Rig | None = None,
+    *,
+    diagnosed: bool = True,
+    diagnosis: Diagnosis | None = None,
+    left_out: Sequence[RigError] = (),
+    after: BeforeAfter | None = None,
+    progress: Callable[[str], None],
+) -> Report:
+    """Compare and diagnose evaluated runs, or state why this is impossible.
+
+    diagnosis: an existing one; diagnosed: whether to make one. Raises FileError for runs of several robots.
+    """
+    runs = [result.measured for result in results]
+    model = rig if rig is not None else runs[0].rig
+    # Two robots of one type differ in rig names; the model may come from a separate rig file
+    for run in runs:
+        if (run.rig.robot.name, run.rig.name) != (model.robot.name, runs[0].rig.name):
+            about = f"the report is about rig {runs[0].rig.name} of {model.robot.name}"
+            problem = f"is of rig {run.rig.name} of {run.rig.robot.name}, but {about}"
+            raise FileError(str(run.path), problem, "make a report for each robot", code="report.other_robot")
+    undiagnosed = ""
+    if diagnosis is None and diagnosed:
+        try:
+            diagnosis = diagnose(runs, rig=model, progress=progress)
+        except RigError as error:
+            undiagnosed = str(error)
+    progress("simulating the runs")
+    simulated, corrected = _compared(results, model), None
+    if diagnosis is not None and diagnosis.calibrated is not None:
+        with_findings = diagnosis.extended_rig.with_calibration(
+            calibration_file("found.calibration.json", diagnosis.calibrated.content), diagnosis.calibrated
+        )
+        corrected = _compared(results, with_findings)
+    return Report(model, tuple(results), simulated, corrected, diagnosis, undiagnosed, tuple(map(str, left_out)), after)
+
+
+def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
+    """None if the runs cannot be simulated, such as poses."""
+    runs = [result.measured for result in results if format_of(result.measured.table.test).gauges]
+    try:
+        return compare(runs, rig) if runs else None
+    except RigError:
+        return None
 
 
 @dataclass(frozen=True)
@@ -121,7 +190,8 @@ def write_page(report: Report, file: Path, language: Language = "en", heading: P
 def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
     found, after = report.found, report.after
     stairs = stairs_of(found, texts) if found else None
-    sections, gaps = test_sections(report, texts), residual_charts(found, stairs, texts) if found else []
+    sections = test_sections(report.results, report.simulated, report.corrected, texts)
+    gaps = residual_charts(found, stairs, texts) if found else []
     verdict = judge(report.results, report.rig.limits, found)
     corrected = after.verdict if after and after.verdict and after.verdict.judged else None
     days = sorted(result.measured.run.manifest.started[:10] for result in report.results)
@@ -130,33 +200,30 @@ def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
     parts = sections_of(found, texts, acts, corrected=bool(after and after.driven)) if found else {}
     badge, (head, *tiles) = _summary(report, corrected or verdict, texts)
     standing = texts(f"standing_{(corrected or verdict).overall}")
-    return (
-        environment()
-        .get_template("report.html")
-        .render(
-            t=texts,
-            title=report.title,
-            standing=f"{texts('corrected_now')} {standing}" if corrected else standing,
-            measured_on=texts.counted("measured_on", len(days), days=span),
-            heading=fields_of(heading, report.results, texts),
-            condition_badge=badge,
-            head=head,
-            tiles=tiles,
-            condition=_condition(report, badge, parts, texts),
-            accuracy=_accuracy(after, verdict, texts),
-            findings=_findings(report, verdict, parts, texts),
-            path=path_blocks(after, texts) if after else [],
-            parts=parts,
-            steps=step_sentences(stairs, texts) if stairs else [],
-            gaps=gaps,
-            limits=limits_blocks(verdict, texts, "limits_before" if after and after.driven else "limits"),
-            sections=sections,
-            still=_still_uri,
-            trace=_trace(report, texts),
-            simulated_only=all(result.measured.is_simulated for result in report.results),
-            style=_template("report.css"),
-            **_scripts([picture for _, drawn, _ in sections for picture in drawn] + list(gaps)),
-        )
+    template = environment().get_template("report.html")
+    return template.render(
+        t=texts,
+        title=report.title,
+        standing=f"{texts('corrected_now')} {standing}" if corrected else standing,
+        measured_on=texts.counted("measured_on", len(days), days=span),
+        heading=fields_of(heading, report.results, texts),
+        condition_badge=badge,
+        head=head,
+        tiles=tiles,
+        condition=_condition(report, badge, parts, texts),
+        accuracy=_accuracy(after, verdict, texts),
+        findings=_findings(report, verdict, parts, texts),
+        path=path_blocks(after, texts) if after else [],
+        parts=parts,
+        steps=step_sentences(stairs, texts) if stairs else [],
+        gaps=gaps,
+        limits=limits_blocks(verdict, texts, "limits_before" if after and after.driven else "limits"),
+        sections=sections,
+        still=_still_uri,
+        trace=_trace(report, texts),
+        simulated_only=all(result.measured.is_simulated for result in report.results),
+        style=_template("report.css"),
+        **_scripts([picture for _, drawn, _ in sections for picture in drawn] + list(gaps)),
     )
 
 

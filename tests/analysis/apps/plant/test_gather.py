@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from analysis.apps.plant.collect import REASONS, Collected, Progress, Workers
-from analysis.apps.plant.gather import Fleet, gather
+from analysis.apps.plant.fleet import Fleet, gather, state_of
 from analysis.apps.plant.history import history_of
 from analysis.apps.plant.records import RunRecord
-from analysis.apps.plant.robot_state import state_of
 from analysis.procedures.shared.quantity import Quantity
 from daq.store import mark_kept
 from rigs.schema.limits import Limits

@@ -13,9 +13,8 @@ import yaml
 from typer.testing import CliRunner
 
 from analysis import cli
-from analysis.apps.plant.history import history_of
+from analysis.apps.plant.history import history_of, remarks, sentences
 from analysis.apps.plant.history_report import write_page
-from analysis.apps.plant.history_words import remarks, sentences
 from rigs.errors import FileError
 from rigs.load import SHIPPED
 from tests.support import command_line

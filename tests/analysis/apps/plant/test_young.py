@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from analysis.apps.plant.history import history_of
+from analysis.apps.plant.history import history_of, origin, sentences, simulated_runs
 from analysis.apps.plant.history_report import answer_of, as_object, write_page
-from analysis.apps.plant.history_words import origin, sentences, simulated_runs
 from analysis.apps.plant.records import RunRecord
 from analysis.apps.report.blocks import on_screen
 from analysis.cli.plain_console import PlainConsole

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from analysis import evaluate_runs, load_run
-from analysis.apps.report.page.page_content import gather
-from analysis.apps.report.page.write_page import write_page
+from analysis.apps.report.page.write_page import gather, write_page
 from analysis.diagnosis.judge.staircase import ModelResidual, Staircase, StaircaseStep
 from rigs.load import load, load_hidden
 from tests.support.browser import CHROMIUM, Browser, browser

@@ -18,8 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis import evaluate_runs, load_run
-from analysis.apps.report.page.page_content import Report, gather
-from analysis.apps.report.page.write_page import rendered, write_page
+from analysis.apps.report.page.write_page import Report, gather, rendered, write_page
 from analysis.apps.report.run_charts import circle_charts, target_charts
 from analysis.apps.report.still_chart import still
 from analysis.apps.report.summary_words import summarise

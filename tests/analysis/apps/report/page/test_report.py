@@ -12,8 +12,7 @@ import pytest
 
 from analysis import evaluate_runs, load_run
 from analysis.apps.report.html_page import check_pdf_output, write_pdf
-from analysis.apps.report.page.page_content import Report, gather
-from analysis.apps.report.page.write_page import PageHead, rendered, write_page
+from analysis.apps.report.page.write_page import PageHead, Report, gather, rendered, write_page
 from analysis.apps.report.texts import texts_of
 from rigs.distribution import to_install
 from rigs.errors import CellError

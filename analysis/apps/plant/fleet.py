@@ -1,17 +1,33 @@
-"""One-line state of a robot: standing against the limits, changes with dates, and doubts."""
+"""The robots of a plant: standing against the limits, changes with dates, and doubts of each.
+
+The state of a robot is computed anew only if its runs changed.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
+from functools import partial
+from pathlib import Path
 from typing import Any, Literal
 
+from analysis.apps.plant import store
 from analysis.apps.plant.changes import Change
-from analysis.apps.plant.collect import Collected
-from analysis.apps.plant.history import Series, history_of, judge
-from analysis.apps.plant.history_words import against_limit, change_words
+from analysis.apps.plant.collect import (
+    Collected,
+    Progress,
+    Workers,
+    collected_of,
+    runs_below,
+    save_periodically,
+    update,
+)
+from analysis.apps.plant.history import Series, against_limit, change_words, history_of, judge
+from analysis.apps.plant.store import Key
+from analysis.runs.batch import FailedItem, Outcome, each
 from rigs.schema.limits import Standing
 
 Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
@@ -73,33 +89,13 @@ def state_of(folder: str, collected: Collected) -> FleetRobot:
     standing, worst, ratio = _worst(of_the_arm)
     changed, trend, grew = _trend(of_the_arm)
     return FleetRobot(
-        folder,
-        collected.robot,
-        tests=tuple(dict.fromkeys(run.title for run in sorted(collected.runs, key=lambda run: run.title))),
-        runs=len(collected.runs),
-        last=collected.runs[-1].when.isoformat(timespec="seconds"),
-        standing=standing,
-        worst=worst,
-        worst_ratio=ratio,
-        trend=trend,
-        changed=changed,
-        grew=grew,
-        without_figures=broken,
+        folder, collected.robot, tuple(sorted({run.title for run in collected.runs})), len(collected.runs),
+        collected.runs[-1].when.isoformat(timespec="seconds"), standing, worst, ratio, trend, changed, grew, broken,
         wild=sum(int(series.trend.wild.sum()) for series in history.series),
         copies=len(collected.notes),
         simulated=sum(run.simulated for run in collected.runs),
         corrected=sum(bool(run.corrected) for run in collected.runs),
-    )
-
-
-def as_json(state: FleetRobot) -> str:
-    return json.dumps(asdict(state))
-
-
-def state_from_json(text: str) -> FleetRobot:
-    fields: dict[str, Any] = json.loads(text)
-    names = tuple((run, why) for run, why in fields.pop("without_figures"))
-    return FleetRobot(**fields | {"tests": tuple(fields["tests"]), "without_figures": names})
+    )  # fmt: skip
 
 
 def in_order(states: Sequence[FleetRobot]) -> list[FleetRobot]:
@@ -141,3 +137,65 @@ def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
     further = f", and {len(last) - 1} more" if len(last) > 1 else ""
     words = f"{series.title}: {change_words(series, change)[1]}{further}"
     return series.runs[change.last].when.date().isoformat(), words, bool(grown)
+
+
+@dataclass(frozen=True)
+class Fleet:
+    directory: Path
+    catalogue: Path
+    robots: tuple[FleetRobot, ...]
+    strays: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    digests: Mapping[Key, str]
+    runs: int
+    examined: int
+    gone: int
+
+
+def gather(directory: Path, file: Path, workers: Workers, progress: Progress) -> Fleet:
+    """file: the catalogue, which local processes need for the states of robots."""
+    seen, notes = runs_below(directory), store.prepare(file)
+    known, examined, gone = update(file, seen, workers, progress)
+    hashes: dict[Key, hashlib._Hash] = {}
+    for entry in known.values():
+        if entry.key[1]:
+            line = json.dumps([entry.run, entry.fingerprint, entry.problem])
+            hashes.setdefault(entry.key, hashlib.sha256()).update(line.encode())
+    digests = {key: digest.hexdigest() for key, digest in hashes.items()}
+    before = store.states(file)
+    # Not read back at the end: a parallel command may have stored robots unknown to this command.
+    states: dict[Key, FleetRobot] = {}
+    for key, (digest, text) in before.items():
+        if digests.get(key) == digest:
+            fields: dict[str, Any] = json.loads(text)
+            fields |= {"tests": tuple(fields["tests"]), "without_figures": tuple(map(tuple, fields["without_figures"]))}
+            states[key] = FleetRobot(**fields)
+    fresh = [key for key in digests if key not in states]
+    if gone_robots := before.keys() - digests.keys():
+        store.save_states(file, (), gone_robots)
+
+    def judged(outcome: Outcome[tuple[Path, Key], FleetRobot]) -> tuple[Key, str, str]:
+        _, key = outcome.item
+        digest = digests[key]
+        if isinstance(outcome, FailedItem):  # without a digest, the robot is judged again the next time
+            states[key], digest = FleetRobot(*key, problem=outcome.error.what), ""
+        else:
+            states[key] = outcome.value
+        return key, digest, json.dumps(asdict(states[key]))
+
+    outcomes = each(_state_in, [(file, key) for key in fresh], jobs=workers.jobs)
+    save = partial(store.save_states, file)
+    save_periodically(map(judged, outcomes), save, lambda done: progress("judging robots", done, len(fresh)))
+    strays = tuple((entry.run, entry.problem) for entry in known.values() if not entry.key[1])
+    robots = tuple(in_order(list(states.values())))
+    return Fleet(directory, file, robots, strays, notes, digests, len(known), examined, gone)
+
+
+def collected_in(file: Path, key: Key) -> Collected:
+    records, rig_texts = store.records_of(file, key)
+    return collected_of(key[1], records, (), rig_texts)
+
+
+def _state_in(item: tuple[Path, Key]) -> FleetRobot:
+    file, key = item
+    return state_of(key[0], collected_in(file, key))
