@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import quote
 
 from analysis.apps.plant.collect import Collected, Progress, Workers
-from analysis.apps.plant.fleet import ORDER, Attention, Fleet, FleetRobot, collected_in
+from analysis.apps.plant.fleet import ORDER, Attention, Fleet, collected_in
 from analysis.apps.plant.history import history_of, simulated_runs, without_figures
 from analysis.apps.plant.history_report import write_page
 from analysis.apps.plant.records import RunRecord
@@ -165,8 +165,19 @@ class _Page:
 def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) -> list[str]:
     """Write the page of the plant and the outdated pages of robots; a line for each that could not be written."""
     folder = path.with_name(f"{path.stem}-robots")
-    pages = [_page(fleet, state, folder, path) for state in fleet.robots if state.runs]
-    fresh = [page for page in pages if not _is_current(page)]
+    pages, fresh = [], []
+    for state in (state for state in fleet.robots if state.runs):
+        key = (state.folder, state.robot)
+        name = re.sub(r"[^A-Za-z0-9_.-]", "_", state.robot).lstrip(".")[:60]
+        # Names may differ only in unusual characters.
+        digest = hashlib.sha256(repr(key).encode("utf-8", "surrogatepass")).hexdigest()[:8]
+        made_of = f"{made_by()} {fleet.digests[key]}"
+        page = _Page(folder / f"{name}-{digest}.html", fleet.catalogue, key, made_of, quote(f"../{path.name}"))
+        pages.append(page)
+        head = b""
+        with suppress(OSError), page.path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+        fresh += [] if f'name="made-of" content="{made_of}"'.encode() in head else [page]
     failed: list[str] = []
     for done, outcome in enumerate(each(_write, fresh, jobs=workers.jobs), 1):
         if isinstance(outcome, FailedItem):
@@ -177,21 +188,6 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
     html = answer_page(title, answer_of(fleet, links, failed))
     write_html(html, path)
     return failed
-
-
-def _page(fleet: Fleet, state: FleetRobot, folder: Path, overview: Path) -> _Page:
-    key = (state.folder, state.robot)
-    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", state.robot).lstrip(".")[:60]
-    # Names may differ only in unusual characters.
-    digest = hashlib.sha256(repr(key).encode("utf-8", "surrogatepass")).hexdigest()[:8]
-    made_of = f"{made_by()} {fleet.digests[key]}"
-    return _Page(folder / f"{plain}-{digest}.html", fleet.catalogue, key, made_of, quote(f"../{overview.name}"))
-
-
-def _is_current(page: _Page) -> bool:
-    with suppress(OSError), page.path.open("rb") as file:
-        return f'name="made-of" content="{page.made_of}"'.encode() in file.read(_HEAD_BYTES)
-    return False
 
 
 def _write(page: _Page) -> None:

@@ -118,30 +118,20 @@ def as_object(history: History) -> dict[str, Any]:
 
 
 def _series_object(series: Series) -> dict[str, Any]:
+    names = ("before", "after", "u", "chance")
     changes = [
-        {
-            "after_run": series.runs[change.first].name,
-            "by_run": series.runs[change.last].name,
-            "when": dates(series, change),
-            "before": change.before,
-            "after": change.after,
-            "u": change.u,
-            "chance": change.chance,
-            "may_go_on": change.is_last,
-        }
+        {"after_run": series.runs[change.first].name, "by_run": series.runs[change.last].name}
+        | {"when": dates(series, change)} | {name: getattr(change, name) for name in names}
+        | {"may_go_on": change.is_last}
         for change in series.trend.changes
-    ]
+    ]  # fmt: skip
     judged = judge(series)
     limit = judged and {
-        "watch": judged.limit.watch,
-        "fail": judged.limit.fail,
-        "standing": judged.standing,
-        "since": judged.since.started,
-        "since_run": judged.since.name,
-        "beyond": [run.name for run in judged.beyond],
-    }
-    names = {"title": series.title, "figure": series.figure, "spread": series.trend.spread}
-    return names | {"points": _points(series), "changes": changes, "limit": limit}
+        "watch": judged.limit.watch, "fail": judged.limit.fail, "standing": judged.standing,
+        "since": judged.since.started, "since_run": judged.since.name, "beyond": [run.name for run in judged.beyond],
+    }  # fmt: skip
+    about = {"title": series.title, "figure": series.figure, "spread": series.trend.spread}
+    return about | {"points": _points(series), "changes": changes, "limit": limit}
 
 
 def _points(series: Series) -> list[dict[str, Any]]:

@@ -31,14 +31,9 @@ _MAGIC, _ID_AT, _HEADER = b"SQLite format 3\0", 68, 100
 """Start of an SQLite file, and place of the application_id (sqlite.org/fileformat.html, 1.3)."""
 _WAIT_S = 30.0
 _OF_THE_SYSTEM = {
-    sqlite3.SQLITE_PERM,
-    sqlite3.SQLITE_BUSY,
-    sqlite3.SQLITE_LOCKED,
-    sqlite3.SQLITE_READONLY,
-    sqlite3.SQLITE_IOERR,
-    sqlite3.SQLITE_FULL,
-    sqlite3.SQLITE_CANTOPEN,
-}
+    sqlite3.SQLITE_PERM, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR,
+    sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN,
+}  # fmt: skip
 """Of disk, permissions and locks: the file may be valid and is not deleted."""
 # Tables with records have rowids. In tables declared `without rowid`, SQLite stores rows above a quarter of a page in
 # separate pages, which doubles the size of the file.
