@@ -79,12 +79,6 @@ def unusual_groups(diagnosis: Diagnosis) -> list[BudgetPart]:
     return groups if diagnosis.condition in HARMLESS else []
 
 
-def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
-    """Parts of the error with separate lines, and the small parts that are counted together."""
-    small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
-    return [part for part in diagnosis.budget if part not in small], small
-
-
 def has_model(diagnosis: Diagnosis) -> bool:
     """True if the rig file contains effects or a calibration. The robot drives without them."""
     return diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)

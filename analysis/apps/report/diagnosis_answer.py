@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from analysis.apps.report.act_words import ActWords, without_idle_mounts
-from analysis.apps.report.answer_words import AnswerWords, shown_parts
+from analysis.apps.report.answer_words import SMALL_SHARE, AnswerWords
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Segments, Sentence, Table, as_object
 from analysis.apps.report.diagnosis_words import (
     LEAST_ODDS,
@@ -74,9 +74,16 @@ def sections_of(
     open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
     steps = [Sentence(f"{k}. {words.sentence(act, corrected=corrected)}") for k, act in enumerate(open_acts, 1)]
     stairs = stairs_of(diagnosis, texts)
+    # The condition unless the faults state it, the effects of the rig file, and the present accuracy
+    is_named = diagnosis.condition in ("named", "ambiguous")
+    condition = "" if is_named else words.usual_or_faults or words.condition_sentence
+    details = [condition, words.already_held, "" if corrected else words.accuracy]
+    groups = [Sentence(" or ".join(map(name_in_words, group))) for group in diagnosis.groups[:_MOST_GROUPS]]
+    if (others := len(diagnosis.groups) - _MOST_GROUPS) > 0:
+        groups.append(Sentence(f"and {others} more groups (--json lists all)", "note"))
     is_sound = bool(diagnosis.next_act and diagnosis.next_act.why == "sound")
     sections: dict[str, tuple[str, Iterable[Block]]] = {
-        "details": ("details", [Sentence(line) for line in _details(words, corrected=corrected) if line]),
+        "details": ("details", [Sentence(line) for line in details if line]),
         "passport": ("passport", _passport(words)),
         "budget": ("budget", _budget(words)),
         "faults": ("fitted" if diagnosis.given else "faults", _faults(words)),
@@ -84,7 +91,7 @@ def sections_of(
         "steps": ("steps", [stairs_table(stairs, texts)] if stairs else []),
         "gaps": ("diagnosis", _gaps(words)),
         "unexplained": ("unexplained", _unexplained(words) if diagnosis.is_testable else []),
-        "inseparable": ("inseparable", _inseparable(diagnosis)),
+        "inseparable": ("inseparable", groups),
         "undetectable": ("undetectable", _undetectable(diagnosis)),
         "where": ("where_heading", places_blocks(diagnosis.where)),
         "doubts": ("doubts_heading", [Sentence(doubt, "doubt") for doubt in diagnosis.doubts]),
@@ -106,18 +113,13 @@ def plain_object(diagnosis: Diagnosis) -> dict[str, Any]:
     return diagnosis.to_dict() | {"blocks": as_object(answer_of(diagnosis))}
 
 
-def _details(words: AnswerWords, *, corrected: bool) -> list[str]:
-    is_named = words.diagnosis.condition in ("named", "ambiguous")
-    condition = "" if is_named else words.usual_or_faults or words.condition_sentence
-    return [condition, words.already_held, "" if corrected else words.accuracy]
-
-
 def _budget(words: AnswerWords) -> list[Block]:
     """A row for each part of the error, and one for all small parts."""
     diagnosis, texts = words.diagnosis, words.texts
     if not diagnosis.budget:
         return []
-    large, small = shown_parts(diagnosis)
+    small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
+    large = [part for part in diagnosis.budget if part not in small]
     shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
     shown = [Cell(f"{tenths / 10:.1f} %", bar=max(0.0, share / max(shares)))
              for share, tenths in zip(shares, _tenths(shares), strict=True)]  # fmt: skip
@@ -254,20 +256,11 @@ def _unexplained(words: AnswerWords) -> list[Block]:
     return [*blocks, Sentence(texts("remains", um=micrometres(residual.held_out.um), noise=noise)), table]
 
 
-def _inseparable(diagnosis: Diagnosis) -> Iterable[Block]:
-    yield from (Sentence(" or ".join(map(name_in_words, group))) for group in diagnosis.groups[:_MOST_GROUPS])
-    if (others := len(diagnosis.groups) - _MOST_GROUPS) > 0:
-        yield Sentence(f"and {others} more groups (--json lists all)", "note")
-
-
-def _undetectable(diagnosis: Diagnosis) -> Iterable[Block]:
-    names = diagnosis.not_testable
-    if not names:
-        return
-    unnamed = len(names) - _MOST_NAMES
+def _undetectable(diagnosis: Diagnosis) -> list[Block]:
+    names, unnamed = diagnosis.not_testable, len(diagnosis.not_testable) - _MOST_NAMES
     listed = names_in_words(names[:_MOST_NAMES]) + (f"; and {unnamed} more" if unnamed > 0 else "")
     larger = f"even if {LARGEST_FAULT:g} times larger than in a healthy arm"
-    yield Sentence(f"Not visible in these tests, {larger}: {listed}", "note")
+    return [Sentence(f"Not visible in these tests, {larger}: {listed}", "note")] if names else []
 
 
 def places_blocks(where: Sequence[ResidualPlace]) -> list[Block]:

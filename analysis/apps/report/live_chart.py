@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.report.chart import ROLE_STYLES, ChartLine, Picture, SphereChart
+from analysis.apps.report.chart import ChartLine, Picture, SphereChart
 from analysis.robot.kinematics.arm import Array
 from rigs.text import plain_values
 
@@ -36,10 +36,6 @@ def live(picture: Picture) -> dict[str, Any]:
         }
     plain: dict[str, Any] = plain_values(contents)
     return plain
-
-
-def looks() -> dict[str, Any]:
-    return {role: asdict(look) for role, look in ROLE_STYLES.items()}
 
 
 def _line(line: ChartLine) -> dict[str, Any]:

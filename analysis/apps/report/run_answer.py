@@ -75,7 +75,15 @@ def answer_of(
             columns = columns_of(group, texts)
             blocks.append(figure_table(columns, texts, *([] if repeated else _facts(group, len(columns)))))
         if truths or (each and repeated):
-            blocks.append(_runs_table(group, truth_of, texts))
+            columns = []
+            for result in group:
+                below = {
+                    name: f"truth {result.figures[name].rounded(one.truth)} ({one.deviation_u:+z.1f}u)"
+                    for name, one in truth_of.get(id(result), {}).items()
+                    if name in result.figures
+                }
+                columns.append(Column(f"{result.title}, {result.name}", result.figures, below))
+            blocks.append(figure_table(columns, texts, *_facts(group, len(columns))))
         hint = "; --each shows the single runs" if repeated and not each else ""
         first, *remarks = remarks_of(group)
         blocks += [Sentence(remark, "note") for remark in (first + hint, *remarks)]
@@ -85,18 +93,6 @@ def answer_of(
         blocks.append(Sentence(verdict, "pass" if all(agree) else "fail"))
     doubts = [doubt for group in by_test(results) for doubt in doubts_of(group)]
     return [*blocks, *(Sentence(line, "doubt") for line in doubt_lines(doubts, with_title=True))]
-
-
-def _runs_table(group: Sequence[Result], truth_of: Mapping[int, dict[str, TruthComparison]], texts: Texts) -> Table:
-    columns = []
-    for result in group:
-        truths = {
-            name: f"truth {result.figures[name].rounded(comparison.truth)} ({comparison.deviation_u:+z.1f}u)"
-            for name, comparison in truth_of.get(id(result), {}).items()
-            if name in result.figures
-        }
-        columns.append(Column(f"{result.title}, {result.name}", result.figures, truths))
-    return figure_table(columns, texts, *_facts(group, len(columns)))
 
 
 def _facts(group: Sequence[Result], columns: int) -> list[tuple[str, ...]]:

@@ -29,9 +29,6 @@ class PageVerdict:
     tests: tuple[TestName, ...]
     by_tolerance: bool = False
 
-    def with_standing(self, standing: Overall) -> list[JudgedFigure]:
-        return [figure for figure in self.judged if figure.standing == standing]
-
 
 def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None = None) -> PageVerdict:
     judged = judged_figures(results, limits)
@@ -43,8 +40,9 @@ def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None
 
 def verdict_blocks(verdict: PageVerdict, texts: Texts, when: str = "") -> Sentence:
     """when: phrase before the standing."""
-    badge = joined([when, texts(f"standing_{verdict.overall}")])
-    return Sentence(verdict_sentence(verdict, texts), verdict.overall, badge)
+    return Sentence(
+        verdict_sentence(verdict, texts), verdict.overall, joined([when, texts(f"standing_{verdict.overall}")])
+    )
 
 
 def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
@@ -54,7 +52,7 @@ def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
         return texts("verdict_unjudged", tests=", ".join(texts.test(test) for test in verdict.tests))
     if verdict.overall == "pass":
         return texts("verdict_pass", count=len(verdict.judged))
-    bad = verdict.with_standing(verdict.overall)
+    bad = [figure for figure in verdict.judged if figure.standing == verdict.overall]
     worst = bad[0]
     # The limit that failed, or the limits around the figure, and a remark if the uncertainty reaches across one
     watch = None if worst.standing == "fail" else worst.limit.watch

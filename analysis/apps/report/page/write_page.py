@@ -12,7 +12,7 @@ import gzip
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,11 @@ from markupsafe import Markup
 from analysis.api import Compared, Diagnosis, Result, RigError, diagnose
 from analysis.apps.report.act_words import without_idle_mounts
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Sentence, Table
-from analysis.apps.report.chart import Picture
+from analysis.apps.report.chart import ROLE_STYLES, Picture
 from analysis.apps.report.diagnosis_answer import Sections, sections_of, summary_parts
 from analysis.apps.report.diagnosis_report import calibration_file
 from analysis.apps.report.html_page import environment, is_pdf, write_html, write_pdf
-from analysis.apps.report.live_chart import live, looks
+from analysis.apps.report.live_chart import live
 from analysis.apps.report.model_charts import residual_charts
 from analysis.apps.report.page.accuracy import PageVerdict, example_limits, judge, limits_blocks, verdict_blocks
 from analysis.apps.report.page.before_after import BeforeAfter, now_blocks, path_blocks
@@ -284,7 +284,10 @@ def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
     packed = (resources.files("analysis") / "templates" / "plotly.min.js.gz").read_bytes()
     script = _template("report.js")
     places = {id(picture): f"p{number}" for number, picture in enumerate(pictures)}
-    drawn = {"pictures": {places[id(picture)]: live(picture) for picture in pictures}, "looks": looks()}
+    drawn = {
+        "pictures": {places[id(picture)]: live(picture) for picture in pictures},
+        "looks": {role: asdict(style) for role, style in ROLE_STYLES.items()},
+    }
     return {
         "script": script,
         "script_hashes": Markup(f"{_hash(script)} {_hash(gzip.decompress(packed).decode())}"),  # noqa: S704 - base64 of a hash
