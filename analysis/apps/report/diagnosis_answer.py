@@ -133,7 +133,7 @@ def _budget(words: AnswerWords) -> list[Block]:
     if small:
         rows.append((texts.counted("smaller_parts", len(small)), shown[-1], "", ""))
     columns = tuple(texts(name) for name in ("part", "share", "rms_and_u", "rank"))
-    ranks = (*(part.rank or "other" for part in large), "other")
+    ranks = (*(part.rank or "other" for part in large), *["other"] * bool(small))
     about = texts("about_budget", whole=micrometres(diagnosis.train.before_um), cut_off=f"{FAULT:g}")
     return [Table(columns, tuple(rows), frozenset({2}), ranks, "budget"), Sentence(about, "note")]
 

@@ -35,6 +35,15 @@ _SHARE = 0.12
 _STATIONS = 80
 
 
+def _chart(
+    key: str, frame: Frame, labels: tuple[str, str], unit: str, lines: Sequence[ChartLine], texts: Texts,
+    **values: object,
+) -> Chart:  # fmt: skip
+    """A chart with the title and caption of a key. labels: of both axes, with unit."""
+    title, caption = texts(f"chart_{key}", **values), texts(f"caption_{key}", **values)
+    return Chart(title, caption, frame, *labels, unit, tuple(lines))
+
+
 def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
     test = group[0].test
     marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
@@ -48,10 +57,9 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
                     many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
                     values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
                     lines.append(ChartLine(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
-            title = texts(f"chart_{part}_{frame}", test=texts.test(test))
-            caption = texts(f"caption_{part}_{frame}")
-            y_label = f"{texts(label)} / {unit}"
-            charts.append(Chart(title, caption, frame, texts("circle_angle"), y_label, unit, tuple(lines), marks))
+            labels = texts("circle_angle"), f"{texts(label)} / {unit}"
+            chart = _chart(f"{part}_{frame}", frame, labels, unit, lines, texts, test=texts.test(test))
+            charts.append(replace(chart, marks=marks))
     return charts
 
 
@@ -91,9 +99,9 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     if turns:
         phi, turn_deg = np.array(turns).T
         lines.append(ChartLine(texts("turns_back"), "model", phi, turn_deg, points=True))
-    title, labels = texts("chart_joints"), (texts("circle_angle"), texts("joint_angle"))
     marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in reversals], texts)
-    return Chart(title, texts("caption_joints"), "straight", *labels, "°", tuple(lines), marks)
+    labels = texts("circle_angle"), texts("joint_angle")
+    return replace(_chart("joints", "straight", labels, "°", lines, texts), marks=marks)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -144,20 +152,17 @@ def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Pictur
         interpolated(targets[used], curve.deviation_mm[used], grid), targets[used], curve.deviation_mm[used], names,
         (texts("sphere"), texts("surface"), texts("targets")),
     )  # fmt: skip
-    caption = texts("caption_sphere", times=f"{float(f'{chart.magnified:.2g}'):g}")
-    sphere = SphereChart(**{**vars(chart), "caption": caption})
+    sphere = replace(chart, caption=texts("caption_sphere", times=f"{float(f'{chart.magnified:.2g}'):g}"))
     ways: tuple[tuple[str, Role, Mask], ...] = (("measured", "measured", used), ("not_used", "sixth", ~used))
-    x, y, half_um = curve.target.astype(float), 1e3 * curve.deviation_mm, 500 * curve.spread_mm
-    lines = tuple(
-        ChartLine(
-            texts(name), role, x[at], y[at], points=True, half=half_um[at] if "spread_mm" in result.figures else None
-        )
+    x, y = curve.target.astype(float), 1e3 * curve.deviation_mm
+    half_um = 500 * curve.spread_mm if "spread_mm" in result.figures else None
+    lines = [
+        ChartLine(texts(name), role, x[at], y[at], points=True, half=None if half_um is None else half_um[at])
         for name, role, at in ways
         if at.any()
-    )
-    title, y_label = texts("chart_targets"), f"{texts('error_radius')} / µm"
-    by_target = Chart(title, texts("caption_targets"), "targets", texts("target"), y_label, "µm", lines)
-    return [sphere, by_target]
+    ]
+    labels = texts("target"), f"{texts('error_radius')} / µm"
+    return [sphere, _chart("targets", "targets", labels, "µm", lines, texts)]
 
 
 def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> Chart:
@@ -170,10 +175,8 @@ def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> C
         on_side = curve.approach == side
         lines.append(ChartLine(texts(f"from_{side}"), role, place[on_side] + aside, away_um[on_side], points=True))  # type: ignore[arg-type]
     ticks = tuple((float(k), str(target)) for k, target in enumerate(targets))
-    y_label = f"{texts('reading')} / µm"
-    caption = texts("caption_repeatability")
-    title = texts("chart_repeatability")
-    return Chart(title, caption, "targets", texts("target"), y_label, "µm", tuple(lines), ticks=ticks)
+    labels = texts("target"), f"{texts('reading')} / µm"
+    return replace(_chart("repeatability", "targets", labels, "µm", lines, texts), ticks=ticks)
 
 
 def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
@@ -182,17 +185,16 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
     line = ChartLine(texts("measured"), "measured", number, curve.distance_mm, points=True)
     labels = texts("pose"), f"{texts('error_position')} / mm"
     charts = [] if view is None else [_plane("chart_cube", *view, texts, points=True)]
-    charts.append(Chart(texts("chart_pose"), texts("caption_pose"), "targets", *labels, "mm", (line,)))
+    charts.append(_chart("pose", "targets", labels, "mm", [line], texts))
     labels = texts("angle_of_axis"), texts("error_of_angle")
     for axis in curve.axes:
         ways: tuple[tuple[str, Role, Array], ...] = (("up", "acw", axis.up_deg), ("down", "cw", axis.down_deg))
-        lines = tuple(
+        lines = [
             ChartLine(texts(f"turned_{way}"), role, axis.angle_deg[reached], 1e3 * off[reached], points=True)
             for way, role, off in ways
             if (reached := np.isfinite(off)).any()
-        )
-        title = texts("chart_axis", axis=axis.axis)
-        charts.append(Chart(title, texts("caption_axis"), "targets", *labels, "m°", lines))
+        ]
+        charts.append(_chart("axis", "targets", labels, "m°", lines, texts, axis=axis.axis))
     return [*charts]
 
 
@@ -230,8 +232,7 @@ def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
         rows = curve.path == name
         lines.append(ChartLine(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
     labels = f"{texts('along_path')} / %", f"{texts('error_path')} / µm"
-    along = Chart(texts("chart_along"), texts("caption_along"), "targets", *labels, "µm", tuple(lines))
-    return [plane, along]
+    return [plane, _chart("along", "targets", labels, "µm", lines, texts)]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
