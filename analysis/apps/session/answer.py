@@ -1,4 +1,4 @@
-"""Diagnosis of the runs of a session in a separate process, and the path error of the robot."""
+"""Diagnosis of the runs of a session in a separate process."""
 
 from __future__ import annotations
 
@@ -7,24 +7,16 @@ import multiprocessing as mp
 import os
 import signal
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from analysis.apps.session.session_state import Answer, PartOfError, SessionAct
-from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import acts_with
-from analysis.robot.geometry.circle import frame_of
-from analysis.robot.geometry.driven_programs import circle_laps, circle_of
-from analysis.runs.loading import Measured, load_measured
-from analysis.runs.noise.readings import rms
-from analysis.runs.tables import CircleTable
+from analysis.runs.loading import load_measured
 from rigs.calibration import ground_of
 from rigs.errors import CellError, RigError
-from rigs.rig import Rig
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
@@ -128,65 +120,3 @@ def _infer_and_return(
         returned.send(infer(used, judges, rig_file, directory))
     except RigError as error:
         returned.send(error)
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Path error: readings compared with the commanded circle, independent of the joint angles sent by the controller.
-
-
-@dataclass(frozen=True)
-class ControllerModel:
-    """Correction active in the controller during a run.
-
-    model: arm used by the controller, None if uncorrected. reading_deg: offsets of the joint angles (6,) by entered
-    values.
-    """
-
-    model: Rig | None = None
-    reading_deg: Sequence[float] = (0.0,) * 6
-
-
-def path_error(runs: Sequence[Path], driven: ControllerModel, noise_um: float) -> Deviation | None:
-    """Deviation of the tool from the commanded circle, after fitting the set-ups; None without runs.
-
-    noise_um: rms scatter of a run. A corrected controller does not show the commanded joints, so they follow from the
-    circle angle.
-    """
-    from analysis.diagnosis.judge.compare_runs import compare  # noqa: PLC0415 - slow to import
-
-    measured = [as_commanded(load_measured(path), driven) for path in runs]
-    if not measured:
-        return None
-    # Both directions share a set-up, as in the residual and in the prediction. Separate fits would absorb half of a
-    # play.
-    every = np.concatenate([run.residuals_mm.ravel() for run in compare(measured, measured[0].rig).runs])
-    return Deviation(
-        um=round(1e3 * rms(every), 2),
-        largest_um=round(float(1e3 * np.abs(every).max()), 2),
-        u_um=round(noise_um / float(np.sqrt(len(measured))), 2),
-        runs=len(measured),
-    )
-
-
-def as_commanded(run: Measured, driven: ControllerModel) -> Measured:
-    """Circle run of a rig without errors, with the joints of an ideal arm on the commanded circle."""
-    table = run.table
-    bare = run.rig.model_copy(update={"effects": ()}).with_calibration(None, None)
-    if not isinstance(table, CircleTable):
-        return replace(run, rig=bare)
-    laps = circle_laps(bare, table.direction)
-    from analysis.correction.work import tool_poses  # noqa: PLC0415 - slow to import
-    from analysis.robot.kinematics.arm import arm_of, forward  # noqa: PLC0415
-    from analysis.robot.model.predict import model_of  # noqa: PLC0415
-
-    frame = frame_of(circle_of(run.rig))
-    if driven.model is None:
-        phi = frame.angle(forward(arm_of(run.rig.robot), table.q)[:, :3, 3])
-    else:
-        real = run.rig.modelled_as(driven.model)
-        phi = frame.angle(tool_poses(model_of(real), table.q - np.radians(driven.reading_deg))[:, :3, 3])
-    middle = (laps.phi[0] + laps.phi[-1]) / 2
-    phi = phi + 2 * np.pi * np.round((middle - (phi.min() + phi.max()) / 2) / (2 * np.pi))
-    order = np.argsort(laps.phi)
-    q = np.stack([np.interp(phi, laps.phi[order], joint[order]) for joint in laps.q.T], axis=1)
-    return replace(run, rig=bare, table=replace(table, q=q))

@@ -1,19 +1,34 @@
-"""Final page of a session: the report of the runs, and the error of the robot before and after the correction."""
+"""End of a session: the path error before and after the correction, and the page.
+
+Readings are compared with the commanded circle, independent of the joint angles sent by the controller.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from analysis.api import diagnose, evaluate_runs
 from analysis.apps.report.page.accuracy import judge
 from analysis.apps.report.page.write_page import gather, write_page
-from analysis.apps.session.answer import ControllerModel, path_error
 from analysis.apps.session.correction_step import CORRECTIONS, reading_deg
 from analysis.apps.session.session_answer import before_after
 from analysis.apps.session.session_state import ELSEWHERE, Session, SessionDirectory, VerifiedError
-from analysis.runs.loading import load_measured
+from analysis.correction.deviation import Deviation
+from analysis.correction.work import tool_poses
+from analysis.diagnosis.judge.compare_runs import compare
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.geometry.driven_programs import circle_laps, circle_of
+from analysis.robot.kinematics.arm import arm_of, forward
+from analysis.robot.model.predict import model_of
+from analysis.runs.loading import Measured, load_measured
+from analysis.runs.noise.readings import rms
+from analysis.runs.tables import CircleTable
 from rigs.errors import RigError
 from rigs.load import load
 from rigs.rig import Rig
@@ -25,24 +40,68 @@ PAGE = "report.html"
 
 
 def verified_by(session: Session, place: SessionDirectory) -> VerifiedError:
-    nominal = after = ControllerModel()
-    noise_um = session.answer.noise_um if session.answer else 0.0
+    """Path error before and after the correction, on the same tests and at the other place."""
+    model: Rig | None = None
+    added_deg: Sequence[float] = (0.0,) * 6
     if session.answer is not None and session.correction is not None and session.correction.way != "none":
-        entered = session.correction.way == "entries"
         model, _ = load(place.model_of(session.answer))
-        after = ControllerModel(model, reading_deg(place.directory / CORRECTIONS) if entered else (0.0,) * 6)
+        if session.correction.way == "entries":
+            added_deg = reading_deg(place.directory / CORRECTIONS)
+    noise_um = session.answer.noise_um if session.answer else 0.0
     verify = session.runs_for("verify")
     tests = {(step.stage, step.test, step.direction) for step in verify}
-    main = [step for step in session.runs_for("find") if (step.stage, step.test, step.direction) in tests]
-    sides = {
-        "same_before": (main, nominal),
-        "same_after": ([step for step in verify if step.stage != ELSEWHERE], after),
-        "elsewhere_before": (session.runs_for("judge"), nominal),
-        "elsewhere_after": ([step for step in verify if step.stage == ELSEWHERE], after),
+    before = {
+        "same_before": [step for step in session.runs_for("find") if (step.stage, step.test, step.direction) in tests],
+        "elsewhere_before": session.runs_for("judge"),
     }
-    return VerifiedError(
-        **{name: path_error(place.runs_of(steps), by, noise_um) for name, (steps, by) in sides.items()}
-    )
+    after = {
+        "same_after": [step for step in verify if step.stage != ELSEWHERE],
+        "elsewhere_after": [step for step in verify if step.stage == ELSEWHERE],
+    }
+    errors = {name: _path_error(place.runs_of(steps), None, added_deg, noise_um) for name, steps in before.items()}
+    errors |= {name: _path_error(place.runs_of(steps), model, added_deg, noise_um) for name, steps in after.items()}
+    return VerifiedError(**errors)
+
+
+def _path_error(
+    runs: Sequence[Path], model: Rig | None, added_deg: Sequence[float], noise_um: float
+) -> Deviation | None:
+    """Deviation of the tool from the commanded circle, after fitting the set-ups; None without runs.
+
+    noise_um: rms scatter of a run. model, added_deg: see `_as_commanded`.
+    """
+    measured = [_as_commanded(load_measured(path), model, added_deg) for path in runs]
+    if not measured:
+        return None
+    # Both directions share a set-up, as in the residual and in the prediction. Separate fits would absorb half of a
+    # play.
+    every = np.concatenate([run.residuals_mm.ravel() for run in compare(measured, measured[0].rig).runs])
+    um, largest_um = 1e3 * rms(every), float(1e3 * np.abs(every).max())
+    u_um = noise_um / float(np.sqrt(len(measured)))
+    return Deviation(um=round(um, 2), largest_um=round(largest_um, 2), u_um=round(u_um, 2), runs=len(measured))
+
+
+def _as_commanded(run: Measured, model: Rig | None, added_deg: Sequence[float]) -> Measured:
+    """Circle run of a rig without errors, with the joints of an ideal arm on the commanded circle.
+
+    A corrected controller does not show these joints, so they follow from the circle angle. model: arm used by the
+    controller, None if uncorrected; added_deg: offsets (6,) of the reported angles by its entered values.
+    """
+    table = run.table
+    bare = run.rig.model_copy(update={"effects": ()}).with_calibration(None, None)
+    if not isinstance(table, CircleTable):
+        return replace(run, rig=bare)
+    laps = circle_laps(bare, table.direction)
+    if model is None:
+        T = forward(arm_of(run.rig.robot), table.q)
+    else:
+        T = tool_poses(model_of(run.rig.modelled_as(model)), table.q - np.radians(added_deg))
+    phi = frame_of(circle_of(run.rig)).angle(T[:, :3, 3])
+    middle = (laps.phi[0] + laps.phi[-1]) / 2
+    phi = phi + 2 * np.pi * np.round((middle - (phi.min() + phi.max()) / 2) / (2 * np.pi))
+    order = np.argsort(laps.phi)
+    q = np.stack([np.interp(phi, laps.phi[order], joint[order]) for joint in laps.q.T], axis=1)
+    return replace(run, rig=bare, table=replace(table, q=q))
 
 
 def write_report(session: Session, rig: Rig, place: SessionDirectory, diagnosis: Diagnosis | None = None) -> Path:
