@@ -92,10 +92,7 @@ def corrected(
             raise FileError(str(model_file), problem, how, code="controller.unknown")
         sentence = f"Nothing was corrected: the constants of the controller are unknown. To correct the robot, {how}."
         return _correction("none", sentence, now_um), {}
-    by_entries_um, at_targets_um = (
-        _left_um(on_circle, at_controller(rig), entries.effects),
-        _left_um(on_circle, rig, targets),
-    )
+    by_entries_um = _left_um(on_circle, at_controller(rig), entries.effects)
     try:
         main = _of_test(rig, model, session.stages[0], MAIN)
         between_um = _between_targets_um(rig, model, session.stages[0], main)
@@ -103,10 +100,12 @@ def corrected(
         if chosen_way == "programs":
             raise
         between_um = float("inf")
-    by_targets_um = float(np.hypot(at_targets_um, between_um))
-    entries_gain_um = now_um - by_entries_um if entries.entries else 0.0
-    way = chosen_way or _best_way(now_um, entries_gain_um, now_um - by_targets_um)
-    work = correction.work
+    by_targets_um = float(np.hypot(_left_um(on_circle, rig, targets), between_um))
+    entries_gain_um, targets_gain_um = now_um - by_entries_um if entries.entries else 0.0, now_um - by_targets_um
+    way: Way = "entries" if entries_gain_um >= _NEARLY * targets_gain_um else "programs"
+    if max(targets_gain_um, entries_gain_um) < max(_LEAST_UM, _LEAST_SHARE * now_um):
+        way = "none"
+    way, work = chosen_way or way, correction.work
     if way == "none":
         sentence = f"Nothing you can enter removes much of this error ({now_um:.0f} µm rms). Repair the arm."
         return _correction(way, sentence, now_um), {}
@@ -121,16 +120,11 @@ def corrected(
         there = at_controller(other_place[0].rig) if way == "entries" else other_place[0].rig
         there_um = float(np.hypot(_left_um(other_place, there, by), beside_um))
         elsewhere = expected_left(model, pose_u, other_place, there_um)
-    expected = {
-        "same": at_circle,
-        "elsewhere": elsewhere,
-        "work": Work(
-            before_um=round(work.before_um, 1),
-            after_um=round(after_um, 1),
-            u_um=round(work.u_um, 1),
-            unknown=round(work.unknown, 3),
-        ),
-    }
+    over_work = Work(
+        before_um=round(work.before_um, 1), after_um=round(after_um, 1), u_um=round(work.u_um, 1),
+        unknown=round(work.unknown, 3),
+    )  # fmt: skip
+    expected = {"same": at_circle, "elsewhere": elsewhere, "work": over_work}
     falls = f"The error is then expected to fall from {now_um:.0f} to {at_circle.text}"
     if way == "entries":
         unknown = texts_of("en").not_known(work.unknown)
@@ -162,20 +156,10 @@ def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> f
 def _correction(
     way: Way, sentence: str, before_um: float, expected_um: float | None = None, **fields: Any
 ) -> SessionCorrection:
+    before_um, expected_um = (round(um, 1) for um in (before_um, before_um if expected_um is None else expected_um))
     return SessionCorrection(
-        way=way,
-        sentence=sentence,
-        before_um=round(before_um, 1),
-        expected_um=round(before_um if expected_um is None else expected_um, 1),
-        directory=CORRECTIONS,
-        **fields,
+        way=way, sentence=sentence, before_um=before_um, expected_um=expected_um, directory=CORRECTIONS, **fields
     )
-
-
-def _best_way(now_um: float, entries_gain_um: float, targets_gain_um: float) -> Way:
-    if max(targets_gain_um, entries_gain_um) < max(_LEAST_UM, _LEAST_SHARE * now_um):
-        return "none"
-    return "entries" if entries_gain_um >= _NEARLY * targets_gain_um else "programs"
 
 
 def entries_file(directory: Path) -> Path:

@@ -99,13 +99,9 @@ def run_session(
                 raise UseError("--entered", problem, "remove it", code="session.no_entries")
             session = session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
         if kept is not None:
-            which_session = f"from {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"
-            if kept.report:
-                screen.say(
-                    f"this session is complete ({which_session}); to start a new session, choose a different --output"
-                )
-            else:
-                screen.say(f"Continuing the session {which_session}")
+            which = f"from {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"
+            complete = f"this session is complete ({which}); to start a new session, choose a different --output"
+            screen.say(complete if kept.report else f"Continuing the session {which}")
         place.write(session)
         made = nullcontext(make_cell(session)) if make_cell else _cell_of(session, place, asked, screen)
         with made as cell, closing(cell):
@@ -341,10 +337,8 @@ class Conductor:
         why = why_nothing(self.session) if way in (None, "none") else ""
         if not answer.model:
             why = f"A correction is impossible: {answer.next_step}"
-        if why:
-            correction = SessionCorrection(way="none", sentence=why, before_um=0.0, expected_um=0.0)
-        else:
-            correction = self._make_correction(answer)
+        nothing = SessionCorrection(way="none", sentence=why, before_um=0.0, expected_um=0.0)
+        correction = nothing if why else self._make_correction(answer)
         steps = self.session.steps
         if correction.way == "none":
             steps = self._skipped("verify", "the robot was not corrected")
@@ -363,14 +357,9 @@ class Conductor:
         session, place = self.session, self.place
         finding = [step for step in session.runs_for("find") if step.stage == session.stages[0].name]
         runs = place.runs_of(finding), place.runs_of(session.runs_for("judge"))
+        model, directory = place.model_of(answer), place.directory / CORRECTIONS
         correction, self.corrected = corrected(
-            self.rig,
-            session,
-            place.model_of(answer),
-            runs,
-            self._verify_steps(),
-            place.directory / CORRECTIONS,
-            self.asked.correct,
+            self.rig, session, model, runs, self._verify_steps(), directory, self.asked.correct
         )
         for stage in session.stages:
             new = [program for program in self.corrected.values() if program.stage == stage.name]
@@ -445,15 +434,8 @@ def offer_lines(rig_name: str, directories: Sequence[Path]) -> Iterator[str]:
 def _begun(rig: Rig, text: str, asked: SessionOptions, screen: Screen) -> Session:
     screen.show("planning")
     stages, steps = planned(rig, asked.aim, asked.minutes, asked.pace, screen.show)
+    began = clock.wall_time().isoformat(timespec="seconds")
     return Session(
-        rig=rig.name,
-        rig_file=asked.rig_file,
-        rig_sha256=digest_of(text),
-        aim=asked.aim,
-        maker=asked.maker,
-        minutes=asked.minutes,
-        began=clock.wall_time().isoformat(timespec="seconds"),
-        emulated=asked.emulated,
-        stages=stages,
-        steps=steps,
-    )
+        rig=rig.name, rig_file=asked.rig_file, rig_sha256=digest_of(text), aim=asked.aim, maker=asked.maker,
+        minutes=asked.minutes, began=began, emulated=asked.emulated, stages=stages, steps=steps,
+    )  # fmt: skip

@@ -189,18 +189,14 @@ def _set_up(test: DrivenTest, place: str | None) -> str:
 
 
 def _circles(programs: Sequence[SessionProgram], purpose: Purpose, repeats: int) -> tuple[ProgramStep, ...]:
-    return tuple(
+    once = [
         ProgramStep(
-            program=program.name,
-            stage=program.stage,
-            test=program.test,
-            direction=program.direction,
-            purpose=purpose,
-            seconds=round(program.seconds),
+            program=program.name, stage=program.stage, test=program.test, direction=program.direction,
+            purpose=purpose, seconds=round(program.seconds),
         )
-        for _ in range(repeats)
         for program in programs
-    )
+    ]  # fmt: skip
+    return tuple(repeats * once)
 
 
 def _addition(rig: Rig, further: FurtherTest, words: str, moved: Rig, number: int) -> Addition | None:
