@@ -113,7 +113,7 @@ def target_charts(result: Result, texts: Texts) -> list[Picture]:
         case RadialCurve() as curve:
             return _hemisphere(result, curve, texts)
         case RepeatabilityCurve() as curve:
-            return [_repeatability(result, curve, texts)]
+            return [_repeatability(curve, texts)]
         case PoseCurve() as curve:
             return _poses(result, curve, texts)
         case PathCurve() as curve:
@@ -165,7 +165,7 @@ def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Pictur
     return [sphere, _chart("targets", "targets", labels, "µm", lines, texts)]
 
 
-def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> Chart:
+def _repeatability(curve: RepeatabilityCurve, texts: Texts) -> Chart:
     """Readings by target and approach side, relative to the mean of the target."""
     targets, place = np.unique(curve.target, return_inverse=True)
     middle = np.array([curve.reading_mm[place == k].mean() for k in range(len(targets))])

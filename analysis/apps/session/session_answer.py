@@ -28,7 +28,7 @@ def plan_blocks(session: Session, pace: SessionPace, directory: Path) -> list[Bl
     if not (open_steps := session.open_steps):
         return []
     steps = len(session.steps)
-    minutes = counted(round(minutes_of(session.stages, open_steps, pace)), "minute")
+    minutes = counted(round(minutes_of(open_steps, pace)), "minute")
     key, driven = "session_plan_goes_on" if len(open_steps) < steps else "session_plan", steps - len(open_steps)
     programs = counted(len(open_steps), "program")
     rows = []

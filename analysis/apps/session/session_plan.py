@@ -129,13 +129,13 @@ def planned(
     minutes -= pace.thinking_min
     main = Stage(name=MAIN, words=_set_up(MAIN, None))
     backbones = list(_backbones(rig, aim, main))
-    best = next((backbone for backbone in backbones if minutes_of(*backbone, pace) <= minutes), None)
+    best = next((backbone for backbone in backbones if minutes_of(backbone[1], pace) <= minutes), None)
     if best is None:
-        need = minutes_of(*backbones[-1], pace) + pace.thinking_min
+        need = minutes_of(backbones[-1][1], pace) + pace.thinking_min
         problem = f"the shortest session of this cell takes {need:.1f} minutes"
         raise UseError("--minutes", problem, "give more time", code="session.minutes")
     stages, steps = best
-    spare_min = minutes - minutes_of(stages, steps, pace)
+    spare_min = minutes - minutes_of(steps, pace)
     if aim != "check" and spare_min > pace.set_up_min + 1:
         extra = _further_stages(rig, spare_min, pace, progress)
         stages = (*stages, *(stage for stage, _ in extra))
@@ -230,7 +230,7 @@ def _further_stages(rig: Rig, minutes: float, pace: SessionPace, progress: Calla
         for words, moved in further.choices:
             with suppress(FileError):
                 if addition := _addition(rig, further, words, moved, number):
-                    need = minutes_of((addition[0],), addition[1], pace)
+                    need = minutes_of(addition[1], pace)
                     possible += [(words, need, addition)] if need <= minutes else []
     if not possible:
         return []
@@ -266,7 +266,7 @@ def further_stage(session: Session, answer: Answer, rig: Rig, pace: SessionPace)
     judged_at = [stage.circle for stage in session.stages if stage.circle is not None]
     if addition is None or addition[0].circle in judged_at:
         return None
-    need = minutes_of((addition[0],), (*addition[1], *session.open_steps), pace)
+    need = minutes_of((*addition[1], *session.open_steps), pace)
     return addition if session.driven_minutes + need <= session.minutes else None
 
 
@@ -275,7 +275,7 @@ def insert_find_steps(steps: Sequence[ProgramStep], added: Iterable[ProgramStep]
     return (*steps[:at], *added, *steps[at:])
 
 
-def minutes_of(stages: Sequence[Stage], steps: Sequence[ProgramStep], pace: SessionPace) -> float:
+def minutes_of(steps: Sequence[ProgramStep], pace: SessionPace) -> float:
     changes = sum(k == 0 or steps[k - 1].stage != step.stage for k, step in enumerate(steps))
     driven_s = sum(step.seconds + pace.handling_s for step in steps)
     return changes * pace.set_up_min + driven_s / 60

@@ -173,7 +173,7 @@ def test_full_disk_keeps_the_stored_state(cell: Path, tmp_path: Path, monkeypatc
 def test_plan_fits_its_time_and_its_names_every_language(aim: Aim, minutes: int) -> None:
     rig, _ = load("ur10e")
     stages, steps = planned(rig, aim, minutes, BY_HAND, lambda _: None)
-    assert minutes_of(stages, steps, BY_HAND) + BY_HAND.thinking_min <= minutes
+    assert minutes_of(steps, BY_HAND) + BY_HAND.thinking_min <= minutes
     programs = programs_of_steps(rig, stages, steps)
     assert all(len(name + FIXED) <= 24 for name in programs)
     for maker in MAKERS:
