@@ -11,7 +11,7 @@ async function unpacked(id) {
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
 }
 
-// The contents of a picture (analysis.apps.report.live_chart) as traces and layout of plotly. The colours come later.
+// The contents of a picture (analysis.apps.report.chart) as traces and layout of plotly. The colours come later.
 function plotted(picture, looks) {
   if (picture.frame === "sphere") return sphere(picture);
   if (picture.frame === "polar") return polar(picture, looks);

@@ -1,19 +1,21 @@
 """Contents of a chart.
 
-`live_chart` draws the interactive version by the script of the page, `still_chart` that for paper and for browsers
+The script of the page draws the interactive version from `live`, `still_chart` that for paper and for browsers
 without scripts.
 """
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
 from analysis.apps.report.texts import Texts
 from analysis.robot.kinematics.arm import Array
+from rigs.text import plain_values
 
 Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
 """Meaning of a line; determines colour, dash and symbol together, so that no meaning depends on colour only."""
@@ -175,3 +177,46 @@ def stretches(places: Sequence[tuple[float, float]]) -> tuple[tuple[float, float
     for low, high in places:
         parts += [(low, high)] if low <= high else [(low, 360.0), (0.0, high)]
     return tuple(parts)
+
+
+def live(picture: Picture) -> dict[str, Any]:
+    """Contents for the script of the page (`templates/report.js`), which draws them with plotly."""
+    contents: dict[str, Any] = {"frame": picture.frame}
+    if isinstance(picture, SphereChart):
+        contents |= {
+            "sphere": _places(picture.grid * picture.radius_mm),
+            "surface": _places(picture.chart_points(picture.grid, picture.grid_deviation_mm)),
+            "targets": _places(picture.chart_points(picture.targets, picture.deviation_mm)),
+            "deviation": picture.grid_deviation_mm.round(6).tolist(),
+            "limit": float(np.abs(picture.deviation_mm).max()),
+            "names": picture.names,
+            "words": picture.words,
+        }
+    else:
+        names = ["x_label", "y_label", "unit", "shaded", "ticks", "steps"]
+        names += ["hole", "largest", "largest_shown"] if picture.frame == "polar" else []
+        names += ["reach"] if picture.steps else []
+        contents |= {name: getattr(picture, name) for name in names}
+        contents |= {
+            "marks": [asdict(mark) for mark in picture.marks],
+            "lines": [_line(line) for line in picture.lines],
+        }
+    plain: dict[str, Any] = plain_values(contents)
+    return plain
+
+
+def _line(line: ChartLine) -> dict[str, Any]:
+    return {
+        "name": line.name, "role": line.role, "points": line.points, "x": _packed(line.x), "y": _packed(line.y),
+        "half": None if line.half is None else _packed(line.half),
+        "steps": None if line.steps is None else [_packed(values) for values in line.steps],
+    }  # fmt: skip
+
+
+def _places(points: Array) -> dict[str, Any]:
+    return {axis: values.round(4).tolist() for axis, values in zip("xyz", np.moveaxis(points, -1, 0), strict=True)}
+
+
+def _packed(values: Array) -> str:
+    """Single precision: finer than the screen, at a third of the size of text."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
