@@ -187,9 +187,12 @@ def sentences(history: History) -> list[str]:
     # Simultaneous changes of a figure in several tests in the same direction, the most certain first
     groups: list[list[tuple[Series, Change]]] = []
     for candidate in history.changed:
-        known = next((group for group in groups if _alike(group[0], candidate)), None)
-        groups += [[]] if known is None else []
-        (groups[-1] if known is None else known).append(candidate)
+        for group in groups:
+            if _alike(group[0], candidate):
+                group.append(candidate)
+                break
+        else:
+            groups.append([candidate])
     changed = []
     for group in groups:
         (series, change), *others = sorted(group, key=lambda member: member[1].chance)
