@@ -155,18 +155,18 @@ class _Abreast:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         boundless, columns = console.options.update(max_width=10_000), range(1, len(self.table.columns))
+        can_split = self.table.numbers >= set(columns)
         while True:
             shown = _columns(self.table, columns)
-            while console.measure(shown, options=boundless).maximum > options.max_width and self._splits(columns):
+            while (
+                can_split and len(columns) > 1 and console.measure(shown, options=boundless).maximum > options.max_width
+            ):
                 columns = columns[:-1]
                 shown = _columns(self.table, columns)
             yield shown
             columns = range(columns.stop, len(self.table.columns))
             if not columns:
                 return
-
-    def _splits(self, columns: range) -> bool:
-        return len(columns) > 1 and self.table.numbers >= set(range(1, len(self.table.columns)))
 
 
 def _columns(table: Table, columns: range) -> RichTable:

@@ -11,9 +11,7 @@ from analysis.apps.report.answer_words import SMALL_SHARE, AnswerWords
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Segments, Sentence, Table, as_object
 from analysis.apps.report.diagnosis_words import (
     LEAST_ODDS,
-    closed,
     error_size,
-    held_out_rows,
     micrometres,
     other_parameters,
     percent,
@@ -230,12 +228,15 @@ def _gaps(words: AnswerWords) -> list[Block]:
     for place, gap in (("used", diagnosis.train), ("held_out", diagnosis.held_out), ("unseen", diagnosis.unseen)):
         if gap is not None:
             name = Cell(texts(f"runs_{place}"), () if gap.keeps_setup else (texts("separate_setup"),))
-            share = closed(gap)
+            share = 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan  # of the energy
             explained = f"{100 * share:.1f} %" if math.isfinite(share) else ""
             rows.append((name, *words.gap_cells(gap).values(), *[explained] * has_share))
+    # Validation rows that rig selected, by run
+    chosen = diagnosis.held_out.rows if diagnosis.held_out else {}
+    counts = ", ".join(f"{name} {len(numbers)}" for name, numbers in chosen.items())
     notes = [
         texts("about_diagnosis"),
-        held_out_rows(diagnosis, texts),
+        texts("validation_rows", counts=counts, keys="gap.held_out.rows") if chosen else "",
         "" if diagnosis.shows_noise else texts("noise_assumed"),
         texts("about_scatter") if diagnosis.train.of_places else "",
     ]

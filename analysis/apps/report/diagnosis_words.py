@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from analysis.apps.report.texts import Texts
 from analysis.diagnosis.judge.residuals import Curve, HeldOutResidual, ResidualBand, ResidualPlace
-from analysis.diagnosis.judge.result import Diagnosis, Gap, GroupMember, Named, Rival
+from analysis.diagnosis.judge.result import Diagnosis, GroupMember, Named, Rival
 from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
@@ -99,18 +99,6 @@ def stretch(place: ResidualPlace) -> str:
         return f"{row} {low:.0f}" if low == high else f"{row}s {low:.0f}–{high:.0f}"
     is_whole = high - low >= 360 or (high - low) % 360 >= _WHOLE_LAP_DEG
     return "whole lap" if is_whole else f"{low:.0f}–{high:.0f}°"
-
-
-def closed(gap: Gap) -> float:
-    """Share of the gap's energy explained by the calibrated model; nan for a gap of zero."""
-    return 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan
-
-
-def held_out_rows(diagnosis: Diagnosis, texts: Texts) -> str:
-    """The number of validation rows that rig selected in each run; empty if none."""
-    rows = diagnosis.held_out.rows if diagnosis.held_out else {}
-    counts = ", ".join(f"{name} {len(numbers)}" for name, numbers in rows.items())
-    return texts("validation_rows", counts=counts, keys="gap.held_out.rows") if rows else ""
 
 
 _FOUND = 0.02

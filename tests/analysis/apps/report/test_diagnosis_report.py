@@ -14,7 +14,7 @@ from matplotlib.text import Text
 
 from analysis.apps.report.diagnosis_picture import picture
 from analysis.apps.report.diagnosis_report import require_empty, write
-from analysis.apps.report.diagnosis_words import closed, size, stretch, sure
+from analysis.apps.report.diagnosis_words import size, stretch, sure
 from analysis.apps.report.model_charts import residual_charts, strands_of
 from analysis.apps.report.texts import texts_of
 from analysis.correction.support import supports
@@ -176,5 +176,3 @@ def test_figures_in_words() -> None:
     assert size(replace(PLAY, sd={})) == "0.05213 °"
     assert stretch(PLACES[2]) == stretch(replace(PLACES[2], from_deg=82.0, to_deg=81.0)) == "whole lap"
     assert stretch(replace(PLACES[3], from_deg=4, to_deg=4)) == "target 4"
-    assert closed(Gap((), 5.0, 4.0, 1.0, 3.0)) == pytest.approx(0.64)
-    assert math.isnan(closed(Gap((), 0.0, 0.0, 0.0, 0.0)))
