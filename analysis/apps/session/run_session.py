@@ -175,7 +175,7 @@ class Conductor:
             if path.name in known or not is_run(path):
                 continue
             if (number := self._step_of(path)) is not None:
-                self._keep(steps=self._tried(number, Try(run=path.name)))
+                self._keep(steps=self.session.with_try(number, Try(run=path.name)).steps)
             else:
                 self._keep(left_alone=(*self.session.left_alone, path.name))
                 self._say(f"  {path.name} does not belong to a step of this session, or was interrupted: ignored")
@@ -194,11 +194,6 @@ class Conductor:
         if any(read_run(run).readings_sha256 == readings for run in self.place.runs_of(self.session.steps)):
             return None
         return first_open(self.session, self.session.steps[following.number].purpose, manifest.name)
-
-    def _tried(self, number: int, attempt: Try) -> tuple[ProgramStep, ...]:
-        step = self.session.steps[number]
-        tried = step.model_copy(update={"tries": (*step.tries, attempt)})
-        return self.session.with_step(number, tried).steps
 
     def _programs(self, stage: Stage) -> dict[str, SessionProgram]:
         nominal = (step for step in self.session.steps if not step.program.endswith(FIXED))
@@ -237,7 +232,8 @@ class Conductor:
         if number is None:
             self._keep(left_alone=(*self.session.left_alone, run.name))
             return
-        self._keep(steps=self._tried(number, Try(run=run.name, why=run.why, held_up=run.held_up)))
+        attempt = Try(run=run.name, why=run.why, held_up=run.held_up)
+        self._keep(steps=self.session.with_try(number, attempt).steps)
         step = self.session.steps[number]
         if run.why and len(step.tries) % MOST_TRIES == 0:
             raise _failed(step, is_emulated=self.session.emulated is not None)
@@ -382,7 +378,9 @@ class Conductor:
         session = self.session
         verified = None if session.aim == "check" else report.verified_by(session, self.place)
         session = session.model_copy(update={"verified": verified})
-        kept = self.diagnosis if self.inferred == (session.diagnosed_runs, []) else None
+        joined = session.runs_for("judge") if session.answer and session.answer.joined else []
+        diagnosed = [step.run for step in (*session.runs_for("find"), *joined) if step.run]
+        kept = self.diagnosis if self.inferred == (diagnosed, []) else None
         page = report.write_report(session, self.rig, self.place, kept)
         self._keep(verified=verified, report=page.name)
 

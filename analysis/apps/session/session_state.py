@@ -228,8 +228,10 @@ class Session(Part):
     def open_steps(self) -> list[ProgramStep]:
         return [step for step in self.steps if step.is_open]
 
-    def with_step(self, number: int, step: ProgramStep) -> Session:
-        return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
+    def with_try(self, number: int, attempt: Try) -> Session:
+        steps, tries = list(self.steps), (*self.steps[number].tries, attempt)
+        steps[number] = steps[number].model_copy(update={"tries": tries})
+        return self.model_copy(update={"steps": tuple(steps)})
 
     def is_last(self, answer: Answer) -> bool:
         """True if an answer used all runs before the correction, including those that judge."""
@@ -288,12 +290,6 @@ class Session(Part):
 
     def runs_for(self, *purposes: Purpose) -> list[ProgramStep]:
         return [step for step in self.steps if step.purpose in purposes and step.run]
-
-    @property
-    def diagnosed_runs(self) -> list[str]:
-        """Runs of the diagnosis on the page."""
-        joined = self.runs_for("judge") if self.answer and self.answer.joined else []
-        return [step.run for step in (*self.runs_for("find"), *joined) if step.run]
 
 
 def own_programs(session: Session, directory: Path) -> str:

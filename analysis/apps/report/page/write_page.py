@@ -218,7 +218,7 @@ def rendered(report: Report, texts: Texts, heading: PageHead = NO_HEAD) -> str:
         gaps=gaps,
         limits=limits_blocks(verdict, texts, "limits_before" if after and after.driven else "limits"),
         sections=sections,
-        still=_still_uri,
+        still=lambda picture: f"data:image/svg+xml;base64,{base64.b64encode(still(picture).encode()).decode()}",
         trace=_trace(report, texts),
         simulated_only=all(result.measured.is_simulated for result in report.results),
         style=_template("report.css"),
@@ -298,10 +298,6 @@ def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
 
 def _hash(script: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
-
-
-def _still_uri(picture: Picture) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(still(picture).encode()).decode()
 
 
 def _template(name: str) -> Markup:

@@ -106,7 +106,7 @@ def test_other_rig_file_is_refused(cell: Path, tmp_path: Path) -> None:
 
 def test_session_with_a_missing_run_is_refused(cell: Path, tmp_path: Path) -> None:
     session, place = begun(cell, tmp_path / "own"), SessionDirectory(tmp_path / "own")
-    place.write(session.with_step(0, session.steps[0].model_copy(update={"tries": (Try(run="there"),)})))
+    place.write(session.with_try(0, Try(run="there")))
     for option in (("--for", session.maker), ("--status",)):
         assert refused(cell, "-o", place.directory, *option) == "session.run_missing"
     place.run("there").mkdir(parents=True)
