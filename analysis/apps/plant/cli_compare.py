@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,8 +20,12 @@ from analysis.procedures.shared.test_kind import facts_of
 from rigs.errors import FileError, UseError
 
 if TYPE_CHECKING:
+    from analysis.apps.report.blocks import Block
     from analysis.runs.loading import Measured
     from rigs.rig import Rig
+
+    _Shown = tuple[dict[str, Any], list[Block]]
+    """A comparison as JSON and as blocks."""
 
 _ARMS = 2
 _ARM_FILES = (".yaml", ".yml", ".urdf")
@@ -55,43 +59,27 @@ def compare(
 
     With two rig files or URDFs and then runs: show which of the two arms fits the runs, and by how much.
     """
+    from analysis.apps.report.blocks import say_answer
     from analysis.cli.several import runs_below, with_tables
 
-    if len(runs) >= _ARMS and all(map(_is_arm, runs[:_ARMS])):
-        if against or rig_file or plot or unseen:
-            raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options", code="compare.option")
+    has_arms = len(runs) >= _ARMS and all(map(_is_arm, runs[:_ARMS]))
+    has_options = bool(rig_file or plot or unseen)
+    if has_arms and (against or has_options):
+        raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options", code="compare.option")
+    if against and has_options:
+        problem, remedy = "compares recorded runs without a simulation", "omit --rig, --unseen and --plot"
+        raise UseError("--against", problem, remedy, code="compare.option")
+    if has_arms:
         arms, runs = runs[:_ARMS], runs[_ARMS:]
-        if runs:
-            _which_fits(arms, runs_below(with_tables(runs, str(arms[0]))), as_json)
-        else:
-            _arms(arms[0], arms[1], as_json)
-        return
-    runs = runs_below(with_tables(runs, rig_file))
-    if against:
-        if rig_file or plot or unseen:
-            problem, remedy = "compares recorded runs without a simulation", "omit --rig, --unseen and --plot"
-            raise UseError("--against", problem, remedy, code="compare.option")
-        _before_and_after(runs, runs_below(against), as_json)
-        return
-    import analysis
-    from analysis.apps.plant import comparison_report
-    from analysis.apps.report.blocks import say_answer
-    from analysis.cli.console import progress_of
-
-    with progress_of() as progress:
-        measured = [analysis.load_run(path) for path in runs]
-        progress(f"simulating {len(measured)} runs")
-        elsewhere = [analysis.load_run(path) for path in runs_below(unseen or ())]
-        compared = analysis.compare(measured, rig_file, unseen=elsewhere)
-    if plot:
-        with progress_of("drawing the pictures"):
-            pictures = list(comparison_report.save_pictures(compared, plot))
-        for path in pictures:
-            say(path, err=True)
-    if as_json:
-        say_json(compared.to_dict())
+        plain, blocks = _which_fits(arms, runs_below(with_tables(runs, str(arms[0])))) if runs else _apart(*arms)
+    elif against:
+        plain, blocks = _before_and_after(runs_below(with_tables(runs, rig_file)), runs_below(against))
     else:
-        say_answer(comparison_report.answer_of(compared))
+        plain, blocks = _simulated(runs_below(with_tables(runs, rig_file)), runs_below(unseen or ()), rig_file, plot)
+    if as_json:
+        say_json(plain)
+    else:
+        say_answer(blocks)
 
 
 def _is_arm(path: Path) -> bool:
@@ -100,48 +88,54 @@ def _is_arm(path: Path) -> bool:
     return (path.suffix in _ARM_FILES and path.is_file()) or (not path.exists() and str(path) in arm_names())
 
 
-def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
+def _simulated(runs: Sequence[Path], unseen: Sequence[Path], rig_file: str | None, plot: Path | None) -> _Shown:
+    import analysis
+    from analysis.apps.plant.comparison_report import answer_of, save_pictures
+    from analysis.cli.console import progress_of
+
+    with progress_of() as progress:
+        measured = [analysis.load_run(path) for path in runs]
+        progress(f"simulating {len(measured)} runs")
+        elsewhere = [analysis.load_run(path) for path in unseen]
+        compared = analysis.compare(measured, rig_file, unseen=elsewhere)
+    if plot:
+        with progress_of("drawing the pictures"):
+            pictures = list(save_pictures(compared, plot))
+        for path in pictures:
+            say(path, err=True)
+    return compared.to_dict(), answer_of(compared)
+
+
+def _before_and_after(after: Sequence[Path], before: Sequence[Path]) -> _Shown:
     from analysis.apps.plant.before_after import differences, differences_answer
-    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from analysis.cli.several import distinct
 
     with progress_of():
         changes = differences(list(distinct(after)), list(distinct(before)))
-    if as_json:
-        say_json({"differences": [change.to_dict() for change in changes]})
-    else:
-        say_answer(differences_answer(changes))
+    return {"differences": [change.to_dict() for change in changes]}, differences_answer(changes)
 
 
-def _arms(first: Path, second: Path, as_json: bool) -> None:
+def _apart(first: Path, second: Path) -> _Shown:
     from analysis.apps.plant.arms_apart import answer_of, arms_apart
-    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from rigs.load import load
 
     with progress_of("comparing the arms"):
         apart = arms_apart(load(first)[0], load(second)[0])
-    if as_json:
-        say_json(apart.to_dict())
-    else:
-        say_answer(answer_of(apart))
+    return apart.to_dict(), answer_of(apart)
 
 
-def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> None:
+def _which_fits(arms: Sequence[Path], runs: Sequence[Path]) -> _Shown:
     import analysis
     from analysis.apps.plant.fitting_arm import answer_of, fitting_arm
-    from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
 
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]
         progress("fitting both arms to the runs")
         fitting = fitting_arm(measured, [(str(arm), _rig_of(arm, measured)) for arm in arms])
-    if as_json:
-        say_json(fitting.to_dict())
-    else:
-        say_answer(answer_of(fitting))
+    return fitting.to_dict(), answer_of(fitting)
 
 
 def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
