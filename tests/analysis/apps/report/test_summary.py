@@ -111,7 +111,11 @@ def test_every_condition_has_a_summary_in_every_language(condition: Condition, l
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
-        (diagnosis("named"), ("cause_found", "size_fault", "do_now_repair")),
+        (diagnosis("named"), ("cause_found", "size_fault", "do_now_repair_axis")),
+        (diagnosis("named", acts=(LOAD,)), ("cause_found", "size_fault", "do_now_load_first")),
+        (diagnosis("ambiguous", effects=(ZERO,), acts=(LOAD,)), ("cause_open", "likely", "do_now_load_fault")),
+        (diagnosis("undecided", acts=(LOAD,)), ("undecided", "finding_undecided", "do_now_load_open")),
+        (diagnosis("outside_library", acts=(LOAD,)), ("outside_library", "finding_unexplained", "do_now_load_rest")),
         (diagnosis("ambiguous", effects=(ZERO,)), ("cause_open", "likely", "do_now_measure")),
         (USUAL, ("cause_found", "size_usual", "do_now_load")),
         (replace(USUAL, condition="nothing_unusual"), ("cause_found", "size_usual", "do_now_load")),
