@@ -90,12 +90,17 @@ class ActWords(AnswerWords):
         faults = [named.effect for named in self.diagnosis.standing]
         if act.kind == "load" and faults:
             remaining = [effect for effect in faults if effect.compensation().use == "none"]
-            names = dict.fromkeys(self.joint(effect) or self.noun(effect) for effect in remaining)
+            names = dict.fromkeys(self._numbered(effect) or self.noun(effect) for effect in remaining)
             key = "do_now_load_first" if names else "do_now_load_fault"
             return self.texts(key, axes=self.texts("and").join(names))
-        joint = self.joint(act.effect)
-        keys = (f"do_now_{act.why}", f"do_now_{act.kind}_axis" if joint else "", f"do_now_{act.kind}")
-        return self.texts(next(key for key in keys if key in self.texts.words), axis=joint)
+        axis = self._numbered(act.effect)
+        keys = (f"do_now_{act.why}", f"do_now_{act.kind}_axis" if axis else "", f"do_now_{act.kind}")
+        return self.texts(next(key for key in keys if key in self.texts.words), axis=axis)
+
+    def _numbered(self, effect: object) -> str:
+        """`axis 4` of an effect, which the line has already named; empty if it has none."""
+        axis = getattr(effect, "axis", None)
+        return self.texts("axis_numbered", axis=axis) if axis else ""
 
     def _none(self, act: Act) -> str:
         indices = [self.diagnosis.budget[k].index for k in act.parts if act.why == "sound"]
