@@ -255,7 +255,9 @@ def _summary(report: Report, verdict: PageVerdict, texts: Texts) -> tuple[Senten
         return Sentence("", "unjudged", texts("badge_not_examined")), [[]]
     summary = (report.after and report.after.summary) or summarise(report.found, texts)
     head, error, *tiles = summary_parts(summary, texts)
-    error[-1] = Sentence(summary.error.basis, verdict.overall, texts(f"within_{verdict.overall}"))
+    within = "" if verdict.overall == "unjudged" else texts(f"within_{verdict.overall}")
+    accuracy = f"{texts('accuracy')}: {texts(f'standing_{verdict.overall}')}"
+    error[-1] = Sentence(joined([within, summary.error.basis]), verdict.overall, accuracy)
     return Sentence("", summary.tone, summary.badge), [head, error, *tiles]
 
 
