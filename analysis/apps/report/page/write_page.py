@@ -256,6 +256,7 @@ def _summary(report: Report, verdict: PageVerdict, texts: Texts) -> tuple[Senten
     summary = (report.after and report.after.summary) or summarise(report.found, texts)
     head, error, *tiles = summary_parts(summary, texts)
     within = "" if verdict.overall == "unjudged" else texts(f"within_{verdict.overall}")
+    within = texts("verdict_tolerance") if verdict.by_tolerance else within
     accuracy = f"{texts('accuracy')}: {texts(f'standing_{verdict.overall}')}"
     error[-1] = Sentence(joined([within, summary.error.basis]), verdict.overall, accuracy)
     return Sentence("", summary.tone, summary.badge), [head, error, *tiles]
