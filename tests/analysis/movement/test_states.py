@@ -5,12 +5,16 @@ import pytest
 
 from analysis import diagnose
 from analysis.apps.commission.what_moved import what_moved_in
+from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.between import without_moved
+from analysis.movement.causes import Cause
 from analysis.movement.inference import compare
+from analysis.movement.linearise import _moved_thing  # private: a diagnosis of many targets takes long
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
 from rigs.load import load
+from tests.support.diagnosis_cells import poses, seen
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.moved_cell import Case, label, observed
 from tests.support.pose_runs import cell_with
@@ -108,3 +112,12 @@ def test_odds_of_a_pair_include_a_third_part():
     third = sum(p for cause, p in probability.items() if cause.what == "triple")
     pair = next(p for cause, p in probability.items() if label(cause) == "zero 3+zero 4")
     assert 1e-5 < third < 0.05 and pair > 0.95
+
+
+def test_a_moved_target_moves_in_the_frame_of_the_tool():
+    runs = seen([poses(1)])
+    ((name, setup),) = fit_run_setups(runs)[0].items()
+    shift_mm = np.array([0.3, -0.2, 0.5])
+    moved = _moved_thing(setup, Cause("target", name=name), np.zeros(3), shift_mm)
+    np.testing.assert_allclose(moved.T_tool_target[:3, 3] - setup.T_tool_target[:3, 3], shift_mm, atol=1e-12)
+    np.testing.assert_array_equal(moved.T_tool_target[:3, :3], setup.T_tool_target[:3, :3])
