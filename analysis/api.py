@@ -252,7 +252,7 @@ def compare(
 
     Source: docs/simulation.md.
     """
-    from analysis.diagnosis.judge.compare_runs import compare as compare_with  # noqa: PLC0415
+    from analysis.diagnosis.judge.comparison import compare as compare_with  # noqa: PLC0415
     from analysis.diagnosis.judge.staircase import located  # noqa: PLC0415
 
     used, elsewhere = _runs(runs), _runs(unseen)

@@ -1,7 +1,7 @@
 """The calibrated arm: tool pose from joint angles, and joint angles from a tool pose.
 
-Both refer to the real arm and include all effects that depend only on the posture. Backlash and time-dependent effects
-are not included. The stated uncertainty covers them, the uncertainty of the calibration, and the unexplained error.
+Both refer to the real arm and include all effects that depend only on the posture. The stated uncertainty covers
+backlash and time-dependent effects, the calibration, and the unexplained error.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 _SEEDS = 128
-"""Number of start postures for an arm without closed-form branches, in addition to the given posture. Measured for
-100 random postures of an FR3, an iiwa 14 and a WAM: 128 starts reach all within the limits, 32 reach 99, 100 and
-98, and 8 reach 70, 94 and 91. A pose takes 65 to 165 ms.
+"""Number of start postures for an arm without closed-form branches, in addition to the given posture. Of 100 random
+postures of an FR3, an iiwa 14 and a WAM, 128 starts reach all, 32 reach 98 or more. A pose takes 65 to 165 ms.
 """
 _ORTHONORMAL = 1e-6
 """Permitted deviation of rotation rows from orthonormality: rounding to ten digits."""
@@ -39,39 +38,38 @@ postures.
 
 @dataclass(frozen=True)
 class ArmPoses:
-    """Result of `CalibratedArm.forward`: tool poses with uncertainty.
-
-    T (n, 4, 4): poses in the world of the rig file, lengths in mm.
-    u_mm (n,): standard uncertainty of the position in the robot's base, all three coordinates together, in mm; NaN if
-    unknown or not covered. It contains the place of the arm on its base, which touches and small tables hardly show.
-    u_frame_mm (n,): the same in a frame taught with the robot, which most programs use. It is often many times smaller.
-    covered (n,): False if a joint is outside the range of the calibration runs, or the tool is further from the sockets
-    than validated; None if unknown.
-    """
+    """Result of `CalibratedArm.forward`: tool poses with uncertainty."""
 
     T: Array
+    """Poses (n, 4, 4) in the world of the rig file, lengths in mm."""
     u_mm: Array
+    """Standard uncertainty (n,) of the position in the robot's base, all three coordinates together; NaN if
+    unknown or not covered. It contains the place of the arm on its base, which touches and small tables hardly
+    show.
+    """
     covered: Mask | None
+    """False (n,) if a joint is outside the range of the calibration runs, or the tool is further from the
+    sockets than validated; None if unknown.
+    """
     u_frame_mm: Array
+    """The same as `u_mm` in a frame taught with the robot, which most programs use; often many times smaller."""
 
 
 @dataclass(frozen=True)
 class ArmAngles:
-    """Result of `CalibratedArm.inverse`: joint angles for poses.
-
-    q_deg (n, axes): joint angles in degrees; NaN if no solution lies within the limits.
-    reached (n,): True for poses with a solution.
-    u_mm, u_frame_mm (n,): standard uncertainties of the position in mm, as in `ArmPoses`.
-    covered (n,): validity of the calibration, as in `ArmPoses`.
-    turned_deg (n,): rotation from the requested orientation in degrees. It is 0 for six or more axes; arms with fewer
-    axes cannot reach every orientation.
-    """
+    """Result of `CalibratedArm.inverse`: joint angles for poses."""
 
     q_deg: Array
+    """Joint angles (n, axes); NaN if no solution lies within the limits."""
     reached: Mask
+    """True (n,) for poses with a solution."""
     u_mm: Array
+    """Standard uncertainties (n,) as in `ArmPoses`, as `u_frame_mm`."""
     covered: Mask | None
     turned_deg: Array
+    """Rotation (n,) from the requested orientation: 0 for six or more axes; arms with fewer axes cannot reach
+    every orientation.
+    """
     u_frame_mm: Array
 
 
@@ -156,7 +154,7 @@ class CalibratedArm:
 
     @cached_property
     def _model(self) -> Model:
-        """Return the model with all posture-dependent effects; the exported URDF contains the geometric part."""
+        """The model with all posture-dependent effects; the exported URDF contains the geometric part."""
         whole = model_of(self.rig)
         return replace(whole, effects=tuple(effect for effect in whole.effects if effect.compensation().use != "none"))
 
@@ -169,8 +167,8 @@ class CalibratedArm:
         return len(self.rig.robot.axes)
 
     def _u_mm(self, q: Array) -> Array:
-        """Return the standard uncertainties (2, n) mm of the position at q (n, axes) rad, in the base and in a taught
-        frame; NaN for an unmeasured arm.
+        """Standard uncertainties (2, n) mm of the position, in the base and in a taught frame; NaN for an unmeasured
+        arm.
         """
         is_measured = self.rig.calibrated is not None or any(effect.found for effect in self.rig.effects)
         if not is_measured or not len(q):
@@ -183,9 +181,7 @@ class CalibratedArm:
         return np.array([where_known(self._pose_uncertainty, q, np.hypot(u_mm, left_mm)) for u_mm in both])
 
     def _solved(self, pose: Array, near: Array) -> Array | None:
-        """Return the angles (axes,) rad, closest to given angles, that put the tool of an arm of six or more axes at
-        a pose (4, 4).
-        """
+        """Angles (axes,) rad, closest to `near`, that put the tool of an arm of six or more axes at a pose (4, 4)."""
         arm = self._model.arm
         # start postures (axes,) rad of the nominal arm, the closest first
         if self._axes == DRIVEN_AXES:
@@ -204,10 +200,8 @@ class CalibratedArm:
         return None
 
     def _solved_in_part(self, pose: Array, near: Array) -> Array | None:
-        """Return the angles of an arm with fewer than six axes that reach the position of a pose (4, 4).
-
-        The solution with the smallest rotation from the pose is chosen; among equal rotations, the one closest to
-        `near`.
+        """Angles of an arm with fewer than six axes that reach the position of a pose (4, 4), with the smallest
+        rotation from it; among equal rotations, closest to `near`.
         """
         starts = self._starts(near)
         nominal, solved = newton_in_part(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
@@ -217,21 +211,18 @@ class CalibratedArm:
         kept = angles[[solved[k] and self._allowed(angles[k]) for k in range(len(angles))]]
         turned = turned_rad(tool_poses(self._model, kept), poses[: len(kept)]).round(_UNTURNED_DIGITS)
         order = np.lexsort((np.abs(kept - near).max(axis=1), turned))
-        return np.asarray(kept[order[0]]) if len(kept) else None
+        return kept[order[0]] if len(kept) else None
 
     def _starts(self, near: Array) -> Array:
-        """Return start postures (n, axes) rad: the given one, and random ones."""
         low, high = self._model.arm.limits.T
         return np.vstack([near, np.random.default_rng(0).uniform(low, high, (_SEEDS, self._axes))])
 
     def _allowed(self, q: Array) -> bool:
-        """Return whether joints q (axes,) rad are within their limits, including rounding."""
         limits = self._model.arm.limits
         return bool(((q >= limits[:, 0] - 1e-9) & (q <= limits[:, 1] + 1e-9)).all())
 
 
 def _numbers(values: Array, name: str) -> Array:
-    """Return an array of numbers. Raises FileError for other values."""
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):

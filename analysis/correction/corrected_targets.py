@@ -66,32 +66,34 @@ GAIN_UM = 1.0
 
 @dataclass(frozen=True)
 class WorkError:
-    """Rms position error of the tool over the work area of a rig, or over targets, in µm, in a frame taught there with
-    the robot.
-
-    `before_um`: uncorrected. `after_um`: with corrected targets, the standard uncertainty, including `u_um` of the
-    model and the uncorrectable error. `model_um`: correctable part. `base`: the same errors in the robot's base.
-    `base_u_um`: contribution of the arm's position on the base to the uncertainty. `unknown`: share of postures not
-    covered by runs, for which these figures are estimates of the model. `taught_elsewhere`: the targets are too few to
-    teach a frame, so it is taught over the measured region; the uncorrected error is then at most that in the base,
-    which the correction removes.
-    """
+    """RMS position error of the tool over the work area, or over targets, in µm, with the frame taught there."""
 
     before_um: float
+    """Uncorrected."""
     after_um: float
+    """With corrected targets: the standard uncertainty, including `u_um` of the model and the uncorrectable
+    error.
+    """
     u_um: float
     base: InBase
+    """The same errors in the robot's base."""
     base_u_um: float
+    """Contribution of the arm's position on the base to the uncertainty."""
     model_um: float
+    """Correctable part."""
     unknown: float
+    """Share of postures not covered by runs, for which these figures are estimates of the model."""
     taught_elsewhere: bool = False
+    """The targets are too few to teach a frame, so it is taught over the measured region; `before_um` is then at
+    most that in the base, which the correction removes.
+    """
 
     @classmethod
     def of(cls, sizes_mm: Array, inside: Mask | None, *, taught_elsewhere: bool = False) -> WorkError:
-        """Return the rms error of displaced positions.
+        """RMS error of displaced positions.
 
-        sizes_mm (5, n): displacement in the base and in a taught frame, uncertainties in both, and uncorrectable part,
-        in mm. inside: mask of covered positions.
+        sizes_mm (5, n): displacement in the base and in a taught frame, uncertainties in both, and uncorrectable part.
+        inside: mask of covered positions.
         """
         off_mm, taught_mm, u_mm, u_frame_mm, stays_mm = sizes_mm
 
@@ -104,7 +106,6 @@ class WorkError:
 
     @property
     def gains(self) -> bool:
-        """Whether corrected targets remove error, with frame and tool taught or in the base."""
         return max(self.before_um - self.after_um, self.base.before_um - self.base.after_um) >= GAIN_UM
 
 
@@ -119,7 +120,7 @@ class InBase:
 
 @dataclass(frozen=True)
 class NotCorrected:
-    """Unchanged target: index from 0, reason as a value, and reason as text with the target as the subject."""
+    """Unchanged target: index from 0, reason as a value, and as text with the target as the subject."""
 
     place: int
     reason: Reason
@@ -128,31 +129,36 @@ class NotCorrected:
 
 @dataclass(frozen=True)
 class CorrectedTargets:
-    """Targets of a path with their corrections.
-
-    `done` (n,): mask of corrected targets; `left`: the remaining targets. `q` (n, 6) rad: corrected angles. `T` (n, 4,
-    4): poses that the controller computes at these angles, NaN if its constants are unknown. `missed_mm` (n,): error
-    caused by the corrected effects. `left_out_mm` (n, e): rms error of each uncorrected effect, named in left_out (e,).
-
-    `u_mm` (n,): standard uncertainty of the position in the robot's base, from the model and from uncorrected effects.
-    `u_frame_mm` (n,): the same in a frame taught with the robot over these targets. All are NaN for uncorrected
-    targets, both u also if not `covered` (n,), None if unknown. `unknown` (n,): reason, empty if covered. `doubts`:
-    about all targets, as text. `error`: at the corrected and covered targets, None if none exist.
-    """
+    """Targets of a path with their corrections. Values of uncorrected targets are NaN."""
 
     q: Array
+    """Corrected angles (n, 6) rad."""
     T: Array
+    """Poses (n, 4, 4) that the controller computes at these angles; NaN if its constants are unknown."""
     missed_mm: Array
+    """Error (n,) caused by the corrected effects."""
     left_out: tuple[str, ...]
+    """Names of the uncorrected effects."""
     left_out_mm: Array
+    """RMS error (n, e) of each uncorrected effect."""
     u_mm: Array
+    """Standard uncertainty (n,) of the position in the robot's base, from the model and uncorrected effects;
+    NaN if not covered.
+    """
     u_frame_mm: Array
+    """The same in a frame taught with the robot over these targets."""
     covered: Mask | None
+    """Mask (n,) of targets in the range of the runs; None if that is unknown."""
     doubts: tuple[str, ...]
+    """About all targets, as text."""
     done: Mask
+    """Mask (n,) of corrected targets."""
     left: tuple[NotCorrected, ...]
+    """The uncorrected targets."""
     unknown: tuple[str, ...]
+    """Reason (n,) for an unknown uncertainty; empty if covered."""
     error: WorkError | None
+    """At the corrected and covered targets; None if none exist."""
 
 
 def corrected(
@@ -162,7 +168,7 @@ def corrected(
     unsolved: Sequence[NotCorrected] = (),
     wanted: Array | None = None,
 ) -> CorrectedTargets:
-    """Return targets corrected for the correctable effects.
+    """Correct targets for the correctable effects.
 
     q (n, 6) rad: joint angles to which the controller moves. wanted (n, 4, 4): poses that the targets mean, by default
     those of the arm in the rig file at q. Targets that have no angles, exceed the limits or are at a singularity remain
@@ -224,7 +230,7 @@ def corrected_angles(
     unsolved: Sequence[NotCorrected] = (),
     wanted: Array | None = None,
 ) -> tuple[Array, Mask, list[NotCorrected]]:
-    """Return only the corrected angles (n, 6) rad, the mask (n,), and the uncorrected targets, as for `corrected`."""
+    """Only the corrected angles (n, 6) rad, the mask (n,), and the uncorrected targets, as for `corrected`."""
     model = real_model(rig, used_effects(rig, supported))
     wanted = forward(arm_of(rig.robot), q) if wanted is None else wanted
     skipped = {target.place: target for target in unsolved}
@@ -249,11 +255,10 @@ def corrected_angles(
 
 
 def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
-    """Return angles (n, axes) rad with the tool of a model at poses `wanted` (n, 4, 4), lengths in mm, and the mask
-    (n,) of solutions.
+    """Angles (n, axes) rad with the tool of a model at poses `wanted` (n, 4, 4), and the mask (n,) of solutions.
 
-    The search starts at q (n, axes) rad, where the nominal arm is close to `wanted`. With fewer than six axes, the
-    position is reached with the closest possible orientation.
+    The search starts at q, where the nominal arm is close to `wanted`. With fewer than six axes, the position is
+    reached with the closest possible orientation.
     """
     if model.arm.axes < DRIVEN_AXES:
         return newton_in_part(model.arm, wanted, q, lambda angles: tool_poses(model, angles))
@@ -273,7 +278,7 @@ def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
 
 
 def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
-    """Return the controller's angles (n, 6) rad of target poses (n, 4, 4), and the targets without any, as NaN.
+    """The controller's angles (n, 6) rad of target poses (n, 4, 4), and the targets without any, as NaN.
 
     The first solution is closest to the posture of the rig's tests, each further solution closest to the previous.
     """
@@ -298,7 +303,6 @@ def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
 
 
 def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
-    """Return remarks on targets at angles q (n, 6) rad outside the range of the calibration runs."""
     inside = covered(uncertainty, q)
     if inside is None or uncertainty.joints_rad is None or inside.all():
         return []
@@ -320,9 +324,8 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
 
 
 def _turned(rig: Rig, supported: Sequence[Support], wanted: Array, at: Array) -> list[str]:
-    """Return remarks on the rotation error that remains if an arm has fewer than six axes.
-
-    wanted (n, 4, 4): poses of the targets. at (n, axes) rad: corrected angles.
+    """Remarks on the rotation error that remains if an arm has fewer than six axes. wanted (n, 4, 4), at (n, axes) rad:
+    poses of the targets, and corrected angles.
     """
     if (axes := len(rig.robot.axes)) >= DRIVEN_AXES or not len(at):
         return []
@@ -335,7 +338,6 @@ def _turned(rig: Rig, supported: Sequence[Support], wanted: Array, at: Array) ->
 
 
 def _beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
-    """Return the targets at angles q (n, 6) rad with a joint beyond the limits."""
     joints = q[:, : arm.axes]
     outside = (joints < arm.limits[:, 0] - 1e-9) | (joints > arm.limits[:, 1] + 1e-9)
     beyond: dict[int, NotCorrected] = {}

@@ -16,10 +16,8 @@ Count = Annotated[int, Field(ge=0)]
 
 
 class Deviation(Part):
-    """Deviation of the tool from the program, in µm of the readings with fitted set-ups: rms and maximum over several
-    runs.
-
-    u_um: standard uncertainty of the rms, 0 if no repeats measured it.
+    """Deviation of the tool from the program, in µm of the readings with fitted set-ups, over several runs. u_um:
+    standard uncertainty of the rms, 0 if no repeats measured it.
     """
 
     um: NotNegative
@@ -36,7 +34,6 @@ class Expected(Part):
 
     @property
     def text(self) -> str:
-        """Return `1.9 ± 7.7 µm rms`, or the reason for a missing ±."""
         if self.u_um is None:
             return f"{self.um:.1f} µm rms, uncertainty unknown: the calibration runs do not cover this place"
         return f"{self.um:.1f} ± {self.u_um:.1f} µm rms"
@@ -46,7 +43,7 @@ class Work(Part):
     """Position error of the tool over the work area of the rig file, µm rms, uncorrected and corrected.
 
     u_um: standard uncertainty of the model there, included in after_um. unknown: share of the work area not covered by
-    runs, for which both are estimates of the model.
+    runs.
     """
 
     before_um: float
@@ -57,7 +54,7 @@ class Work(Part):
 
 @dataclass(frozen=True)
 class Side:
-    """Error on the same circle or at a second place: before, after (None if there are no later runs), and expected."""
+    """Error on the same circle or at a second place: before, after (None without later runs), and expected."""
 
     place: Literal["same", "elsewhere"]
     before: Deviation

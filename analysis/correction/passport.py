@@ -8,7 +8,7 @@ from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm
 from analysis.correction.work import rest_mm, rms_um, spread_angles, tool_poses
 from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.judge.probability import CONFIRMED
-from analysis.diagnosis.judge.result import Diagnosis, Named, Passport
+from analysis.diagnosis.judge.result import Diagnosis, Passport
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.description.controller_constants import data_sheet_of
 from analysis.robot.kinematics.arm import Array, arm_of, controller_arm, forward
@@ -39,12 +39,10 @@ def passport_of(diagnosis: Diagnosis) -> Passport | None:
     is_known = rig.controller != "unknown"
     controller = distance(forward(controller_arm(rig.robot), q)) if is_known else None
     last_visit = distance(tool_poses(model_of(rig), q)) if rig.is_calibrated else None
-    changed = tuple(named.effect for named in diagnosis.effects if _has_changed(diagnosis, named))
-    return Passport(data_sheet, controller, last_visit, changed)
-
-
-def _has_changed(diagnosis: Diagnosis, named: Named) -> bool:
-    """True for a fault and, if constants of this robot are known, for every certain difference from them."""
-    is_certain = named.probability >= CONFIRMED and named.contribution_um > SURE_SIGMA * named.u_um
-    is_own = not diagnosis.rig.reference.is_data_sheet
-    return named.is_confirmed or (is_own and named.doubt == "usual" and is_certain)
+    changed = []
+    for named in diagnosis.effects:
+        is_certain = named.probability >= CONFIRMED and named.contribution_um > SURE_SIGMA * named.u_um
+        # If constants of this robot are known, every certain difference from them is a change.
+        differs = named.doubt == "usual" and is_certain and not rig.reference.is_data_sheet
+        changed += [named.effect] * (named.is_confirmed or differs)
+    return Passport(data_sheet, controller, last_visit, tuple(changed))

@@ -1,11 +1,7 @@
-"""Uncertainty of the tool pose for corrections from any model.
+"""Uncertainty of the tool pose for corrections from any model, known only in the range covered by its runs.
 
-A correction needs independent tool displacements at joint angles, each with a size of one standard uncertainty, and the
-range covered by the runs. Outside this range the uncertainty is unknown, and no value is given.
-
-A term of a model turns a joint, changes a constant or moves the tool. The change of the pose is the derivative times
-the uncertainty of the term. Derivatives with respect to joint angles are computed only once, because most of a thousand
-terms turn a joint.
+A term of a model turns a joint, changes a constant or moves the tool. Derivatives with respect to joint angles are
+computed only once, because most of a thousand terms turn a joint.
 """
 
 from __future__ import annotations
@@ -29,7 +25,7 @@ from rigs.rig import Rig
 from rigs.schema.effect import healthy_size, label_of, size_field
 
 _STEP_DEG = 1e-3
-"""Step of the derivatives by a joint angle: the tool of a one-metre arm moves by 17 µm, within the linear range."""
+"""Step of the derivatives by a joint angle: the tool of a one-metre arm moves by 17 µm."""
 _SMALL = 1e-3
 """Variation of a parameter: share of a healthy size, or of a shape."""
 _ROWS = 128
@@ -39,7 +35,8 @@ _ROWS = 128
 @dataclass(frozen=True)
 class PoseUncertainty:
     """Uncertainty of the tool pose of a rig: from the covariance of its calibration, if any, and independently from
-    other effects of the rig file."""
+    other effects of the rig file.
+    """
 
     rig: Rig
     calibrated: CalibratedModel | None = None
@@ -48,7 +45,7 @@ class PoseUncertainty:
 
     @cached_property
     def _parameters(self) -> list[tuple[int, CovarianceParameter, Effect]]:
-        """Parameters of posture-dependent terms of the calibration, which move the tool, with row and effect."""
+        """Row, parameter and effect of the posture-dependent terms of the calibration, which move the tool."""
         if self.calibrated is None:
             return []
         terms = self.calibrated.terms
@@ -57,21 +54,21 @@ class PoseUncertainty:
 
     @property
     def factor(self) -> Array:
-        """A root (p, P) of the covariance of the parameters of `pose_derivatives`, a row in the unit of each."""
+        """A root (p, P) of the covariance of the parameters of `pose_derivatives`."""
         if self.calibrated is None:
             return np.empty((0, 0))
-        return np.asarray(self.calibrated.root[[row for row, _, _ in self._parameters]])
+        return self.calibrated.root[[row for row, _, _ in self._parameters]]
 
     @cached_property
     def _root(self) -> Array:
-        """Matrix root (p, r) of the covariance of the parameters that affect the tool."""
         values, vectors = np.linalg.eigh(self.factor @ self.factor.T)
         root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
         return root
 
     def pose_displacements(self, q: Array) -> Array:
-        """Return independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint
-        angles q (n, 6) rad: their sum of squares is the covariance."""
+        """Independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint angles q (n,
+        6) rad: their sum of squares is the covariance.
+        """
         others = self.displacements_by_effects(q)
         if self.calibrated is None:
             return others
@@ -79,8 +76,9 @@ class PoseUncertainty:
         return np.concatenate([moves, others])
 
     def pose_derivatives(self, model: Model, q: Array) -> Array:
-        """Return the derivatives (p, n, 6) of the tool pose, mm and rad, by the parameters of posture-dependent terms
-        about a model at joint angles q (n, 6) rad."""
+        """Derivatives (p, n, 6) of the tool pose, mm and rad, by the parameters of posture-dependent terms about a
+        model.
+        """
         path = at_rest(q)
         joints = driven(model, path)
         base = posed(model, path, joints).T
@@ -112,8 +110,7 @@ class PoseUncertainty:
         return derivatives
 
     def displacements_by_effects(self, q: Array) -> Array:
-        """Return the part of `pose_displacements` (k, n, 6) mm and rad by effects of the rig file, with their
-        correlations."""
+        """The part of `pose_displacements` by effects of the rig file, with their correlations."""
         model = model_of(self.rig, used_effects(self.rig, self.supported))
         path = at_rest(q)
         base = moved(model, path).T
@@ -135,13 +132,12 @@ class PoseUncertainty:
                 correlations[j, k] = correlations[k, j] = correlation.get(earlier, 0.0)
         values, vectors = np.linalg.eigh(correlations)
         # Rounded correlations may give a slightly negative variance.
-        independent: Array = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, np.array(moves), axes=1)
-        return independent
+        return np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, np.array(moves), axes=1)
 
     @property
     def unexplained_mm(self) -> float:
-        """Unexplained rms position error beyond the covariance, from the validation in a diagnosis; 0 if not validated.
-        It is equal in all three coordinates and varies between places, so a taught frame cannot remove it.
+        """RMS position error beyond the covariance, from the validation in a diagnosis. It varies between places, so a
+        taught frame cannot remove it.
         """
         judged = self.calibrated and self.calibrated.judged
         return np.sqrt(3.0) * judged.unexplained_um / 1e3 if judged else 0.0
@@ -149,7 +145,8 @@ class PoseUncertainty:
     @property
     def joints_rad(self) -> Array | None:
         """Range of each joint (6, 2) rad in the runs of the calibration, followed by that of a rail in m; without a
-        calibration, the range common to the runs of all effects. None if unknown."""
+        calibration, the range common to the runs of all effects. None if unknown.
+        """
         if self.calibrated is not None:
             joints, rail = np.radians(np.array(self.calibrated.joints_deg)), self.calibrated.rail_mm
             return joints if rail is None else np.vstack([joints, np.array(rail) / RAIL_MM])
@@ -161,7 +158,7 @@ class PoseUncertainty:
         return np.stack([ranges[:, :, 0].max(axis=0), ranges[:, :, 1].min(axis=0)], axis=1)
 
     def is_within_reach(self, q: Array) -> Mask:
-        """Return a mask (n,) of postures q (n, 6) rad with the ball no further from touched sockets than validated.
+        """Mask (n,) of postures with the ball no further from touched sockets than validated.
 
         True for runs measured with an instrument, false for a model that must not be used for correction.
         """
@@ -181,11 +178,10 @@ def _with(model: Model, effect: Effect) -> Model:
 
 
 _TAUGHT = 200
-"""Limit of postures for teaching a frame. Chosen: six parameters do not improve with more."""
+"""Limit of postures for teaching a frame. Chosen."""
 
 
 def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
-    """Return the uncertainty of a rig's model: of the calibration, and of effects outside the calibration."""
     terms = rig.calibrated.terms if rig.calibrated else ()
     held_labels = {label_of(term.effect) for term in terms if term.named}
     others = tuple(support for support in supported if label_of(support.effect) not in held_labels)
@@ -193,17 +189,15 @@ def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
 
 
 def few_taught(count: int) -> Integers:
-    """Return the indices (k,) of the postures that teach a frame, drawn randomly from `count`. At even steps, the
-    postures of a grid could all have the same orientation.
+    """Indices (k,) of the postures that teach a frame, drawn randomly: at even steps, those of a grid could all have
+    the same orientation.
     """
     return np.random.default_rng(0).permutation(count)[:_TAUGHT]
 
 
 def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> tuple[Array, Array]:
-    """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad, in the robot's base
-    and in a taught frame.
-
-    taught (m, 6): joint angles in rad at which frame and tool are taught. Both include the unexplained error.
+    """Standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad, in the robot's base and in a
+    frame taught at angles `taught` (m, 6) rad. Both include the unexplained error.
     """
     taught = taught[few_taught(len(taught))]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
@@ -221,12 +215,11 @@ def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array)
 
 
 def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> Array:
-    """Return u (n,) mm of positions relative to a frame taught at angles (k, 6) rad: the second of `places_u_mm`."""
     return places_u_mm(rig, uncertainty, q, taught)[1]
 
 
 def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
-    """Return a mask (n,) of known uncertainties at joint angles q (n, 6) rad; None if the runs' angles are unknown.
+    """Mask (n,) of known uncertainties at joint angles q (n, 6) rad; None if the runs' angles are unknown.
 
     All joints must be within the range of the runs, with a small margin, and the tool within the validated distance.
     """
@@ -239,8 +232,7 @@ def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
 
 
 def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
-    """Return reasons for unknown uncertainties at joint angles q (n, axes) rad: joints beyond the runs, with both
-    ranges; empty if known."""
+    """Reasons for unknown uncertainties at joint angles q (n, axes) rad; empty if known."""
     inside, joints = covered(uncertainty, q), uncertainty.joints_rad
     if inside is None or joints is None:
         return [""] * len(q)
@@ -256,9 +248,8 @@ def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
 
 
 def where_known(uncertainty: PoseUncertainty, q: Array, u_mm: Array) -> Array:
-    """Return standard uncertainties (n,) mm at joint angles q (n, 6) rad, NaN if not supported by the runs.
-
-    For postures outside the range of the runs, errors of real arms were two to four u (docs/evidence/world.md).
+    """Standard uncertainties (n,) mm, NaN outside the range of the runs, where errors of real arms were two to four u
+    (docs/evidence/world.md).
     """
     inside = covered(uncertainty, q)
     return u_mm if inside is None else np.where(inside, u_mm, np.nan)

@@ -91,7 +91,6 @@ WHY: dict[Reason, str] = {
 
 
 def how_to_state_controller(rig: Rig) -> str:
-    """Return the remedy for an unknown arm in the controller."""
     practice = practice_of(rig.maker or rig.robot.name)
     of_maker = f"{practice.get}; " if practice else ""
     return (

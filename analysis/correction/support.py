@@ -1,9 +1,7 @@
 """Correctable effects of a rig file, and reasons for the uncorrectable effects.
 
-A target can compensate posture-dependent effects, but not effects of direction, time or instruments. An effect not
-significantly different from zero is not corrected.
-
-If the diagnosis says *correct nothing* (`rigs.calibration.verdict_of`), a correction is refused, or written and marked.
+A target can compensate posture-dependent effects, but not effects of direction, time or instruments. If the diagnosis
+says *correct nothing* (`rigs.calibration.verdict_of`), a correction is refused, or written and marked.
 """
 
 from __future__ import annotations
@@ -29,11 +27,7 @@ _HOW: dict[Use, str] = {
 
 @dataclass(frozen=True)
 class Support:
-    """Whether and why an effect is used for a correction.
-
-    `value` and `u`: size and standard uncertainty in the unit of the effect; u is NaN if unknown. `reason`:
-    explanation.
-    """
+    """Whether and why an effect is used for a correction, with its size and standard uncertainty (NaN if unknown)."""
 
     effect: Effect
     value: float
@@ -43,7 +37,6 @@ class Support:
 
 
 def supports(rig: Rig) -> list[Support]:
-    """Return every effect of a rig file with its use, in file order."""
     unknown = float("nan")
     return [
         _support(effect, effect.found.sd.get(size_field(effect), unknown) if effect.found else unknown)
@@ -52,9 +45,7 @@ def supports(rig: Rig) -> list[Support]:
 
 
 def supports_of_usual_size(rig: Rig) -> list[Support]:
-    """Return the certain effects of the calibration that are not named in the rig file because their size is usual,
-    with their use.
-    """
+    """Calibrated effects of normal size that are certain enough to correct."""
     if rig.calibrated is None:
         return []
     terms = [(rig.calibrated.terms[parameter.term], parameter.field) for parameter in rig.calibrated.parameters]
@@ -90,12 +81,11 @@ ANYWAY = "written although rig advises against a correction by this model"
 
 
 def known_plays(rig: Rig) -> tuple[Effect, ...]:
-    """Return the backlash effects of a rig file and the calibrated model that are known well enough for a program.
+    """Backlash of the rig file and the calibration that is known well enough for a program, whatever its size.
 
-    Certain backlash is corrected whether or not it is larger than usual. In a program the side of each link is known at
-    each target, as in the reversal compensation of machine tools (ISO 230-1), so the command leads by half the
-    backlash. If a joint reverses between two targets, the link crosses the backlash gradually on the way. This part of
-    the error remains.
+    In a program the side of each link is known at each target, as in the reversal compensation of machine tools (ISO
+    230-1), so the command leads by half the backlash. If a joint reverses between two targets, the link crosses the
+    backlash gradually; this part of the error remains.
     """
     unsure = {id(support.effect) for support in supports(rig) if support.value < POSSIBLE_SIGMA * support.u}
     plays = [
@@ -110,13 +100,12 @@ def known_plays(rig: Rig) -> tuple[Effect, ...]:
 
 
 def why_nothing(rig: Rig) -> str:
-    """Return the sentence that refuses corrections by a rig's model; empty if the model may be used."""
+    """Sentence that refuses corrections by a rig's model; empty if the model may be used."""
     reason = reason_against_model(rig)
     return f"do not correct with this model: {reason}" if reason else ""
 
 
 def reason_against_model(rig: Rig) -> str:
-    """Return the reason why a rig's model must not be used for correction; empty if it may."""
     if rig.calibrated is None or verdict_of(rig.calibrated) == "correct":
         return ""
     judged = rig.calibrated.judged

@@ -1,15 +1,10 @@
 """Work area of a rig: the postures of its tests, at which the benefit of a correction is computed.
 
-The residual error of a correction is computed at each target, approached from both sides, and early and late in a
-shift, because the approach in a program is unknown. The rms error of an effect over these approaches is the
-contribution to the position uncertainty: half the backlash of a joint, the remainder of a reversal spike, thermal
-growth.
+The residual error is computed at each target, approached from both sides, and early and late in a shift, because the
+approach in a program is unknown. The rms of an effect over these approaches contributes to the position uncertainty.
 
-Frame and tool are taught with the robot itself. A rigid motion of the whole arm and a shift of the tool on the flange
-are therefore invisible. A tracker or a ball cannot show the position of an arm on its base, or of the target on the
-last link: no run reveals the zero of joint 1, the height of the shoulder and the length of the last link. They do not
-matter in work with a frame and a tool centre taught with the same arm. Errors over the work area are therefore stated
-after a least-squares removal of these nine terms, like set-ups in other fits.
+Frame and tool are taught with the robot itself, so a rigid motion of the whole arm and a shift of the tool on the
+flange do not matter. Errors over the work area are therefore stated after a least-squares removal of these nine terms.
 """
 
 from __future__ import annotations
@@ -33,8 +28,7 @@ from rigs.rig import Rig
 
 FEWEST_TAUGHT, _SPREAD = 12, 60
 """Smallest number of postures for teaching frame and tool and for judging a correction, and the number used otherwise.
-
-Chosen: with 12 postures, the nine constants of frame and tool use a quarter of the 36 coordinates.
+Chosen: nine constants then use a quarter of the 36 coordinates.
 """
 _AROUND_RAD = np.radians(30.0)
 """Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""
@@ -43,9 +37,8 @@ _STEP_RAD = np.radians(15.0)
 
 
 def work_angles(rig: Rig) -> Array:
-    """Return the joint angles (n, 6) rad of the rig's circle and hemisphere, as far as reachable.
-
-    If neither is reachable, return the middle of the limits.
+    """Joint angles (n, 6) rad of the rig's circle and hemisphere, as far as reachable; else the middle of the
+    limits.
     """
     angles = []
     arm, circle, hemisphere = arm_of(rig.robot), rig.tests.circle, rig.tests.hemisphere
@@ -61,13 +54,13 @@ def work_angles(rig: Rig) -> Array:
 
 
 def posture_limits(rig: Rig) -> Array:
-    """Return the limits (6, 2) rad of the joints, followed by those of the rail in m."""
+    """Limits (6, 2) rad of the joints, followed by those of the rail in m."""
     limits, rail = arm_of(rig.robot).limits, rig.robot.rail
     return limits if rail is None else np.vstack([limits, np.array(rail.limits_mm) / RAIL_MM])
 
 
 def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
-    """Return postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or around the work area."""
+    """Postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or around the work area."""
     limits = posture_limits(rig)
     if joints_rad is None:
         work = work_angles(rig)
@@ -75,45 +68,37 @@ def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
         joints_rad = np.stack([work.min(axis=0) - around, work.max(axis=0) + around], axis=1)
     box = np.vstack([joints_rad, limits[len(joints_rad) :]])  # with the whole rail
     low, high = np.maximum(box[:, 0], limits[:, 0]), np.minimum(box[:, 1], limits[:, 1])
-    postures: Array = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, len(low)))
-    return postures
+    return np.random.default_rng(0).uniform(low, np.maximum(low, high), (_SPREAD, len(low)))
 
 
 def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
-    """Return the postures (n, 6) rad of the work area. If there are too few, return postures spread over the joint
-    angles (6, 2) rad of the runs.
-    """
+    """Postures (n, 6) rad of the work area; if there are too few, spread over those of the runs."""
     work = work_angles(rig)
     return work if len(work) >= FEWEST_TAUGHT else spread_angles(rig, joints_rad)
 
 
 def tool_poses(model: Model, q: Array) -> Array:
-    """Return tool poses (n, 4, 4) of the real arm at commanded angles q (n, 6) rad, for effects independent of history.
-
-    Several models at the same angles share the reversals of the joints: use `moved` with a single path `at_rest`.
-    """
+    """Tool poses (n, 4, 4) of the real arm at commanded angles q (n, 6) rad, for effects independent of history."""
     return moved(model, at_rest(q)).T
 
 
 def at_rest(q: Array) -> Path:
-    """Return the path of an arm at rest in each of the postures q (n, 6) rad. The clock is arbitrary."""
     return Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)), stands=True)
 
 
 def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
-    """Return tool positions (n, 3) mm with effects independent of history at joint angles q (n, 6) rad."""
     return tool_poses(real_model(rig, effects), q)[:, :3, 3]
 
 
 _ANCHORS = 200
-"""Number of postures, over a full turn of every joint, that determine base and tool of a model. Chosen."""
+"""Number of postures that determine base and tool of a model. Chosen."""
 
 
 def real_model(rig: Rig, effects: Sequence[Effect]) -> Model:
-    """Return the model of the real arm with effects of the rig file and its calibration.
+    """Model of the real arm with effects of the rig file and its calibration.
 
-    The runs of a calibration cannot show a motion of the whole arm on its base or a shift of the tool on the flange.
-    If the rig file has constants of the controller in addition to the axes of the model, these are taken from them.
+    The runs of a calibration cannot show a motion of the whole arm on its base or a shift of the tool on the flange, so
+    these are taken from the constants of the controller, if stated.
     """
     model = model_of(rig, effects)
     if rig.calibrated is None or not rig.robot.controller_axes:
@@ -125,13 +110,13 @@ def real_model(rig: Rig, effects: Sequence[Effect]) -> Model:
 
 
 def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return the effects removed by a correction: all that depend on posture, except uncertain ones of the rig file."""
+    """Effects removed by a correction: all that depend on posture, except uncertain ones of the rig file."""
     unsure = _unsure(supported)
     return tuple(effect for effect in model_of(rig).effects if not _stays(effect, unsure))
 
 
 def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return the effects that a correction leaves on a stationary robot. Clocks and servo lag matter only in motion."""
+    """Effects that a correction leaves on a stationary robot. Clocks and servo lag matter only in motion."""
     unsure, stays = _unsure(supported), list[Effect]()
     for effect in filter(lambda effect: _stays(effect, unsure), model_of(rig).effects):
         portions = tuple(portion for portion in getattr(effect, "portions", ()) if portion.of.part != "clocks")
@@ -143,7 +128,7 @@ def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
 
 
 def _unsure(supported: Sequence[Support]) -> set[int]:
-    """Return the identities of uncorrected effects in the rig file; equal effects may occur twice."""
+    """Identities of uncorrected effects in the rig file; equal effects may occur twice."""
     return {id(support.effect) for support in supported if support.use == "none"}
 
 
@@ -152,24 +137,21 @@ def _stays(effect: Effect, unsure: set[int]) -> bool:
 
 
 def rms_um(distance_mm: Array) -> float:
-    """Return the root mean square in µm of distances (n,) mm."""
     return 1e3 * float(np.sqrt(np.mean(distance_mm**2)))
 
 
 _SWING_RAD = np.radians(2.0)
 """Distance over which every joint approaches from the given side. Chosen: wider than any backlash."""
 _SWING_S, _STEPS = 0.1, 20
-"""Time from the reversal of a joint to the target, at about 20 degrees per second, and number of samples. Chosen: a
-usual speed.
-"""
+"""Time from the reversal of a joint to the target, at about 20 degrees per second, and number of samples. Chosen."""
 _REST_S = 1.0
-"""Rest before the next target in seconds. Chosen: longer than the decay of a reversal spike."""
+"""Rest before the next target. Chosen: longer than the decay of a reversal spike."""
 _LATE_S = 1e6
 """Time of a late approach, beyond all thermal time constants."""
 
 
 def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
-    """Return the rms error (n, e) mm of each uncorrected effect at joint angles q (n, 6) rad."""
+    """RMS error (n, e) mm of each uncorrected effect at joint angles q (n, 6) rad."""
     nothing = model_of(rig, ())
     squares = np.zeros((len(q), len(effects)))
     for path in _approaches(q) if effects and len(q) else []:
@@ -180,13 +162,13 @@ def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
 
 
 def apart_mm(model: Model, second: Model, q: Array) -> Array:
-    """Return the rms distance (n,) mm between the tools of two models at joint angles q (n, 6) rad."""
+    """RMS distance (n,) mm between the tools of two models at joint angles q (n, 6) rad."""
     squares = [((_places(model, path) - _places(second, path)) ** 2).sum(axis=1) for path in _approaches(q)]
     return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
 def _approaches(q: Array) -> list[Path]:
-    """Return the four approaches to joint angles q (n, 6) rad: from either side, early and late."""
+    """The four approaches to joint angles q (n, 6) rad: from either side, early and late."""
     # Move from each target to the given side, back and beyond, so that joints reverse at a distance, and rest before
     # the next target.
     along = np.concatenate([np.linspace(0, -1, _STEPS, endpoint=False), np.linspace(-1, 1, 2 * _STEPS + 1)])
@@ -207,12 +189,11 @@ def _approaches(q: Array) -> list[Path]:
 
 
 def _places(model: Model, path: Path) -> Array:
-    places: Array = moved(model, path).T[path.rows, :3, 3]
-    return places
+    return moved(model, path).T[path.rows, :3, 3]
 
 
 _SAME = 1e-9
-"""Relative singular value below which positions determine no rotation: a single point or a line."""
+"""Relative singular value below which positions determine no rotation."""
 
 
 @dataclass(frozen=True)
@@ -228,31 +209,30 @@ class TaughtFrame:
 
     @cached_property
     def _lever_mm(self) -> float:
-        """Rms distance from the centre, at which a rotation counts as much as a shift."""
+        """RMS distance from the centre, at which a rotation counts as much as a shift."""
         return max(1.0, float(np.sqrt(((self.poses[:, :3, 3] - self._middle) ** 2).sum(axis=1).mean())))
 
     def _columns(self, poses: Array) -> Array:
-        """Return the derivatives (n, 3, 9) at poses (n, 4, 4) by shifts in mm, rotations about the centre, in mm at the
-        lever, and shifts of the tool on the flange in mm."""
+        """Derivatives (n, 3, 9) at poses (n, 4, 4) by shifts in mm, rotations about the centre, in mm at the lever, and
+        shifts of the tool on the flange in mm.
+        """
         shifts = np.tile(np.eye(3), (len(poses), 1, 1))
         turns = np.cross(np.eye(3)[None], ((poses[:, :3, 3] - self._middle) / self._lever_mm)[:, None, :])
         return np.concatenate([shifts, turns.transpose(0, 2, 1), poses[:, :3, :3]], axis=2)
 
     def motions(self, moves: Array) -> Array:
-        """Return the small motions (k, 9) closest to displacements (k, n, 3) mm at the poses of the frame."""
+        """Small motions (k, 9) closest to displacements (k, n, 3) mm at the poses of the frame."""
         columns = self._columns(self.poses)
         inverse = np.linalg.pinv(columns.reshape(-1, columns.shape[2]), _SAME)
-        motions: Array = moves.reshape(len(moves), inverse.shape[1]) @ inverse.T
-        return motions
+        return moves.reshape(len(moves), inverse.shape[1]) @ inverse.T
 
     def remove_motions(self, moves: Array, poses: Array, motions: Array) -> Array:
-        """Return displacements (k, n, 3) mm at poses (n, 4, 4) less the motions (k, 9)."""
         displacements: Array = moves - np.einsum("nij,kj->kni", self._columns(poses), motions)
         return displacements
 
 
 def rest_moves_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = None) -> Array:
-    """Return displacements (n, 3) mm of positions (n, 3) mm from wanted poses (n, 4, 4), with the best frame and tool.
+    """Displacements (n, 3) mm of positions (n, 3) mm from wanted poses (n, 4, 4), with the best frame and tool.
 
     taught: separate positions (m, 3) mm and wanted poses (m, 4, 4) that determine frame and tool.
     """
@@ -265,13 +245,11 @@ def rest_moves_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | N
 
 
 def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = None) -> Array:
-    """Return the lengths (n,) mm of `rest_moves_mm`."""
     return np.asarray(np.linalg.norm(rest_moves_mm(places, nominal, taught), axis=1))
 
 
 def base_u_um(u_mm: Array, u_frame_mm: Array) -> float:
-    """Return the rms contribution in µm of the arm's position on the base to the uncertainty of positions.
-
-    u_mm, u_frame_mm (n,): standard uncertainties in mm in the robot's base and in a taught frame.
+    """RMS contribution of the arm's position on the base to the uncertainty of positions, from those (n,) in the
+    robot's base and in a taught frame.
     """
     return 1e3 * float(np.sqrt(max(0.0, float(np.mean(u_mm**2 - u_frame_mm**2)))))

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
-from analysis.diagnosis.evidence.gather import Uses, gather
+from analysis.diagnosis.evidence.gather import gather
 from analysis.diagnosis.fit.contradictions import without_contradicted
 from analysis.diagnosis.fit.fit_evidence import fit_evidence
 from analysis.diagnosis.judge.judge import judge
@@ -36,15 +36,13 @@ def diagnose(
 
     `tolerance_um`: largest accepted rms error of the readings; by default the limits of the rig file decide. `given`:
     effects to be fitted regardless of their significance, without a search. Without held-out runs, a fifth of 60 or
-    more poses is held out, in groups of neighbouring postures. Raises FileError for runs of a different robot, or not
-    readable as the stated test.
+    more poses is held out. Raises FileError for runs of a different robot, or not readable as the stated test.
 
-    It uses one BLAS thread and restores the number afterwards: the matrices are small, and further threads only wait
-    for each other, in every job of many runs as well.
+    It uses one BLAS thread: the matrices are small, and further threads only wait for each other.
     """
     begin_s = time.perf_counter()
     with threadpool_limits(limits=1, user_api="blas"):
-        evidence = gather(rig, Uses(used, held_out, unseen), tolerance_um, progress)
+        evidence = gather(rig, used, held_out, unseen, tolerance_um, progress)
         evidence, contradictions = without_contradicted(evidence, given, progress)
         fit = fit_evidence(evidence, given, progress)
         validation = validate(evidence, fit, progress)

@@ -1,35 +1,52 @@
-"""Movements among the runs of a diagnosis, and removal of the affected rows."""
+"""Movements among the runs of a diagnosis: their detection, and removal of the affected rows.
+
+For each cause and each reading of a placement, in time order, the evidence of a step from that reading on is computed
+together with the arm constants and the set-ups. The likeliest step is then examined like the new readings of `rig
+moved`, with the readings before it as reference.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.evidence.observation import ObservedRun, by_socket
+from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, parts
 from analysis.diagnosis.evidence.placements import observe_runs
+from analysis.diagnosis.evidence.setups import fit_setups
+from analysis.diagnosis.evidence.significance import SURE_SIGMA
 from analysis.diagnosis.judge.act_list import MOVED
 from analysis.diagnosis.judge.result import Diagnosis, Movement
-from analysis.movement.cause_odds import CauseOdds, odds_of
-from analysis.movement.causes import look_alike
-from analysis.movement.changes import find_step
+from analysis.movement.causes import LEVELS, Cause, look_alike
+from analysis.movement.evidence import Conditioned, LinearReadings, condition
+from analysis.movement.inference import (
+    MOST_MM,
+    NAMED,
+    CauseOdds,
+    Reference,
+    ReferenceComparison,
+    causes_by_odds,
+    compare,
+    odds_of,
+    study,
+)
+from analysis.movement.linearise import causes_of, constants_count, evenly, linearise, selected, shift_of, workplace
 from analysis.procedures.checks.check_runs import findings_of, why_no_measurement
 from analysis.procedures.shared.test_kind import facts_of, shows_joints
-from analysis.robot.kinematics.arm import Mask
+from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig
 
 _FRAMES = ("base", "instrument", "socket", "target")
-"""Causes that move a set-up but not the arm. The runs before and after then get separate set-ups."""
+"""Causes that move a set-up but not the arm: the runs before and after get separate set-ups."""
 
 
 def observed(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
-    """Return observations of the runs with joint angles, with the model of a rig and touches split by socket.
-
-    Raises FileError for a run of a different robot, and for a table that does not fit the arm.
+    """Observe the runs with joint angles, with the model of a rig and touches split by socket. Raises FileError for a
+    run of a different robot, and for a table that does not fit the arm.
     """
     for finding in findings_of(runs):
         if finding.strength != "likely":
@@ -43,8 +60,8 @@ def without_moved(
 ) -> tuple[list[Measured], list[Movement], list[str]]:
     """Reduce the runs of each placement to one state of the arm: the one with most readings, the newest of equal ones.
 
-    latest: keep the last state instead, in which no set-up moved either. Return the remaining runs, the movements, and
-    a message for each shortened, removed or relabelled run.
+    latest: keep the last state instead, in which no set-up moved either. Also return the movements, and a message for
+    each shortened, removed or relabelled run.
     """
     kept, movements, doubts = dict(enumerate(runs)), list[Movement](), list[str]()
     groups: dict[tuple[str, str], dict[int, Measured]] = {}
@@ -72,8 +89,7 @@ def _rows(run: Measured) -> int:
 
 
 def with_movements(diagnosis: Diagnosis, movements: Sequence[Movement], doubts: Sequence[str]) -> Diagnosis:
-    """Return a diagnosis of the remaining runs with the movements, messages about dropped rows, and the action that
-    the movements require, which comes first."""
+    """Add the movements, messages about dropped rows, and the action that the movements require, which comes first."""
     acts = diagnosis.acts
     if movements and not diagnosis.given:
         acts = (MOVED, *(act for act in acts if act.why != "sound"))
@@ -85,8 +101,8 @@ def _states(
 ) -> tuple[list[dict[int, Measured]], list[Movement], list[str]]:
     """Split numbered runs of a placement, in time order, at each movement.
 
-    Return the runs of each state, the movements, and messages. One of the `frames` that moved between two runs leaves
-    the state as it is: the runs after it get a placement of their own.
+    One of the `frames` that moved between two runs leaves the state as it is: the runs after it get a placement of
+    their own.
     """
     states, movements, doubts = [dict[int, Measured]()], list[Movement](), list[str]()
     rest = runs
@@ -104,7 +120,9 @@ def _states(
         if row == 0 and all(movement.what in frames for movement in of_step):
             to = of_step[0].to
             doubts.append(f"{to} and later runs were fitted as a separate placement, after the movement")
-            rest = {k: _with_placement(run, f"{placement} from {to}".lstrip()) for k, run in rest.items()}
+            update = {"placement": f"{placement} from {to}".lstrip()}
+            for k, run in rest.items():
+                rest[k] = replace(run, run=replace(run.run, manifest=run.run.manifest.model_copy(update=update)))
         else:
             states.append({})
     states[-1] |= rest
@@ -112,25 +130,21 @@ def _states(
 
 
 def _first_step(rig: Rig, runs: Sequence[Measured]) -> tuple[int, int, list[Movement]] | None:
-    """Return the first movement among runs of a placement as the run and row after it, with the parts that moved.
+    """The first movement among runs of a placement as the run and row after it, with the parts that moved.
 
     Several parts can move together between runs, but within a run such a step is more likely a drift.
     """
-    parts = [(k, piece) for k, run in enumerate(runs) for piece in observed(rig, [run])]
+    pieces = [(k, piece) for k, run in enumerate(runs) for piece in observed(rig, [run])]
     begins = np.cumsum([0, *map(_rows, runs)])
-    order = np.concatenate([begins[k] + piece.rows for k, piece in parts])
-    step = find_step([piece for _, piece in parts], order)
+    order = np.concatenate([begins[k] + piece.rows for k, piece in pieces])
+    step = find_step([piece for _, piece in pieces], order)
     if step is None:
         return None
     where = int(np.searchsorted(begins, step.first, side="right")) - 1
     row = step.first - int(begins[where])
     if row and step.is_joint:
         return None
-    return where, row, [_movement(runs, where, row, part, parts[0][1]) for part in step.found]
-
-
-def _with_placement(run: Measured, placement: str) -> Measured:
-    return replace(run, run=replace(run.run, manifest=run.run.manifest.model_copy(update={"placement": placement})))
+    return where, row, [_movement(runs, where, row, part, pieces[0][1]) for part in step.found]
 
 
 def _movement(runs: Sequence[Measured], where: int, row: int, found: CauseOdds, piece: ObservedRun) -> Movement:
@@ -161,6 +175,125 @@ def _movement(runs: Sequence[Measured], where: int, row: int, found: CauseOdds, 
 
 
 def _shortened(table: Any, keep: Mask) -> Any:
-    """Return the rows of a table selected by a mask (n,), with their row numbers in the file."""
     columns = {name: value[keep] for name, value in vars(table).items() if isinstance(value, np.ndarray)}
     return replace(table, **columns | {"row": table.rows[keep]})
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Detection of a step in the readings of a placement: between two runs, or from some row on.
+
+_FEWEST = 3
+"""Minimum number of readings after a movement; fewer may be outliers."""
+_FEWEST_BEFORE = 10
+"""Minimum number of readings before a movement, which determine arm and set-ups well enough."""
+_MOST_AFTER = 20
+"""Maximum number of readings after a movement, evenly selected, used to examine it."""
+_LOG_ODDS = 12.0
+"""Minimum gain of log evidence for a step to be examined. Chosen: a hundred readings and ten causes give a thousand
+possible steps, so an unexpected step must be certain.
+"""
+
+
+@dataclass(frozen=True)
+class MovementStep:
+    """A change from a given reading on: index of the first reading after it in time order, and the parts that moved.
+    is_joint: the likeliest cause is a pair or triple.
+    """
+
+    first: int
+    found: tuple[CauseOdds, ...]
+    is_joint: bool
+
+
+def find_step(runs: Sequence[ObservedRun], order: Integers) -> MovementStep | None:
+    """The first movement among runs of places with common set-ups, if any. order (m,): position in time of each
+    reading.
+    """
+    if len(order) < _FEWEST_BEFORE + _FEWEST:
+        return None
+    first = _likeliest(runs, order)
+    if first is None:
+        return None
+    before = parts(runs, order < first)
+    if earlier := find_step(before, order[order < first]):
+        return earlier
+    reference = study(before)
+    known = {run.setup for run in reference.runs}
+    after, of_after = parts(runs, order >= first), order[order >= first]
+    while (later := _likeliest(after, of_after)) is not None:
+        after, of_after = parts(after, of_after < later), of_after[of_after < later]
+    after = [run for run in after if run.setup in known]
+    count = sum(len(run.rows) for run in after)
+    if count < _FEWEST:
+        return None
+    new = parts(after, evenly(count, _MOST_AFTER))
+    compared = compare(reference, new)
+    likeliest, found = next(iter(compared.posterior.probability)), _moved_parts(reference, compared)
+    if not found or compared.distance_mm > MOST_MM:
+        return None
+    members = likeliest.members or (likeliest,)
+    columns = np.concatenate([compared.shifts[member].columns for member in members], axis=1)
+    moves_mm = np.abs(columns @ compared.posterior.estimates[likeliest].mean).max()
+    # Smaller changes, such as drift with temperature, are covered by other effects of a diagnosis.
+    is_large = moves_mm > SURE_SIGMA * reference.scatter_mm
+    return MovementStep(first, found, is_joint=len(members) > 1) if is_large else None
+
+
+def _moved_parts(reference: Reference, compared: ReferenceComparison) -> tuple[CauseOdds, ...]:
+    """The parts of the likeliest cause that moved at odds of 20 to 1, alone or together with any others."""
+    likeliest = causes_by_odds(reference, compared)[0]
+    probability = compared.posterior.probability
+    moved = [
+        replace(part, posterior=sum(p for cause, p in probability.items() if part.cause in (cause, *cause.members)))
+        for part in likeliest.together or (likeliest,)
+    ]
+    return tuple(part for part in moved if part.posterior >= NAMED and part.what not in ("nothing", "other"))
+
+
+def _likeliest(runs: Sequence[ObservedRun], order: Integers) -> int | None:
+    """Position of the first reading after the likeliest step; None if no step gains enough evidence."""
+    kept, begins = selected(runs), np.cumsum([0, *(len(run.rows) for run in runs)]).tolist()
+    rows = [
+        begin + np.searchsorted(run.samples, short.samples)
+        for run, short, begin in zip(runs, kept, begins, strict=False)
+    ]
+    place = workplace(runs[0].model, kept, fit_setups(kept), np.zeros(constants_count(runs[0].model.arm)))
+    readings = linearise(kept, place)
+    columns = {cause: shift_of(kept, place, cause).columns for cause in causes_of(kept)}
+    gains = _gains(readings, condition(readings), columns, order[np.concatenate(rows)][readings.row])
+    best = max(gains, key=lambda position: gains[position], default=None)
+    return best if best is not None and gains[best] > _LOG_ODDS else None
+
+
+def _gains(
+    readings: LinearReadings, conditioned: Conditioned, columns: dict[Cause, Array], time: Integers
+) -> dict[int, float]:
+    """Largest gain of log evidence over all causes for a step at each position.
+
+    The scatter is varied downwards, because the estimate from all readings contains the step.
+    """
+    likeliest = conditioned.likeliest
+    positions = np.unique(time)[_FEWEST_BEFORE : 1 - _FEWEST]
+    unit = readings.sd_mm[:, None]
+    y = likeliest.vectors.T @ (readings.residual / readings.sd_mm)
+    gains: dict[int, float] = {}
+    for position in positions.tolist():
+        step = (time >= position)[:, None]
+        for cause, whole in columns.items():
+            turned = likeliest.vectors.T @ (whole * step / unit * cause.scale)
+            gain = max(_gain(y, turned, likeliest.values + (share * likeliest.scatter) ** 2) for share in (1.0, 0.3))
+            gains[position] = max(gains.get(position, 0.0), gain)
+    return gains
+
+
+def _gain(y: Array, turned: Array, variance: Array) -> float:
+    """Gain of log evidence of columns (n, m) for readings (n,), integrated over scatters and sizes. Both are given in
+    the principal directions of the noise, with variances (n,).
+    """
+    white, seen = turned / np.sqrt(variance)[:, None], y / np.sqrt(variance)
+    inner, projected = white.T @ white, white.T @ seen
+    values, vectors = np.linalg.eigh(inner)  # once for all levels
+    full = 1.0 + LEVELS[:, None] ** 2 * np.maximum(values, 0.0)
+    explained = LEVELS**2 * ((vectors.T @ projected) ** 2 / full).sum(axis=1) / float(seen @ seen)
+    logs = -0.5 * len(y) * np.log1p(-np.minimum(explained, 1 - 1e-9)) - 0.5 * np.log(full).sum(axis=1)
+    return float(np.logaddexp.reduce(logs) - np.log(len(logs)))

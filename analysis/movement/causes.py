@@ -1,7 +1,7 @@
 """Causes of a change between two sets of readings, with prior odds and prior sizes.
 
 The prior odds are chosen, since field statistics are not published. Four readings in sockets have a weight of millions
-to 1. The prior odds therefore matter only for causes that the readings hardly show.
+to 1, so they matter only for causes that the readings hardly show.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ PRIOR: dict[What, float] = {
 moved, a second part moved as well in 1 of 140 cases, and if two moved, a third one in as many.
 """
 LEVELS = np.array([0.3, 1.0, 3.0, 10.0])
-"""Multiples of the typical size whose mixture, in equal parts, is the prior of a size. Chosen: factors of about
-three cover 0.1 to 20 mm, and the density in between varies by less than a factor of two.
+"""Multiples of the typical size whose mixture is the prior of a size. Chosen: factors of about three cover 0.1 to 20 mm
+with nearly even density.
 """
 SHIFT_MM = 0.7
-"""Typical size of a shift along an axis. Chosen: a crash or a tool change moves frames by some tenths of a
-millimetre to some millimetres. Much larger movements are visible to the eye.
+"""Typical size of a shift along an axis. Chosen: a crash or a tool change moves frames by tenths of a millimetre to
+some millimetres.
 """
 TURN_RAD = SHIFT_MM / 500
-"""Typical rotation of a base: the typical shift at half a metre, about the width of a pedestal or a plate."""
+"""Typical rotation of a base: the typical shift at half a metre, about the width of a pedestal."""
 ZERO_RAD = float(np.radians(0.1))
-"""Typical error of a joint zero after a crash: belts and clutches slip by some hundredths to tenths of a degree."""
+"""Typical error of a joint zero after a crash: belts and clutches slip by hundredths to tenths of a degree."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A possible cause. `name`: of the socket, target or instrument. `axis`: of the zero, from 1. `members`: the
-    causes of a pair or triple.
+    """A possible cause. `name`: of the socket, target or instrument. `axis`: of the zero, from 1. `members`: of a pair
+    or triple.
     """
 
     what: What
@@ -61,7 +61,7 @@ class Cause:
 
 
 def look_alike(cause: Cause, axes: int, *, of_tracker: bool) -> Alike | None:
-    """Return the part with the same change of every reading as a cause, or None.
+    """The part with the same change of every reading as a cause, if any.
 
     The instrument looks like the base to a tracker, the plate of all sockets looks like it to touches, and a rotation
     about the first or last axis looks like the zero.
@@ -75,7 +75,7 @@ NOTHING, OTHER = Cause("nothing"), Cause("other")
 
 
 def prior_of(causes: list[Cause]) -> dict[Cause, float]:
-    """Return the prior probability of each cause; causes of the same kind share the probability of the kind."""
+    """Prior probability of each cause; causes of the same kind share the probability of the kind."""
     counts = {what: sum(cause.what == what for cause in causes) for what in PRIOR}
     raw = {cause: PRIOR[cause.what] / counts[cause.what] for cause in causes}
     total = sum(raw.values())

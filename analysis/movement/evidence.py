@@ -1,9 +1,8 @@
 """Evidence of causes given the posterior of a reference, in a linear Gaussian model.
 
-The reference conditions the arm constants, the set-ups and the unexplained part. The remaining covariance is correlated
-noise of the new readings. Scatter, size of the arm errors and size of the unexplained part are marginalised on a grid,
-weighted by the evidence of the reference. An outlier is a separate hypothesis, so that a bad touch neither creates nor
-hides a cause.
+The reference conditions the arm constants, the set-ups and the unexplained part; the remaining covariance is correlated
+noise of the new readings. Scatter and sizes of the errors are marginalised on a grid, weighted by the evidence of the
+reference. An outlier is a separate hypothesis, so that a bad touch neither creates nor hides a cause.
 """
 
 from __future__ import annotations
@@ -23,19 +22,16 @@ _ARM_LEVELS = np.array([0.2, 0.5, 1.0, 2.0, 5.0, 25.0])
 _UNEXPLAINED_MM = np.array([0.0, 0.05, 0.2, 0.8])
 """Sizes of the unexplained part; calibrated arms have 0.03 to 0.5 mm (UR10, Panda, iiwa)."""
 _UNEXPLAINED_SHARES = np.array([0.7, 0.1, 0.1, 0.1])
-"""Prior probabilities of the sizes in _UNEXPLAINED_MM. Chosen: a reference with no repeats cannot separate scatter
-from a part that depends on the posture, and scatter is the cautious assumption.
-"""
+"""Prior probabilities of these sizes. Chosen: without repeats, scatter is the cautious assumption."""
 _SCATTERS = np.geomspace(0.03, 10.0, 25)
 """Multiples of the assumed scatter of a kind of reading."""
 _SCATTER_PRIOR = -0.5 * (np.log(_SCATTERS / 0.7) / np.log(2.0)) ** 2
-"""Log prior of the multiples in _SCATTERS. The assumed scatter includes a part of the model error, and cells differ
-by a factor of two.
+"""Log prior of these multiples: cells differ by a factor of two, and the assumed scatter includes a part of the model
+error.
 """
 _NEAR_RAD = (0.6, 1.5)
-"""Correlation lengths of the unexplained part in joint space, each with equal weight.
-
-Chosen: the once-per-turn error of a gear and the gravity torque change over about a radian.
+"""Correlation lengths of the unexplained part in joint space. Chosen: the once-per-turn error of a gear and the gravity
+torque change over about a radian.
 """
 _NEGLIGIBLE = 1e-3
 """Weight relative to the largest below which a grid point is dropped."""
@@ -49,37 +45,35 @@ _MEMBER_LEVELS = LEVELS[:3]
 
 @dataclass(frozen=True)
 class LinearReadings:
-    """Linearised readings in mm, with derivatives.
-
-    residual (n,): measured minus predicted. arm (n, a), setup (n, s): change of the prediction for a prior standard
-    deviation of each arm constant and each set-up term. angles (n, axes) rad. channel (n,): readings of the same
-    channel share the unexplained part. row (n,): index of the reading of each coordinate. sd_mm (n,): assumed scatter.
-    """
+    """Linearised readings in mm, with derivatives."""
 
     residual: Array
+    """Measured minus predicted (n,)."""
     arm: Array
+    """Change (n, a) of the prediction for a prior standard deviation of each arm constant."""
     setup: Array
+    """The same (n, s) of each set-up term."""
     angles: Array
+    """Joint angles (n, axes) rad."""
     channel: Integers
+    """Readings (n,) of the same channel share the unexplained part."""
     row: Integers
+    """Index (n,) of the reading of each coordinate."""
     sd_mm: Array
+    """Assumed scatter (n,)."""
 
     def rows(self, keep: Mask) -> LinearReadings:
-        """Return the readings of a mask (n,)."""
         return LinearReadings(*(getattr(self, field.name)[keep] for field in fields(self)))
 
     @classmethod
     def together(cls, parts: Sequence[LinearReadings]) -> LinearReadings:
-        """Concatenate readings."""
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
 
 @dataclass(frozen=True)
 class Shift:
-    """Effect of a cause on new readings.
-
-    columns (n, m): change for 1 mm or 1 rad of each parameter. offset (n,): correction if the derivatives were taken at
-    a large change.
+    """Effect of a cause on new readings. columns (n, m): change for 1 mm or 1 rad of each parameter. offset (n,):
+    correction if the derivatives were taken at a large change.
     """
 
     columns: Array
@@ -87,7 +81,6 @@ class Shift:
 
 
 def _nearness(first: LinearReadings, second: LinearReadings) -> Array:
-    """Return the correlation (n, m) of the unexplained part."""
     apart = (first.angles[:, None] - second.angles[None] + np.pi) % (2 * np.pi) - np.pi
     square = (apart**2).sum(axis=2)
     near = sum(np.exp(-0.5 * square / length**2) for length in _NEAR_RAD) / len(_NEAR_RAD)
@@ -96,9 +89,7 @@ def _nearness(first: LinearReadings, second: LinearReadings) -> Array:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A grid point with its weight, its multiple of the scatter, and the matrix decomposition for predicting other
-    readings.
-    """
+    """A grid point with its weight, and the matrix decomposition for predicting other readings."""
 
     weight: float
     scatter: float
@@ -117,7 +108,6 @@ class Conditioned:
 
     @property
     def likeliest(self) -> Scenario:
-        """The scenario with the largest weight."""
         return max(self.scenarios, key=lambda scenario: scenario.weight)
 
     @property
@@ -127,9 +117,8 @@ class Conditioned:
         return float(mean * np.median(self.reference.sd_mm))
 
     def predict(self, new: LinearReadings, day: Array) -> list[Prediction]:
-        """Predict new readings in every scenario, in units of their assumed scatter.
-
-        day (n, d) mm: contribution of a standard deviation of each change from day to day.
+        """Predict new readings in every scenario, in units of their assumed scatter. day (n, d) mm: contribution of a
+        standard deviation of each change from day to day.
         """
         unit = new.sd_mm[:, None]
         predictions, near = [], {id(other): _nearness(other, new) for other in (self.reference, new)}
@@ -152,7 +141,7 @@ class Conditioned:
 def regional_scatter(
     conditioned: Conditioned, columns: Mapping[Cause, Array], folds: Sequence[Integers]
 ) -> dict[Cause, Array]:
-    """Return the standard deviations (m,) in mm and rad of each cause parameter between regions of the reference.
+    """Standard deviations (m,) in mm and rad of each cause parameter between regions of the reference.
 
     Each fold (n,) numbers the regions of the readings. The parameters of each region are predicted from all other
     regions in the likeliest scenario. The scatter beyond their uncertainty is estimated by the method of moments for
@@ -191,23 +180,20 @@ class Prediction:
 
     @cached_property
     def chol(self) -> Array:
-        """Lower Cholesky factor (n, n) of the whitened covariance."""
         return np.asarray(np.linalg.cholesky(self.cov), dtype=float)
 
     def whitened(self, columns: Array) -> Array:
-        """Return columns (n, m) in units of the noise."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
-        return np.asarray(solve_triangular(self.chol, columns, lower=True, check_finite=False))
+        return solve_triangular(self.chol, columns, lower=True, check_finite=False)
 
 
 def likeliest(predictions: Sequence[Prediction]) -> Prediction:
-    """Return the prediction with the largest weight."""
     return max(predictions, key=lambda prediction: prediction.weight)
 
 
 def condition(reference: LinearReadings) -> Conditioned:
-    """Return the scenarios of a reference, weighted by their evidence."""
+    """Weight the scenarios of a reference by their evidence."""
     unit = reference.sd_mm
     y, arm, setup = (getattr(reference, name).T / unit for name in ("residual", "arm", "setup"))
     of_arm, of_setup = arm.T @ arm, setup.T @ setup
@@ -234,8 +220,8 @@ def condition(reference: LinearReadings) -> Conditioned:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Log evidence of a cause, mean (m,) and covariance (m, m) of the parameters in mm and rad, and posterior share
-    of each prior level.
+    """Log evidence of a cause, mean (m,) and covariance (m, m) of its parameters in mm and rad, and posterior share of
+    each prior level.
     """
 
     log_evidence: float
@@ -247,7 +233,7 @@ class Estimate:
 @dataclass(frozen=True)
 class CausePosterior:
     """Probabilities of causes, likeliest first, with estimates. `wild`: row of the reading that is probably an
-    outlier, or None.
+    outlier.
     """
 
     probability: Mapping[Cause, float]
@@ -258,10 +244,10 @@ class CausePosterior:
 def posterior(
     predictions: Sequence[Prediction], shifts: Mapping[Cause, Shift], sd_mm: Array, row: Integers
 ) -> CausePosterior:
-    """Return the probabilities of no movement, of the given causes, and of an unknown change.
+    """Probabilities of no movement, of the given causes, and of an unknown change.
 
-    shifts: effect of each cause on the readings (n,) in mm. Pairs and triples of causes are tried if no single
-    cause fits: a pair competes with the same pair and a third cause.
+    shifts: effect of each cause on the readings (n,) in mm. Pairs and triples of causes are tried if no single cause
+    fits: a pair competes with the same pair and a third cause.
     """
     single = [NOTHING, *shifts, OTHER]
     columns = {cause: Shift(shift.columns / sd_mm[:, None], shift.offset / sd_mm) for cause, shift in shifts.items()}
@@ -302,19 +288,14 @@ def _normalised(
     return {cause: value / total for cause, value in raw.items()}
 
 
-def _base_logs(predictions: Sequence[Prediction], offset: Array) -> tuple[Array, list[Array]]:
-    """Return the log of weight times density (g,) for no movement in each scenario, and the whitened excess."""
-    excess = [p.whitened(p.excess + offset) for p in predictions]
+def _estimate(predictions: Sequence[Prediction], shift: Shift, scale: Array, levels: Array) -> Estimate:
+    """Estimate a cause; `levels` (l,) or (l, m) multiply the typical sizes (m,)."""
+    excess = [p.whitened(p.excess + shift.offset) for p in predictions]
+    # Log of weight times density for no movement in each scenario.
     logs = [
         np.log(p.weight) - 0.5 * float(e @ e) - float(np.log(np.diag(p.chol)).sum())
         for p, e in zip(predictions, excess, strict=True)
     ]
-    return np.array(logs), excess
-
-
-def _estimate(predictions: Sequence[Prediction], shift: Shift, scale: Array, levels: Array) -> Estimate:
-    """Return the estimate of a cause; `levels` (l,) or (l, m) multiply the typical sizes (m,)."""
-    logs, excess = _base_logs(predictions, shift.offset)
     if not len(scale):
         return Estimate(float(np.logaddexp.reduce(logs)), np.empty(0), np.empty((0, 0)), np.ones(1))
     sizes = scale * (levels[:, None] if levels.ndim == 1 else levels)
@@ -340,7 +321,7 @@ def _estimate(predictions: Sequence[Prediction], shift: Shift, scale: Array, lev
 
 
 def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
-    """Return the evidence of an unknown change, modelled as larger scatter of unknown size."""
+    """Evidence of an unknown change, modelled as larger scatter of unknown size."""
     logs = []
     for p in predictions:
         values, vectors = np.linalg.eigh(p.cov)
@@ -353,10 +334,7 @@ def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
 def _with_outlier(
     predictions: Sequence[Prediction], shift: Shift, cause: Cause, alone: Estimate, row: Integers
 ) -> tuple[float, int]:
-    """Return the log evidence of a cause combined with an outlier, and the row of the outlier.
-
-    The level of the size is that of the estimate for the cause alone.
-    """
+    """Log evidence of a cause combined with an outlier, at the size of the cause alone, and the row of the outlier."""
     level = float(LEVELS[int(np.argmax(alone.level))])
     numbers, scatter = np.unique(row), sum(p.weight * p.scatter for p in predictions)
     logs = []
@@ -382,7 +360,7 @@ _OUTLIER_LEVELS = np.array([0.5, 3.0, 30.0])
 def _fits(
     predictions: Sequence[Prediction], columns: Mapping[Cause, Shift], estimates: Mapping[Cause, Estimate], cause: Cause
 ) -> bool:
-    """Return whether the chi-square of a cause is below the 99.9 % bound."""
+    """Whether the chi-square of a cause is below the 99.9 % bound."""
     from scipy.special import chdtri  # noqa: PLC0415 - slow to import
 
     p = likeliest(predictions)

@@ -1,20 +1,22 @@
-"""Inference of movements: analysis of a reference, and comparison of new readings with it."""
+"""Inference of movements: analysis of a reference, comparison of new readings with it, and the causes by odds."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.evidence.observation import ObservedRun, parts
-from analysis.diagnosis.evidence.setups import fit_setups, folds_of
+from analysis.diagnosis.evidence.observation import ObservedRun, parts, socket_of
+from analysis.diagnosis.evidence.setups import FRAME, fit_setups, folds_of
 from analysis.diagnosis.evidence.significance import ODDS
 from analysis.diagnosis.judge.result import Movement
-from analysis.movement.causes import NOTHING, Cause, prior_of
+from analysis.movement.causes import NOTHING, OTHER, Cause, What, prior_of
 from analysis.movement.evidence import (
     CausePosterior,
     Conditioned,
+    Estimate,
     LinearReadings,
     Prediction,
     Shift,
@@ -25,6 +27,7 @@ from analysis.movement.evidence import (
 )
 from analysis.movement.linearise import (
     Workplace,
+    angles_of,
     causes_of,
     constants_count,
     corrected_arm,
@@ -32,9 +35,13 @@ from analysis.movement.linearise import (
     linearise,
     selected,
     shift_of,
+    tool_places,
+    with_cause,
     workplace,
 )
-from analysis.robot.kinematics.arm import Array, Mask
+from analysis.robot.geometry.pose_setup import frame
+from analysis.robot.kinematics.arm import Array, Mask, forward
+from rigs.schema.part import Vector
 
 NAMED = ODDS / (ODDS + 1)
 """Probability from which a cause is named."""
@@ -43,16 +50,14 @@ FEWEST_OF_REFERENCE = 12
 FEWEST_TO_CLEAR = 4
 """Minimum number of new readings from which "nothing moved" is an answer. Chosen: fewer hardly show the wrist."""
 _REGIONS = 4
-"""Number of regions in joint space, and of parts of each run, used to compare the reference with itself. Chosen: new
-readings mostly cover a part of the reference.
-"""
+"""Number of regions in joint space, and of parts of each run, used to compare the reference with itself. Chosen."""
 _FEWEST_OF_REGIONS = 20
 """Minimum number of readings for a comparison of regions."""
 _ROUNDS = 3
 """Maximum number of linearisations of the reference. Chosen: an arm with an error of 10 mm needs two."""
 _STRAIGHT_MM = 0.3
-"""Change of a reading above which the derivatives are recomputed. Chosen: a rotation that moves a point at a metre
-by 5 mm deviates from the linear path by 0.01 mm.
+"""Change of a reading above which the derivatives are recomputed. Chosen: a rotation that moves a point at a metre by 5
+mm deviates from the linear path by 0.01 mm.
 """
 _OUTLIER_SDS = 8.0
 """Robust standard deviations from which a reading of the reference is an outlier."""
@@ -61,13 +66,13 @@ _LARGE_MM = 2.0
 
 
 MOST_MM = 30.0
-"""Largest distance between new readings and the reference that counts as a movement. Chosen: larger movements are
-visible to the eye and mostly mean a different placement or a socket with the same name.
+"""Largest distance between new readings and the reference that counts as a movement. Chosen: larger ones mostly mean a
+different placement or a socket with the same name.
 """
 
 
 def square_to_name(prior_odds: float) -> float:
-    """Return the squared shift, in standard deviations, above which a cause with the given prior odds is named."""
+    """Squared shift, in standard deviations, above which a cause with the given prior odds is named."""
     return float(2 * np.log(NAMED / (1 - NAMED) / prior_odds))
 
 
@@ -88,7 +93,6 @@ class Reference:
 
     @property
     def causes(self) -> list[Cause]:
-        """The possible causes of a movement."""
         return causes_of(self.runs)
 
     @property
@@ -125,7 +129,7 @@ def study(runs: Sequence[ObservedRun]) -> Reference:
 
 
 def _regional(runs: Sequence[ObservedRun], place: Workplace, conditioned: Conditioned) -> dict[Cause, Array]:
-    """Return the scatter of base, tool and zeros between regions of the reference."""
+    """Scatter of base, tool and zeros between regions of the reference."""
     angles, row = conditioned.reference.angles, conditioned.reference.row
     first = np.unique(row, return_index=True)[1]
     if len(first) < _FEWEST_OF_REGIONS:
@@ -138,7 +142,7 @@ def _regional(runs: Sequence[ObservedRun], place: Workplace, conditioned: Condit
 
 
 def _explained(conditioned: Conditioned) -> tuple[Array, Array]:
-    """Return the residuals (n,) mm in the likeliest scenario, and the constants (a,) in prior standard deviations."""
+    """Residuals (n,) mm in the likeliest scenario, and the constants (a,) in prior standard deviations."""
     s = conditioned.likeliest
     readings = conditioned.reference
     known = s.vectors @ ((s.vectors.T @ (readings.residual / readings.sd_mm)) / (s.values + s.scatter**2))
@@ -147,15 +151,15 @@ def _explained(conditioned: Conditioned) -> tuple[Array, Array]:
 
 
 def _near(left: Array, readings: LinearReadings) -> Mask:
-    """Return a mask (m,) of the rows that are not outliers."""
+    """Mask (m,) of the rows that are not outliers."""
     rows = np.zeros(int(readings.row.max()) + 1)
     np.maximum.at(rows, readings.row, np.abs(left) / readings.sd_mm)
-    return np.asarray(rows < _OUTLIER_SDS * 1.4826 * np.median(np.abs(left) / readings.sd_mm) + 1e-6)
+    return rows < _OUTLIER_SDS * 1.4826 * np.median(np.abs(left) / readings.sd_mm) + 1e-6
 
 
 @dataclass(frozen=True)
 class ReferenceComparison:
-    """New readings compared with a reference: runs, predictions, effects of the causes, and posterior."""
+    """New readings compared with a reference."""
 
     runs: tuple[ObservedRun, ...]
     readings: LinearReadings
@@ -165,8 +169,8 @@ class ReferenceComparison:
 
     @property
     def identified_cause(self) -> Cause | None:
-        """The cause with odds of at least 20 to 1; None if there is none. Causes that the readings cannot show are
-        added to "nothing", which needs FEWEST_TO_CLEAR readings.
+        """The cause with odds of at least 20 to 1, if any. Causes that the readings cannot show are added to "nothing",
+        which needs FEWEST_TO_CLEAR readings.
         """
         cause, probability = next(iter(self.posterior.probability.items()))
         if cause == NOTHING:
@@ -177,17 +181,15 @@ class ReferenceComparison:
 
     @property
     def count(self) -> int:
-        """Number of new readings."""
         return sum(len(run.rows) for run in self.runs)
 
     @property
     def can_clear(self) -> bool:
-        """True if there are enough new readings to conclude that nothing moved."""
         return self.count >= FEWEST_TO_CLEAR
 
     @property
     def distance_mm(self) -> float:
-        """Median distance in mm between coordinates of the new readings and the prediction."""
+        """Median distance between coordinates of the new readings and the prediction."""
         return float(np.median(np.abs(likeliest(self.predictions).excess) * self.readings.sd_mm))
 
     @property
@@ -206,7 +208,7 @@ class ReferenceComparison:
 
 
 def compare(reference: Reference, new: Sequence[ObservedRun]) -> ReferenceComparison:
-    """Return the odds of each cause from new readings in set-ups of the reference."""
+    """Compare new readings, in set-ups of the reference, with it."""
     runs = [replace(run, model=reference.place.model) for run in selected(new)]
     readings = linearise(runs, reference.place)
     shifts = {cause: shift_of(runs, reference.place, cause) for cause in reference.causes}
@@ -225,3 +227,111 @@ def compare(reference: Reference, new: Sequence[ObservedRun]) -> ReferenceCompar
         shifts |= {cause: shift_of(runs, reference.place, cause, about) for cause, about in large.items()}
         found = posterior(predictions, shifts, readings.sd_mm, readings.row)
     return ReferenceComparison(tuple(runs), readings, tuple(predictions), shifts, found)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Causes of a movement with odds, size, direction and effect on the work.
+
+_SHOWN = 1e-4
+"""Posterior probability from which a cause is listed."""
+MOST_ODDS = 1000.0
+"""Largest odds stated. Chosen: larger ones depend on the assumed distribution of the scatter."""
+
+
+def odds_of(probability: float) -> float:
+    return min(probability / max(1 - probability, 1e-12), MOST_ODDS)
+
+
+@dataclass(frozen=True)
+class CauseOdds:
+    """A cause with posterior probability and size."""
+
+    cause: Cause
+    posterior: float
+    translation_mm: Vector | None = None
+    rotation_deg: Vector | None = None
+    size_deg: float | None = None
+    u: float | None = None
+    """Standard uncertainty of the length of the shift in mm, or of the zero in degrees."""
+    u_rotation_deg: float | None = None
+    point_mm: Vector | None = None
+    """Displacement of a point in the middle of the work area."""
+    together: tuple[CauseOdds, ...] = ()
+    """The members of a pair or triple."""
+
+    @property
+    def what(self) -> What:
+        return self.cause.what
+
+    @property
+    def name(self) -> str:
+        """Name of the socket, target or instrument as entered by the user."""
+        return short_name(self.cause)
+
+    def to_dict(self) -> dict[str, Any]:
+        found: dict[str, Any] = {"what": self.what, "axis": self.cause.axis, "name": self.name or None}
+        for key in ("posterior", "translation_mm", "rotation_deg", "size_deg", "u", "u_rotation_deg", "point_mm"):
+            value = getattr(self, key)
+            found[key] = list(value) if isinstance(value, tuple) else value
+        if self.together:
+            found["together"] = [member.to_dict() for member in self.together]
+        return found
+
+
+def short_name(cause: Cause) -> str:
+    name = socket_of(cause.name) or cause.name
+    return name.partition(FRAME)[0]
+
+
+def causes_by_odds(reference: Reference, compared: ReferenceComparison) -> list[CauseOdds]:
+    """The causes with a material posterior probability, likeliest first."""
+    return [
+        _sized(reference, cause, probability, compared.posterior.estimates[cause])
+        for k, (cause, probability) in enumerate(compared.posterior.probability.items())
+        if k == 0 or probability >= _SHOWN
+    ]
+
+
+def _sized(reference: Reference, cause: Cause, probability: float, estimate: Estimate) -> CauseOdds:
+    if cause in (NOTHING, OTHER):
+        return CauseOdds(cause, probability)
+    if cause.members:
+        together, first = list[CauseOdds](), 0
+        for member in cause.members:
+            own = slice(first, first := first + len(member.scale))
+            part = Estimate(0.0, estimate.mean[own], estimate.cov[own, own], estimate.level)
+            together.append(_sized(reference, member, probability, part))
+        return CauseOdds(cause, probability, together=tuple(together))
+    point = vector_of(_at_point(reference, cause, estimate.mean))
+    if cause.what == "zero":
+        size, u = np.degrees(estimate.mean[0]), np.degrees(np.sqrt(estimate.cov[0, 0]))
+        return CauseOdds(cause, probability, size_deg=float(size), u=float(u), point_mm=point)
+    shift, turn = estimate.mean[:3], estimate.mean[3:]
+    u, rotation_deg, u_rotation_deg = _length_uncertainty(shift, estimate.cov[:3, :3]), None, None
+    if len(turn):
+        rotation_deg = vector_of(np.degrees(turn))
+        u_rotation_deg = float(np.degrees(_length_uncertainty(turn, estimate.cov[3:, 3:])))
+    return CauseOdds(cause, probability, vector_of(shift), rotation_deg, None, u, u_rotation_deg, point)
+
+
+def _length_uncertainty(vector: Array, cov: Array) -> float:
+    direction = vector / max(float(np.linalg.norm(vector)), 1e-12)
+    return float(np.sqrt(direction @ cov @ direction))
+
+
+def vector_of(values: Array) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _at_point(reference: Reference, cause: Cause, change: Array) -> Array:
+    """Displacement (3,) mm of the ball or target in the posture nearest to the middle of the work area."""
+    place, nearest = reference.place, list[tuple[float, int, ObservedRun]]()
+    for run in reference.runs:
+        far = np.linalg.norm(tool_places(run, place.setups[run.setup]) - place.centre_mm, axis=1)
+        nearest.append((float(far.min()), int(far.argmin()), run))
+    _, row, run = min(nearest, key=lambda each: each[0])
+    q, target = angles_of(run)[row : row + 1], place.setups[run.setup].T_tool_target[:3, 3]
+    arms = run.model.arm, with_cause(run.model.arm, cause, place.centre_mm, change)
+    before, after = (forward(arm, q)[0] @ frame(np.eye(3), target) for arm in arms)
+    return np.asarray((after - before)[:3, 3])

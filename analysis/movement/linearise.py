@@ -1,6 +1,4 @@
-"""Linearisation of readings about the arm and the set-ups of a reference, with columns for constants, set-ups and
-causes.
-"""
+"""Linearisation of readings about the arm and set-ups of a reference, by constants, set-ups and causes."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ from analysis.diagnosis.evidence.setups import columns_of, moved_setup, placemen
 from analysis.movement.causes import Cause
 from analysis.movement.evidence import LinearReadings, Shift
 from analysis.robot.geometry.pose_setup import frame
-from analysis.robot.kinematics.arm import Arm, Array, drive_angles, forward, rotation
+from analysis.robot.kinematics.arm import Arm, Array, Mask, drive_angles, forward, rotation
 from analysis.robot.model.predict import Model, SetUp, SetUps, pull
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM
 
@@ -33,20 +31,17 @@ _ORDERS = (1, 2, 3, 4, 5, 6)
 _PLACE_MM, _BALL_MM = 30.0, 5.0
 """Prior standard deviations of the set-up terms about the fitted values: wide enough to have no influence."""
 _GAUGE_ZERO_MM = 1.0
-"""Prior standard deviation of the change of a gauge zero between days, since gauges are remounted and zeroed again."""
+"""Prior standard deviation of the change of a gauge zero between days: gauges are zeroed again."""
 _MOST_READINGS = 150
-"""Maximum number of readings of a reference, evenly selected: more take time and add little."""
+"""Maximum number of readings of a reference: more take time and add little."""
 _CIRCLE_ROWS = 48
-"""Number of readings of a circle. Chosen: the effect of a cause varies slowly along a circle, and neighbours share
-their noise.
-"""
+"""Number of readings of a circle. Chosen: causes change slowly along it, and neighbours share their noise."""
 
 
 @dataclass(frozen=True)
 class Workplace:
-    """Arm, set-ups by name, and centre of the work (3,) mm at which readings are linearised.
-
-    constants (a,): constants of the arm relative to the rig file, in prior standard deviations.
+    """Arm, set-ups by name, and centre of the work (3,) mm at which readings are linearised. constants (a,): of the arm
+    relative to the rig file, in prior standard deviations.
     """
 
     model: Model
@@ -57,22 +52,22 @@ class Workplace:
 
 
 def selected(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
-    """Return runs reduced to the number of readings used for inference, evenly selected."""
+    """Reduce runs to evenly selected readings for inference."""
     total = sum(len(run.rows) for run in runs if run.facts.of_places)
     chosen = []
     for run in runs:
         most = max(6, int(_MOST_READINGS * len(run.rows) / max(total, 1)))
-        most = most if run.facts.of_places else _CIRCLE_ROWS
-        keep = np.zeros(len(run.rows), dtype=bool)
-        keep[np.unique(np.linspace(0, len(run.rows) - 1, min(most, len(run.rows))).astype(int))] = True
-        chosen.append(_without_rest(part(run, keep)))
+        kept = part(run, evenly(len(run.rows), most if run.facts.of_places else _CIRCLE_ROWS))
+        path = replace(kept.path, rows=kept.samples, alone=True)  # simulated at these readings only
+        chosen.append(replace(kept, path=path, rows=np.arange(len(kept.rows)), sampling=None))
     return chosen
 
 
-def _without_rest(run: ObservedRun) -> ObservedRun:
-    """Return a run whose path is simulated at the selected readings only."""
-    path = replace(run.path, rows=run.samples, alone=True)
-    return replace(run, path=path, rows=np.arange(len(run.rows)), sampling=None)
+def evenly(count: int, most: int) -> Mask:
+    """Mask (count,) of at most `most` evenly spaced values."""
+    keep = np.zeros(count, dtype=bool)
+    keep[np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))] = True
+    return keep
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -84,24 +79,22 @@ def _with_arm(run: ObservedRun, arm: Arm, setup: SetUp) -> Array:
 
 
 def angles_of(run: ObservedRun) -> Array:
-    """Return the joint angles (m, axes) rad of the readings of a run."""
-    return np.asarray(run.path.q[run.samples][:, : run.model.arm.axes])
+    return run.path.q[run.samples][:, : run.model.arm.axes]
 
 
 def tool_places(run: ObservedRun, setup: SetUp) -> Array:
-    """Return the places (m, 3) mm of the ball or target in the world frame at the readings of a run."""
+    """Places (m, 3) mm of the ball or target in the world frame at the readings of a run."""
     T = forward(run.model.arm, run.path.q[run.samples])
-    return np.asarray(T[:, :3, 3] + T[:, :3, :3] @ setup.T_tool_target[:3, 3])
+    return T[:, :3, 3] + T[:, :3, :3] @ setup.T_tool_target[:3, 3]
 
 
 def _motion(centre_mm: Array, change: Array) -> Array:
-    """Return the motion (4, 4) with a shift of (3,) mm and a rotation of (3,) rad about a centre."""
     R = rotation(change[3:])
     return frame(R, centre_mm + change[:3] - R @ centre_mm)
 
 
 def with_cause(arm: Arm, cause: Cause, centre_mm: Array, change: Array) -> Arm:
-    """Return the arm after a movement of base, tool or zero by a change (m,) mm and rad."""
+    """The arm after a movement of base, tool or zero by a change (m,) mm and rad."""
     if cause.what == "base":
         return replace(arm, T_world_base=_motion(centre_mm, change) @ arm.T_world_base)
     if cause.what == "tool":
@@ -112,7 +105,7 @@ def with_cause(arm: Arm, cause: Cause, centre_mm: Array, change: Array) -> Arm:
 
 
 def after(run: ObservedRun, place: Workplace, cause: Cause, change: Array) -> Array:
-    """Return the predicted readings (n,) mm of a run after a change (m,) mm and rad of a cause."""
+    """Predicted readings (n,) mm of a run after a change (m,) mm and rad of a cause."""
     setup, arm = place.setups[run.setup], run.model.arm
     for member in cause.members or (cause,):
         count = len(member.scale)
@@ -125,7 +118,7 @@ def after(run: ObservedRun, place: Workplace, cause: Cause, change: Array) -> Ar
 
 
 def _concerns(cause: Cause, run: ObservedRun) -> bool:
-    """Return whether a run uses the socket, target or instrument of a cause."""
+    """Whether a run uses the socket, target or instrument of a cause."""
     if cause.what == "instrument":
         return run.facts.of_tracker and placement_of(run.setup) == cause.name
     if cause.what == "target" and run.facts.of_tracker:
@@ -149,7 +142,6 @@ def _moved_thing(setup: SetUp, cause: Cause, centre_mm: Array, change: Array) ->
 
 
 def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
-    """Return the possible causes of a movement in the set-ups of reference runs."""
     axes = runs[0].model.arm.axes
     sockets = sorted({run.setup for run in runs if run.facts.of_places and not run.facts.of_tracker})
     balls = sorted({run.setup for run in runs if not run.facts.of_places})
@@ -167,21 +159,15 @@ def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
 
 
 def workplace(model: Model, runs: Sequence[ObservedRun], setups: SetUps, constants: Array) -> Workplace:
-    """Return the workplace of reference runs with fitted set-ups and arm constants (a,) in units of their prior
-    standard deviations.
-    """
     places = np.concatenate([tool_places(run, setups[run.setup]) for run in runs])
     return Workplace(model, setups, places.mean(axis=0), columns_of({run.setup: run.table for run in runs}), constants)
 
 
 def linearise(runs: Sequence[ObservedRun], place: Workplace) -> LinearReadings:
-    """Return the readings of runs linearised about a workplace."""
-    parts, row, count = [], 0, 1 + max(map(max, place.names.values()))
-    for run in runs:
-        lines = _linear(run, place, count, row)
-        parts.append(lines)
-        row += len(run.rows)
-    return LinearReadings.together(parts)
+    count, first_rows = 1 + max(map(max, place.names.values())), np.cumsum([0, *(len(run.rows) for run in runs)])
+    return LinearReadings.together(
+        [_linear(run, place, count, row) for run, row in zip(runs, first_rows.tolist(), strict=False)]
+    )
 
 
 def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> LinearReadings:
@@ -190,7 +176,11 @@ def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> L
     width = run.values.shape[1]
     columns = _slopes(lambda change: _with_arm(run, _with_constants(arm, change), setup), base, _constant_sds(arm))
     zeros = columns[:, : arm.axes] / _ZERO
-    shapes = np.repeat(_joint_shapes(run), width, axis=0)
+    # Prior errors of the drives: waves of the angle, and deflection under gravity, each at one standard deviation.
+    q = drive_angles(arm, angles_of(run))
+    curves = [_CURVE / order * f(order * q) for order in _ORDERS for f in (np.sin, np.cos)]
+    torque = pull(arm, run.model.load, run.path.q[run.samples]).torque
+    shapes = np.repeat(np.stack([*curves, _DEFLECTION * torque], axis=2), width, axis=0)
     by_joint = (zeros[:, :, None] * shapes).reshape(len(base), -1)
     arm_columns = np.concatenate([columns, by_joint], axis=1)
     own = np.zeros((len(base), terms))
@@ -208,13 +198,12 @@ def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> L
 
 
 def scatter_mm(run: ObservedRun) -> float:
-    """Return the assumed scatter of a reading of a run in mm."""
     facts = run.facts
     return facts.assumed_sd_mm if facts.of_places else SLOW_MM.rms
 
 
 def _slopes(predict: Callable[[Array], Array], base: Array, sizes: Array) -> Array:
-    """Return the change (n, m) of a prediction (n,) for each of the sizes (m,), by finite differences."""
+    """Change (n, m) of a prediction (n,) for each of the sizes (m,), by finite differences."""
     steps = _STEP * np.diag(sizes)
     return np.stack([(predict(step) - base) / _STEP for step in steps], axis=1)
 
@@ -224,37 +213,25 @@ def _constant_sds(arm: Arm) -> Array:
 
 
 def _with_constants(arm: Arm, change: Array) -> Arm:
-    """Return an arm with the constants changed by (5 axes,) mm and rad. Zeros are those of the drives."""
+    """The arm with its constants changed by (5 axes,) mm and rad. Zeros are those of the drives."""
     parts = dict(zip((name for name, _ in _FIELDS), change.reshape(len(_FIELDS), arm.axes), strict=True))
     parts["offset"] = arm.by_drives.coupling @ parts["offset"]
     return replace(arm, **{name: getattr(arm, name) + part for name, part in parts.items()})
 
 
 def constants_count(arm: Arm) -> int:
-    """Return the number of kinematic constants of an arm; columns of joint curves follow them."""
+    """Number of kinematic constants of an arm; columns of joint curves follow them."""
     return len(_FIELDS) * arm.axes
 
 
 def corrected_arm(arm: Arm, times: Array) -> Arm:
-    """Return an arm with the constants changed by (k,) prior standard deviations; curve terms are ignored."""
     sds = _constant_sds(arm)
     return _with_constants(arm, sds * times[: len(sds)])
 
 
-def _joint_shapes(run: ObservedRun) -> Array:
-    """Return the prior errors (m, axes, k) rad of the drives at the readings of a run: waves of the angle, and
-    deflection under gravity, each at one standard deviation.
-    """
-    q = drive_angles(run.model.arm, angles_of(run))
-    curves = [_CURVE / order * f(order * q) for order in _ORDERS for f in (np.sin, np.cos)]
-    torque = pull(run.model.arm, run.model.load, run.path.q[run.samples]).torque
-    return np.stack([*curves, _DEFLECTION * torque], axis=2)
-
-
 def day_columns(runs: Sequence[ObservedRun], readings: LinearReadings) -> Array:
-    """Return the effect (n, d) mm on new readings of a standard deviation of each usual change between days.
-
-    These are joint positions, the place of ball or base, and gauge zeros.
+    """Effect (n, d) mm on new readings of a standard deviation of each usual change between days: joint positions, the
+    place of ball or base, and gauge zeros.
     """
     axes = readings.angles.shape[1]
     day = readings.arm[:, :axes] / _ZERO * np.radians(JOINT_DEG.middle)
@@ -272,7 +249,7 @@ def day_columns(runs: Sequence[ObservedRun], readings: LinearReadings) -> Array:
 
 
 def shift_of(runs: Sequence[ObservedRun], place: Workplace, cause: Cause, about: Array | None = None) -> Shift:
-    """Return the effect of a cause on the readings of runs, linearised about a change (m,) mm and rad."""
+    """Effect of a cause on the readings of runs, linearised about a change (m,) mm and rad."""
     about = np.zeros(len(cause.scale)) if about is None else about
 
     def predict(change: Array) -> Array:

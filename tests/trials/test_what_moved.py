@@ -19,8 +19,7 @@ from analysis.apps.report.movement_words import movement_sentence
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import keys_of, texts_of
 from analysis.cli import app
-from analysis.movement.between import without_moved
-from analysis.movement.changes import find_step
+from analysis.movement.between import find_step, without_moved
 from analysis.movement.evidence import condition
 from analysis.movement.inference import compare, study
 from rigs.errors import FileError

@@ -13,9 +13,8 @@ from analysis.apps.report.diagnosis_words import sure
 from analysis.apps.report.html_page import answer_page, write_html
 from analysis.apps.report.movement_words import act_after, act_of, movement_sentence, name_of, size_of
 from analysis.apps.report.texts import Language, Texts, capital, joined, texts_of
-from analysis.movement.cause_odds import MOST_ODDS, odds_of, short_name
 from analysis.movement.causes import NOTHING
-from analysis.movement.inference import FEWEST_TO_CLEAR
+from analysis.movement.inference import FEWEST_TO_CLEAR, MOST_ODDS, odds_of, short_name
 from rigs.schema.part import Vector
 
 _ENGLISH = texts_of("en")

@@ -18,16 +18,19 @@ from analysis.apps.commission.next_touch import (
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.judge.result import Alike, Movement
 from analysis.movement.between import observed, without_moved
-from analysis.movement.cause_odds import CauseOdds, causes_by_odds, short_name, vector_of
 from analysis.movement.causes import NOTHING, Cause, look_alike
 from analysis.movement.inference import (
     FEWEST_OF_REFERENCE,
     MOST_MM,
     NAMED,
+    CauseOdds,
     Reference,
     ReferenceComparison,
+    causes_by_odds,
     compare,
+    short_name,
     study,
+    vector_of,
 )
 from analysis.procedures.shared.test_kind import facts_of
 from analysis.runs.loading import Measured

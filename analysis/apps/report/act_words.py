@@ -12,7 +12,7 @@ from analysis.apps.report.movement_words import act_after
 from analysis.apps.report.texts import Phrase, joined, keys_of
 from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import LEAST_SHARE
-from analysis.diagnosis.plan.naming_tests import JOINED
+from analysis.diagnosis.plan.plan_next import JOINED
 from rigs.effects import size_field
 from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of

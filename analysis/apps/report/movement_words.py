@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from analysis.apps.report.texts import Texts, joined, texts_of
 from analysis.diagnosis.judge.result import Movement
-from analysis.movement.cause_odds import CauseOdds, short_name
 from analysis.movement.causes import Cause
+from analysis.movement.inference import CauseOdds, short_name
 from rigs.schema.part import Vector
 
 _ENGLISH = texts_of("en")

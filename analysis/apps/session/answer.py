@@ -41,7 +41,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     from analysis.apps.report.diagnosis_words import measured_u  # noqa: PLC0415
     from analysis.apps.report.summary_words import summarise  # noqa: PLC0415
     from analysis.cli.several import with_recorded_controller  # noqa: PLC0415
-    from analysis.diagnosis.plan.naming_tests import JOINED  # noqa: PLC0415
+    from analysis.diagnosis.plan.plan_next import JOINED  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))

@@ -29,7 +29,7 @@ from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, po
 from analysis.correction.reasons import how_to_state_controller
 from analysis.correction.support import known_plays, supports
 from analysis.correction.work import tool_poses, used_effects
-from analysis.diagnosis.judge.compare_runs import compare
+from analysis.diagnosis.judge.comparison import compare
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import controller_arm, forward

@@ -21,7 +21,7 @@ from analysis.apps.session.session_answer import before_after
 from analysis.apps.session.session_state import ELSEWHERE, Session, SessionDirectory, VerifiedError
 from analysis.correction.deviation import Deviation
 from analysis.correction.work import tool_poses
-from analysis.diagnosis.judge.compare_runs import compare
+from analysis.diagnosis.judge.comparison import compare
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_laps, circle_of
 from analysis.robot.kinematics.arm import arm_of, forward

@@ -16,10 +16,8 @@ _AXES = ("axis", "from_axis", "to_axis")
 
 
 def parse_effects(words: str, axes: int = 6) -> list[Effect]:
-    """Parse a list of effects for an arm, each once, at their initial sizes: zero or, for non-negative effects, half a
-    healthy size.
-
-    Raises UseError for an unknown effect or place.
+    """Parse a list of effects for an arm, each once, at zero or, if non-negative, half a healthy size. Raises
+    UseError.
     """
     effects: list[Effect] = []
     for word in filter(None, map(str.strip, words.split(","))):
@@ -51,8 +49,7 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
 
 
 def given_effects(words: str, axes: int = 6) -> list[Effect]:
-    """Return the distinct effects of a list for an arm; a wave has the initial phase of the fit. Raises UseError
-    like `parse_effects`.
-    """
-    quarters = {quarter for effect in parse_effects(words, axes) for quarter in phases(effect)[1:]}
-    return [effect for effect in parse_effects(words, axes) if effect not in quarters or not is_wave(effect)]
+    """The distinct effects of a list; a wave has the initial phase of the fit. Raises UseError."""
+    effects = parse_effects(words, axes)
+    quarters = {quarter for effect in effects for quarter in phases(effect)[1:]}
+    return [effect for effect in effects if effect not in quarters or not is_wave(effect)]

@@ -1,8 +1,7 @@
 """Known socket distances as additional readings, each connecting the set-ups of two sockets.
 
 Touches of a single ball cannot show a common scale of all arm lengths, because the socket positions scale with them. A
-known distance shows it. It is a reading of two set-ups, independent of arm errors, with the scatter of two seated
-balls. The error of the distance is common to all placements of the sockets.
+known distance shows it, with the scatter of two seated balls and an error common to all placements.
 """
 
 from __future__ import annotations
@@ -32,14 +31,14 @@ class KnownDistances:
     distances: tuple[KnownSocketDistance, ...]
 
     def residual(self, setups: SetUps) -> Array:
-        """Return the known distances minus those of set-ups (t,), in standard deviations of their scatter."""
+        """Known distances minus those of set-ups (t,), in standard deviations of their scatter."""
         apart = [float(np.linalg.norm(_socket_vector(setups, pair))) for pair in self.pairs]
         stated_mm = [distance.distance_mm for distance in self.distances]
         return np.asarray((np.array(stated_mm) - np.array(apart)) / _SD_MM, dtype=float)
 
     def by_setup(self, setups: SetUps, terms: Mapping[str, Sequence[int]], count: int) -> Array:
-        """Return the change (t, count) of the distances per mm of each set-up term, in the same unit. `terms`: of
-        each set-up, with those of the socket first.
+        """Change (t, count) of the distances per mm of each set-up term, in the same unit. `terms`: of each set-up,
+        with those of the socket first.
         """
         slopes = np.zeros((len(self.pairs), count))
         for row, pair in zip(slopes, self.pairs, strict=True):
@@ -50,8 +49,8 @@ class KnownDistances:
         return slopes
 
     def fitted_mm(self, setups: SetUps, slopes: Array, moves: Array, covariance: Array) -> tuple[Array, Array]:
-        """Return the distances (t,) mm between the sockets of set-ups moved by terms (s,), and their standard
-        uncertainties (t,), from the covariance (s, s) of the terms. `slopes` (t, s) as of `by_setup`.
+        """Distances (t,) mm between the sockets of set-ups moved by terms (s,), and their standard uncertainties
+        (t,).
         """
         apart = np.array([np.linalg.norm(_socket_vector(setups, pair)) for pair in self.pairs])
         variance = np.sum(slopes @ covariance * slopes, axis=1)
@@ -59,17 +58,14 @@ class KnownDistances:
 
     @property
     def scatter(self) -> Array:
-        """Response (t, c) to a standard uncertainty of each distance of the rig file, in the same unit."""
+        """Response (t, c) to a standard uncertainty of each distance of the rig file."""
         different = list(dict.fromkeys(self.distances))
         alike = np.array([[distance == other for other in different] for distance in self.distances], dtype=float)
         return alike.reshape(len(self.distances), len(different)) * [distance.u_mm / _SD_MM for distance in different]
 
 
 def known_distances_of(runs: Sequence[ObservedRun]) -> KnownDistances:
-    """Return the known distances between sockets touched in the same run, once for repeated runs of the same set-ups.
-
-    Their rows follow the entries (N,) of the blocks.
-    """
+    """Known distances between sockets touched in the same run, once for repeated runs of the same set-ups."""
     distances: dict[tuple[str, str], KnownSocketDistance] = {}
     touched = [run for run in runs if kind_of(run.table.test).parts(run.table) is not None]
     for first, second in combinations(touched, 2):
@@ -84,12 +80,10 @@ def known_distances_of(runs: Sequence[ObservedRun]) -> KnownDistances:
 
 
 def _socket(run: ObservedRun) -> str:
-    """Return the socket name of touches of a single socket."""
     sockets = kind_of(run.table.test).parts(run.table)
     return "" if sockets is None else str(sockets[run.rows[0]])
 
 
 def _socket_vector(setups: SetUps, pair: tuple[str, str]) -> Array:
-    """Return the vector (3,) mm from the first to the second socket."""
     first, second = (setups[name].T_instrument_world[:3, 3] for name in pair)
     return second - first

@@ -1,8 +1,7 @@
 """Vibration of the link, with a new phase in every run: searched in the time of each run instead of the circle angle.
 
-Because of the varying phase, the vibration averages out over repeats, and a fit along the circle cannot detect it. All
-runs share the frequency. The spectra of their deviations from the mean of repeats are therefore added, each divided by
-its noise.
+It averages out over repeats, and a fit along the circle cannot detect it. All runs share the frequency. The spectra of
+their deviations from the mean of repeats are therefore added, each divided by its noise.
 """
 
 from __future__ import annotations
@@ -22,18 +21,15 @@ from rigs.effects import swing as vibration_at
 _LOWEST_HZ = 2.0
 """Lowest frequency searched, in Hz. Chosen: slower motion is servo ripple and path error."""
 _NEAR_HZ = 1.0
-"""Half width, in Hz, of the neighbourhood with constant spectral noise. Chosen: wide enough for a median over many
-frequencies.
-"""
+"""Half width of the neighbourhood with constant spectral noise. Chosen: wide enough for a median."""
 _FINER = np.linspace(-0.75, 0.75, 25)
-"""Fitted frequencies, in search steps around the largest line. The deviations lack the part common to the laps of
-all repeats, so their largest line may be next to the vibration. Chosen: a sixteenth of a step is 0.01 of a turn
-from the first to the last lap.
+"""Fitted frequencies, in search steps around the largest line, which may be next to the vibration. Chosen: a sixteenth
+of a step is 0.01 of a turn from the first to the last lap.
 """
 _SEEN = 0.2
-"""Minimum share of power visible in the deviations for fitting a combination of vibrations. If every lap meets the
-vibration at the same phase, the common part is invisible. Chosen: with a twentieth, a frequency next to the true one
-was preferred, because a hardly visible combination absorbed the rest."""
+"""Minimum share of power visible in the deviations for fitting a combination of vibrations: a part with the same phase
+in every lap is invisible. Chosen: with a twentieth, a frequency next to the true one was preferred.
+"""
 
 
 @dataclass(frozen=True)
@@ -47,11 +43,9 @@ class FoundVibration:
 
 
 def find_vibration(runs: Sequence[ObservedRun], setups: SetUps) -> FoundVibration | None:
-    """Return the strongest vibration of all circles; None if no circle was repeated. The residual of a run is (m, 2)
-    mm.
+    """Find the strongest vibration of all circles; None if no circle was repeated.
 
-    The common part of repeats is excluded: gear waves and errors of the path occur at the same angles in every run, a
-    vibration at different times. The part of a vibration with the same phase in every run remains in the residual.
+    The common part of repeats is excluded: gear waves and errors of the path occur at the same angles in every run.
     """
     groups = _repeated(runs, setups)
     deviations = [deviation for group in groups for deviation in group]
@@ -61,10 +55,13 @@ def find_vibration(runs: Sequence[ObservedRun], setups: SetUps) -> FoundVibratio
     # There may be a gap between laps, so the median rate is used.
     rate = min(1 / float(np.median(np.diff(deviation.t_s))) for deviation in deviations)
     f = np.arange(_LOWEST_HZ, 0.45 * rate, 0.25 / seconds)
-    if len(f) < 2 or len(f) < 2 * _width(f):
+    if len(f) < 2 or len(f) < 2 * (width := int(_NEAR_HZ / (f[1] - f[0]))):
         return None
+    from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
+
     power = np.array([_power(deviation, f) for deviation in deviations])
-    level = np.array([_noise_level(spectrum, _width(f)) for spectrum in power])
+    # Noise around each frequency, from the median, which ignores lines.
+    level = median_filter(power, size=(1, 2 * width + 1), mode="reflect") / np.log(2)
     over, count = np.sum(power / level, axis=0), len(deviations)
     k = int(np.argmax(over))
     # Each run has a separate amplitude and phase, so the sum of the powers of n runs has a gamma distribution of shape
@@ -98,20 +95,18 @@ class _Deviation:
 
     @cached_property
     def quick(self) -> Array:
-        """Deviation (n,) mm after removal of slow changes."""
         slow = np.polynomial.Polynomial.fit(self.t_s, self.deviation_mm, 3)(self.t_s)
-        return np.asarray(self.deviation_mm - slow, dtype=float)
+        return self.deviation_mm - slow
 
     def waves(self, frequency_hz: float) -> Array:
-        """Return cosine and sine (n, 2) of a vibration of 1 mm at the readings, in mm."""
         turn = 2 * np.pi * frequency_hz * self.t_s
         return np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """Vibration with separate phases in n repeats: cosines and sines `waves` (n, 2) mm, explained energy in mm²,
-    number of visible run combinations, and sum of the variances of the waves for a noise of 1 mm.
+    """Vibration with separate phases in n repeats: cosines and sines `waves` (n, 2) mm, explained energy in mm², number
+    of visible run combinations, and sum of the variances of the waves for a noise of 1 mm.
     """
 
     waves: Array
@@ -121,7 +116,7 @@ class _Fit:
 
 
 def _fitted(runs: Sequence[_Deviation], frequency_hz: float) -> _Fit:
-    """Return the vibrations of all repeats. Through the mean, each affects the deviations of all other repeats."""
+    """Fit the vibrations of all repeats. Through the mean, each affects the deviations of all others."""
     count = len(runs)
     # Laps meet the vibration at different phases.
     laps = [deviation.sampling.gridded(deviation.waves(frequency_hz)) / count for deviation in runs]
@@ -165,27 +160,15 @@ def _repeated(runs: Sequence[ObservedRun], setups: SetUps) -> list[list[_Deviati
 
 
 def _at_rows(sampling: Sampling, gridded: Array) -> Array:
-    """Return values at the grid (GRID, k), in any unit, interpolated to the rows of the laps, (n, k)."""
     angles = 2 * np.pi * np.arange(GRID) / GRID
     return np.stack([np.interp(sampling.phi, angles, column, period=2 * np.pi) for column in gridded.T], axis=1)
 
 
-def _width(f: Array) -> int:
-    return int(_NEAR_HZ / (f[1] - f[0]))
-
-
 def _power(deviation: _Deviation, f: Array) -> Array:
-    """Return |sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven times of the laps."""
+    """|sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven times of the laps."""
     t, r = deviation.t_s, deviation.quick
     # Frequencies are evenly spaced, so each wave is the product of a coarse and a fine wave.
     width = int(np.ceil(np.sqrt(len(f))))
     fine = np.exp(-2j * np.pi * np.outer(t, (f[1] - f[0]) * np.arange(width)))
     coarse = np.exp(-2j * np.pi * np.outer(f[::width], t))
     return np.asarray(np.abs((r * coarse) @ fine).ravel()[: len(f)] ** 2 / len(t), dtype=float)
-
-
-def _noise_level(power: Array, width: int) -> Array:
-    """Return the mean noise of a spectrum (F,) around each frequency, from the median, which ignores lines."""
-    from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
-
-    return np.asarray(median_filter(power, size=2 * width + 1, mode="reflect") / np.log(2), dtype=float)

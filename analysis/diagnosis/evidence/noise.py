@@ -34,16 +34,13 @@ from rigs.schema.vocabulary import MOST_AXES
 # drifts along it, like encoders and temperature, in a few waves of unknown phase. Repeated runs determine both.
 
 SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
-"""Unit of scatter of joints and ball in `scatter_response`. It has no influence on the result."""
+"""Unit of scatter of joints and ball in `scatter_response`, without influence on the result."""
 _MULTIPLES = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
-"""Candidate values of the scatter, in units of SCATTER_DEG and SCATTER_MM. The largest exceeds the scatter of real
-cells, 0.005° and 20 µm. Chosen: factors of two, because few repeats do not separate closer values and their
-average is used.
+"""Candidate values of the scatter in these units, beyond that of real cells, 0.005° and 20 µm. Chosen: few repeats do
+not separate closer values.
 """
 DRIFTING_SHARE = 0.5
-"""Default share of a run's scatter energy that drifts along the run: encoders and warming move joints and ball
-smoothly. Chosen: a half.
-"""
+"""Default share of a run's scatter energy that drifts along the run: encoders and warming move smoothly. Chosen."""
 _SHARES = np.array([0.0, 0.3, 0.6, 0.9])
 """Shares tried with repeats. Chosen: a few runs do not separate closer values."""
 _JOINTS_AND_BALL = (slice(None, -3), slice(-3, None))
@@ -51,8 +48,8 @@ _JOINTS_AND_BALL = (slice(None, -3), slice(-3, None))
 _DRIFT_ORDERS = 3
 """Orders of the drift, in cycles per run. Chosen: slower than any joint motion of a circle."""
 _SEEN = 0.1
-"""Size in noise standard deviations below which a combination of scattered terms is ignored. Chosen: it changes a
-variance by a hundredth.
+"""Size in noise standard deviations below which a combination of scattered terms is ignored. Chosen: a hundredth of a
+variance.
 """
 
 
@@ -68,16 +65,14 @@ class RunScatter:
     drifting_ball: float
 
     def constant(self, terms: int) -> Array:
-        """Return the constant scatter of each joint and of the ball in x, y, z (terms,), in the units of the class."""
+        """Constant scatter of each joint and of the ball in x, y, z (terms,)."""
         return _by_term(self.joints, self.ball, terms)
 
     def drifting(self, terms: int) -> Array:
-        """Return the drifting scatter of each joint and of the ball in x, y, z (terms,), in the units of the class."""
         return _by_term(self.drifting_joints, self.drifting_ball, terms)
 
 
 def _by_term(joints: float, ball: float, terms: int) -> Array:
-    """Return scatter by term (terms,): of all joints, and of the ball if there are more terms than joints."""
     scatter = np.full(terms, joints)
     if terms > MOST_AXES:
         scatter[-3:] = ball
@@ -94,9 +89,8 @@ ASSUMED_SCATTER = RunScatter(
 
 
 def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
-    """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball.
-
-    For poses, whose instrument frame is always fitted, the response to the joints only, (m, 3, axes).
+    """Response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball; for poses, whose
+    instrument frame is always fitted, of the joints only.
     """
     model, scene = run.model, moved(run.model, run.path)
     base, columns = predicted_in_scene(model, run, scene, setup), []
@@ -110,34 +104,32 @@ def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
 
 
 def drift_waves(share: Array) -> Array:
-    """Return the waves (w, m) of a unit drift along the run, at the share (m,) of its duration."""
+    """Waves (w, m) of a unit drift along the run, at the share (m,) of its duration."""
     turns = 2 * np.pi * np.arange(1, _DRIFT_ORDERS + 1)[:, None] * share
     return np.asarray(np.concatenate([np.cos(turns), np.sin(turns)]) / np.sqrt(_DRIFT_ORDERS), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """Repeated runs with the same test and direction.
-
-    `rows` (n, N) mm of n runs; responses `response` (N, axes + 3) mm and `drifting` (w, N, axes + 3) mm to a unit
-    scatter; number of laps averaged in a row; `stamps` (N, s) mm: response to a standard deviation of stamp scatter at
-    a few angles.
-    """
+    """n repeated runs with the same test and direction."""
 
     setup: str
     rows: Array
+    """Readings (n, N) mm."""
     response: Array
+    """Response (N, axes + 3) mm to a unit scatter of joints and ball."""
     drifting: Array
+    """The same (w, N, axes + 3) for each wave of a drift."""
     laps: int
     stamps: Array
+    """Response (N, s) mm to a standard deviation of stamp scatter at a few angles."""
 
     @cached_property
     def deviations_mm(self) -> Array:
-        """Deviations (n, N) mm of the runs from their mean."""
         return np.asarray(self.rows - self.rows.mean(axis=0), dtype=float)
 
     def of_laps(self) -> Repeated:
-        """Return only the laps, excluding standstills and the trend, which follow the orders (N,)."""
+        """Only the laps, without standstills and the trend, which follow the orders."""
         laps = slice(len(ORDER_OF))
         return replace(
             self, rows=self.rows[:, laps], response=self.response[laps], drifting=self.drifting[:, laps],
@@ -145,15 +137,12 @@ class Repeated:
         )  # fmt: skip
 
     def noise(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
-        """Return the expected noise part (n, N) mm of the deviations, for noise of sd_mm (N,), and the share (N,) of
-        the noise.
-        """
+        """Expected noise part (n, N) mm of the deviations, for noise of sd_mm (N,), and the share (N,) of the noise."""
         columns, taken = self._regression(scatter, sd_mm)
         noise: Array = self.deviations_mm - (self.deviations_mm / sd_mm) @ taken.T @ columns.T * sd_mm
         return noise, 1 - np.einsum("nc,cn->n", columns, taken)
 
     def without_stamps(self, scatter: RunScatter, sd_mm: Array) -> Array:
-        """Return the deviations (n, N) mm minus the expected contribution of stamps, for noise of sd_mm (N,)."""
         if not self.stamps.size:
             return self.deviations_mm
         _, taken = self._regression(scatter, sd_mm)
@@ -161,8 +150,8 @@ class Repeated:
         return self.deviations_mm - (self.deviations_mm / sd_mm) @ stamps.T @ self.stamps.T
 
     def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
-        """Return the response (N, c) to a standard deviation of scatter and stamps, relative to the noise sd_mm
-        (N,), and the estimator (c, N) of their coefficients.
+        """Response (N, c) to a standard deviation of scatter and stamps, relative to the noise sd_mm (N,), and the
+        estimator (c, N) of their coefficients.
         """
         scattered = scatter_columns(self.response, self.drifting, scatter)
         columns = np.concatenate([scattered, self.stamps], axis=1) / sd_mm[:, None]
@@ -172,42 +161,35 @@ class Repeated:
 
 
 def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Array:
-    """Return the response (N, c + c w) mm to a standard deviation of scatter, from constant (N, c) and drifting (w,
-    N, c) mm.
-    """
+    """Response (N, c + c w) mm to a standard deviation of scatter, from constant (N, c) and drifting (w, N, c) mm."""
     terms = constant.shape[1]
     return np.concatenate([constant * scatter.constant(terms), *(drifting * scatter.drifting(terms))], axis=1)
 
 
 def without_unseen(columns: Array, sd_mm: Array) -> Array:
-    """Return fewer columns (N, r) mm with the same covariance as `columns` (N, c), apart from parts much smaller than
-    the noise sd_mm (N,).
-    """
+    """Fewer columns (N, r) mm with the same covariance, apart from parts much smaller than the noise sd_mm (N,)."""
     directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
     seen = size > _SEEN
     return np.asarray(directions[:, seen] * size[seen] * sd_mm[:, None], dtype=float)
 
 
 def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
-    """Return the part (n, N) mm of deviations (n, N) mm that columns (N, c) cannot explain, and its share (N,) of
-    the noise.
+    """The part (n, N) mm of deviations (n, N) mm that columns (N, c) cannot explain, and its share (N,) of the
+    noise.
     """
     span = _span_of(columns)
     return apart - (apart @ span) @ span.T, 1 - (span**2).sum(axis=1)
 
 
 def _span_of(columns: Array) -> Array:
-    """Return an orthonormal basis of columns (N, c), omitting nearly zero directions."""
     squares, directions = np.linalg.eigh(columns.T @ columns)
     seen = squares > 1e-10 * squares[-1]
     return np.asarray(columns @ (directions[:, seen] / np.sqrt(squares[seen])), dtype=float)
 
 
 def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
-    """Return the scatter that best explains the differences between repeated runs, given the noise (N,) mm of each
-    group.
-
-    Few repeats leave it uncertain, so the posterior mean square is returned instead of the most likely value.
+    """Scatter that best explains the differences between repeated runs, given the noise (N,) mm of each group. Few
+    repeats leave it uncertain, so it is the posterior mean square instead of the likeliest value.
     """
     joints, ball, share = (axis.ravel() for axis in np.meshgrid(_MULTIPLES, _MULTIPLES, _SHARES, indexing="ij"))
     squares = np.stack([joints**2 * (1 - share), ball**2 * (1 - share), joints**2 * share, ball**2 * share], axis=1)
@@ -235,47 +217,37 @@ def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
 # If no runs are repeated, the noise of real cells is assumed (`analysis.runs.noise.cell_noise`).
 
 _BANDS = (0, 4, 8, 12, 18, 30, 50, 90, 150, len(ORDER_OF))
-"""Edges of the bands of orders with pooled noise. Chosen: wide enough for several degrees of freedom per band with
-two repeats.
-"""
+"""Edges of the bands of orders with pooled noise. Chosen: several degrees of freedom per band with two repeats."""
 _SLOW = 30
-"""Orders below this share a level, and so do the orders above: servo ripple and path errors are slow, probe noise is
-not. Chosen.
-"""
+"""Orders below this share a level, and so do the others: servo ripple is slow, probe noise is not. Chosen."""
 _SLOW_CORNER = 5.0
-"""Order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the 0.1
-to 5 s of real cells.
+"""Order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s; real cells have
+0.1 to 5 s.
 """
 _NOISE_ROUNDS = 4
-"""Rounds of alternating noise and scatter estimates. Chosen: another round changes the noise by less than its
-uncertainty.
-"""
+"""Rounds of alternating noise and scatter estimates. Chosen: more change less than the uncertainty."""
 PRIOR_FREEDOM = 4.0
-"""Degrees of freedom of the expected variance in an estimate from few repeats: that of the finer neighbour of a band,
-or of all targets together (Smyth 2004). Chosen: permits the tenfold differences between targets of real cells.
+"""Degrees of freedom of the expected variance in an estimate from few repeats: of the finer neighbour of a band, or of
+all targets (Smyth 2004). Chosen: permits the tenfold differences between targets of real cells.
 """
 _LEAST_MM = 1e-5
-"""Smallest standard deviation of an entry, well below any gauge, so that exact repeats do not give infinite weights."""
+"""Smallest standard deviation of an entry, well below any gauge: exact repeats do not give infinite weights."""
 _LEAST_FREE = 0.1
-"""Smallest remaining share of a reading after removing the scatter of a run. Chosen: limits the correction to a
-factor of about three.
-"""
+"""Smallest remaining share of a reading after removing the scatter of a run. Chosen: limits the correction."""
 LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 """Smallest power of assumed noise, relative to the mean: the lower bound of real cells."""
 
 
 @dataclass(frozen=True)
 class CircleNoise:
-    """Noise of circles. `sd_mm`: array (n, N) per block. `scattered`: scatter of each set-up. `measured`: the noise
-    is estimated from repeats.
-    """
+    """Noise of circles. `sd_mm`: array (n, N) per block. `measured`: estimated from repeats."""
 
     sd_mm: tuple[Array, ...]
     scattered: dict[str, RunScatter]
     measured: bool
 
     def scatter(self, setup: str) -> RunScatter:
-        """Return the scatter of a set-up; the average of all if the set-up has no repeated circles."""
+        """Scatter of a set-up; the average of all if the set-up has no repeated circles."""
         if setup in self.scattered:
             return self.scattered[setup]
         squares = np.array([astuple(scatter) for scatter in self.scattered.values()]) ** 2
@@ -283,10 +255,7 @@ class CircleNoise:
 
 
 def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
-    """Return the noise of circles from the repeats `rows` (n, N) mm of each group.
-
-    `averaged`: share of white noise power remaining on the grid of a circle.
-    """
+    """Noise of circles from the repeats of each group. `averaged`: share of white noise power remaining on the grid."""
     repeated: dict[str, list[int]] = {}
     for k, group in enumerate(groups):
         if len(group.rows) > 1:
@@ -319,10 +288,8 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
 
 
 def _setup_noise(every: Sequence[Repeated]) -> tuple[list[Array], RunScatter]:
-    """Return the noise (n, N) mm of the runs of each repeated group of a set-up, and their scatter.
-
-    Noise and scatter are estimated alternately, each after removing the other. The first round takes the noise from the
-    part that scatter cannot explain.
+    """Noise (n, N) mm of the runs of each repeated group of a set-up, and their scatter, estimated alternately. The
+    first round takes the noise from the part that scatter cannot explain.
     """
     parts = [unscattered(runs.deviations_mm, np.concatenate([runs.response, *runs.drifting], axis=1)) for runs in every]
     levels = [np.ones((len(runs.deviations_mm), 4)) for runs in every]
@@ -345,7 +312,6 @@ _PART: Integers = np.asarray((np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 
 
 
 def _bands() -> list[Integers]:
-    """Return the indices of the entries of each channel and band with pooled noise."""
     per_channel = len(ORDER_OF) // 2
     channels = (np.arange(per_channel), np.arange(per_channel, len(ORDER_OF)))
     bands = [(channel, low, high) for channel in channels for low, high in pairwise(_BANDS)]
@@ -353,7 +319,7 @@ def _bands() -> list[Integers]:
 
 
 def _shape(unexplained: Sequence[Array], free: Sequence[Array]) -> Array:
-    """Return the standard deviation (N,) of runs at level 1, by channel and band, of the part unexplained by scatter.
+    """Standard deviation (N,) of runs at level 1, by channel and band, of the part unexplained by scatter.
 
     Scatter may hide nearly all of the slowest orders, and few repeats leave every band uncertain. Each band therefore
     includes the finer neighbour as additional readings: slow noise increases towards slow orders.
@@ -371,11 +337,9 @@ def _shape(unexplained: Sequence[Array], free: Sequence[Array]) -> Array:
 
 
 def _levels(rows: Array, free: Array) -> Array:
-    """Return the levels (n, 4) of repeated runs, from their deviations (n, N) from the mean divided by the shape of the
-    noise.
+    """Levels (n, 4) of repeated runs, from their deviations (n, N) from the mean divided by the shape of the noise.
 
-    With variances σ_r² of n runs, the expected mean square q_r of a run's deviation from their mean is σ_r² (1 - 2/n) +
-    Σ σ²/n².
+    With variances σ_r² of n runs, the expected mean square of a run's deviation is σ_r² (1 - 2/n) + Σ σ²/n².
     """
     n = len(rows)
     q = np.stack([(rows[:, part == _PART] ** 2).sum(axis=1) / free[part == _PART].sum() for part in range(4)], axis=1)
@@ -388,8 +352,7 @@ def _levels(rows: Array, free: Array) -> Array:
 
 
 def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:
-    """Return the standard deviation (N,) mm of readings at targets of repeated runs (n, N) mm, and whether repeats
-    determine it.
+    """Standard deviation (N,) mm of readings at targets of repeated runs (n, N) mm, and whether repeats determine it.
 
     Scatter common to all targets of a run, with a response (N, c), is excluded. `alike` (N,): equal integers for
     readings of the same place and approach.
@@ -425,27 +388,23 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
 # which would raise the noise of all orders.
 
 _RARE = 5.0
-"""Ratio of the noise at an angle to the median noise of the lap, above which the angle is treated separately.
-
-Chosen: the steepest part of a wave has 1.4 times the median, so gear errors remain in the noise of the orders. A ratio
-of ten would leave the slower half of a backlash crossing there too.
+"""Ratio of the noise at an angle to the median noise of the lap, above which the angle is treated separately. Chosen:
+the steepest part of a wave has 1.4 times the median; ten would leave half of a backlash crossing in the noise of the
+orders.
 """
 _MOST = GRID // 16
-"""Largest number of angles of a lap treated separately, selected by noise. Chosen: with backlash and a spike of 45
-healthy sizes, up to 60 angles have such noise, but twice as many columns lower the noise of the orders by only a
-few per cent.
-"""
+"""Largest number of angles of a lap treated separately. Chosen: twice as many columns gain a few per cent."""
 _LEAST_LATE_MM = 1e-4
 """Noise in mm below which no angle is treated separately: a digit of the finest gauges of such a link."""
 
 
 def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm: Sequence[Array]) -> Array:
-    """Return the response of the entries of a lap to a standard deviation of stamp scatter, (N, c) mm: a column for
-    each angle of the grid with fast changes.
+    """Response (N, c) mm of the entries of a lap to a standard deviation of stamp scatter: a column for each angle of
+    the grid with fast changes.
 
-    The readings of the model, (m, 2) mm at times (m,) s for each of several repeated runs, give the rate of change. The
-    stamps of these runs are assumed to scatter equally. Rows of fast gauges are means of many readings with less
-    scatter, but a crossing shorter than a row causes an error of this size in such rows, too.
+    The readings of the model, (m, 2) mm at times (m,) s for each of several repeated runs, give the rate of change.
+    Rows of fast gauges are means of many readings with less scatter, but a crossing shorter than a row causes an error
+    of this size in such rows, too.
     """
     laps, none = [], np.zeros((1, 2))
     for sampling, t, readings in zip(samplings, t_s, readings_mm, strict=True):

@@ -1,8 +1,4 @@
-"""Runs in the form of a fit: readings to explain, path, laps, standstills and joint ranges.
-
-A run is a table with the relevant readings. In a diagnosis it has a smooth path, a lap and standstills, so that it can
-be compared with repeats. The joint ranges of runs limit the validity of a model.
-"""
+"""Runs in the form of a fit: readings to explain, path, laps, standstills and joint ranges."""
 
 from __future__ import annotations
 
@@ -39,27 +35,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ObservedRun:
-    """Run to be explained relative to the model of its rig file.
-
-    `rows` (m,): table rows of the readings used. `values` (m, k) mm: readings. Runs with equal set-up names share a
-    set-up. In a diagnosis the path of a circle is smooth, and the rows of standstills follow those of the lap, which
-    `sampling` contains as orders. `wild`: number of readings replaced by interpolation. `step_mm`: quantisation of the
-    coarser gauge.
-    """
+    """Run to be explained relative to the model of its rig file."""
 
     model: Model
     table: Table
     path: Path
+    """Smooth for a circle of a diagnosis."""
     rows: Integers
+    """Table rows (m,) of the readings used; those of standstills follow those of the lap."""
     values: Array
+    """Readings (m, k) mm."""
     setup: str
+    """Name of the set-up, shared by runs."""
     sampling: Sampling | None = None
     wild: int = 0
+    """Number of readings replaced by interpolation."""
     step_mm: float = 0.0
+    """Quantisation of the coarser gauge."""
 
     @property
     def facts(self) -> Facts:
-        """Facts of its kind of test."""
         return facts_of(self.table.test)
 
     @property
@@ -69,8 +64,7 @@ class ObservedRun:
 
     @property
     def t_s(self) -> Array:
-        """Times (m,) s of the readings."""
-        return np.asarray(self.path.t_s[self.samples], dtype=float)
+        return self.path.t_s[self.samples]
 
     @property
     def name(self) -> str:
@@ -83,19 +77,14 @@ class ObservedRun:
         """Integers (m, k) describing place and approach of each reading."""
         return np.asarray(kind_of(self.table.test).visits(self.table)[self.rows], dtype=np.int64)
 
-    @property
-    def targets_key(self) -> bytes:
-        """Bytes equal for runs that repeat each other reading by reading; empty for circles, identified by name."""
-        return b"" if self.sampling else self.visits.tobytes()
-
     def entries(self, values: Array) -> Array:
-        """Return readings (m, k, …) mm as entries (N, …) mm: orders for a circle, otherwise unchanged."""
+        """Readings (m, k, …) mm as entries (N, …) mm: orders for a circle, otherwise unchanged."""
         return self.sampling.vector(values) if self.sampling else values.reshape(-1, *values.shape[2:])
 
     @property
     def on_lap(self) -> ObservedRun:
-        """Run used for stating errors of (m, k) mm: for a circle only the lap, because a standstill would count the
-        same place hundreds of times.
+        """Run used for stating errors: for a circle only the lap, because a standstill would count the same place
+        hundreds of times.
         """
         if self.sampling is None:
             return self
@@ -104,9 +93,8 @@ class ObservedRun:
 
 
 def observe(model: Model, table: Table, where: str) -> ObservedRun:
-    """Return a table with path and, for a circle, the readings of the laps; values are (m, k) mm.
-
-    Raises FileError for a table that is not a circle of the rig, or has no joint angles.
+    """Select the readings of a table, for a circle those of the laps. Raises FileError for a table that is not a circle
+    of the rig, or has no joint angles.
     """
     if not shows_joints(table.test):
         raise no_joints_error(table.test, where)
@@ -115,7 +103,6 @@ def observe(model: Model, table: Table, where: str) -> ObservedRun:
 
 
 def with_placement(run: ObservedRun, placement: str) -> ObservedRun:
-    """Return the run, of (m, k) mm, with the set-up of a named placement; if the name is empty, of the test."""
     return replace(run, setup=f"{run.setup} at {placement}") if placement else run
 
 
@@ -124,20 +111,15 @@ _SOCKET = ", socket "
 
 
 def without_socket(setup: str) -> str:
-    """Return the placement name of a set-up, omitting the socket of touches."""
     return setup.partition(_SOCKET)[0]
 
 
 def socket_of(setup: str) -> str:
-    """Return the socket name of a set-up of touches; empty if it has none."""
     return setup.partition(_SOCKET)[2]
 
 
 def by_socket(run: ObservedRun) -> list[ObservedRun]:
-    """Split touches into a run per socket, of (m, 3) mm, along the common path; other runs are unchanged.
-
-    Each socket position is a separate set-up.
-    """
+    """Split touches into a run per socket, each with a set-up; other runs are unchanged."""
     parts = kind_of(run.table.test).parts(run.table)
     if parts is None:
         return [run]
@@ -147,13 +129,11 @@ def by_socket(run: ObservedRun) -> list[ObservedRun]:
 
 
 def part(run: ObservedRun, keep: Mask) -> ObservedRun:
-    """Return a run with the readings (m, k) of the mask `keep` (m,); the path, including the approach to each pose,
-    is unchanged."""
     return replace(run, rows=run.rows[keep], values=run.values[keep])
 
 
 def parts(runs: Sequence[ObservedRun], keep: Mask) -> list[ObservedRun]:
-    """Return the nonempty runs with the readings (m, k) of the mask `keep` over the rows of all runs."""
+    """The nonempty runs with the readings of a mask over the rows of all runs."""
     kept, begin = [], 0
     for run in runs:
         own = keep[begin : begin + len(run.rows)]
@@ -164,10 +144,8 @@ def parts(runs: Sequence[ObservedRun], keep: Mask) -> list[ObservedRun]:
 
 
 def in_content_order(run: ObservedRun) -> ObservedRun:
-    """Return a run of places with the readings (m, 3) mm sorted by row contents, so that no result depends on the row
-    order of a table without times.
-
-    Other runs are unchanged. The table keeps the order of the file.
+    """Sort the readings of places by row contents, so that no result depends on the row order of a table without
+    times.
     """
     if not run.facts.of_places:
         return run
@@ -177,14 +155,11 @@ def in_content_order(run: ObservedRun) -> ObservedRun:
 
 
 _FEW_ROWS = 256
-"""Number of readings of a thinned circle. Chosen: they give the rms of a model to some percent, and locate the ball to
-a tenth of a micrometre.
-"""
+"""Number of readings of a thinned circle. Chosen: they locate the ball to a tenth of a micrometre."""
 
 
 def thinned(run: ObservedRun) -> ObservedRun:
-    """Return a circle with few of the readings (m, k) mm of its lap, evenly spaced, for simulation; other runs are
-    unchanged."""
+    """A circle with few, evenly spaced readings of its lap, for simulation; other runs are unchanged."""
     if not run.table.swept:
         return run
     run = run.on_lap
@@ -194,12 +169,12 @@ def thinned(run: ObservedRun) -> ObservedRun:
 
 
 def predicted(run: ObservedRun, setup: SetUp) -> Array:
-    """Return the readings (m, k) mm predicted by the model of a run; for poses the positions."""
+    """Predicted readings (m, k) mm; for poses the positions."""
     return predicted_in_scene(run.model, run, moved(run.model, run.path), setup)
 
 
 def predicted_in_scene(model: Model, run: ObservedRun, scene: ModelScene, setup: SetUp) -> Array:
-    """Return the readings (m, k) mm predicted from an existing scene, common to all set-ups."""
+    """The same from an existing scene, common to all set-ups."""
     values = read(model, run.table, run.path, scene, setup)
     if run.facts.of_places:
         values = values[:, [3, 7, 11]]
@@ -207,12 +182,11 @@ def predicted_in_scene(model: Model, run: ObservedRun, scene: ModelScene, setup:
 
 
 def residual_of(run: ObservedRun, setups: SetUps) -> Array:
-    """Return measured minus predicted readings (m, k) mm of a run in its set-up."""
     return run.values - predicted(run, setups[run.setup])
 
 
 def rms(residuals: Sequence[Array]) -> float:
-    """Return the root mean square in mm of residuals (m, k) mm: per gauge reading, and per distance of a position."""
+    """Root mean square in mm of residuals (m, k) mm: per gauge reading, and per distance of a position."""
     squares = np.concatenate([(r**2).sum(axis=1) if r.shape[1] == 3 else (r**2).ravel() for r in residuals])
     return float(np.sqrt(squares.mean()))
 
@@ -223,15 +197,16 @@ def rms(residuals: Sequence[Array]) -> float:
 JointRange = tuple[float, float]
 """Lowest and highest angle of a joint, in degrees."""
 BEYOND_DEG = 3.0
-"""Margin of a model's validity beyond the measured range. Chosen: link constants and gear errors change little over
-3 degrees."""
+"""Margin of a model's validity beyond the measured range. Chosen: link constants and gear errors change little over it.
+"""
 BEYOND_MM = 1000 * float(np.radians(BEYOND_DEG))
 """Margin of a rail: the displacement by that angle of a joint at a metre."""
 
 
 def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> list[str]:
-    """Return a message for each joint whose angles (n, 6) rad leave the measured ranges, starting with the name of
-    the `run`."""
+    """A message for each joint whose angles (n, 6) rad leave the measured ranges, starting with the name of the
+    `run`.
+    """
     lines = []
     joints = np.degrees(q_rad[:, : len(covered)])  # followed by a rail position
     for axis, ((low, high), angle) in enumerate(zip(covered, joints.T, strict=True), start=1):
@@ -245,10 +220,7 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> l
 
 
 def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -> list[str]:
-    """Return the messages of `outside_coverage` for the effects of a rig file, each with the joint range of its runs.
-
-    q_rad: joint angles (n, 6) in rad.
-    """
+    """The same for the effects of a rig file, each with the joint range of its runs."""
     covered = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
     if not covered:
         return []
@@ -263,12 +235,10 @@ def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -
 # of a gauge. A local parabola over a fifth of a second to either side replaces the angles of the lap.
 
 _HALF_WIDTH_S = 0.2
-"""Half width of the local parabola in seconds. Chosen: longer than several samples at 50 Hz, and shorter than a
-joint reversal."""
+"""Half width of the local parabola. Chosen: several samples at 50 Hz, and shorter than a joint reversal."""
 
 
 def smooth_path(run: ObservedRun) -> ObservedRun:
-    """Return a circle with the path (n, 6) rad smoothed; other runs unchanged."""
     if not run.table.swept:
         return run
     # A parabola overshoots at start and stop, and would create reversals, so only laps are smoothed.
@@ -293,15 +263,14 @@ def smooth_path(run: ObservedRun) -> ObservedRun:
 # Run in the form of a diagnosis: smooth path, lap and standstills, comparable with its repeats.
 
 GRID = 512
-"""Circle angles of an interpolated lap; the highest order is slightly below half of it. Chosen: a power of two for the
-Fourier transform, with 0.7 degrees per step."""
+"""Circle angles of an interpolated lap. Chosen: a power of two for the Fourier transform, 0.7 degrees per step."""
 ORDERS = GRID // 2
 """Number of orders of a channel, including order 0."""
 ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
 """Order of each entry of a circle's vector: first for the sum of the gauges, then for their difference."""
 STAMP_SCATTER = 0.25
-"""Standard deviation of possible stamp scatter, relative to the sampling interval. Chosen: with a quarter, one
-reading in 400 passes the next.
+"""Standard deviation of possible stamp scatter, relative to the sampling interval. Chosen: one reading in 400 then
+passes the next.
 """
 _ROWS = 2 * GRID
 """Rows per lap sufficient for its orders; the rows of faster gauges are averaged."""
@@ -309,12 +278,13 @@ _STANDSTILL_SHARE = 0.02
 """Share of the median joint speed of a lap below which the robot stands. Chosen: above the noise of the feedback."""
 _MOST_APART = GRID // 16
 """Largest bridged distance between the start angles of repeated laps, in grid steps. Chosen: repeats of a program begin
-within a row."""
+within a row.
+"""
 _LEAST_STANDSTILL_ROWS = 3
 """Minimum rows of a standstill. Chosen: fewer give no mean."""
 TREND_ORDERS = 4
-"""Orders of the trend between laps: a growing ball, gauge or arm changes readings in orders 0 and 1, and an
-eccentric ball adds the next. Chosen: twice as many.
+"""Orders of the trend between laps: a growing ball, gauge or arm changes orders 0 and 1, and an eccentric ball adds the
+next. Chosen: twice as many.
 """
 ORDER_OF_TREND: Integers = np.tile(np.concatenate([np.arange(TREND_ORDERS), np.arange(1, TREND_ORDERS)]), 2)
 """Order of each trend entry, in the order of `ORDER_OF`."""
@@ -323,41 +293,41 @@ _OF_TREND: Integers = np.flatnonzero(ORDER_OF < TREND_ORDERS)
 
 @dataclass(frozen=True)
 class Sampling:
-    """Conversion of a circle's rows to a vector.
-
-    For each of L laps, `before` and `after` (L, GRID): rows next to each grid angle; `share` (L, GRID): weight of the
-    latter. `phi` (n,) rad: circle angles of the laps' rows, which come first. `stands`: rows of the standstills before
-    and after the lap; `stand_share` (len(stands),): their number in grid steps. `trend` (L,): weights of the laps in
-    the change between laps, with the noise of a lap; empty for a single lap. `bridged`: first and last (possibly
-    negative, or of the next turn) of the grid angles at the start of the laps, interpolated from their neighbours.
-    """
+    """Conversion of a circle's rows to a vector, for L laps with rows (n,)."""
 
     before: Integers
+    """Rows (L, GRID) before each grid angle, and `after` it."""
     after: Integers
     share: Array
+    """Weight (L, GRID) of the rows after."""
     phi: Array
+    """Circle angles (n,) rad of the laps' rows, which come first."""
     stands: tuple[Integers, ...]
+    """Rows of the standstills before and after the lap."""
     stand_share: Array
+    """Their number in grid steps."""
     trend: Array
+    """Weights (L,) of the laps in the change between laps, with the noise of a lap; empty for a single lap."""
     bridged: tuple[int, int] | None = None
+    """First and last grid angle (possibly negative, or of the next turn) at the start of the laps that are
+    interpolated from their neighbours.
+    """
 
     def gridded(self, values: Array) -> Array:
-        """Return row values (m, …), in any unit, at the grid (GRID, …), averaged over the laps."""
+        """Row values (m, …) at the grid (GRID, …), averaged over the laps."""
         mean: Array = self._interpolation @ values[: self._interpolation.shape[1]].reshape(-1, values[0].size)
         return mean.reshape(GRID, *values.shape[1:])
 
     @cached_property
     def _interpolation(self) -> csr_array:
-        """Matrix (GRID, n) from row values of the laps to their mean at the grid."""
         return self._matrix(np.full(len(self.share), 1 / len(self.share)))
 
     @cached_property
     def _trend(self) -> csr_array:
-        """Matrix (GRID, n) from row values of the laps to their trend at the grid."""
         return self._matrix(self.trend)
 
     def _matrix(self, laps: Array) -> csr_array:
-        """Return the matrix (GRID, n) from row values to their sum over the laps, with weights (L,)."""
+        """Matrix (GRID, n) from row values to their sum over the laps, with weights (L,)."""
         from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
 
         weight = np.concatenate([((1 - self.share) * laps[:, None]).ravel(), (self.share * laps[:, None]).ravel()])
@@ -376,14 +346,14 @@ class Sampling:
         return csr_array(csr_array(bridge) @ matrix)
 
     def gridded_sd(self, sd: Array) -> Array:
-        """Return the standard deviation (GRID, …) at the grid for independent row errors sd (m, …), in any unit."""
+        """Standard deviation (GRID, …) at the grid for independent row errors sd (m, …)."""
         weight = self._interpolation
         variance: Array = weight.multiply(weight) @ sd[: weight.shape[1]].reshape(-1, sd[0].size) ** 2
         return np.sqrt(variance).reshape(GRID, *sd.shape[1:])
 
     def vector(self, values: Array) -> Array:
-        """Return readings (m, 2, …) of two gauges as entries (N, …): orders of sum and difference (unitary), means
-        over standstills, and slow orders of the trend between laps.
+        """Readings (m, 2, …) of two gauges as entries (N, …): orders of sum and difference (unitary), means over
+        standstills, and slow orders of the trend between laps.
         """
         parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
@@ -417,20 +387,17 @@ class Sampling:
         return float(np.mean((1 - self.share) ** 2 + self.share**2)) / len(self.share)
 
     def without_stands(self) -> Sampling:
-        """Return the sampling of the laps only, with stand_share (0,)."""
         return replace(self, stands=(), stand_share=np.empty(0))
 
     def without_trend(self) -> Sampling:
-        """Return the sampling of the mean lap, with an empty trend (0,)."""
         return replace(self, trend=np.empty(0))
 
 
 def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
-    """Return samplings of repeated laps in which the same grid angles around the start are interpolated.
+    """Interpolate the same grid angles around the start of repeated laps.
 
     At the end of a lap a joint may be a full turn away from the start, which changes the readings. Repeated laps start
-    up to a row apart, so a grid angle near the start would show the end of one lap and the start of another. Laps with
-    distant starts are unchanged.
+    up to a row apart, so a grid angle near the start would show the end of one lap and the start of another.
     """
     first = samplings[0].begin
     offsets = [(sampling.begin - first + GRID / 2) % GRID - GRID / 2 for sampling in samplings]
@@ -442,8 +409,8 @@ def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
 
 
 def by_orders(readings: Array) -> Array:
-    """Return the Fourier coefficients (N, …) of the sum and difference of both gauges, given their readings
-    (GRID, 2, …) around a circle. `curve` is the inverse.
+    """Fourier coefficients (N, …) of the sum and difference of both gauges, given their readings (GRID, 2, …). `curve`
+    is the inverse.
     """
     parts = []
     for channel in _channels(readings):
@@ -453,7 +420,7 @@ def by_orders(readings: Array) -> Array:
 
 
 def curve(vector: Array) -> Array:
-    """Return the readings (GRID, 2) mm of both gauges around a circle, given the coefficients of `by_orders`."""
+    """Readings (GRID, 2) mm of both gauges around a circle, given the coefficients of `by_orders`."""
     per_channel = len(ORDER_OF) // 2
     channels = []
     for part in (vector[:per_channel], vector[per_channel : 2 * per_channel]):
@@ -466,14 +433,12 @@ def curve(vector: Array) -> Array:
 
 
 def _channels(values: Array) -> tuple[Array, Array]:
-    """Return sum and difference (m, …) of two gauges (m, 2, …), unitary."""
     return (values[:, 0] + values[:, 1]) / np.sqrt(2), (values[:, 1] - values[:, 0]) / np.sqrt(2)
 
 
 def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
-    """Return a run's table as an observed run, with readings (m, k) mm.
-
-    Raises FileError for a table that is not a circle of the rig.
+    """Observe a run's table in the form of a diagnosis. Raises FileError for a table that is not a circle of the
+    rig.
     """
     if not isinstance(table, CircleTable):
         return observe(model, table, where)
@@ -503,7 +468,6 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
 
 
 def without_outliers(table: CircleTable) -> CircleTable:
-    """Return a circle with outliers in the readings (n, 2) mm replaced by interpolation."""
     g_mm = table.g_mm.copy()
     for gauge in g_mm.T:
         wild = is_outlier(gauge)
@@ -513,9 +477,7 @@ def without_outliers(table: CircleTable) -> CircleTable:
 
 
 def averaged(table: CircleTable, count: int) -> CircleTable:
-    """Return a circle with each `count` rows (count, …) averaged, which limits the cost of fast gauges; incomplete
-    groups at the end are omitted.
-    """
+    """A circle with each `count` rows averaged, which limits the cost of fast gauges."""
     if count < 2:
         return table
     whole = len(table.t_s) // count * count
@@ -529,12 +491,11 @@ def averaged(table: CircleTable, count: int) -> CircleTable:
 
 
 def _laps(phi: Array) -> int:
-    """Return the number of laps covered by circle angles (n,) rad in order of time."""
     return max(1, round(float(np.ptp(phi)) / (2 * np.pi)))
 
 
 def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
-    """Return the sampling for circle angles (n,) rad of laps in order of time."""
+    """Sampling for circle angles (n,) rad of laps in order of time."""
     laps, grid = _laps(phi), np.arange(GRID) * 2 * np.pi / GRID
     number, turned = _number(phi, laps), phi % (2 * np.pi)
     before, after, share = np.empty((3, laps, GRID))
@@ -553,5 +514,4 @@ def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) ->
 
 
 def _number(phi: Array, laps: int) -> Array:
-    """Return the lap number (n,), from 0, of each circle angle (n,) rad."""
     return np.asarray(np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1), dtype=float)

@@ -1,13 +1,10 @@
 """Placements: runs that share a set-up.
 
-Runs with the same test and placement share a set-up unless their readings show a move. A placement has a name if the
-user entered it during recording or import; otherwise the readings decide.
-
-Circles of the same direction repeat each other, so model errors displace their balls equally, and balls further apart
-than the scatter of a real cell were mounted separately. Backlash shifts the ball of a direction relative to the other,
-so frames of both directions are only matched. Runs at targets, and poses, that cannot share a rigid frame have much
-larger residuals together than separately. Poses of all placements share the target on the tool, so a placement of few
-poses only needs to determine the frame. The data can prove that a reflector was moved.
+Runs with the same test and placement share a set-up unless their readings show a move. Model errors displace the balls
+of circles of the same direction equally, so balls further apart than the scatter of a real cell were mounted
+separately. Backlash shifts the ball of the other direction, so frames of both are only matched. Runs at targets, and
+poses, that cannot share a rigid frame have much larger residuals together than separately. Poses of all placements
+share the target on the tool; the data can prove that a reflector was moved.
 """
 
 from __future__ import annotations
@@ -36,28 +33,21 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _APART = 3.0
-"""Ratio of the common residual of two runs to the separate residuals, above which they have separate frames. Chosen:
-a wrong model increases both.
-"""
+"""Ratio of the common residual of two runs to the separate residuals, above which they have separate frames. Chosen."""
 _APART_MM = 5 * BALL_MM.high
-"""Minimum difference between the common residual and the separate residuals of two runs: five times the largest
-scatter of a ball between runs in real cells.
+"""Minimum difference between the common and the separate residuals: five times the largest scatter of a ball in real
+cells.
 """
 _MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
 """Change of the readings between repeated circles above which the ball was moved: three times the largest scatter of
-ball and joints of real cells, at the end of a one-metre arm.
+ball and joints of real cells, at a metre.
 """
 TO_SPARE = 9
-"""Surplus of readings over set-up terms required for a meaningful residual of a single run. Chosen: three poses of
-three coordinates.
-"""
+"""Surplus of readings over set-up terms required for a meaningful residual of a single run. Chosen: three poses."""
 
 
 def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
-    """Return runs of (m, k) mm in the form of a fit, each with the set-up of the placement.
-
-    Raises FileError for a run of a different robot.
-    """
+    """Observe runs with the set-up of their placement. Raises FileError for a run of a different robot."""
     model = model_of(rig)
     for run in runs:
         if not same_arm(arm_of(run.rig.robot), model.arm):
@@ -72,12 +62,16 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 
 
 def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs, of (m, k) mm, with a set-up for each visible frame, and messages; for poses by `split_by_target`."""
+    """Give runs a set-up for each visible frame, with messages; for poses see `split_by_target`."""
     split_up, messages = list(runs), []
     for setup in dict.fromkeys(run.setup for run in runs):
         places = [k for k, run in enumerate(runs) if run.setup == setup]
-        split = _circle_frames if runs[places[0]].table.swept else _target_frames
-        frames = sorted(sorted(frame) for frame in split(runs, places))
+        if runs[places[0]].table.swept:
+            split = _circle_frames(runs, places)
+        else:  # most readings first, because a run of few readings can only join a frame
+            places.sort(key=lambda k: -runs[k].values.size)
+            split = _grouped(places, lambda frame, k: _shares_frame([runs[j] for j in frame], [runs[k]])[1])
+        frames = sorted(map(sorted, split))
         for number, frame in enumerate(frames[1:], start=2):
             for k in frame:
                 split_up[k] = replace(split_up[k], setup=f"{setup}{FRAME}{number}")
@@ -87,17 +81,14 @@ def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[l
 
 
 def _of_frames(setup: str, frames: Sequence[Sequence[str]]) -> str:
-    """Return the message about runs of a set-up with several frames."""
     runs = "; ".join(", ".join(names) for names in frames)
     message = f"the {setup} runs do not share a frame, so they were fitted as {len(frames)} placements ({runs})"
     return f"{message}; rig relabel --placement can name them"
 
 
 def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs, of (m, k) mm, with a separate target for each tool position visible in the placements of poses, and
-    messages.
-
-    A reflector moved under a stationary instrument keeps the frame of that placement.
+    """Give poses a separate target for each visible tool position, with messages. A reflector moved under a stationary
+    instrument keeps the frame of that placement.
     """
     split_up = list(runs)
     members: dict[str, list[int]] = {}
@@ -128,10 +119,7 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
 
 
 def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[ObservedRun]) -> str:
-    """Return the name of the set-up of runs, given the set-ups determined so far.
-
-    The runs share the target or the frame of an existing set-up, or have a new set-up.
-    """
+    """Name of the set-up of runs: with the target or the frame of one determined so far, or new."""
     if not settled:
         return setup
     targets = list(dict.fromkeys(map(target_of, settled)))
@@ -149,9 +137,8 @@ def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[O
 
 
 def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[str]]:
-    """Return the indices of runs whose readings (m, k) determine their set-ups, and messages about the others.
-
-    Raises FileError if no run remains.
+    """Indices of runs whose readings determine their set-ups, and messages about the others. Raises FileError if no run
+    remains.
     """
     tool_known = {
         (run.table.test, target_of(run.setup)) for run in runs if _readings(runs, run.setup) > run.facts.setup_terms
@@ -176,10 +163,8 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
 
 
 def reach_mm(judged: SetUps, used: SetUps) -> float:
-    """Return the largest distance (mm) of a validated socket from all used sockets of other placements, or, for a
-    single placement, from all others.
-
-    Errors of an arm further away are invisible, and reached four u for real arms.
+    """Largest distance (mm) of a validated socket from all used sockets of other placements, or of all others for a
+    single placement. Errors of an arm further away are invisible, and reached four u for real arms.
     """
     several = len({without_socket(name) for name in used}) > 1
     place = {name: setup.T_instrument_world[:3, 3] for name, setup in judged.items()}
@@ -193,7 +178,6 @@ def reach_mm(judged: SetUps, used: SetUps) -> float:
 
 
 def same_arm(first: Arm, second: Arm) -> bool:
-    """Return whether two arms have equal link constants, couplings and rails."""
     rail, other_rail = (np.zeros(3) if arm.rail is None else arm.rail for arm in (first, second))
     return np.allclose(rail, other_rail, atol=1e-9) and all(
         np.allclose(getattr(first, constant), getattr(second, constant), atol=1e-9)
@@ -206,7 +190,6 @@ def _readings(runs: Sequence[ObservedRun], setup: str) -> int:
 
 
 def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
-    """Group circles by frame: first within each direction, followed by matching."""
     few = {k: thinned(runs[k]) for k in places}
     placed = {k: fit_setups([run])[run.setup] for k, run in few.items()}
 
@@ -244,19 +227,9 @@ def _grouped(places: Sequence[int], is_home: Callable[[list[int], int], bool]) -
     return frames
 
 
-def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
-    """Group runs at targets, or of poses, by frame."""
-
-    def is_home(frame: Sequence[int], k: int) -> bool:
-        return _shares_frame([runs[j] for j in frame], [runs[k]])[1]
-
-    # Runs with most readings come first, because a run of few readings can only join a frame.
-    return _grouped(sorted(places, key=lambda k: -runs[k].values.size), is_home)
-
-
 def _shares_frame(home: Sequence[ObservedRun], runs: Sequence[ObservedRun]) -> tuple[float, bool]:
-    """Return the residual in mm of runs and others in a common set-up, and whether they share a frame: the residual is
-    hardly larger than in separate set-ups. Runs of few readings have no residual of their own, so the others decide.
+    """Residual in mm of runs and others in a common set-up, and whether it is hardly larger than in separate set-ups.
+    Runs of few readings have no residual of their own, so the others decide.
     """
     together = _residuals([*home, *runs])
     together_mm = max(rms(together[: len(home)]), rms(together[len(home) :]))
@@ -266,6 +239,5 @@ def _shares_frame(home: Sequence[ObservedRun], runs: Sequence[ObservedRun]) -> t
 
 
 def _residuals(runs: Sequence[ObservedRun]) -> list[Array]:
-    """Return the residuals (m, k) mm of runs with fitted set-ups."""
     setups = fit_setups(runs)
     return [residual_of(run, setups) for run in runs]

@@ -1,8 +1,4 @@
-"""Set-ups: their terms, their fit to a fixed model, sharing between runs, and parts of runs for validation.
-
-Runs with the same placement share a set-up unless their readings show a move. Validation data are held out before the
-fit: random readings, or complete neighbourhoods of joint space.
-"""
+"""Set-ups: their terms, their fit to a fixed model, sharing between runs, and parts of runs for validation."""
 
 from __future__ import annotations
 
@@ -13,7 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted, predicted_in_scene, residual_of, rms
 from analysis.procedures.shared.test_kind import facts_of, nominal_setup
-from analysis.robot.geometry.pose_setup import best_rigid, moved_by
+from analysis.robot.geometry.pose_setup import best_rigid, frame, moved_by
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import ModelScene, SetUp, SetUps, moved
 from analysis.runs.tables import Table
@@ -32,27 +28,21 @@ from rigs.effects import Effect
 # instrument.
 
 _REACH_MM = 100.0
-"""Distance at which the rotation of an instrument is expressed in mm. It scales the unknowns and does not affect the
-result.
-"""
+"""Distance at which the rotation of an instrument is expressed in mm, without influence on the result."""
 STEP_MM = 0.01
 """Step of the derivatives by a set-up term, within the linear range."""
 _MOST_STEPS = 30
 """Largest number of Gauss-Newton steps. Chosen: a set-up 20 mm off needs twenty steps of 1 mm."""
 _ENOUGH_MM = 1e-4
-"""Change below which a set-up has converged: a tenth of a micrometre, below the resolution of any gauge."""
+"""Change below which a set-up has converged, below the resolution of any gauge."""
 _FURTHEST_MM = 1.0
-"""Largest displacement of a ball in a step of the fit.
-
-The height of a ball at the centre of a circle does not change the readings, so the derivatives do not limit it. Fits of
-instruments start at a large distance and need no limit.
-"""
+"""Largest displacement of a ball in a step: the derivatives do not limit its height at the centre of a circle."""
 BALL_PRIOR_MM = 5.0
-"""Prior standard deviation of a ball's position. The prior is weak and decides only undetermined terms, such as the
-height above the plane of a circle, which a wrong model would otherwise shift by a large amount.
+"""Prior standard deviation of a ball's position. It decides only undetermined terms, such as the height above the plane
+of a circle, which a wrong model would otherwise shift far.
 """
 _STRAIGHT_MM = 0.2
-"""Step above which the derivatives are recomputed. Chosen: a change of 0.2 mm turns the link by 0.2° at most."""
+"""Step above which the derivatives are recomputed. Chosen: it turns the link by 0.2° at most."""
 
 
 _TARGET = "; target "
@@ -64,34 +54,31 @@ FRAME = ", frame "
 
 
 def placement_of(setup: str) -> str:
-    """Return the name of the placement of a set-up, omitting that of the target."""
     return setup.partition(_TARGET)[0]
 
 
 def target_of(setup: str) -> str:
-    """Return the target of a set-up; empty for the first or only target."""
     return setup.partition(_TARGET)[2]
 
 
 def targeted(setup: str, target: str) -> str:
-    """Return the name of a set-up with a target; unchanged for an empty target."""
     return f"{setup}{_TARGET}{target}" if target else setup
 
 
 def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
-    """Return a set-up with the terms changed by (terms,) mm."""
-    if facts_of(table.test).of_places:
-        target = setup.T_tool_target.copy()
-        frame = facts_of(table.test).frame_terms
-        target[:3, 3] += change[frame:]
-        turn = change[3:6] / _REACH_MM if frame > 3 else np.zeros(3)
-        instrument = moved_by(setup.T_instrument_world, change[:3], turn)
-        return replace(setup, T_instrument_world=instrument, T_tool_target=target)
-    return replace(setup, ball=setup.ball + change[:3], zeros_mm=setup.zeros_mm + change[3:])
+    """The set-up with its terms changed by (terms,) mm."""
+    facts = facts_of(table.test)
+    if not facts.of_places:
+        return replace(setup, ball=setup.ball + change[:3], zeros_mm=setup.zeros_mm + change[3:])
+    target = setup.T_tool_target.copy()
+    target[:3, 3] += change[facts.frame_terms :]
+    turn = change[3:6] / _REACH_MM if facts.frame_terms > 3 else np.zeros(3)
+    instrument = moved_by(setup.T_instrument_world, change[:3], turn)
+    return replace(setup, T_instrument_world=instrument, T_tool_target=target)
 
 
 def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
-    """Return the indices of the unknowns for the terms of each set-up.
+    """Indices of the unknowns for the terms of each set-up.
 
     All placements of poses with the same target, and all sockets of touches, share the terms of the tool. All targets
     of the same placement share the terms of the instrument.
@@ -99,10 +86,9 @@ def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
     shared: dict[tuple[str, str], list[int]] = {}
     columns: dict[str, list[int]] = {}
     for name, table in tables.items():
-        if facts_of(table.test).of_places:
-            parts = [("", placement_of(name), facts_of(table.test).frame_terms), (table.test, target_of(name), 3)]
-        else:
-            parts = [("", name, facts_of(table.test).setup_terms)]
+        facts, parts = facts_of(table.test), [("", name, facts_of(table.test).setup_terms)]
+        if facts.of_places:
+            parts = [("", placement_of(name), facts.frame_terms), (table.test, target_of(name), 3)]
         columns[name] = []
         for kind, part_name, terms in parts:
             first = sum(map(len, shared.values()))
@@ -111,21 +97,17 @@ def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
 
 
 def tool_shift(run: ObservedRun, before: ModelScene, after: ModelScene) -> Array:
-    """Return the mean displacement (3,) mm of the tool at the readings of a run between two scenes.
-
-    The ball of a circle or hemisphere moves with it, because operators set up a ball at the actual centre of the tool
-    motion.
+    """Mean displacement (3,) mm of the tool at the readings of a run between two scenes. Operators set up a ball at the
+    actual centre of the tool motion.
     """
     rows = run.rows if run.path.alone else run.samples
     return np.asarray((after.T[rows, :3, 3] - before.T[rows, :3, 3]).mean(axis=0), dtype=float)
 
 
 def _starting_setups(run: ObservedRun) -> list[SetUp]:
-    """Return possible positions of the ball of a circle or hemisphere.
-
-    These are the nominal position displaced like the tool by the model's effects, and the nominal position itself,
-    which applies after a collision. A fit does not find the position along the normal of the circle, which is hardly
-    visible but determines the slope of the link.
+    """Possible positions of the ball of a circle or hemisphere: displaced like the tool by the model's effects, or, as
+    after a collision, nominal. A fit does not find the position along the normal of the circle, which is hardly
+    visible.
     """
     model, nominal = run.model, nominal_setup(run.model.rig, run.table)
     if not model.effects:
@@ -136,35 +118,33 @@ def _starting_setups(run: ObservedRun) -> list[SetUp]:
 
 
 def fit_setups(runs: Sequence[ObservedRun], setups: SetUps | None = None) -> dict[str, SetUp]:
-    """Return set-ups fitted to runs of (m, k) mm with fixed models, starting from `setups` if given.
+    """Fit set-ups to runs with fixed models, starting from `setups` if given.
 
-    The method is Gauss-Newton in short steps, since readings are nearly linear over a millimetre. Placements of poses
-    are fitted together, with a common tool.
+    The method is Gauss-Newton in short steps. Placements of poses are fitted together, with a common tool.
     """
     named: dict[str, list[ObservedRun]] = {}
+    by_test: dict[str, dict[str, list[ObservedRun]]] = {}
     for run in runs:
         named.setdefault(run.setup, []).append(run)
+        if run.facts.of_places:
+            by_test.setdefault(run.table.test, {})[run.setup] = named[run.setup]
     known = {name: setups[name] for name in named if setups and name in setups}
-    by_test: dict[str, dict[str, list[ObservedRun]]] = {}
-    for name, members in named.items():
-        if facts_of(test := members[0].table.test).of_places:
-            by_test.setdefault(test, {})[name] = members
     starting = dict(known)
     for of_test in by_test.values():
         starting |= _starting_pose_setups(of_test, known)
     poses = [run for of_test in by_test.values() for members in of_test.values() for run in members]
     fitted = _placed(poses, starting) if poses else {}
-    for name, members in named.items():
-        if name not in fitted:
-            starts = [known[name]] if name in known else _starting_setups(members[0])
-            fits = [_placed(members, {name: start}) for start in starts]
-            best: dict[str, SetUp] = min(fits, key=lambda fit: rms([residual_of(run, fit) for run in members]))
-            fitted |= best
+    for name in [name for name in named if name not in fitted]:
+        members = named[name]
+        starts = [known[name]] if name in known else _starting_setups(members[0])
+        fits = [_placed(members, {name: start}) for start in starts]
+        best: dict[str, SetUp] = min(fits, key=lambda fit: rms([residual_of(run, fit) for run in members]))
+        fitted |= best
     return {name: fitted[name] for name in named}
 
 
 def _starting_pose_setups(named: Mapping[str, Sequence[ObservedRun]], starting: SetUps) -> dict[str, SetUp]:
-    """Return set-ups for placements of poses, those in `starting` unchanged.
+    """Initial set-ups for placements of poses, those in `starting` unchanged.
 
     The target is taken from a placement with the same target, or else from the rig file; the placement with most poses
     corrects it first. Instruments are located by their readings.
@@ -173,33 +153,22 @@ def _starting_pose_setups(named: Mapping[str, Sequence[ObservedRun]], starting: 
     placed = {name: starting[name] for name in named if name in starting}
     for name in by_size:
         if name not in placed:
-            run, target = named[name][0], target_of(name)
+            runs, target = named[name], target_of(name)
             alike = next((setup for other, setup in placed.items() if target_of(other) == target), None)
-            start = at_instrument(alike or nominal_setup(run.model.rig, run.table), named[name])
+            bare = replace(alike or nominal_setup(runs[0].model.rig, runs[0].table), T_instrument_world=np.eye(4))
+            places = np.concatenate([predicted(run, bare) for run in runs])
+            seen_there = np.concatenate([run.values for run in runs])
+            T = frame(np.eye(3), (seen_there - places).mean(axis=0))
+            if runs[0].facts.frame_terms > 3:  # a socket has no rotation
+                T = best_rigid(places, seen_there)
+            start = replace(bare, T_instrument_world=T)
             is_first = not placed and len(named) > 1
-            placed[name] = _placed(named[name], {name: start})[name] if is_first else start
+            placed[name] = _placed(runs, {name: start})[name] if is_first else start
     return placed
 
 
-def _at(place: Array) -> Array:
-    """Return the frame (4, 4) at a position (3,) mm without rotation."""
-    frame = np.eye(4)
-    frame[:3, 3] = place
-    return frame
-
-
-def at_instrument(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
-    """Return a set-up with the instrument fitted to the poses, of (m, 3) mm: the best rigid motion at a fixed tool."""
-    bare = replace(setup, T_instrument_world=np.eye(4))
-    places = np.concatenate([predicted(run, bare) for run in runs])
-    seen_there = np.concatenate([run.values for run in runs])
-    if runs[0].facts.frame_terms == 3:  # a socket has a place and no rotation
-        return replace(bare, T_instrument_world=_at((seen_there - places).mean(axis=0)))
-    return replace(bare, T_instrument_world=best_rigid(places, seen_there))
-
-
 def _placed(runs: Sequence[ObservedRun], starts: SetUps) -> dict[str, SetUp]:
-    """Return set-ups that share terms, fitted together from their starting values."""
+    """Fit set-ups that share terms together."""
     tables = {run.setup: run.table for run in runs}
     columns = columns_of(tables)
     poses, count = runs[0].facts.of_places, 1 + max(map(max, columns.values()))
@@ -240,13 +209,12 @@ def _placed(runs: Sequence[ObservedRun], starts: SetUps) -> dict[str, SetUp]:
 
 
 def with_effects(runs: Sequence[ObservedRun], effects: Sequence[Effect]) -> list[ObservedRun]:
-    """Return the runs with effects added to their models."""
     return [replace(run, model=replace(run.model, effects=(*run.model.effects, *effects))) for run in runs]
 
 
 def fit_run_setups(runs: Sequence[ObservedRun], setups: SetUps | None = None) -> tuple[dict[str, SetUp], list[Array]]:
-    """Return the fitted set-ups of runs, starting from `setups` where given, and the residuals (m, k) mm of each
-    run, of a circle on its lap.
+    """Fit the set-ups of runs, starting from `setups` where given; also return the residuals (m, k) mm of each run, of
+    a circle on its lap.
     """
     on_laps = [run.on_lap for run in runs]
     placed = fit_setups(on_laps, setups)
@@ -255,7 +223,7 @@ def fit_run_setups(runs: Sequence[ObservedRun], setups: SetUps | None = None) ->
 
 @dataclass(frozen=True, eq=False)
 class FittedRuns:
-    """Runs, of (m, k) mm, with set-ups fitted for given effects of the arm. Fits are cached."""
+    """Runs with set-ups fitted for given effects of the arm. Fits are cached."""
 
     runs: Sequence[ObservedRun]
     _fits: dict[tuple[Effect, ...], tuple[dict[str, SetUp], list[Array]]] = field(
@@ -263,31 +231,31 @@ class FittedRuns:
     )
 
     def fit_with_effects(self, effects: Sequence[Effect]) -> tuple[dict[str, SetUp], list[Array]]:
-        """Return the set-ups and the residuals (m, k) mm of each run, with effects added to the model."""
+        """Set-ups, and residuals (m, k) mm of each run, with effects added to the model."""
         key = tuple(map(without_origin, effects))
         if key not in self._fits:
             self._fits[key] = fit_run_setups(with_effects(self.runs, effects))
         return self._fits[key]
 
     def setups_for(self, runs: Sequence[ObservedRun], effects: Sequence[Effect]) -> dict[str, SetUp]:
-        """Return the set-ups for given effects, and set-ups fitted to other runs whose set-up is not among them."""
+        """The set-ups for given effects, and fitted ones of other runs whose set-up is not among them."""
         known = self.fit_with_effects(effects)[0]
         new = with_effects([run for run in runs if run.setup not in known], effects)
         return known | (fit_run_setups(new)[0] if new else {})
 
     def residuals_of(self, runs: Sequence[ObservedRun], effects: Sequence[Effect]) -> list[Array]:
-        """Return the residuals (m, k) mm of other runs, which keep a known set-up."""
+        """Residuals (m, k) mm of other runs, which keep a known set-up."""
         setups = self.setups_for(runs, effects)
         return [residual_of(run.on_lap, setups) for run in with_effects(runs, effects)]
 
     def residual_um(self, effects: Sequence[Effect], others: Sequence[ObservedRun] | None = None) -> float:
-        """Return the rms residual in µm with effects added to the model, of these or of other runs."""
+        """RMS residual in µm with effects added to the model, of these or of other runs."""
         residuals = self.fit_with_effects(effects)[1] if others is None else self.residuals_of(others, effects)
         return 1e3 * rms(residuals)
 
 
 def without_origin(effect: Effect) -> Effect:
-    """Return the effect with the provenance removed, which is unhashable and irrelevant for readings."""
+    """Drop the provenance, which is unhashable and irrelevant for readings."""
     return effect if effect.found is None else effect.model_copy(update={"found": None})
 
 
@@ -298,21 +266,19 @@ def without_origin(effect: Effect) -> Effect:
 # model. A neighbourhood is a place that the model has not seen.
 
 GROUPS = 20
-"""Number of neighbourhoods of joint space. Chosen: few enough for several poses in each, and enough for five folds."""
+"""Number of neighbourhoods of joint space. Chosen: several poses in each, and enough for five folds."""
 _FEWEST_OF_A_GROUP, _FEWEST_OF_A_FOLD = 2, 5
 """Smallest average number of places in a neighbourhood and in a fold. Chosen: with 12 to 40 poses of measured arms, 96
 to 98 % of the errors were within 2 u with neighbourhoods of two (docs/evidence/decide.md). With five, twelve poses
 form two halves, which do not predict each other; with one, 76 % of the errors were within 2 u at worst.
 """
 FEWEST_PLACES = 3 * GROUPS
-"""Number of poses below which no neighbourhood is held out. Chosen: k-means needs a few poses for a centre."""
+"""Number of poses below which no neighbourhood is held out."""
 
 
 def constants_apart(runs: Sequence[ObservedRun]) -> bool:
-    """Return whether the constants of an arm have separate prior widths, for readings of (m, k) mm.
-
-    This applies to touches, and to positions too few to identify constants that are larger than usual. Without separate
-    widths, 30 poses of a UR10 with constants of usual size leave a residual a tenth larger.
+    """Whether the constants of an arm have separate prior widths: for touches, and for positions too few to identify
+    constants that are larger than usual.
     """
     of_touches = all(run.facts.constants_apart for run in runs)
     of_poses = all(run.facts.of_places for run in runs)
@@ -320,8 +286,8 @@ def constants_apart(runs: Sequence[ObservedRun]) -> bool:
 
 
 def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
-    """Return the index of the neighbourhood of each reading (n,) by k-means of the joint angles q (n, 6) rad; visits
-    of the same place stay together.
+    """Index of the neighbourhood of each reading (n,), by k-means of the joint angles q (n, 6) rad; visits of a place
+    stay together.
     """
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415 - slow to import, needed here only
 
@@ -331,16 +297,13 @@ def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
 
 
 def _places(q: Array) -> tuple[Array, Integers]:
-    """Return the distinct places (p, 6) rad of joint angles q (n, 6) rad, and the index (n,) of each row's place."""
+    """Distinct places (p, 6) rad of joint angles q (n, 6) rad, and the index (n,) of each row's place."""
     places, place = np.unique(np.round(q, 3), axis=0, return_inverse=True)
     return places, np.asarray(place.ravel(), dtype=np.int64)
 
 
 def folds_of(q: Array, folds: int) -> Integers:
-    """Return the fold of each pose (n,) with joint angles q (n, 6) rad.
-
-    Complete neighbourhoods are assigned in descending size, each to the smallest fold.
-    """
+    """Fold of each pose (n,): complete neighbourhoods in descending size, each to the smallest fold."""
     group = neighbourhoods(q, np.random.default_rng(0))
     fold, filled = np.zeros(len(q), dtype=np.int64), np.zeros(folds)
     for number in np.argsort(-np.bincount(group, minlength=GROUPS)):

@@ -1,8 +1,4 @@
-"""Background: all unnamed contributions as a normal distribution, and free-form errors.
-
-The unnamed contributions are the noise, the set-ups, the scatter between runs, and the small part of every effect that
-each healthy arm has.
-"""
+"""Background: all unnamed contributions as a normal distribution, and free-form errors."""
 
 from __future__ import annotations
 
@@ -34,8 +30,8 @@ from analysis.robot.kinematics.arm import Array, Integers
 
 @dataclass(frozen=True, eq=False)
 class MarginalValues:
-    """Values (N, k) with the data for products with C⁻¹, marginal over the coefficients of a background: the weights
-    (N,) of the noise, and `absorbed` (p, k), the part absorbed by the columns.
+    """Values (N, k) prepared for products with C⁻¹: weights (N,) of the noise, and the part `absorbed` (p, k) by the
+    columns.
     """
 
     values: Array
@@ -44,37 +40,26 @@ class MarginalValues:
 
     @cached_property
     def weighted(self) -> Array:
-        """Values (N, k) weighted by the noise."""
         return self.weight[:, None] * self.values
 
     def products(self, right: MarginalValues) -> Array:
-        """Return the products (k, l) values' C⁻¹ right of whitened values (N, k) and (N, l)."""
+        """values' C⁻¹ right (k, l)."""
         return self.values.T @ right.weighted - self.absorbed.T @ right.absorbed
 
 
 @dataclass(frozen=True, eq=False)
-class MarginalTerms:
-    """Fitted terms and, last, their residual at the prior means: products with C⁻¹ (q + 1, q + 1), and the part (p,
-    q + 1) absorbed by the columns.
-    """
-
-    products: Array
-    absorbed: Array
-
-
-@dataclass(frozen=True, eq=False)
 class FittedTerms:
-    """Terms fitted in addition to the background: q columns in responses, with prior precision (q, q) and prior mean
-    (q,), and the residual r (N,) of the model at zero terms.
-
-    `held` (q,): values of terms at a limit, with unchanged uncertainty, NaN for all others. Readings are whitened.
-    """
+    """Terms fitted in addition to the background: q columns in responses."""
 
     r: Array
+    """Whitened residual (N,) of the model at zero terms."""
     responses: tuple[Response, ...]
     precision: Array
+    """Prior precision (q, q)."""
     mean: Array
+    """Prior mean (q,)."""
     held: Array
+    """Values (q,) of terms at a limit, with unchanged uncertainty, NaN for all others."""
 
     @cached_property
     def with_residual(self) -> Array:
@@ -83,11 +68,10 @@ class FittedTerms:
 
     @property
     def T(self) -> Array:  # noqa: N802 - a matrix
-        """Columns (N, q)."""
         return self.with_residual[:, :-1]
 
     def best(self, normal: Array, right: Array) -> Array:
-        """Solve normal (q, q) times terms = right (q,) for whitened columns, with the terms at limits fixed."""
+        """Solve normal (q, q) times terms = right (q,), with the terms at limits fixed."""
         free, terms = np.isnan(self.held), self.held.copy()
         right_free = right[free] - normal[np.ix_(free, ~free)] @ terms[~free]
         terms[free] = np.linalg.solve(normal[np.ix_(free, free)], right_free)
@@ -96,18 +80,18 @@ class FittedTerms:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """Background of a state: noise weights (N,) of the readings, prior variances and means (p,) of all coefficients.
-
-    `weighted_gram` computes X'WX (p, p). It is needed only for the factor, so that a cached background does not store
-    it.
-    """
+    """Background of a state."""
 
     columns: Columns
     weight: Array
+    """Noise weights (N,) of the readings."""
     variance: Array
+    """Prior variances (p,) of all coefficients."""
     mean: Array
+    """Prior means (p,)."""
     weighted_gram: Callable[[], Array]
-    _latest: list[tuple[FittedTerms, MarginalTerms]] = field(default_factory=list, init=False, repr=False)
+    """Computes X'WX (p, p) for the factor, so that a cached background does not store it."""
+    _latest: list[tuple[FittedTerms, Array, Array]] = field(default_factory=list, init=False, repr=False)
     _marginals: WeakKeyDictionary[Response, MarginalValues] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
@@ -122,44 +106,40 @@ class Background:
 
     @cached_property
     def _chol(self) -> Array:
-        """Lower Cholesky factor (p, p) of M."""
         from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
 
         M = self._root[:, None] * self.weighted_gram()
         M *= self._root
         M[np.diag_indices_from(M)] += 1.0
-        return np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
+        return cholesky(M, lower=True, overwrite_a=True, check_finite=False)
 
     @cached_property
     def pull(self) -> Array:
-        """Prior means over prior variances (p,), the contribution of the prior to η; zero for a zero mean."""
+        """Prior means over prior variances (p,), the contribution of the prior to η."""
         return np.divide(self.mean, self.variance, out=np.zeros_like(self.mean), where=self.variance > 0)
 
     @cached_property
     def at_mean(self) -> Array:
-        """Contribution (N,) of the columns to the whitened readings at their prior means."""
+        """Contribution (N,) of the columns to the readings at their prior means."""
         return self.columns.X @ self.mean
 
     def marginal(self, values: Array) -> MarginalValues:
-        """Return whitened values (N, k) prepared for products with C⁻¹."""
         # this order of products takes a third of the time
         return MarginalValues(values, self.weight, self._absorbed((self.weight[:, None] * values).T @ self.columns.X))
 
     def _absorbed(self, products: Array) -> Array:
-        """Return the part (p, k) absorbed by the columns of values with products (k, p) with the weighted columns."""
+        """The part (p, k) of values absorbed by the columns, given their products (k, p) with the weighted columns."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         right = self._root[:, None] * products.T
-        solution = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
-        return np.asarray(solution, dtype=float)
+        return solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
 
     @cached_property
     def _absorbed_mean(self) -> Array:
-        """The part (p, 1) absorbed by the columns of the readings at the prior means."""
         return self._absorbed((self.weighted_gram() @ self.mean)[None])
 
     def _prepare(self, responses: Sequence[Response]) -> list[MarginalValues]:
-        """Return responses prepared for products; all that are new are prepared together."""
+        """Prepare responses for products, all new ones together."""
         new = [response for response in dict.fromkeys(responses) if response not in self._marginals]
         if new:
             together = self._absorbed(self.columns.weighted_products(new, self._weights))
@@ -169,16 +149,14 @@ class Background:
         return [self._marginals[response] for response in responses]
 
     def marginal_residual(self, residual: Array) -> MarginalValues:
-        """Return a prepared whitened residual (N,) minus the readings at the prior means, as (N, 1).
-
-        The part that needs no prior means is cached while the residual is in use.
+        """Prepare a whitened residual (N,) minus the readings at the prior means, as (N, 1). The part without prior
+        means is cached while the residual is in use.
         """
         (whole,) = self._prepare([self.columns.response_of(residual)])
         values = residual - self.at_mean
         return MarginalValues(values[:, None], self.weight, whole.absorbed - self._absorbed_mean)
 
     def marginal_responses(self, responses: Sequence[Response]) -> MarginalValues:
-        """Return the columns of responses, prepared together."""
         parts = self._prepare(responses)
         if len(parts) == 1:
             return parts[0]
@@ -186,10 +164,9 @@ class Background:
         absorbed = [np.empty((len(self.variance), 0)), *(part.absorbed for part in parts)]
         return MarginalValues(np.concatenate(values, axis=1), self.weight, np.concatenate(absorbed, axis=1))
 
-    def marginal_terms(self, terms: FittedTerms) -> MarginalTerms:
-        """Return fitted terms and, last, their residual at the prior means, prepared.
-
-        The latest result is cached, because a state's evidence and posterior both need it.
+    def marginal_terms(self, terms: FittedTerms) -> tuple[Array, Array]:
+        """Products with C⁻¹ (q + 1, q + 1) of fitted terms and, last, their residual at the prior means, and the part
+        (p, q + 1) absorbed by the columns. The latest are cached: a state's evidence and posterior both need them.
         """
         if not self._latest or self._latest[0][0] is not terms:
             parts = self._prepare([*terms.responses, self.columns.response_of(terms.r)])
@@ -200,13 +177,11 @@ class Background:
             products[-1] -= across
             products[:, -1] -= across
             products[-1, -1] += self.weight @ self.at_mean**2
-            self._latest[:] = [(terms, MarginalTerms(products, absorbed))]
-        return self._latest[0][1]
+            self._latest[:] = [(terms, products, absorbed)]
+        return self._latest[0][1:]
 
     def absorbed_coefficients(self, absorbed: Array) -> Array:
-        """Return the coefficients (p, k) with which the columns absorb as much as possible of values, given the part
-        (p, k) that they absorb.
-        """
+        """Coefficients (p, k) with which the columns absorb values, given their absorbed part (p, k)."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         back = solve_triangular(self._chol, absorbed, lower=True, trans=1, check_finite=False)
@@ -214,7 +189,6 @@ class Background:
 
     @property
     def logdet(self) -> float:
-        """Log determinant of the covariance of the readings."""
         return 2 * float(np.log(np.diag(self._chol)).sum()) - float(np.log(self.weight).sum())
 
     @cached_property
@@ -240,21 +214,16 @@ class Background:
         return np.asarray(self.variance * np.einsum("kj,kj->j", inverse, inverse), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
-        """Return the product (p,) of the covariance of the coefficients, in healthy sizes, with a vector (p,)."""
         return self.absorbed_coefficients(self._absorbed(vector[None]))[:, 0]
 
     @cached_property
     def spent(self) -> Array:
-        """Energy of each band (b,), in noise variances, that the uncertainty of the coefficients hides, excluding
-        fitted terms.
-        """
+        """Energy of each band (b,), in noise variances, that the uncertainty of the coefficients hides."""
         return np.tensordot(self.columns.K, self.covariance, axes=2)
 
     @cached_property
     def weighted_spent(self) -> Array:
-        """Energy of each band (b,), weighted by the noise, that the uncertainty of the coefficients hides, excluding
-        fitted terms.
-        """
+        """`spent`, weighted by the noise."""
         if len(self.columns.count) > 1:
             return self.columns.weighted_spent(self.weight, self.covariance)
         # The trace of X'WX A is that of I - M⁻¹, which needs only the variances.
@@ -262,13 +231,12 @@ class Background:
         return np.array([np.sum(1 - self.variances[free] / self.variance[free])])
 
     def posterior(self, terms: FittedTerms) -> CoefficientPosterior:
-        """Return the posterior of all coefficients together with the fitted terms, T (N, q)."""
         return CoefficientPosterior(self, terms)
 
     def evidence(self, terms: FittedTerms) -> float:
-        """Return the log density of the readings with fitted terms, T (N, q), up to a constant."""
+        """Log density of the readings with fitted terms, up to a constant."""
         q = len(terms.mean)
-        products = self.marginal_terms(terms).products
+        products, _ = self.marginal_terms(terms)
         normal = products[:q, :q] + terms.precision
         right = products[:q, q] + terms.precision @ terms.mean
         best = terms.best(normal, right)
@@ -279,87 +247,86 @@ class Background:
 
 @dataclass(frozen=True)
 class Gains:
-    """Gain of n forms over their part of the background, each fitted together with all other terms.
-
-    Log evidence (n,) as a `fault`, and as the only form of `healthy` size of the effect. `sigma` (n,): significance of
-    a healthy size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
-    """
+    """Gain of n forms over their part of the background, each fitted together with all other terms."""
 
     fault: Array
+    """Log evidence as a fault."""
     healthy: Array
+    """Log evidence as the only form of healthy size."""
     sigma: Array
+    """Significance of a healthy size."""
     size: Array
+    """Size shown by the readings, in healthy sizes."""
 
 
 @dataclass(frozen=True, eq=False)
 class CoefficientPosterior:
-    """Posterior of all coefficients of whitened columns together with fitted terms."""
+    """Posterior of all coefficients of the columns together with fitted terms."""
 
     background: Background
     terms: FittedTerms
 
     @cached_property
-    def _marginal(self) -> MarginalTerms:
+    def _marginal(self) -> tuple[Array, Array]:
         return self.background.marginal_terms(self.terms)
 
     def _products_with(self, marginal: MarginalValues) -> Array:
-        """Return the products (q + 1, k) with C⁻¹ of the fitted terms and, last, the residual with values (N, k)."""
-        products = self.terms.with_residual.T @ marginal.weighted - self._marginal.absorbed.T @ marginal.absorbed
+        """Products (q + 1, k) with C⁻¹ of the fitted terms and, last, the residual with values (N, k)."""
+        products = self.terms.with_residual.T @ marginal.weighted - self._marginal[1].T @ marginal.absorbed
         products[-1] -= self.background.at_mean @ marginal.weighted
         return products
 
     @cached_property
+    def _normal(self) -> Array:
+        return self._marginal[0][:-1, :-1] + self.terms.precision
+
+    @cached_property
     def term_covariance(self) -> Array:
-        """Covariance (q, q) of the fitted terms."""
-        q = len(self.terms.mean)
-        return np.asarray(np.linalg.inv(self._marginal.products[:q, :q] + self.terms.precision), dtype=float)
+        return np.asarray(np.linalg.inv(self._normal), dtype=float)
 
     @cached_property
     def term_means(self) -> Array:
-        """Means (q,) of the fitted terms."""
-        q, terms = len(self.terms.mean), self.terms
-        normal = self._marginal.products[:q, :q] + terms.precision
-        return terms.best(normal, self._marginal.products[:q, q] + terms.precision @ terms.mean)
+        return self.terms.best(self._normal, self._marginal[0][:-1, -1] + self.terms.precision @ self.terms.mean)
 
     @cached_property
-    def _absorbed_coefficients(self) -> Array:
-        """Coefficients (p, q + 1) with which the columns absorb the fitted terms and, last, the residual."""
-        return self.background.absorbed_coefficients(self._marginal.absorbed)
+    def _coefficients(self) -> tuple[Array, Array]:
+        """Coefficients with which the columns absorb the fitted terms (p, q), and the residual (p,)."""
+        coefficients = self.background.absorbed_coefficients(self._marginal[1])
+        return coefficients[:, :-1], coefficients[:, -1]
+
+    @property
+    def _taken(self) -> Array:
+        return self._coefficients[0]
 
     @cached_property
     def mean(self) -> Array:
-        """Means (p,) of the background columns."""
-        return (
-            self.background.mean
-            + self._absorbed_coefficients[:, -1]
-            - self._absorbed_coefficients[:, :-1] @ self.term_means
-        )
+        return self.background.mean + self._coefficients[1] - self._taken @ self.term_means
 
     @cached_property
     def variance(self) -> Array:
-        """Variances (p,) of the background columns."""
-        taken = self._absorbed_coefficients[:, :-1]
-        return np.asarray(self.background.variances + np.sum(taken @ self.term_covariance * taken, axis=1), dtype=float)
+        return np.asarray(
+            self.background.variances + np.sum(self._taken @ self.term_covariance * self._taken, axis=1), dtype=float
+        )
 
     def covariance_among(self, columns: Integers) -> Array:
-        """Return covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
-        taken = self._absorbed_coefficients[:, :-1][columns]
+        """Covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
+        taken = self._taken[columns]
         without_terms = self.background.covariance[columns[..., :, None], columns[..., None, :]]
-        return np.asarray(without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
+        return without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2)
 
     def joint(self, columns: int, fitted: int) -> tuple[Array, Array]:
-        """Mean (f + c,) and covariance (f + c, f + c) of the first `fitted` terms, then of the first `columns` of the
-        background, in healthy sizes."""
-        among_terms, taken = self.term_covariance[:fitted], self._absorbed_coefficients[:columns, :-1]
+        """Mean (f + c,) and covariance of the first `fitted` terms, then of the first `columns` of the background, in
+        healthy sizes.
+        """
+        among_terms, taken = self.term_covariance[:fitted], self._taken[:columns]
         across = -among_terms @ taken.T
         below = self.background.covariance[:columns, :columns] + taken @ self.term_covariance @ taken.T
         mean = np.concatenate([self.term_means[:fitted], self.mean[:columns]])
-        return mean, np.asarray(np.block([[among_terms[:, :fitted], across], [across.T, below]]), dtype=float)
+        return mean, np.block([[among_terms[:, :fitted], across], [across.T, below]])
 
     def covariance_times(self, vector: Array) -> Array:
-        """Return the product (p,) of the covariance of the whitened background columns with a vector (p,)."""
-        taken = self._absorbed_coefficients[:, :-1]
-        return self.background.covariance_times(vector) + taken @ (self.term_covariance @ (vector @ taken))
+        of_terms: Array = self._taken @ (self.term_covariance @ (vector @ self._taken))
+        return self.background.covariance_times(vector) + of_terms
 
     @cached_property
     def residual(self) -> Array:
@@ -372,16 +339,16 @@ class CoefficientPosterior:
         return self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
 
     def prediction_errors(self, rows: Integers) -> tuple[Array, Array]:
-        """Return the prediction errors (n,) of given whitened rows (n,) from all others, and their covariance (n, n)
-        excluding the noise of the readings.
+        """Prediction errors (n,) of whitened rows (n,) from all others, and their covariance excluding the noise of the
+        readings.
 
-        For a normal distribution both follow directly: with C the covariance of the readings, the residuals are
-        (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). The
-        influence of the rows on fitted sizes and widths is not removed.
+        With C the covariance of the readings, the residuals are (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is
+        (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). The influence of the rows on fitted sizes and widths is not
+        removed.
         """
         background, weight = self.background, self.background.weight[rows]
         X = background.columns.X[rows]
-        terms = self.terms.T[rows] - X @ self._absorbed_coefficients[:, :-1]
+        terms = self.terms.T[rows] - X @ self._taken
         modelled = X @ background.covariance @ X.T + terms @ self.term_covariance @ terms.T
         covariance = np.linalg.inv(np.diag(weight) - weight[:, None] * modelled * weight)
         missed: Array = covariance @ (weight * self.residual[rows])
@@ -389,16 +356,14 @@ class CoefficientPosterior:
 
     @cached_property
     def weighted_spent(self) -> Array:
-        """Energy of each band (b,), weighted by the noise, that the uncertainty of all coefficients hides."""
+        """`spent`, weighted by the noise."""
         background = self.background
         return background.weighted_spent + np.bincount(background.columns.band, background.weight * self._of_terms)
 
     @cached_property
     def _of_terms(self) -> Array:
-        """Variances (N,) of the readings due to the uncertainty of the fitted terms, after absorption by the
-        columns.
-        """
-        remainder = self.terms.T - self.background.columns.X @ self._absorbed_coefficients[:, :-1]
+        """Variances (N,) of the readings due to the fitted terms, after absorption by the columns."""
+        remainder = self.terms.T - self.background.columns.X @ self._taken
         return np.asarray(np.sum(remainder @ self.term_covariance * remainder, axis=1), dtype=float)
 
     @property
@@ -408,12 +373,11 @@ class CoefficientPosterior:
 
     @property
     def healthy_share(self) -> Array:
-        """Contribution (N,) of the effect forms, at their posterior means, to the whitened readings."""
+        """Contribution (N,) of the effect forms at their posterior means."""
         forms = self.background.columns.set_ups.start
         return self.background.columns.X[:, :forms] @ self.mean[:forms]
 
     def gains(self, forms: Sequence[Form], level: Level) -> Gains:
-        """Return the gains of forms in an arm whose other forms have a level."""
         gains = Gains(*np.full((2, len(forms)), -np.inf), *np.zeros((2, len(forms))))
         alike = np.array([(len(form.columns), level.of(form.effect)) for form in forms]).reshape(-1, 2)
         usual_variance = self.background.columns.usual_variance(level)
@@ -442,24 +406,22 @@ class CoefficientPosterior:
         return gains
 
     def size(self, form: Form) -> Array:
-        """Return the coefficients (q,), in healthy sizes, of a form as a fault."""
+        """Coefficients (q,), in healthy sizes, of a form as a fault."""
         cols = np.array(form.columns)
         inverse, precision = self._inverse_and_cavity(cols)
         eta = inverse @ self.mean[cols] - self.background.pull[cols]
-        return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
+        return np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta)
 
     def _inverse_and_cavity(self, columns: Integers) -> tuple[Array, Array]:
-        """Return the inverse covariance (…, q, q) among columns (…, q), and this inverse minus the prior precision
-        of the columns.
-        """
+        """Inverse covariance (…, q, q) among columns (…, q), and the same minus their prior precision."""
         inverse = np.asarray(np.linalg.inv(self.covariance_among(columns)), dtype=float)
         precision, diagonal = inverse.copy(), np.arange(columns.shape[-1])
         precision[..., diagonal, diagonal] -= 1 / self.background.variance[columns]
         return inverse, precision
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
-        """Return the information of the readings about whitened columns (N, q), fitted together with all other
-        terms: precision Λ (q, q) and vector η (q,).
+        """Information of the readings about whitened columns (N, q), fitted together with all other terms: precision Λ
+        (q, q) and vector η (q,).
         """
         marginal = self.background.marginal(columns)
         across = self._products_with(marginal)
@@ -468,12 +430,10 @@ class CoefficientPosterior:
         return precision, eta
 
     def cavities_within_limits(self, responses: Sequence[Response]) -> list[tuple[Array, Array]]:
-        """Return the same information about the columns of each response apart, with the terms at limits fixed there
-        as in the evidence.
-        """
+        """The same for the columns of each response apart, with the terms at limits fixed as in the evidence."""
         self.background.marginal_responses(responses)  # all together
-        free, normal = np.isnan(self.terms.held), self._marginal.products[:-1, :-1] + self.terms.precision
-        covariance = np.linalg.inv(normal[np.ix_(free, free)])
+        free = np.isnan(self.terms.held)
+        covariance = np.linalg.inv(self._normal[np.ix_(free, free)])
         cavities = []
         for response in responses:
             marginal = self.background.marginal_responses([response])
@@ -483,23 +443,21 @@ class CoefficientPosterior:
         return cavities
 
     def without_absorbed(self, columns: Array) -> Array:
-        """Return the part of whitened columns (N, q), added to the readings, not absorbed by all other terms."""
+        """The part of added whitened columns (N, q) that all other terms do not absorb."""
         marginal = self.background.marginal(columns)
         terms = self.term_covariance @ self._products_with(marginal)[:-1]
-        taken = self.background.absorbed_coefficients(marginal.absorbed) - self._absorbed_coefficients[:, :-1] @ terms
+        taken = self.background.absorbed_coefficients(marginal.absorbed) - self._taken @ terms
         return columns - self.terms.T @ terms - self.background.columns.X @ taken
 
 
 def background_of(columns: Columns, weight: Array, variance: Array, mean: Array | None = None) -> Background:
-    """Return the background for noise weights (N,), prior variances (p,) and prior means (p,), zero by default."""
     mean = np.zeros(len(variance)) if mean is None else mean
     return Background(columns, weight, variance, mean, partial(columns.weighted_gram, weight))
 
 
 def fault_evidence(values: Array, seen: Array, level: float) -> Array:
-    """Return the log evidence (…) of cavities for a fault of any size over no fault.
-
-    `values` (…, q): eigenvalues of the precision. `seen` (…, q): squares of η along the eigenvectors.
+    """Log evidence (…) of cavities for a fault of any size over no fault. `values`, `seen` (…, q): eigenvalues of the
+    precision, and squares of η along the eigenvectors.
     """
     each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
     top = each.max(axis=0)
@@ -507,7 +465,5 @@ def fault_evidence(values: Array, seen: Array, level: float) -> Array:
 
 
 def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
-    """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
-    eigenvectors (…, q) and prior variance V.
-    """
+    """Log evidence F(V) (…) of cavities for a prior variance V; arguments as of `fault_evidence`."""
     return np.asarray(0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1), dtype=float)

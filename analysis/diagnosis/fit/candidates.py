@@ -1,8 +1,4 @@
-"""Candidate effects, and the columns of all possible changes of the readings.
-
-`candidates_for` lists every effect visible in these runs, and `columns_for` creates their `Columns`: responses to each
-form at a healthy size, followed by set-ups and scatter between runs.
-"""
+"""Candidate effects, and the columns of all possible changes of the readings."""
 
 from __future__ import annotations
 
@@ -24,6 +20,7 @@ from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.runs.tables import format_of
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import PartKind, Scope, healthy, is_play, name_of, phases, scaled
+from rigs.schema.vocabulary import MOST_AXES
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Candidates: possible names of a diagnosis, each with columns in the readings. The response to an effect is
@@ -33,34 +30,33 @@ from rigs.schema.effect import PartKind, Scope, healthy, is_play, name_of, phase
 _PLAY_SIGMA = 15.0
 """Size in sigmas of the narrowest backlash tried. Chosen: well above the detection limit of 7 sigma."""
 _PLAYS = (1.0, 6.0, 30.0)
-"""Backlash widths tried, in healthy widths: of healthy arms, and two faults of 5 to 100 healthy sizes. Chosen:
-factors of about five, refined by the fit.
+"""Backlash widths tried, in healthy widths: of healthy arms, and of two faults. Chosen: factors of about five, refined
+by the fit.
 """
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect in a given form.
-
-    `effects`: effect of each column, at `size` of the healthy size, because the response to backlash is not
-    proportional to the width. `shaped`: the effect in the other shapes tried by a search. `weight`: relative likelihood
-    of each.
-    """
+    """An effect in a given form."""
 
     name: str
     effects: tuple[Effect, ...]
+    """Effect of each column, at `size` of the healthy size: the response to backlash is not proportional to the
+    width.
+    """
     size: float = 1.0
     shaped: tuple[Effect, ...] = ()
+    """The effect in the other shapes tried by a search."""
     weight: float = 1.0
+    """Relative likelihood of each."""
 
     @property
     def effect(self) -> Effect:
-        """Effect of the first column."""
         return self.effects[0]
 
 
 def candidates_for(linear: Linearisation) -> list[Candidate]:
-    """Return every registered effect visible in the runs of a linearisation with N entries."""
+    """List every registered effect that the runs can show."""
     scope = _scope(linear.blocks)
     places = [forms for cls in VOCABULARY.values() for forms in cls.forms(scope)]
     plays = [healthy(form) for forms in places for form in forms if is_play(form)]
@@ -82,7 +78,6 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
 
 
 def _scope(blocks: Sequence[Block]) -> Scope:
-    """Return the observability of effects in the blocks. A circle has two gauges, a target has a single gauge."""
     tables = [block.table for block in blocks]
     timed = any(table.swept for table in tables)
     gauges = max((format_of(table.test).gauges for table in tables), key=len)
@@ -104,43 +99,34 @@ def _scope(blocks: Sequence[Block]) -> Scope:
 # is distributed over the forms.
 
 _BALL_MM, _PLACED_MM = 10.0, 1000.0
-"""Prior standard deviation of a set-up term about the first fit: of a ball, and of an instrument or its target.
-
-It matters only for poorly determined terms, such as the height of a ball above the plane of a circle. Chosen: a ball is
-placed at the centre of the tool's circle, whereas an instrument may be anywhere.
+"""Prior standard deviation of a set-up term about the first fit: of a ball, and of an instrument or its target. It
+matters only for poorly determined terms, such as the height of a ball above the plane of a circle. Chosen: a ball is
+placed at the centre of the tool's circle, an instrument may be anywhere.
 """
 LARGEST_FAULT = 68.0
-"""Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, because faults are 5 to 100
-healthy sizes.
-"""
+"""Largest fault in healthy sizes: faults are 5 to 100 healthy sizes."""
 _SMALLEST_FAULT = 6.0
-"""Smallest size of a fault, relative to the level of the arm. It follows from the definition of a fault as 5 to 100
-healthy sizes, with a margin of 1.
-"""
+"""Smallest fault, relative to the level of the arm: 5 healthy sizes, with a margin of 1."""
 _MEAN = float(np.sqrt(2 / np.pi))
-"""Mean magnitude of a standard normal variable: mean of a non-negative effect in a healthy arm."""
+"""Mean magnitude of a standard normal variable."""
 WEIGHT_DIGITS, _UNEVEN, _RESIDUALS, _AMONG = 9, 4, 8, 3
-"""Digits for distinguishing reading weights, number of cached weighted products of a band, about 8 MB each, and of
-residuals.
+"""Digits for distinguishing reading weights; cached weighted products of a band, about 8 MB each; cached residuals; and
+cached products of fitted terms.
 """
 _SIZE_RATIO = 1.85
-"""Ratio of consecutive fault sizes, giving the sizes 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is
-an average over sizes and smooth in their logarithm.
+"""Ratio of consecutive fault sizes: 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is an average over
+sizes and smooth in their logarithm.
 """
 
 
 _APART: tuple[PartKind, ...] = ("constants", "gravity")
-"""Parts of the error of an arm with a separate level: the accuracy of links and zeros, and the stiffness, are
-independent of the quality of gears.
-"""
+"""Parts of the error with a separate level: links, zeros and stiffness are independent of the quality of gears."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """Level of the small errors of an arm, 1 in a typical healthy arm: of geometry and zeros, and of deflection under
-    load (`apart`), and of all `others`. `apart` is empty if all have the same level.
-
-    An arm with perfect gears may still have inaccurate links.
+    """Level of the small errors of an arm, 1 in a typical healthy arm. If `apart` is given, geometry and deflection
+    under load have levels of their own, because an arm with perfect gears may have inaccurate links.
     """
 
     others: float = 1.0
@@ -148,7 +134,6 @@ class Level:
 
     @classmethod
     def of_values(cls, values: Array) -> Level:
-        """Return the level with given `values` (1 + n,), in healthy sizes."""
         others, *apart = values.tolist()
         return cls(others, tuple(apart))
 
@@ -158,20 +143,17 @@ class Level:
         return np.array([self.others, *self.apart])
 
     def index(self, effect: Effect) -> int:
-        """Return the index of an effect's level in `values`."""
         return 1 + _APART.index(effect.part) if self.apart and effect.part in _APART else 0
 
     def of(self, effect: Effect) -> float:
-        """Return the level of an effect."""
         return (self.others, *self.apart)[self.index(effect)]
 
     def by_part(self) -> dict[str, float]:
-        """Return the level of each part apart, and of `others`."""
+        """Level of each part, as in the JSON."""
         apart = self.apart or (self.others,) * len(_APART)
         return {"others": self.others, **dict(zip(_APART, apart, strict=True))}
 
     def at_least(self, least: float) -> Level:
-        """Return the level with a lower bound."""
         return Level.of_values(np.maximum(self.values, least))
 
 
@@ -180,55 +162,57 @@ HEALTHY, HEALTHY_APART = Level(), Level(apart=(1.0,) * len(_APART))
 
 
 def fault_sizes(level: float) -> Array:
-    """Return the possible fault sizes (n,), in healthy sizes, for an arm with a background level."""
+    """Possible fault sizes (n,), in healthy sizes, for an arm with a background level."""
     least = min(_SMALLEST_FAULT * level, LARGEST_FAULT / 4)
     return np.geomspace(least, LARGEST_FAULT, 1 + round(np.log(LARGEST_FAULT / least) / np.log(_SIZE_RATIO)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Form(Candidate):
-    """One shape in which an effect may occur: a candidate with the indices of its `columns`."""
+    """One shape in which an effect may occur, with the indices of its `columns`."""
 
     columns: tuple[int, ...]
 
     @property
     def one_sided(self) -> bool:
-        """Whether the size cannot be negative."""
         return len(self.effects) == 1 and one_sided(self.effect)
 
 
 @dataclass(frozen=True, eq=False)
 class BandWeights:
-    """Weights of the N entries: the largest of each band, `scale` (b,), the shares of it, `shape` (N,), and the bands
-    with unequal weights.
-    """
+    """Inverse variances of the readings, factored by band."""
 
     scale: Array
+    """Largest (b,) of each band."""
     shape: Array
+    """Share (N,) of it."""
     uneven: list[int]
+    """Bands with unequal weights."""
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """The columns of a linearisation.
-
-    `X` (N, p) contains the columns of forms per healthy size, then of set-ups (`set_ups`) per mm, then of the scatter
-    of joints, ball and stamps. `band` (N,): index of the band of each entry. `healthy` and `fixed` (p,): prior
-    variances of the coefficients in a healthy arm, growing with the level and constant; `healthy_mean` (p,): their
-    means at level 1. `not_seen`: effects invisible at any fault size. `constants_apart`: constants of the arm have
-    separate widths, as for touches. `turned` (axes): turns of joints.
-    """
+    """The columns of a linearisation: all possible changes of the readings."""
 
     X: Array
+    """Columns (N, p): forms per healthy size, then set-ups per mm, then scatter of joints, ball and stamps."""
     forms: tuple[Form, ...]
     set_ups: slice
+    """The columns of set-ups."""
     band: NDArray[np.int64]
+    """Index (N,) of the band of each entry."""
     healthy: Array
+    """Prior variances (p,) in a healthy arm, growing with the level."""
     fixed: Array
+    """Prior variances (p,) that do not."""
     healthy_mean: Array
+    """Prior means (p,) at level 1."""
     not_seen: tuple[str, ...] = ()
+    """Effects invisible at any fault size."""
     constants_apart: bool = False
+    """True if constants of the arm have separate widths, as for touches."""
     turned: tuple[float, ...] = ()
+    """Turns of joints."""
     _products: WeakKeyDictionary[Response, tuple[bytes, Array]] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
@@ -238,30 +222,21 @@ class Columns:
 
     @cached_property
     def among(self) -> dict[str, float]:
-        """Number of forms per effect, by weight."""
+        """Number of forms of each effect, by weight."""
         among = dict.fromkeys((form.name for form in self.forms), 0.0)
         for form in self.forms:
             among[form.name] += form.weight
         return among
 
-    @property
-    def scattered(self) -> int:
-        """Number of columns of scatter between runs, which follow the columns of set-ups."""
-        return int(self.X.shape[1] - self.set_ups.stop)
-
     @cached_property
     def likelihoods(self) -> Array:
-        """Likelihood of each form (n,) among the forms of the effect in a healthy arm."""
+        """Likelihood of each form (n,) among the forms of its effect in a healthy arm."""
         return _likelihoods(self.forms)
 
     @cached_property
     def sizes(self) -> Array:
         """Size (f,), in healthy sizes, at which each form column was computed."""
         return np.repeat([form.size for form in self.forms], [len(form.columns) for form in self.forms])
-
-    def forms_in(self, linear: Linearisation) -> Array:
-        """Return the columns (N, f) of the same forms in a different linearisation, per healthy size."""
-        return np.asarray(linear.columns([effect for form in self.forms for effect in form.effects]) / self.sizes)
 
     @cached_property
     def name_of_column(self) -> NDArray[np.int64]:
@@ -278,22 +253,19 @@ class Columns:
 
     @cached_property
     def rows(self) -> list[NDArray[np.int64]]:
-        """Entries (n,) of each band."""
         return [np.flatnonzero(self.band == b) for b in range(len(self.count))]
 
     @cached_property
     def count(self) -> NDArray[np.int64]:
-        """Number (b,) of entries per band."""
         return np.bincount(self.band)
 
     @cached_property
     def parts(self) -> list[Array]:
-        """Whitened columns (n, p) of each band."""
         return [self.X] if len(self.rows) == 1 else [self.X[rows] for rows in self.rows]
 
     @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
-        """The Gram matrix (p, p) of the whitened columns in each band, as (b, p, p)."""
+        """Gram matrix of the whitened columns in each band, (b, p, p)."""
         products = np.empty((len(self.parts), self.X.shape[1], self.X.shape[1]))
         for part, product in zip(self.parts, products, strict=True):
             np.matmul(part.T, part, out=product)
@@ -301,11 +273,10 @@ class Columns:
 
     @cached_property
     def gram(self) -> Array:
-        """The Gram matrix X'X (p, p) of all whitened columns."""
         return np.asarray(self.K[0] if len(self.K) == 1 else self.K.sum(axis=0), dtype=float)
 
     def weighted_gram(self, weight: Array) -> Array:
-        """Return the products X'WX (p, p), from bandwise products for equal weights (N,)."""
+        """X'WX (p, p) for weights (N,), from the Gram matrices of the bands."""
         weights = self.by_band(weight)
         gram = self.gram.copy()
         for band in weights.uneven:
@@ -315,9 +286,7 @@ class Columns:
         return gram
 
     def weighted_spent(self, weight: Array, covariance: Array) -> Array:
-        """Return the weighted energy of each band (b,), for weights (N,), hidden by a covariance (p, p) of the
-        coefficients.
-        """
+        """Weighted energy of each band (b,) that a covariance (p, p) of the coefficients hides, for weights (N,)."""
         weights = self.by_band(weight)
         spent: Array = weights.scale * np.tensordot(self.K, covariance, axes=2)
         for band in weights.uneven:
@@ -325,10 +294,9 @@ class Columns:
         return spent
 
     def _uneven_gram(self, band: int, weights: BandWeights) -> Array:
-        """Return the weighted products (p, p) of the columns of a band with unequal weights.
+        """Weighted products (p, p) of a band with unequal weights, from the few entries with reduced weight.
 
-        Computed from the entries with a reduced weight, mostly a third. The result is cached, because a search for the
-        noise strength scales all weights of a band equally.
+        Cached, because a search for the noise strength scales all weights of a band equally.
         """
         shape = weights.shape[self.rows[band]]
 
@@ -341,18 +309,16 @@ class Columns:
         return np.asarray(weights.scale[band] * gram, dtype=float)
 
     def by_band(self, weight: Array) -> BandWeights:
-        """Return weights (N,) as the largest of each band and the shares of it."""
         scale = np.zeros(len(self.count))
         np.maximum.at(scale, self.band, weight)
         shape = np.round(weight / scale[self.band], WEIGHT_DIGITS)
         return BandWeights(scale, shape, np.unique(self.band[shape != 1]).tolist())
 
     def response_of(self, residual: Array) -> Response:
-        """Return a whitened residual (N,) as a response, cached per residual."""
         return recent(self._residuals, id(residual), lambda: (residual, Response(residual[:, None])), _RESIDUALS)[1]
 
     def weighted_products(self, responses: Sequence[Response], weights: BandWeights) -> Array:
-        """Return the weighted products (k, p) of whitened responses with all columns, cached with each response."""
+        """Weighted products (k, p) of whitened responses with all columns, cached with each response."""
         key = weights.shape.tobytes()
         new = [response for response in responses if self._products.get(response, (b"",))[0] != key]
         if new:
@@ -365,9 +331,7 @@ class Columns:
         return np.concatenate([np.tensordot(weights.scale, products, axes=1) for products in by_band])
 
     def products_among(self, values: Array, weights: BandWeights) -> Array:
-        """Return the weighted products (k, k) of whitened values (N, k) with each other. The products by band are
-        cached for the latest values.
-        """
+        """Weighted products (k, k) of whitened values (N, k), cached by band for the latest values."""
 
         def compute() -> tuple[Array, Array]:
             whole = values if (weights.shape == 1).all() else np.sqrt(weights.shape)[:, None] * values
@@ -377,7 +341,7 @@ class Columns:
         return np.tensordot(weights.scale, by_band, axes=1)
 
     def level_indices(self, level: Level) -> NDArray[np.int64]:
-        """Return the index (p,) of the level of each column in the values of a level."""
+        """Index (p,) of the level of each column in `level.values`."""
         return self._indices_apart if level.apart else np.zeros(len(self.healthy), dtype=np.int64)
 
     @cached_property
@@ -386,37 +350,33 @@ class Columns:
         return np.array(of_forms + [0] * (self.X.shape[1] - len(of_forms)), dtype=np.int64)
 
     def levels(self, level: Level) -> Array:
-        """Return the level (p,) of each column, in healthy sizes."""
-        return np.asarray(level.values[self.level_indices(level)])
+        """Level (p,) of each column."""
+        return level.values[self.level_indices(level)]
 
     def variance(self, level: Level, curves: JointCurves | None = None) -> Array:
-        """Prior variance (p,) of the coefficients in an arm with `level` times the healthy size of the effects.
-
-        Waves of joints have the variance of the `curves`, if given.
-        """
+        """Prior variance (p,) of the coefficients at a level; waves of joints have that of the `curves`, if given."""
         variance: Array = self.levels(level) ** 2 * self.healthy + self.fixed
         if curves is not None:
             variance[self.curves.columns] = self.curves.variance(curves)
         return variance
 
     def usual_variance(self, level: Level) -> Array:
-        """Return the largest usual variance (p,), in healthy sizes squared, of the coefficients at a level.
+        """Largest usual variance (p,) of the coefficients at a level, in healthy sizes squared.
 
-        It equals that of a healthy arm for constants with separate widths, and is unlimited for all others. A width
-        inferred from a single large constant would equal this constant, and make any fault usual.
+        A width inferred from a single large constant would equal this constant, and make any fault usual. Constants
+        with separate widths are therefore limited to a healthy arm's.
         """
         usual = np.full(len(self.healthy), np.inf)
-        constants = self.curves.of_constants
+        constants = self.curves.columns[self.curves.joint >= MOST_AXES]
         usual[constants] = level.others**2 * self.healthy[constants]
         return usual
 
     def mean(self, level: Level) -> Array:
-        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy sizes."""
-        return np.asarray(self.levels(level) * self.healthy_mean, dtype=float)
+        return self.levels(level) * self.healthy_mean
 
 
 def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:
-    """Return the columns (N, p) of the candidates visible in runs, of set-ups and of scatter."""
+    """Compute the columns of the visible candidates, of set-ups and of scatter."""
     every = in_each_shape(candidates)
     sizes = np.repeat([candidate.size for candidate in every], [len(candidate.effects) for candidate in every])
     columns = linear.columns([effect for candidate in every for effect in candidate.effects]) / sizes
@@ -447,7 +407,6 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
 
 
 def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return candidates, each followed by its variants in other shapes."""
     return [
         replace(candidate, effects=effects, shaped=(), weight=candidate.weight if k else 1.0)
         for candidate in candidates
@@ -456,7 +415,6 @@ def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
-    """Return the forms of candidates, with columns in order."""
     first, forms = 0, []
     for form in every:
         columns = tuple(range(first, first := first + len(form.effects)))
@@ -465,23 +423,19 @@ def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
 
 
 def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
-    """Return the prior variance (p,) of form columns in a healthy arm, in healthy sizes squared, distributed over the
-    forms of each effect.
-
-    present: named effects already in the model.
+    """Prior variance (p,) of form columns in a healthy arm, in healthy sizes squared, distributed over the forms of
+    each effect. `present`: effects already in the model.
     """
     whole = np.array([1 - _MEAN**2 if _is_magnitude(form, present) else 1.0 for form in forms])
     width = np.array([len(form.columns) for form in forms], dtype=np.int64)
-    return np.asarray(np.repeat(whole * _likelihoods(forms) / np.maximum(width, 1), width), dtype=float)
+    return np.repeat(whole * _likelihoods(forms) / np.maximum(width, 1), width)
 
 
 def remaining_variance_shares(forms: Sequence[Form], effect: Effect) -> Array:
-    """Return the share of healthy variance kept by each form (n,) if an effect is named: zero for forms of the same
-    name.
+    """Share of healthy variance that each form (n,) keeps if an effect is named: zero for forms of the same name.
 
-    A gear may have further waves next to the named wave, which are hard to separate if the joint moves little. Most
-    orders are integers, like numbers of teeth, so the named wave takes the share of a single order from its nearest
-    form.
+    A gear may have further waves, which are hard to separate if the joint moves little. Most orders are integers, like
+    numbers of teeth, so the named wave takes the share of a single order from its nearest form.
     """
     name = name_of(effect)
     keeps = np.array([form.name != name for form in forms], dtype=float)
@@ -495,9 +449,8 @@ def remaining_variance_shares(forms: Sequence[Form], effect: Effect) -> Array:
 
 
 def remaining_column_shares(forms: Sequence[Form], effect: Effect, count: int) -> Array:
-    """Return the shares of `remaining_variance_shares` for each of `count` columns (p,).
-
-    Columns after those of the forms keep their full variance.
+    """`remaining_variance_shares` for each of `count` columns (p,); columns after those of the forms keep their
+    variance.
     """
     shares = np.ones(count)
     of_forms = np.repeat(remaining_variance_shares(forms, effect), [len(form.columns) for form in forms])
@@ -506,7 +459,6 @@ def remaining_column_shares(forms: Sequence[Form], effect: Effect, count: int) -
 
 
 def order_of(effect: Effect) -> float:
-    """Return the order of a gear wave, NaN for other effects."""
     return float(getattr(effect, "order", np.nan))
 
 
@@ -515,9 +467,8 @@ def _is_ordered(orders: Array) -> bool:
 
 
 def _likelihoods(forms: Sequence[Form]) -> Array:
-    """Return the likelihood of each form (n,) among the forms of the effect: by weight, except for gear orders.
-
-    Orders are ratios of gear stages, so each octave is equally likely.
+    """Likelihood of each form (n,) among the forms of its effect: by weight, and equal for each octave of gear orders,
+    which are ratios of stages.
     """
     likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
@@ -530,11 +481,11 @@ def _likelihoods(forms: Sequence[Form]) -> Array:
 
 
 def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
-    """Return the prior mean (p,) of form columns in a healthy arm, in healthy sizes.
+    """Prior mean (p,) of form columns in a healthy arm, in healthy sizes: a size that cannot be negative is positive on
+    average.
 
-    present: names already in the model, whose remaining error may have either sign. A size that cannot be negative is
-    positive on average. The mean is assigned to the expected shape of a name at a healthy size, because the response to
-    backlash is not proportional to the width.
+    The mean belongs to the expected shape at a healthy size, because the response to backlash is not proportional to
+    the width. `present`: names in the model, whose remaining error may have either sign.
     """
     means = np.zeros(sum(len(form.columns) for form in forms))
     nearest: dict[str, Form] = {}
@@ -548,5 +499,4 @@ def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array
 
 
 def _is_magnitude(form: Form, present: Collection[str]) -> bool:
-    """Return whether the remaining error of a form's effect cannot be negative."""
     return form.one_sided and form.name not in present

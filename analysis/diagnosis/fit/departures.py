@@ -1,7 +1,6 @@
 """Departures: deviations of a real gear, ball or brake from the ideal form of a named effect.
 
-They are never named, but included, in proportion to the effect, in the fit and in the judgement of the residual. The
-effects define their departures.
+They are never named, but included, in proportion to the effect, in the fit and in the judgement of the residual.
 """
 
 from __future__ import annotations
@@ -18,21 +17,18 @@ from rigs.schema.scene import play
 
 _REVERSAL_SHIFT = 0.4
 """Standard deviation of the error at a sample next to a reversal, relative to the effect's size, and of the reversal
-time, relative to the sampling interval. Chosen: the time is known to about a sample, so any part of the jump may
-be on either side.
+time, relative to the sampling interval. Chosen: the time is known to about a sample.
 """
 _LEAST = 1e-3
 """Columns with no entry above this value, in noise standard deviations, are omitted."""
 _NEGLIGIBLE = 0.01
-"""Standard deviation along a direction, relative to the noise, below which `fewest_columns` omits it. Chosen: a
-ten-thousandth of the noise variance.
-"""
+"""Standard deviation along a direction, relative to the noise, below which `fewest_columns` omits it. Chosen."""
 _PARTS = 16
 """Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a crossing."""
 
 
 def departure_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return columns (N, f) of the departures of an effect, each scaled to a standard deviation, in noise standard
+    """Columns (N, f) of the departures of an effect, each scaled to a standard deviation, in noise standard
     deviations.
     """
     departures = effect.departures()
@@ -59,10 +55,7 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
 
 
 def similar_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return columns (N, f) for combinations of effects that resemble a given effect.
-
-    Each column is the change of the readings for a standard deviation of the combination, in noise standard deviations.
-    """
+    """Columns (N, f) for combinations of effects that resemble a given effect."""
     parts = [_shares(linear, combined).sum(axis=1) for combined in effect.departures().alike]
     return np.stack(parts, axis=1) if parts else np.empty((len(linear.y), 0))
 
@@ -72,29 +65,22 @@ def _shares(linear: Linearisation, effects: Sequence[tuple[float, Effect]]) -> A
 
 
 def fewest_columns(columns: Array) -> Array:
-    """Return the smallest set of whitened columns (N, g) with the same covariance as columns (N, f), in standard
-    deviations.
-
-    Directions that hardly vary are omitted. Backlash has a column for each part and each circle, and most are similar.
-    """
+    """The fewest columns (N, g) with the same covariance as columns (N, f). Most columns of a backlash are similar."""
     variances, directions = np.linalg.eigh(columns.T @ columns)
     return np.asarray(columns @ directions[:, variances > _NEGLIGIBLE**2], dtype=float)
 
 
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
-    """Return columns (N, b), each scaled to a standard deviation, for the unknown initial position of joints in
-    their backlash.
-    """
+    """Columns (N, b) for the unknown initial position of joints in their backlash."""
     gaps = [departures.gap for departures in (effect.departures() for effect in effects) if departures.gap]
     return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
 
 
 def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts: int) -> Array:
-    """Return columns (N, b) for the unknown position of a joint within its backlash at the start of each circle.
+    """Columns (N, b) for the unknown position of a joint within its backlash at the start of each circle.
 
-    The position affects the readings until the joint has crossed the backlash, which may take much of a lap. All
-    positions within ± half_width_deg are equally likely. The range is divided into parts, each with a column per
-    circle.
+    It affects the readings until the joint has crossed the backlash, which may take much of a lap. All positions within
+    ± half_width_deg are equally likely. Each of the parts of the range has a column per circle.
     """
     edges, half_width_rad = np.linspace(-1, 1, parts + 1), np.radians(half_width_deg)
     # Rms of the share of each part between the middle and a random position.
@@ -111,10 +97,10 @@ def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts
 
 
 def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
-    """Return columns (N, j) for the uncertain time of each reversal of a joint.
+    """Columns (N, j) for the uncertain time of each reversal of a joint.
 
-    The time is known to about a sample, and repeats differ by as much. A spike may therefore start earlier or later,
-    and backlash may be crossed differently. A spike that decays in fades_s (s) is larger after a later start.
+    A spike may start earlier or later, and backlash may be crossed differently. A spike that decays in fades_s is
+    larger after a later start.
     """
     jolts, faded = [], [np.empty((len(linear.y), 0))]
     for k, (simulated, rows) in enumerate(zip(linear.simulated, linear.rows, strict=True)):
@@ -138,15 +124,11 @@ def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s:
 
 
 def _that_change(columns: Array) -> Array:
-    """Return only the columns (N, c) with an influence on the readings."""
     return columns[:, np.abs(columns).max(axis=0) > _LEAST]
 
 
 def _columns_by_block(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
-    """Return columns (N, f) that each describe a single circle, or a single block of targets, and are zero elsewhere.
-
-    Columns with no influence on the readings are omitted.
-    """
+    """Columns (N, f) that each describe a single circle, or a single block of targets, and are zero elsewhere."""
     columns = [np.empty((len(whole), 0))]
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
         if bool(block.sampling) == sampling:

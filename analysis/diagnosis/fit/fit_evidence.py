@@ -13,8 +13,8 @@ from rigs.effects import Effect
 
 @dataclass(frozen=True)
 class Fit:
-    """Fitted effects. is_given: True if they were given by the user instead of found by a search. out_of_range: the
-    parameter that exceeds its range; None if there is none.
+    """Fitted effects. is_given: by the user, not found by a search. out_of_range: the parameter that exceeds its
+    range.
     """
 
     result: SearchResult
@@ -23,8 +23,8 @@ class Fit:
 
 
 def fit_evidence(evidence: Evidence, given: Sequence[Effect] | None, progress: Callable[[str], None]) -> Fit:
-    """Return the result of a search, or of the fit of `given` effects. If a search finds a parameter out of range,
-    only this parameter is fitted, without a limit.
+    """Search for effects, or fit the `given` ones. If a search finds a parameter out of range, only this is fitted,
+    without a limit.
     """
     if given is not None:
         return Fit(fit_given(evidence.runs, given, progress), is_given=True)

@@ -1,16 +1,12 @@
 """Joint curves: the error of each joint as a function of its angle, visible in poses.
 
-A curve is a sum of waves. The amplitudes of joint j in an arm have the standard deviation
+A curve is a sum of waves. The amplitudes of joint j have the standard deviation width_j · k^−decay for each whole order
+k. Widths and decay maximise the likelihood of the readings (type-II maximum likelihood: MacKay, Neural Computation 4,
+1992), with
 
-    width_j · k^−decay        for each whole order k,
+d log p(readings) / d log v_i = ½ ((m_i − mean_i)² + A_ii) / v_i − ½
 
-so a curve is smooth, with a size specific to its joint. Widths and decay maximise the likelihood of the readings
-(type-II maximum likelihood: MacKay, Neural Computation 4, 1992), with
-
-    d log p(readings) / d log v_i = ½ ((m_i − mean_i)² + A_ii) / v_i − ½
-
-for a coefficient with prior variance v_i, posterior mean m_i and variance A_ii. On a UR10 (1495 and 632 poses) the
-joints have widths of 0.03 to 0.06°, ten times a healthy gear's, and a decay of 1.0 to 1.1.
+for a coefficient with prior variance v_i, posterior mean m_i and variance A_ii.
 """
 
 from __future__ import annotations
@@ -27,48 +23,39 @@ from rigs.schema.effect import is_wave, size_field
 from rigs.schema.vocabulary import MOST_AXES
 
 _WIDTH, _WIDTH_SPREAD = 0.5, 2.0
-"""Prior width of a curve, in healthy sizes of a gear error, and the standard deviation of the logarithm. Chosen: a
-tenth to four times a healthy gear is likely; readings decide except for joints with hardly any motion.
+"""Prior width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a
+tenth to four times a healthy gear is likely (UR10: ten times, with a decay of 1.0 to 1.1).
 """
 _DECAY, _DECAY_SPREAD = 1.0, 0.5
 """Prior decay and its standard deviation: a self-similar curve has a decay of 1."""
 _WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
-"""Bounds of widths and decay. If unbounded, the widths of the lowest orders, which resemble zeros and set-ups,
-diverge: a curve of 20 healthy sizes is 0.1°.
-"""
+"""Bounds of widths and decay: otherwise the widths of the lowest orders, which resemble zeros and set-ups, diverge."""
 _PIECE, _MOST_OF_A_PIECE = 0.25, 1.0
-"""Share of a wave below which a joint shows only a zero and a slope, and the largest standard deviation of the
-amplitude of such a wave, in healthy sizes. If unlimited, a zero of 0.3° of a joint with a range of 19° became a
-curve.
+"""Share of a wave below which a joint shows only a zero and a slope, and the largest standard deviation of such a wave,
+in healthy sizes: otherwise a zero became a curve.
 """
 _WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
-"""Expected and largest width of constants of the same kind, in healthy sizes: a larger constant is a fault with a
-separate name.
-"""
+"""Expected and largest width of constants of the same kind, in healthy sizes: a larger constant is a fault."""
 _OTHER_WIDTHS = (0.5, 2.0, 4.0, 8.0)
-"""Ratios to the likeliest width of a curve over which the covariance is averaged, equally likely beside their prior."""
+"""Ratios to the likeliest width of a curve over which the covariance is averaged."""
 _ENOUGH, _MOST_FITS = 0.5, 40
 """Log likelihood required of a step for continuing the search, and the largest number of likelihoods."""
 
 
 LogLikelihood = Callable[["JointCurves", Array], tuple[float, Array, Array]]
-"""Function of curves and noise strengths (b,) that returns the log likelihood of the readings, and the derivatives
-by the logarithms of the prior variances (c,), in healthy sizes squared, and of the strengths.
+"""Function of curves and noise strengths (b,): log likelihood of the readings, and its derivatives by the logarithms of
+the prior variances (c,) and of the strengths.
 """
 
 
 def is_of_curve(effect: Effect) -> bool:
-    """Return whether an effect is a wave of a joint angle."""
     return is_wave(effect) and effect.STAGE == "joint"
 
 
 @dataclass(frozen=True)
 class JointCurves:
-    """Sizes of joint curves: their widths, in healthy sizes of a gear error, and the decay of the amplitudes with the
-    order.
-
-    If kinds of arm constants have separate widths, the widths of angles, lengths and compliances follow those of the
-    joints, in healthy sizes.
+    """Sizes of joint curves: widths in healthy sizes of a gear error, and decay of the amplitudes with the order.
+    Widths of kinds of arm constants, if separate, follow those of the joints.
     """
 
     widths: tuple[float, ...]
@@ -86,11 +73,10 @@ class JointCurves:
 
 @dataclass(frozen=True, eq=False)
 class CurveColumns:
-    """Columns of joint curves among p columns.
+    """Columns of joint curves: indices, joints from 0, orders, number of whole orders represented, and largest prior
+    variances, each (c,).
 
-    Indices (c,), joints (c,) from 0, orders (c,), number of whole orders represented (c,), and largest prior variances
-    (c,), in healthy sizes squared. Constants with a separate width are represented as waves of order 1 of additional
-    joints, a joint per kind.
+    Constants with a separate width are waves of order 1 of additional joints, a joint per kind.
     """
 
     columns: NDArray[np.int64]
@@ -101,16 +87,9 @@ class CurveColumns:
 
     @property
     def count(self) -> int:
-        """Number of widths."""
         return int(self.joint.max(initial=-1)) + 1
 
-    @property
-    def of_constants(self) -> NDArray[np.int64]:
-        """Indices of constants with a separate width."""
-        return self.columns[self.joint >= MOST_AXES]
-
     def variance(self, curves: JointCurves) -> Array:
-        """Return the prior variances (c,), in healthy sizes squared."""
         return np.minimum(self._unbounded(curves), self.most)
 
     def _unbounded(self, curves: JointCurves) -> Array:
@@ -119,8 +98,7 @@ class CurveColumns:
     def fitted(
         self, start: JointCurves, strength: Array, limits: Array, log_likelihood: LogLikelihood
     ) -> tuple[JointCurves, Array]:
-        """Return the likeliest curves and noise strengths (b,) within `limits` (2, b), starting from `start` and
-        `strength`.
+        """The likeliest curves and noise strengths (b,) within `limits` (2, b).
 
         Both are searched together: errors beyond small curves look like noise, which then keeps the curves small.
         """
@@ -150,9 +128,8 @@ class CurveColumns:
 
 
 def curve_columns(effects: Sequence[Effect], turned: Sequence[float] = (), *, apart: bool = False) -> CurveColumns:
-    """Return the columns of joint curves among effects, a column each, for joints with ranges `turned` (axes) in turns.
-
-    apart: include the arm's constants with separate widths.
+    """Columns of joint curves among effects, for joints with ranges `turned` (axes) in turns. apart: include the arm's
+    constants with separate widths.
     """
     indices = np.array([k for k, effect in enumerate(effects) if is_of_curve(effect)], dtype=np.int64)
     joint = np.array([getattr(effects[k], "axis", 1) - 1 for k in indices.tolist()], dtype=np.int64)

@@ -19,29 +19,27 @@ from rigs.effects import Effect, size_field
 from rigs.schema.effect import identity, is_wave, name_of
 
 _CANDIDATES = 4
-"""Number of arm constants fitted separately, those with columns most similar to the residual. Chosen: in 13
-simulated cells the wrong constant was always among the first two.
+"""Number of arm constants fitted separately: those with columns most similar to the residual. Chosen: in 13 simulated
+cells the wrong constant was among the first two.
 """
 _LARGE = 0.25
-"""Share of the limit from which a constant is checked again: several large constants may share the response of a
-constant beyond the limit.
+"""Share of the limit from which a constant is checked again: several large constants may share the response of one
+beyond it.
 """
 _EXPLAINS = 0.5
-"""Largest share of the error of the initial model that the parameter by itself may leave. A length beyond the limit
-moves readings by millimetres. Chosen: without this bound, a height of the base, which a circle hardly shows, was
-named out of range for an error of 6 µm; a zero wrong by 8° leaves 3 of 7000 µm.
+"""Largest share of the initial error that the parameter by itself may leave. Chosen: a zero wrong by 8° leaves 3 of
+7000 µm; without this bound, a height hardly shown by a circle was named for 6 µm.
 """
 _ALIKE = 1.05
-"""Ratio of the residuals of two parameters up to which the readings do not distinguish them. Chosen: below the share of
-the residual that an arm with errors of usual size adds by chance."""
+"""Ratio of the residuals of two parameters up to which the readings do not distinguish them. Chosen."""
 _TOLERANCE = 1e-3
 """Relative tolerance of a size at this stage; the later fit with all other terms determines it."""
 
 
 @dataclass(frozen=True)
 class OutOfRange:
-    """The parameter out of range, as an effect of the estimated size, and its `twins`, which would explain the
-    readings equally well.
+    """The parameter out of range, with its estimated size, and its `twins`, which would explain the readings equally
+    well.
     """
 
     effect: Effect
@@ -49,18 +47,17 @@ class OutOfRange:
 
     @property
     def name(self) -> str:
-        """The name of the parameter."""
         return name_of(self.effect)
 
 
 def find_out_of_range(result: SearchResult, runs: Sequence[ObservedRun]) -> OutOfRange | None:
-    """Return the parameter that, beyond its limit, explains runs of (m, k) mm better than all effects found within
-    their limits.
-
-    None if no size came near its limit, or if no single parameter explains them better.
-    """
+    """Find the parameter that, beyond its limit, explains runs better than all effects found within their limits."""
     at_limit = [effect for effect in result.effects if ended_at_limit(effect)]
-    large = [effect for effect in result.effects if _is_constant(effect) and _share_of_limit(effect) > _LARGE]
+    large = [
+        effect
+        for effect in filter(_is_constant, result.effects)
+        if abs(getattr(effect, size_field(effect))) > _LARGE * max(map(abs, size_limits(effect)))
+    ]
     if not at_limit and not large:
         return None
     fitted = FittedRuns(runs)
@@ -80,12 +77,8 @@ def _is_constant(effect: Effect) -> bool:
     return effect.compensation().constant is not None
 
 
-def _share_of_limit(effect: Effect) -> float:
-    return abs(float(getattr(effect, size_field(effect)))) / max(map(abs, size_limits(effect)))
-
-
 def _likely_constants(result: SearchResult) -> list[Effect]:
-    """Return the constants of the arm with columns most similar to the residual (N,) of the initial model."""
+    """Constants of the arm with columns most similar to the residual of the initial model."""
     linear, gains = result.linear, list[tuple[float, Effect]]()
     residual = linear.without_set_up(linear.residual(()))
     for form in result.columns.forms:
@@ -97,17 +90,14 @@ def _likely_constants(result: SearchResult) -> list[Effect]:
 
 
 def _fitted_alone(fitted: FittedRuns, effect: Effect) -> tuple[float, Effect]:
-    """Return the rms residual in µm with a single effect of the best size, unlimited, and that effect."""
+    """RMS residual in µm with a single effect of the best size, unlimited, and that effect."""
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import
 
     field, (low, high) = size_field(effect), size_limits(effect)
 
-    def of_size(size: float) -> Effect:
-        return effect.model_copy(update={field: float(size)})
+    def of_size(size: float) -> tuple[float, Effect]:
+        sized = effect.model_copy(update={field: float(size)})
+        return fitted.residual_um([sized]), sized
 
-    def residual_um(size: float) -> float:
-        return fitted.residual_um([of_size(size)])
-
-    best = minimize_scalar(residual_um, bracket=(min(low, 0.0), high), tol=_TOLERANCE)
-    size = max(float(best.x), 0.0) if low == 0 else float(best.x)
-    return residual_um(size), of_size(size)
+    best = minimize_scalar(lambda size: of_size(size)[0], bracket=(min(low, 0.0), high), tol=_TOLERANCE)
+    return of_size(max(float(best.x), 0.0) if low == 0 else float(best.x))

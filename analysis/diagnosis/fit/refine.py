@@ -1,9 +1,7 @@
 """Refinement of named effects: sizes and shapes fitted on the simulator by Gauss-Newton, with the background.
 
-The residual of a right effect with a wrong shape would support other named effects. The shape of each effect (the
-gradual crossing of a backlash, a third harmonic, the order of a gear, a decay) is therefore fitted together with the
-size, restricted to plausible values. Deviations of a real gear, ball or brake from the ideal effect (`departures`) are
-included in proportion to the effect.
+The residual of a wrong shape would support other names. The shape (crossing of a backlash, order of a gear, decay) is
+therefore fitted with the size, and deviations from the ideal effect (`departures`) are included in proportion to it.
 """
 
 from __future__ import annotations
@@ -24,32 +22,29 @@ from rigs.effects import Effect, bounds, healthy_size, one_sided, size_field
 from rigs.schema.effect import PHASE, is_wave, name_of
 
 FIT_ROUNDS = 8
-"""Largest number of Gauss-Newton rounds. Chosen: more than a fit near the optimum needs; it stops by `_ENOUGH`."""
+"""Largest number of Gauss-Newton rounds. Chosen: more than a fit near the optimum needs."""
 _TRIES = 5
 """Largest number of damping increases in a round. Chosen: five factors of 8 raise the damping by more than 10⁴."""
 _FURTHEST = 4.0
-"""Largest distance of a shape from the expected value, in prior standard deviations. Chosen: beyond it the shape is
-implausible."""
+"""Largest distance of a shape from the expected value, in prior standard deviations. Chosen."""
 _ENOUGH = 0.1
 """Chi-square that a round must gain for the fit to continue. Chosen: well below any evidence that matters."""
 _NEARBY = 0.005
-"""Change of the size of an effect, and of the spread of a shape, up to which derivatives and departures are not
-recomputed. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too large, at 0.5 and 0.2 % it is right.
+"""Relative change of a size, and of the spread of a shape, up to which derivatives and departures are not recomputed.
+Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too large.
 """
 
 _NEAR_LIMIT = 0.01
 """Standard uncertainties between a value and a limit below which the value is the limit. Chosen: below all figures."""
 _WHOLE = 0.5
-"""Share of integer orders of gears: numbers of teeth, and turns of a stage with an integer ratio. Chosen: a wave of
-non-integer order loses at most half of the odds.
-"""
+"""Share of integer orders of gears. Chosen: a wave of non-integer order loses at most half of the odds."""
 
 _One = TypeVar("_One")
 
 
 @dataclass(frozen=True)
 class UnknownParameter:
-    """An unknown parameter: index of the effect, field, expected value, prior standard deviation, and lower bound."""
+    """An unknown: index of the effect, field, expected value, prior standard deviation, and lower bound."""
 
     effect: int
     field: str
@@ -60,32 +55,31 @@ class UnknownParameter:
 
 @dataclass(frozen=True)
 class Refined:
-    """Effects with fitted sizes and shapes.
-
-    `values` (q,) and `covariance` (q, q) belong to the unknowns. `to_limit` (q,) is the distance to the limit of each
-    unknown that the next step would move there, and NaN for the others. `residual` (N,) is the whitened residual with
-    the effects, with set-ups and background unchanged; `tangents` are the derivatives by the unknowns of each effect,
-    in order. `departures` contains those of each effect, and `free` the columns of unknown causes, scaled to a standard
-    deviation.
-    """
+    """Effects with fitted sizes and shapes."""
 
     effects: tuple[Effect, ...]
     unknowns: tuple[UnknownParameter, ...]
     values: Array
+    """Of the unknowns (q,)."""
     covariance: Array
+    """Of the unknowns (q, q)."""
     to_limit: Array
+    """Distance (q,) to the limit of each unknown that the next step would move there, NaN for the others."""
     residual: Array
+    """Whitened residual (N,) with the effects, with set-ups and background unchanged."""
     tangents: tuple[Response, ...]
+    """Derivatives by the unknowns of each effect."""
     departures: tuple[Response, ...]
     free: Response
+    """Columns of unknown causes, scaled to a standard deviation."""
 
     def fitted_sd(self, effect: int) -> dict[str, float]:
-        """Return the standard uncertainty of each fitted parameter of an effect with the form of its formula."""
+        """Standard uncertainty of each fitted parameter of an effect with the form of its formula."""
         sds = np.sqrt(np.diag(self.covariance))
         return {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
 
     def sd(self, effect: int) -> dict[str, float]:
-        """Return the standard uncertainty of each fitted parameter of an effect, including that of the form."""
+        """Standard uncertainty of each fitted parameter of an effect, including that of the form."""
         stated = self.fitted_sd(effect)
         whole, name = self.effects[effect], size_field(self.effects[effect])
         if name in stated:
@@ -94,7 +88,6 @@ class Refined:
 
     @cached_property
     def fitted_terms(self) -> FittedTerms:
-        """The fitted terms for the background, with columns (N, t), expanded about the fitted values."""
         allowances = (*self.departures, self.free)
         allowed = sum(response.columns.shape[1] for response in allowances)
         precision = [unknown.spread**-2 for unknown in self.unknowns] + [1.0] * allowed
@@ -109,7 +102,7 @@ class Refined:
         )
 
     def without(self, place: int) -> Refined:
-        """Return the fit with an effect removed, the others unchanged; the residual (N,) is not updated."""
+        """The fit with an effect removed, the others unchanged; the residual is not updated."""
         kept = [k for k, unknown in enumerate(self.unknowns) if unknown.effect != place]
         unknowns = [replace(u, effect=u.effect - (u.effect > place)) for u in self.unknowns if u.effect != place]
         return replace(
@@ -129,20 +122,19 @@ def refine(
     *,
     begins: bool = False,
 ) -> Refined:
-    """Return sizes and shapes of effects fitted from their current values; an empty list leaves the residual (N,)
-    unchanged.
+    """Fit sizes and shapes of effects from their current values.
 
-    `fitted` is an earlier fit of the first of these effects, which move along their earlier tangents; a final fit of
-    all effects together removes the error of that. A new effect starts within the limits of its size; if others
-    resemble it, it is first fitted separately.
-
-    `free` (N, f) contains the columns of unknown causes, scaled to a standard deviation, and `rounds` is the largest
-    number of Gauss-Newton rounds of a fit. If `begins` is set, the fit ends before the joint fit with effects
-    resembling the new effect.
+    `fitted` is an earlier fit of the first of these effects, which move along their tangents; a final fit of all
+    together removes the error of that. A new effect starts within the limits of its size, and is first fitted
+    separately if others resemble it. `free` (N, f): columns of unknown causes. `begins`: end before the joint fit with
+    effects resembling the new effect.
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)
-    effects = [*effects[:old], *(_within_limits(linear, effect) for effect in effects[old:])]
+    effects = [*effects]
+    for k, effect in enumerate(effects[old:], start=old):
+        field, limits = size_field(effect), size_limits(effect, unlimited=name_of(effect) in linear.unlimited)
+        effects[k] = effect.model_copy(update={field: float(np.clip(getattr(effect, field), *limits))})
     unknowns = (*before.unknowns, *_unknowns(linear, effects, old))
     free_terms = before.free if free is None else Response(free)
 
@@ -163,10 +155,10 @@ def refine(
 
 
 def whole_order_gain(refined: Refined, place: int) -> float:
-    """Return the log evidence that a fitted wave gains since many orders are integers; 0 for all other effects.
+    """Log evidence that a fitted wave gains because many orders are integers; 0 for other effects.
 
-    A fit treats the order as continuous. The evidence for the nearest integer order over a continuous order is the
-    ratio of the densities of posterior and prior there (Dickey 1971).
+    A fit treats the order as continuous. The evidence for the nearest integer is the ratio of the densities of
+    posterior and prior there (Dickey 1971).
     """
     for k, unknown in enumerate(refined.unknowns):
         if unknown.effect == place and unknown.field == "order":
@@ -178,8 +170,6 @@ def whole_order_gain(refined: Refined, place: int) -> float:
 
 
 def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Response:
-    """Return the columns (N, f) for deviations of a real effect from its ideal form, for this or a similar effect."""
-
     def compute() -> Array:
         departures = departure_columns(linear, effect)
         return fewest_columns(
@@ -191,7 +181,7 @@ def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Respon
 
 
 def _steps_nearby(effect: Effect, unknowns: Sequence[UnknownParameter]) -> dict[str, float]:
-    """Return the differences of an effect's parameters over which derivatives and departures hardly change."""
+    """Differences of an effect's parameters over which derivatives and departures hardly change."""
     steps = {unknown.field: _NEARBY * unknown.spread for unknown in unknowns}
     size = size_field(effect)
     steps[size] = _NEARBY * max(abs(float(getattr(effect, size))), healthy_size(effect))
@@ -199,7 +189,6 @@ def _steps_nearby(effect: Effect, unknowns: Sequence[UnknownParameter]) -> dict[
 
 
 def no_effects(linear: Linearisation) -> Refined:
-    """Return a fit of no effects, with the residual (N,) of the linearisation."""
     none = Response(np.empty((len(linear.y), 0)))
     return Refined((), (), np.empty(0), np.empty((0, 0)), np.empty(0), linear.y, (), (), none)
 
@@ -225,17 +214,15 @@ class _Problem:
 
     @cached_property
     def expected(self) -> Array:
-        """Expected values (q,) of the unknowns."""
         return np.array([u.expected for u in self.unknowns])
 
     @cached_property
     def spread(self) -> Array:
-        """Prior standard deviations (q,) of the unknowns."""
         return np.array([u.spread for u in self.unknowns])
 
     @cached_property
     def _allowed(self) -> MarginalValues:
-        """Marginal columns (N, f) of the deviations allowed beside the effects: departures and unknown causes."""
+        """Columns (N, f) of the deviations allowed beside the effects: departures and unknown causes."""
         return self.background.marginal_responses((*self.departures, self.free))
 
     @cached_property
@@ -249,13 +236,12 @@ class _Problem:
         return self._projected(self.background.marginal_responses(self.fitted.tangents))
 
     def solved(self, effects: Sequence[Effect], rounds: int) -> Refined:
-        """Return the solution of the Levenberg-Marquardt iteration within the bounds of the parameters."""
+        """Levenberg-Marquardt iteration within the bounds of the parameters."""
         x = np.array([float(getattr(effects[u.effect], u.field)) for u in self.unknowns])
         limits, phases = self._limits(effects), np.array([unknown.field == PHASE for unknown in self.unknowns])
         x = np.clip(x, limits[0], limits[1])
         now = self._with(effects, x)
-        r = self._residual(now)
-        cost, damping, gained = self._cost(r, x), 1e-4, np.inf
+        (r, cost), damping, gained = self._tried(now, x), 1e-4, np.inf
         for turn in range(rounds + 1):
             slopes = self._slopes(now)
             H, fall = self._normal(self._projected(self.background.marginal_responses(slopes)), r)
@@ -270,8 +256,7 @@ class _Problem:
                 step = step_within(limits - x, damped, gradient)[0]
                 tried = np.where(phases, (x + step + 180) % 360 - 180, x + step)  # phases from -180 to 180 degrees
                 nearer = self._with(now, tried)
-                there_r = self._residual(nearer)
-                there_cost = self._cost(there_r, tried)
+                there_r, there_cost = self._tried(nearer, tried)
                 if there_cost < cost:
                     break
                 damping = max(damping, 1e-2) * 8
@@ -295,32 +280,29 @@ class _Problem:
             self.free,
         )  # fmt: skip
 
-    def _residual(self, effects: Sequence[Effect]) -> _Projected:
-        """Return the residual (N, 1) with the effects, and with the background at the prior means."""
-        return self._projected(self.background.marginal_residual(self.linear.residual(effects)))
+    def _tried(self, effects: Sequence[Effect], x: Array) -> tuple[_Projected, float]:
+        """The residual (N, 1) with the effects at unknowns x (q,), and its cost."""
+        r = self._projected(self.background.marginal_residual(self.linear.residual(effects)))
+        return r, float(self._product(r, r)[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())
 
     def _projected(self, marginal: MarginalValues) -> _Projected:
-        """Return marginal values (N, k) with their products with the departures and the unknown causes."""
         return _Projected(marginal, self._allowed.products(marginal))
 
     def _product(self, first: _Projected, second: _Projected) -> Array:
         return first.marginal.products(second.marginal) - first.across.T @ self._inverse @ second.across
 
     def _normal(self, J: _Projected, r: _Projected) -> tuple[Array, Array]:
-        """Return the normal matrix (q, q) of Gauss-Newton for the earlier unknowns and the slopes J of the new
-        unknowns, and the negative gradient (q,) of half the residual's cost.
+        """Normal matrix (q, q) for the earlier unknowns and the slopes J of the new ones, and the negative gradient
+        (q,).
         """
         cross = self._product(self._before, J)
         H = np.block([[self._product(self._before, self._before), cross], [cross.T, self._product(J, J)]])
         fall = np.concatenate([self._product(self._before, r), self._product(J, r)])[:, 0]
         return H + np.diag(1 / self.spread**2), fall
 
-    def _cost(self, r: _Projected, x: Array) -> float:
-        return float(self._product(r, r)[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())
-
     def _slopes(self, effects: Sequence[Any]) -> tuple[Response, ...]:
-        """Return the derivatives (N, q) by the unknowns of each new effect, or of the latest effect near it. Effects
-        are additive, and the derivatives therefore separate.
+        """Derivatives (N, q) by the unknowns of each new effect, or of the latest effect near it. Effects are
+        additive.
         """
         near, slopes = self.linear.near, []
         for k in range(len(self.fitted.effects), len(effects)):
@@ -330,9 +312,7 @@ class _Problem:
         return tuple(slopes)
 
     def _limits(self, effects: Sequence[Any]) -> Array:
-        """Return the lower and the upper bounds (2, q) of the unknowns; a phase is unbounded. A shape remains near
-        the plausible values, even after a long first step.
-        """
+        """Bounds (2, q) of the unknowns. A shape remains near the plausible values, even after a long first step."""
         limits = np.empty((2, len(self.unknowns)))
         for k, unknown in enumerate(self.unknowns):
             effect = effects[unknown.effect]
@@ -353,9 +333,7 @@ class _Problem:
 
 
 def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[UnknownParameter]) -> Array:
-    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within
-    bounds.
-    """
+    """Derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within bounds."""
     steps, changed = np.empty(len(unknowns)), []
     for k, unknown in enumerate(unknowns):
         size = 1e-3 * unknown.spread if unknown.field != size_field(effect) else 0.05 * healthy_size(effect)
@@ -367,9 +345,7 @@ def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[UnknownPara
 
 
 def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, float]:
-    """Return the smallest and the largest size of an effect in a fit, in the unit of the size; if `unlimited`, only
-    the sign is limited.
-    """
+    """Smallest and largest size of an effect in a fit; if `unlimited`, only the sign is limited."""
     if unlimited:
         return 0.0 if one_sided(effect) else -np.inf, np.inf
     (low, high), most = bounds(effect, size_field(effect)), effect.MOST * healthy_size(effect)
@@ -377,24 +353,16 @@ def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, floa
 
 
 def ended_at_limit(effect: Effect) -> bool:
-    """Return whether the size of a fitted effect is at the limit of the search, or beyond it."""
+    """Whether the size of a fitted effect is at the limit of the search, or beyond it."""
     size, (low, high) = float(getattr(effect, size_field(effect))), size_limits(effect)
     return size >= high or (low != 0 and size <= low) or bool(np.isclose(size, [low or high, high]).any())
 
 
-def _within_limits(linear: Linearisation, effect: Effect) -> Effect:
-    limits = size_limits(effect, unlimited=name_of(effect) in linear.unlimited)
-    size = float(np.clip(getattr(effect, size_field(effect)), *limits))
-    return effect.model_copy(update={size_field(effect): size})
-
-
 def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]:
-    """Return the step (q,) to the optimum within limits of the step (2, q), and the part (q,) fixed by limits, NaN for
-    others.
+    """Step (q,) to the optimum within limits of the step (2, q), and the part (q,) fixed by limits, NaN for others.
 
     H (q, q) is the normal matrix, and gradient (q,) the negative gradient. If a limit shortens the step of an unknown,
-    the other unknowns are solved again; otherwise they would go to the optimum of an unlimited fit. The evidence uses
-    the same limited optimum.
+    the others are solved again; otherwise they would go to the optimum of an unlimited fit.
     """
     step, (low, high) = np.linalg.solve(H, gradient), limits
     if ((step >= low) & (step <= high)).all():
@@ -413,22 +381,19 @@ def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]
 
 
 def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> list[UnknownParameter]:
-    """Return the unknowns of the effects from index `first` on."""
     unknowns = []
     for k, effect in enumerate(effects[first:], start=first):
+        at: Any = dict(effect)
         unknowns.append(UnknownParameter(k, size_field(effect), 0.0, LARGEST_FAULT * healthy_size(effect)))
         if is_wave(effect):
-            unknowns.append(UnknownParameter(k, PHASE, float(getattr(effect, PHASE)), 360.0))
-        for stretched in effect.STRETCHED:
-            begin = float(getattr(effect, stretched.field))
-            unknowns.append(
-                UnknownParameter(
-                    k, stretched.field, begin, max(stretched.share * begin, stretched.least), stretched.low
-                )
-            )
+            unknowns.append(UnknownParameter(k, PHASE, float(at[PHASE]), 360.0))
+        for shape in effect.STRETCHED:
+            begin = float(at[shape.field])
+            spread = max(shape.share * begin, shape.least)
+            unknowns.append(UnknownParameter(k, shape.field, begin, spread, shape.low))
         for free in effect.free(linear.payload_kg):
-            begin = float(getattr(effect, free.field))
-            unknowns.append(UnknownParameter(k, free.field, free.expected, free.spread_from(begin), free.low))
+            spread = free.spread_from(float(at[free.field]))
+            unknowns.append(UnknownParameter(k, free.field, free.expected, spread, free.low))
     return unknowns
 
 

@@ -27,33 +27,25 @@ from rigs.schema.effect import PHASE, name_of
 
 _Kind = TypeVar("_Kind", bound=np.generic)
 _KEPT = 4
-"""Number of responses cached for each kind and effect, at some 4 MB each with their products: about the number of
-starting points of the fits of a round.
-"""
+"""Number of responses cached for each kind and effect, at some 4 MB each: about the starting points of a round."""
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Contribution of several terms to the whitened readings: columns (N, k). Products with other columns are cached
-    during the lifetime of the object.
-    """
+    """Whitened columns (N, k) of several terms, with an identity: products with other columns are cached with it."""
 
     columns: Array
 
 
 @dataclass(frozen=True, eq=False)
 class NearResponses:
-    """The latest responses of effects. A response also represents all similar effects, because derivatives and
-    departures change little over a small part of a size.
-    """
+    """The latest responses of effects, each also used for similar effects."""
 
     _kept: dict[tuple[str, str], list[tuple[Effect, Response]]] = field(default_factory=dict, init=False, repr=False)
 
     def of(self, kind: str, effect: Effect, steps: Mapping[str, float], compute: Callable[[], Array]) -> Response:
-        """Return the latest response of this kind for an effect whose parameters differ by at most `steps`, in their
-        units, or compute the whitened columns (N, k).
-
-        Parameters not listed in `steps` must be equal.
+        """The latest response of this kind for an effect whose parameters differ by at most `steps`, else that of
+        `compute`. Parameters not listed must be equal.
         """
         after = dict[str, Any](effect)
 
@@ -86,29 +78,25 @@ class NearResponses:
 _INDISTINCT = {"ball": 0.05, "poses": 0.005}
 """Singular value of a combination of set-up terms, relative to the largest, below which the combination stays fixed.
 
-A shift of the ball along the normal of the circle has a thousandth of the influence of a shift in the plane, or a
-fiftieth if the circle is eccentric by 1 mm. If it were free, other errors would move the ball by millimetres. The other
-terms have at least a tenth, and those of a hemisphere 0.29. Instrument and tool of poses have a hundredth if each axis
-turns by 0.3 rad in both directions.
+A shift of the ball along the normal of the circle has a thousandth of the influence of a shift in the plane. If it were
+free, other errors would move the ball by millimetres. Other terms have at least a tenth; instrument and tool of poses
+have a hundredth if each axis turns by 0.3 rad in both directions.
 """
 _STEPS, _NEAR_MM = 6, 0.05
 """Largest number of steps in a fit of set-ups, and length of a step below which the fit ends.
 
-Over 0.05 mm, a circle of 70 mm radius is nonlinear by less than 0.02 µm. Several steps are needed: a length error of 8
-mm moves the ball as far, and the first step ends 0.5 mm from the final position.
+A length error of 8 mm moves the ball as far, and the first step ends 0.5 mm from the final position. Over 0.05 mm, a
+circle of 70 mm radius is nonlinear by less than 0.02 µm.
 """
 _NEAR_BALL_MM = 0.3
-"""Distance of a ball from the linearisation point within which readings are linear. Over 0.3 mm, a circle of 70 mm
-radius is nonlinear by less than 0.7 µm.
-"""
+"""Distance of a ball from the linearisation point within which readings are linear, to 0.7 µm at a radius of 70 mm."""
 _BENT = 0.3
-"""Largest rms nonlinearity of the readings over a move of instrument and target, in standard deviations of the
-noise. Chosen: it adds a tenth to the variance of the noise.
+"""Largest rms nonlinearity over a move of instrument and target, in noise standard deviations. Chosen: it adds a tenth
+to the variance of the noise.
 """
 _FAR_MM = 1.0
-"""Displacement of the tool above which a ball that did not follow is also tried.
-
-Over 1 mm, a circle of 70 mm radius is nonlinear by 7 µm.
+"""Displacement of the tool above which a ball that did not follow is also tried: a circle of 70 mm is then nonlinear by
+7 µm.
 """
 
 
@@ -121,7 +109,7 @@ class Linearisation:
     """Blocks simulated about a model and its set-ups, with the residual `y_mm` (n,) of each block.
 
     N counts the entries of all blocks, followed by the known distances of sockets, in standard deviations of the noise.
-    `near` caches results of fits, and `unlimited` contains names of effects without a size limit in fits.
+    `near` caches results of fits; `unlimited` names effects without a size limit in fits.
     """
 
     simulated: tuple[SimulatedBlock, ...]
@@ -132,12 +120,10 @@ class Linearisation:
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
-        """The blocks."""
         return tuple(simulated.block for simulated in self.simulated)
 
     @cached_property
     def setups(self) -> dict[str, SetUp]:
-        """The set-ups by name."""
         return {simulated.block.setup: simulated.setup for simulated in self.simulated}
 
     @cached_property
@@ -148,12 +134,10 @@ class Linearisation:
 
     @property
     def axes(self) -> int:
-        """The number of joints of the arm."""
         return self.blocks[0].model.arm.axes
 
     @property
     def payload_kg(self) -> float:
-        """Payload stated in the rig file in kg, 0 if not stated."""
         return self.blocks[0].model.load.payload_kg
 
     @property
@@ -167,10 +151,8 @@ class Linearisation:
         return known_distances_of(self.blocks)
 
     def at_entries(self, parts: Sequence[NDArray[_Kind]], of_distances: Array | float = 0.0) -> NDArray[_Kind]:
-        """Concatenate values of the entries (n, …) of each block, in any unit, to values of all entries (N, …),
-        followed by values (t, …) of the known distances.
-
-        An error of the arm does not change the distances.
+        """Join values of the entries (n, …) of each block to (N, …), followed by those of the known distances, which an
+        error of the arm does not change.
         """
         added = np.zeros((len(self.distances.pairs), *parts[0].shape[1:]), dtype=parts[0].dtype)
         added[...] = of_distances
@@ -178,30 +160,28 @@ class Linearisation:
 
     @cached_property
     def rows(self) -> list[slice]:
-        """The entries of each block."""
+        """Entries of each block."""
         ends = np.cumsum([0, *(len(block.y_mm) for block in self.blocks)]).tolist()
         return [slice(begin, end) for begin, end in pairwise(ends)]
 
     @property
     def of_distances(self) -> slice:
-        """The entries of the known distances of sockets."""
         return slice(self.rows[-1].stop, None)
 
     @cached_property
     def band(self) -> Integers:
-        """Index (N,) of the band of each entry; known distances have a separate band."""
+        """Index (N,) of the band of each entry; known distances have their own."""
         return self.at_entries(
             bands := [block.band for block in self.blocks], 1 + max(int(band.max()) for band in bands)
         )
 
     @cached_property
     def terms(self) -> dict[str, list[int]]:
-        """The columns of U for each set-up."""
+        """Columns of U for each set-up."""
         return columns_of({block.setup: block.table for block in self.blocks})
 
     @cached_property
     def U(self) -> Array:  # noqa: N802 - a matrix
-        """Change (N, s) per mm of each set-up term."""
         columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
         for simulated, rows in zip(self.simulated, self.rows, strict=True):
             columns[rows, self.terms[simulated.block.setup]] = simulated.by_setup
@@ -210,9 +190,7 @@ class Linearisation:
 
     @cached_property
     def Z(self) -> Array:  # noqa: N802 - a matrix
-        """Change (N, c) for a standard deviation of the scatter between runs, and for a standard uncertainty of each
-        known distance.
-        """
+        """Change (N, c) for a standard deviation of the scatter between runs, and of each known distance."""
         scatter = self._side_by_side([block.white(block.scatter_mm) for block in self.blocks])
         of_distances = self.distances.scatter
         columns = np.zeros((len(self.y), of_distances.shape[1]))
@@ -221,11 +199,10 @@ class Linearisation:
 
     @cached_property
     def stamps(self) -> Array:
-        """Change (N, s) for a standard deviation of the scatter of stamps during fast changes of the readings."""
+        """Change (N, s) for a standard deviation of late stamps during fast changes of the readings."""
         return self._side_by_side([block.white(block.stamps_mm) for block in self.blocks])
 
     def _side_by_side(self, parts: Sequence[Array]) -> Array:
-        """Return columns (N, c) with the columns of each block in the rows of that block."""
         ends = np.cumsum([0, *(part.shape[1] for part in parts)])
         columns = np.zeros((len(self.y), int(ends[-1])))
         for part, rows, begin, end in zip(parts, self.rows, ends, ends[1:], strict=False):
@@ -234,7 +211,6 @@ class Linearisation:
 
     @cached_property
     def _best_moves(self) -> Array:
-        """Matrix from whitened readings to the best-fitting terms of the set-ups (s, N) mm."""
         moves = np.zeros(self.U.T.shape)
         poses = sorted(self.terms_of_poses)
         balls = [terms for terms in self.terms.values() if not self.terms_of_poses.issuperset(terms)]
@@ -246,16 +222,14 @@ class Linearisation:
 
     @cached_property
     def terms_of_poses(self) -> set[int]:
-        """The columns of U for placements of poses."""
         poses = [block.setup for block in self.blocks if block.facts.of_places]
         return {term for name in poses for term in self.terms[name]}
 
     def is_straight(self, moves: Array) -> bool:
-        """Return whether readings are nearly linear over moves of set-ups (s,) mm.
+        """Whether readings are nearly linear over moves of set-ups (s,) mm.
 
-        A ball is judged by its displacement; readings are linear in the gauge zeros. An instrument and its target are
-        judged by the readings: if the last axis has few directions, both may move by a large distance while the
-        readings hardly change.
+        A ball is judged by its displacement. An instrument and its target are judged by the readings: if the last axis
+        has few directions, both may move far while the readings hardly change.
         """
         poses = self.terms_of_poses
         balls = [term for terms in self.terms.values() for term in terms[:3] if term not in poses]
@@ -273,40 +247,34 @@ class Linearisation:
 
     @cached_property
     def _basis(self) -> Array:
-        """Orthonormal basis (N, s) of the changes that set-ups could absorb."""
         return basis_of(self.U)
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return the responses (N, p) of the whitened readings to the effects."""
+        """Responses (N, p) of the whitened readings to the effects."""
         if not effects:
             return np.empty((len(self.y), 0))
         return self.at_entries([simulated.columns(effects) for simulated in self.simulated])
 
     def residual(self, effects: Sequence[Effect]) -> Array:
-        """Return the whitened residual (N,) with `effects` in place of the reference effects, all simulated together.
+        """Whitened residual (N,) with `effects` in place of the reference effects, all simulated together.
 
-        A large effect moves the ball by a millimetre, over which readings are not linear. The readings are therefore
-        simulated with the best-fitting set-ups for these effects, and converted to the set-ups of this linearisation
-        along their slopes.
+        A large effect moves the ball by a millimetre, over which readings are not linear. They are therefore simulated
+        with the best-fitting set-ups, and converted to those of this linearisation along their slopes.
         """
         return self._best_fit(effects)[0]
 
     def contributions(self, effects: Sequence[Effect], residual: Array) -> list[Array]:
-        """Return the additional contribution of each effect to the whitened readings, (N,) each, given the residual
-        (N,) with all effects.
-        """
+        """Additional contribution of each effect, (N,) each, given the residual (N,) with all effects."""
         return [self.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
 
     def moves_with(self, effects: Sequence[Effect]) -> Array:
-        """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the reference
-        effects.
-
+        """Terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the reference effects.
         Hardly visible combinations of terms follow the tool.
         """
         return self._best_fit(effects)[1].copy()
 
     def _best_fit(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return `residual` and `moves_with`, cached because fits, searches and verdicts need both."""
+        """`residual` and `moves_with`, cached because fits, searches and verdicts need both."""
 
         def compute() -> tuple[Array, Array]:
             scenes = self._scenes(effects)
@@ -333,11 +301,10 @@ class Linearisation:
         return recent(self._fits, tuple(map(without_origin, effects)), compute, _FITS)
 
     def _scenes(self, effects: Sequence[Effect]) -> list[ModelScene]:
-        """Return the scene of each block up to the tool with `effects` in place of the reference effects."""
         return [simulated.scene_with(effects) for simulated in self.simulated]
 
     def _moves_with_tool(self, scenes: Sequence[ModelScene]) -> Array:
-        """Return the changes (s,) mm of the set-ups if each ball is displaced as far as the tool in new scenes."""
+        """Changes (s,) mm of the set-ups if each ball is displaced as far as the tool in new scenes."""
         moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
             seen = simulated.block
@@ -346,16 +313,13 @@ class Linearisation:
         return moves
 
     def responses(self, effects: Sequence[Effect], setups: SetUps | None = None) -> list[Array]:
-        """Return the contribution of `effects`, in place of the reference effects, to the entries (N,) mm of each
-        block.
-
-        By default, the set-ups assume that each ball is displaced in the same way as the tool.
+        """Contribution of `effects`, in place of the reference effects, to the entries (N,) mm of each block. By
+        default each ball follows the tool.
         """
         scenes = self._scenes(effects)
         return self._responses(effects, scenes, setups or self.setups_moved_by(self._moves_with_tool(scenes)))
 
     def _responses(self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: SetUps) -> list[Array]:
-        """Return the contribution of `effects` to the entries (N,) mm of each block, given the scenes with them."""
         both = zip(self.simulated, scenes, strict=True)
         return [
             simulated.block.entries(simulated.read(effects, scene, setups[simulated.block.setup]) - simulated.base)
@@ -363,45 +327,41 @@ class Linearisation:
         ]
 
     def _residual_in(self, effects: Sequence[Effect], scenes: Sequence[ModelScene], setups: SetUps) -> Array:
-        """Return the whitened residual (N,) with `effects` in given set-ups."""
         added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
         apart = self.distances.residual(self.setups) - self.distances.residual(setups)
         return self.y - self.at_entries([block.white(entries) for block, entries in added], apart)
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
-        """Return the linearisation of the same runs with noise-free readings simulated with `effects` in place of
-        the reference effects; y is (N,).
-        """
+        """The same runs with noise-free readings simulated with `effects` in place of the reference effects."""
         return replace(self, y_mm=tuple(self.responses(effects)))
 
     def without_set_up(self, values: Array) -> Array:
-        """Return whitened values (N, …) after removal of the part that set-ups could absorb."""
+        """Remove the part of whitened values (N, …) that set-ups could absorb."""
         return values - self._basis @ (self._basis.T @ values)
 
     def setups_moved_by(self, change: Array) -> dict[str, SetUp]:
-        """Return the set-ups with their terms moved by (s,) mm."""
+        """Set-ups with their terms moved by (s,) mm."""
         tables = {block.setup: block.table for block in self.blocks}
         return {name: moved_setup(self.setups[name], table, change[self.terms[name]]) for name, table in tables.items()}
 
     def in_mm(self, residual: Array) -> list[Array]:
-        """Return whitened values (N, …) as the entries of each block in mm."""
         return [(residual[rows].T * block.sd_mm).T for rows, block in zip(self.rows, self.blocks, strict=True)]
 
     def by_joint(self, axis: int, off: Callable[[Block], Array]) -> Array:
-        """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6) at the samples
-        of each block's path.
+        """Change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6) at the samples of each
+        block's path.
         """
         return self.at_entries([simulated.by_joint(axis, off(simulated.block)) for simulated in self.simulated])
 
     def retimed(self, effect: Effect) -> Array:
-        """Return the change (N, c + 1) of the whitened readings if each of c timing effects, at a healthy size, delays
-        the joint errors of an effect, and if the times of the samples scatter.
+        """Change (N, c + 1) of the whitened readings if each of c timing effects delays the joint errors of an effect,
+        and if sample times scatter.
         """
         return self.at_entries([simulated.retimed(effect) for simulated in self.simulated])
 
     def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
-        """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm
-        at the samples of each circle's path, and zero for other tests.
+        """Change (N, c) of the whitened readings for gauge errors: `shares` (2,) times (n, c) mm at the samples of each
+        circle.
         """
         parts = []
         for block in self.blocks:
@@ -410,8 +370,8 @@ class Linearisation:
         return self.at_entries(parts)
 
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
-        """Return the change (N,) of the whitened readings for an error in degrees of a joint (1 … 6) at a single
-        sample of a block's path.
+        """Change (N,) of the whitened readings for an error in degrees of a joint (1 … 6) at a single sample of block
+        k.
         """
         off = np.zeros((len(self.blocks[k].path.q), 1))
         off[sample] = np.radians(angle_deg)
@@ -426,34 +386,30 @@ def linearise(
     effects: Sequence[Effect] = (),
     unlimited: frozenset[str] = frozenset(),
 ) -> Linearisation:
-    """Return the linearisation of blocks about set-ups.
-
-    `effects`: effects found in earlier rounds. The model contains them in addition to the rig file, and the residuals
-    (N,) of the blocks exclude them. `unlimited`: names of effects with no size limit.
+    """Linearise blocks about set-ups. `effects`, found in earlier rounds, join the rig file's; the residuals exclude
+    them.
     """
     simulated = tuple(SimulatedBlock(block, tuple(effects), setups[block.setup]) for block in blocks)
     return Linearisation(simulated, tuple(block.y_mm for block in blocks), unlimited)
 
 
 def extend_linearisation(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: SetUps) -> Linearisation:
-    """Return the linearisation about set-ups of blocks shared with other linearisations, followed by more blocks,
-    with N entries in total.
-    """
+    """Linearise shared blocks together with further blocks."""
     simulated = (*shared, *(SimulatedBlock(block, (), setups[block.setup]) for block in blocks))
     return Linearisation(simulated, tuple(each.block.y_mm for each in simulated))
 
 
 def basis_of(columns: Array) -> Array:
-    """Return an orthonormal basis (N, r) of columns (N, s), ignoring zero columns."""
+    """Orthonormal basis (N, r) of columns (N, s), ignoring zero columns."""
     basis, _ = np.linalg.qr(columns[:, np.linalg.norm(columns, axis=0) > 0])
-    return np.asarray(basis, dtype=float)
+    return basis
 
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Worth of a name in µm: the rms change of the readings beyond the part that a set-up could absorb.
 
 LEAST_MATERIAL_UM = 3.0
-"""Smallest material change in µm, which is the resolution of the best gauges of such a link."""
+"""Smallest material change: the resolution of the best gauges of such a link."""
 
 
 @dataclass(frozen=True)
@@ -464,40 +420,38 @@ class RmsByBlock:
 
     @property
     def whole_um(self) -> float:
-        """Root mean square over all blocks, equally weighted."""
         return float(np.sqrt(np.mean(self.um**2)))
 
     def is_material(self, limits_um: Array) -> bool:
-        """Return whether the readings of any block change by more than the limit (b,) µm."""
         return bool((self.um > limits_um).any())
 
 
 def rms_by_block(linear: Linearisation, change: Array) -> RmsByBlock:
-    """Return the worth of a change (N,) of whitened readings, with set-ups fitted to it."""
+    """RMS of a change (N,) of whitened readings beyond what set-ups fitted to it absorb."""
     return plain_rms_by_block(linear, linear.without_set_up(change))
 
 
 def plain_rms_by_block(linear: Linearisation, change: Array) -> RmsByBlock:
-    """Return the worth of a change (N,) of whitened readings, without a fit of set-ups."""
+    """RMS of a change (N,) of whitened readings, with the set-ups held fixed."""
     return RmsByBlock(np.array([rms_um(*both) for both in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
 def limits_um(linear: Linearisation) -> Array:
-    """Return the changes (b,) µm from which a named effect is material: the scatter of a run without stamp noise."""
+    """Changes (b,) µm from which a named effect is material: the scatter of a run without stamp noise."""
     return np.maximum(_scatter_um(linear, [block.steady_mm for block in linear.blocks]), LEAST_MATERIAL_UM)
 
 
 def noise_um(linear: Linearisation) -> Array:
-    """Return the rms difference (b,) µm of a run from the mean of many, including the stamp noise of repeated circles.
-
-    At targets it is that of a median target, because a few targets scatter many times as much.
+    """RMS difference (b,) µm of a run from the mean of many, including stamp noise. At targets it is that of a median
+    target, because a few scatter many times as much.
     """
     return _scatter_um(linear, [block.apart_mm for block in linear.blocks])
 
 
 def _scatter_um(linear: Linearisation, deviations: Sequence[Array]) -> Array:
-    """Return the rms difference (b,) µm of a run from the mean of many: of repeated circles as their deviations (n, N)
-    mm show, and else of noise and scatter."""
+    """RMS difference (b,) µm of a run from the mean of many: of repeated circles as their deviations (n, N) mm show,
+    else from noise and scatter.
+    """
     # Contribution of noise and scatter, with the set-up fitted to it.
     whole = linear.in_mm(np.sqrt(1 + (linear.without_set_up(linear.Z) ** 2).sum(axis=1)))
     squares = np.empty(len(linear.blocks))
@@ -511,13 +465,11 @@ def _scatter_um(linear: Linearisation, deviations: Sequence[Array]) -> Array:
     for k, block in enumerate(linear.blocks):
         if block.sampling and deviations[k].any():
             squares[k] = np.mean(shown[block.setup])
-    return np.asarray(np.sqrt(squares), dtype=float)
+    return np.sqrt(squares)
 
 
 def rms_um(block: Block, entries_mm: Array) -> float:
-    """Return the root mean square in µm of a block's entries (N,) mm: per reading of a gauge, and per distance of
-    poses.
-    """
+    """RMS in µm of a block's entries (N,) mm: per reading of a gauge, and per distance of poses."""
     if block.sampling:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:

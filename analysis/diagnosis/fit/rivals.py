@@ -1,5 +1,5 @@
-"""Comparison of faults with their rivals: effects that could replace a fault, fitted in the same role, and the odds
-between fault and rival.
+"""Comparison of faults with their rivals: effects that could replace a fault, fitted in the same role, and their
+odds.
 """
 
 from __future__ import annotations
@@ -15,35 +15,30 @@ from analysis.robot.kinematics.arm import Array
 from rigs.schema.effect import label_of, name_of, size_of
 
 _NEAR = 6.0
-"""Log evidence behind a named effect within which rivals are fitted on the simulator. Beyond it, the odds are below
-1 in 400.
-"""
+"""Log evidence behind a named effect within which rivals are fitted: beyond, the odds are below 1 in 400."""
 _MISSED = 0.9
-"""Share of the evidence of a named effect above which the linear form of a rival is also fitted.
-
-The evidence of the named effect is that of its fit, or of its linear form if that is less. Chosen: the linear
-approximation underestimates the evidence of similar effects by nearly equal shares, which differ by less than a tenth.
+"""Share of the evidence of a named effect above which the linear form of a rival is also fitted. Chosen: the linear
+approximation underestimates similar effects by nearly equal shares.
 """
 _NEEDED = 100.0
-"""Log evidence lost without a name, after a linear fit of all others and of the noise, above which it is not tried
-further. Chosen: of 25 names in two cells, further fits regained at most 63 % of a larger loss.
+"""Log evidence lost without a name, after a linear fit of all others, above which it is not tried further. Chosen:
+further fits regained at most 63 % of a larger loss.
 """
 _SWAPS = 4
 """Largest number of replacements of a named effect by a rival. Chosen: each costs a search."""
 _RIVALS = 4
 """Largest number of fitted rivals. Chosen: others have negligible odds."""
 _CAUTIOUS = 0.25
-"""Level of an arm up to which its odds are averaged with the odds at this level. Chosen: one standard deviation of
-the prior below a healthy arm.
+"""Level of an arm up to which its odds are averaged with those at this level. Chosen: one prior standard deviation
+below a healthy arm.
 """
 _NEARLY = 0.5
-"""Share of the smallest fault that the linear form of a rival must reach to be fitted, if only faults count.
-
-Chosen: a fit hardly ever doubles a size.
+"""Share of the smallest fault that the linear form of a rival must reach, if only faults count. Chosen: a fit hardly
+ever doubles a size.
 """
 _DOUBT = 5.0
-"""Log evidence behind a named effect within which a rival is also fitted together with it, to check whether the
-rival explains a different part. Chosen: odds of 150 to 1.
+"""Log evidence behind a named effect within which a rival is also fitted together with it, in case it explains a
+different part. Chosen: odds of 150 to 1.
 """
 
 
@@ -62,11 +57,11 @@ class RivalOdds:
 def compare_with_rivals(
     selection: Selection, state: SelectionState, limits: Array
 ) -> tuple[SelectionState, tuple[RivalOdds, ...]]:
-    """Compare each fault with its rivals, and return the state and the odds of each effect. A rival with more evidence
-    replaces the fault, and the search continues from there.
+    """Compare each fault with its rivals. One with more evidence replaces the fault, and the search continues from
+    there.
 
-    An effect of healthy size, or a fault only in this arm that changes readings by no more than the limits (b,) µm, is
-    not reported as a fault: only rivals that would be faults count.
+    An effect that is not reported as a fault (of healthy size, or with changes below the limits (b,) µm) competes only
+    with rivals that would be faults.
     """
     state = without_needless_names(selection, state, limits)
     swapped: set[int] = set()
@@ -93,9 +88,8 @@ def compare_with_rivals(
 def without_needless_names(selection: Selection, state: SelectionState, limits: Array) -> SelectionState:
     """Remove the faults that are no longer justified after all other terms are refitted.
 
-    Faults that change readings by no more than the limits (b,) µm are not tried. An effect added before a large fault
-    was fitted closely may have absorbed the residual of that fault. The fault with the largest contribution is not
-    tried, because the others are compared in its presence.
+    An effect added before a large fault was fitted closely may have absorbed the residual of that fault. Not tried:
+    changes below the limits (b,) µm, and the largest fault, because the others are compared in its presence.
     """
     state = selection.settled(state)
     tried: set[str] = set()
@@ -116,17 +110,15 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
 
 
 def _rms_of_effect(selection: Selection, state: SelectionState, place: int) -> RmsByBlock:
-    """Return the rms change of each block if a named effect is removed and the other effects stay."""
     change = selection.linear.residual(state.refined.without(place).effects) - state.refined.residual
     return rms_by_block(selection.linear, change)
 
 
 def cautious_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Return the odds of a named effect and of the rivals as `rival_odds`. For a quiet arm they are averaged with the
-    odds at a usual level.
+    """`rival_odds`, for a quiet arm averaged with those at a usual level.
 
     The level is estimated from the dominant part of the readings, mostly waves of gears. Constants that a set-up
-    absorbs may be usual in the same arm, and with usual constants a rival may explain as much.
+    absorbs may be usual in the same arm, and a rival may then explain as much.
     """
     odds = rival_odds(selection, state, place, faults_only=faults_only)
     if state.level.values.min() >= _CAUTIOUS:
@@ -142,21 +134,19 @@ def cautious_odds(selection: Selection, state: SelectionState, place: int, *, fa
 
 
 def rival_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Return the odds of a named effect and of the rivals: effects that explain as much in place of the effect and add
-    nothing to it.
-
+    """Odds of a named effect and of its rivals: effects that explain as much in its place and add nothing to it.
     faults_only: only rivals that would be faults.
     """
     forms, effect, reference = selection.columns.forms, state.effects[place], selection.backgrounds.reference
     without = selection.without(state, place)
     bare, whole = selection.evidence(without), selection.evidence(state)
-    gain = whole - bare + selection.prices.usual_gain(effect, state.level)
+    gain = whole - bare + selection.usual_gain(effect, state.level)
     now = selection.posterior(state)
     gains = selection.gains(state, now)
     without_name = selection.posterior(without)
     size = without_name.gains(forms, without.level).size
     linear = selection.gains(without, without_name)
-    linear += selection.prices.usual_gains([form.effect for form in forms], size, without.level)
+    linear += selection.usual_gains([form.effect for form in forms], size, without.level)
     # The linear form of a large effect may lose a third of the evidence gained by the fit, and so may the rivals.
     own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
     least = min(gain - _NEAR, _MISSED * min(gain, own_linear))
@@ -177,7 +167,7 @@ def rival_odds(selection: Selection, state: SelectionState, place: int, *, fault
         seen.add(name_of(tried.effects[-1]))
         if faults_only and abs(size_of(tried.effects[-1])) <= least_fault(tried.effects[-1], reference):
             continue
-        instead = selection.evidence(tried) - bare + selection.prices.usual_gain(tried.effects[-1], without.level)
+        instead = selection.evidence(tried) - bare + selection.usual_gain(tried.effects[-1], without.level)
         gain_over = instead - max(float(gains[k]), 0.0)
         # A wave may already be fitted with the name, and have a different order only if the name is removed.
         is_new = np.isfinite(gains[k])

@@ -16,7 +16,6 @@ from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
-from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.refine import Refined
 from analysis.diagnosis.fit.responses import (
     LEAST_MATERIAL_UM,
@@ -27,9 +26,8 @@ from analysis.diagnosis.fit.responses import (
     plain_rms_by_block,
 )
 from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
-from analysis.diagnosis.fit.selection import Selection
+from analysis.diagnosis.fit.selection import Effort, Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
-from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array, Mask, drive_angles
 from analysis.robot.model.predict import SetUp
 from rigs.effects import Effect
@@ -46,8 +44,8 @@ from rigs.text import counted
 # columns, and the next starts with columns computed with the fault.
 
 _PLACINGS = 8
-"""Largest number of fits of instrument and target to poses before a search, each about the placement of the previous
-fit. Chosen: two or three mostly suffice.
+"""Largest number of fits of instrument and target to poses before a search, each about the previous placement. Chosen:
+two or three mostly suffice.
 """
 _GIVEN_TURNS = 4
 """Largest number of fits of given effects, each about the previous set-ups. Chosen: they move less each time."""
@@ -55,15 +53,14 @@ _LEAST_ODDS = 0.01
 """Probability below which another width of a joint curve does not count."""
 _STOPS, _ITERATIONS = 5, 8
 """Largest number of selections that stop at a fault, and of all selections. Chosen: few faults of an arm are large
-enough to change the columns of earlier faults, and of three complete selections the second mostly had the same
-end as the first.
+enough to change the columns of earlier faults, and the second of three complete selections mostly ended like the first.
 """
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Result of a search: the selection among runs about set-ups and reference effects, the state, and each effect
-    with the rivals. N counts the whitened entries of all blocks.
+    """Selection among runs about set-ups and reference effects, its final state, and each effect's rivals. N counts the
+    whitened entries of all blocks.
     """
 
     selection: Selection
@@ -72,37 +69,32 @@ class SearchResult:
 
     @property
     def linear(self) -> Linearisation:
-        """The runs about set-ups and reference effects."""
         return self.selection.linear
 
     @property
     def columns(self) -> Columns:
-        """Columns (N, p) of all other possible changes of the readings."""
         return self.selection.columns
 
     @property
     def fit(self) -> Refined:
-        """The named effects as fitted, with their parameters and residual (N,)."""
         return self.state.refined
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The named effects."""
         return self.state.effects
 
     @cached_property
     def posterior(self) -> CoefficientPosterior:
-        """The posterior of all coefficients other than the named effects."""
         return self.selection.posterior(self.state)
 
     @property
     def strength(self) -> Array:
         """Ratio (N,) of the variance of the residual of each entry to that of the noise."""
-        return np.asarray(self.state.strength[self.columns.band], dtype=float)
+        return self.state.strength[self.columns.band]
 
     @cached_property
     def blocks_as_shown(self) -> list[Block]:
-        """The blocks, with assumed noise reduced to the amount shown by the readings."""
+        """The blocks, with assumed noise reduced to that shown by the readings."""
         root = np.sqrt(np.minimum(self.strength, 1.0))
         blocks = zip(self.linear.blocks, self.linear.rows, strict=True)
         return [block if block.measured else replace(block, sd_mm=root[rows] * block.sd_mm) for block, rows in blocks]
@@ -117,13 +109,19 @@ class SearchResult:
         return float(np.sqrt(sum(np.sum(after**2) for after, _ in shown) / sum(np.sum(sd**2) for _, sd in shown)))
 
     @property
+    def noise_shown(self) -> Array:
+        """Share of the noise variance shown by the readings of each block (b,), at most 1."""
+        blocks, strength = zip(self.linear.blocks, self.linear.rows, strict=True), self.strength
+        shown = [min(float(strength[rows].mean()), 1.0) if block.shows_noise else 1.0 for block, rows in blocks]
+        return np.array(shown)
+
+    @property
     def beyond_noise(self) -> Array:
         """Share (N,) of the residual of each entry that is beyond the noise, root mean square."""
         return np.sqrt(np.clip(1 - 1 / np.maximum(self.strength, 1.0), 0.0, 1.0))
 
     @property
     def reference(self) -> Reference:
-        """Arms with which this arm is compared, for usual effects."""
         return self.linear.blocks[0].model.rig.reference
 
     @cached_property
@@ -133,12 +131,12 @@ class SearchResult:
 
     @cached_property
     def initial_residual(self) -> Array:
-        """The whitened residual (N,) of the model without named effects, with set-ups fitted."""
+        """Whitened residual (N,) without named effects."""
         return self.linear.without_set_up(self.linear.residual(()))
 
     @cached_property
     def scatter_limits_um(self) -> Array:
-        """Changes (b,) µm from which a named effect is material compared with the scatter of a run."""
+        """Changes (b,) µm from which a named effect is material."""
         return limits_um(self.linear)
 
     @cached_property
@@ -154,7 +152,7 @@ class SearchResult:
 
     @cached_property
     def departures(self) -> list[Array]:
-        """Contribution of the departures of each effect from its ideal form to the whitened readings, (N,) each."""
+        """Contribution of each effect's departures from its ideal form, (N,) each."""
         widths = [response.columns.shape[1] for response in self.fit.departures]
         ends = len(self.fit.unknowns) + np.cumsum([0, *widths])
         means = [self.posterior.term_means[begin:end] for begin, end in pairwise(ends)]
@@ -162,10 +160,8 @@ class SearchResult:
 
     @cached_property
     def calibrated_posterior(self) -> CoefficientPosterior:
-        """The posterior without unknown causes, because a calibrated model does not contain them.
-
-        If they were included, errors shared between them and the background would be missing in the model: 92 µm
-        remained in one case, compared with 19 µm for the named effects only.
+        """The posterior without unknown causes, which a calibrated model does not contain: errors shared between them
+        and the background would be missing in the model.
         """
         if not self.state.unknown:
             return self.posterior
@@ -175,8 +171,8 @@ class SearchResult:
     def covariance(self) -> Array:
         """Covariance (f + c, f + c) of the fitted parameters, then of the forms and set-ups, in healthy sizes.
 
-        It is averaged over the widths of the joint curves. With few poses the readings hardly determine a width, and
-        at the likeliest width alone, only 70 % of the errors of a UR10 at other poses were within two uncertainties.
+        Averaged over the widths of the joint curves, which few poses hardly determine: at the likeliest width,
+        uncertainties at other poses were too small.
         """
         columns, fitted = self.columns.set_ups.stop, len(self.fit.unknowns)
         mean, covariance = self.calibrated_posterior.joint(columns, fitted)
@@ -202,13 +198,13 @@ class SearchResult:
 
     @property
     def residual(self) -> Array:
-        """Whitened residual (N,) of the model with the named effects, with set-ups fitted."""
+        """Whitened residual (N,) of the model with the named effects."""
         return self.linear.without_set_up(self.fit.residual)
 
 
 def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
-    """Search for named effects in runs, about set-ups fitted together with the named effects. The readings of a run
-    are (m, k) mm. Named effects that change readings by no more than the scatter of a run have no rivals.
+    """Search for named effects in runs, about set-ups fitted together with them. Effects that change readings by no
+    more than the scatter of a run have no rivals.
     """
     refitted: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
@@ -242,9 +238,7 @@ def fit_given(
     progress: Callable[[str], None],
     unlimited: frozenset[str] = frozenset(),
 ) -> SearchResult:
-    """Fit given effects to runs of (m, k) mm, together with a healthy arm's share of all other effects. No further
-    effects are named, and there are no rivals.
-
+    """Fit given effects to runs, together with a healthy arm's share of all other effects, without a search or rivals.
     `unlimited`: names of effects with no size limit.
     """
     so_far: tuple[Effect, ...] = ()
@@ -260,8 +254,7 @@ def fit_given(
             break
         so_far = state.effects
         setups = selection.linear.setups_moved_by(selection.moves(state))
-    odds = tuple(RivalOdds(1.0) for _ in effects)
-    return SearchResult(selection, state, odds)
+    return SearchResult(selection, state, tuple(RivalOdds(1.0) for _ in effects))
 
 
 def _selection(
@@ -270,7 +263,6 @@ def _selection(
     effects: tuple[Effect, ...] = (),
     unlimited: frozenset[str] = frozenset(),
 ) -> Selection:
-    """Return a selection among all possible causes in runs, about set-ups and with the effects of the model."""
     linear = linearise(blocks_of(runs, setups, effects), setups, effects, unlimited)
     return Selection(linear, columns_for(linear, candidates_for(linear)))
 
@@ -278,15 +270,14 @@ def _selection(
 def _starting_setups(
     runs: Sequence[ObservedRun], progress: Callable[[str], None]
 ) -> tuple[dict[str, SetUp], SelectionState | None]:
-    """Return initial fitted set-ups, and for poses the state in which they were fitted, with the curves of the joints.
+    """Fit initial set-ups; for poses, also return the state in which they were fitted, with the curves of the joints.
 
-    Set-ups of poses are fitted together with a healthy arm's share of every effect. A target moves with the response of
-    the last link to the arm's constants. With the nominal arm, the target of a UR10 was fitted 73 mm from the place
-    with the calibrated arm, too distant for columns that are computed only once.
+    Set-ups of poses are fitted together with a healthy arm's share of every effect. With the nominal arm, the target of
+    a UR10 was 73 mm off, too distant for columns that are computed only once.
     """
     # The first run of each kind is sufficient as a starting point.
     setups = fit_run_setups(list({run.name: run for run in reversed(runs)}.values()))[0]
-    poses, begun = [run for run in runs if facts_of(run.table.test).of_places], None
+    poses, begun = [run for run in runs if run.facts.of_places], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
         of_poses = {run.setup: setups[run.setup] for run in poses}
@@ -317,25 +308,17 @@ _LEAST_SHARE = 0.2
 order, a small share always does: 8 % for a UR10 measured at rest (Landgraf et al. 2021).
 """
 _ALIKE, _UNABSORBED = 0.5, 0.2
-"""Limits of an arrival error. Chosen: at least 0.5 of the energy follows the direction of travel, and at least 0.2
-of the energy remains after the dependence on the joint angle is removed.
+"""Limits of an arrival error. Chosen: at least 0.5 of the energy follows the direction of travel, and at least 0.2 of
+it remains after the dependence on the joint angle is removed.
 """
 _STEPS = 19
-"""Number of angles of a joint at which a step of the link is tried.
-
-Chosen: they divide the measured angles into parts of 5 %.
-"""
+"""Number of angles of a joint at which a step of the link is tried. Chosen: parts of 5 % of the poses."""
 _ORDERS = np.array([1, 2, 3])
-"""Cycles per turn of the functions of a joint's angle. Chosen: the first three orders describe gravity and eccentric
-gear wheels.
-"""
+"""Cycles per turn of the functions of a joint's angle: those of gravity and eccentric gear wheels. Chosen."""
 
 
 def early_readings(result: SearchResult) -> tuple[str, ...]:
-    """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise.
-
-    The N entries of the search result are whitened; the fitted joint errors are (axes,) rad.
-    """
+    """A message with the remedy if the joints of poses were read too early, else an empty tuple."""
     linear = result.linear
     rows = linear.at_entries([np.full(len(block.y_mm), _moves(block) is not None) for block in linear.blocks])
     if not rows.any():
@@ -356,7 +339,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     ]
     fits = []
     for off, words, unit in kinds:
-        whole = np.concatenate([linear.by_joint(axis, _of_joint(off, axis - 1)) for axis in joints], axis=1)
+        whole = np.concatenate([linear.by_joint(axis, partial(_arrival, off, axis - 1)) for axis in joints], axis=1)
         A = free(whole)
         y = free(_with_alike(result, A, free))
         shown = (A**2).sum(axis=0) > _UNABSORBED * (whole**2).sum(axis=0)
@@ -368,7 +351,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         share = 1 - energy / max(float(np.sum(y[rows] ** 2)), 1e-300)
         fits.append((share, ahead, sd, A, y, words, unit))
     share, ahead, sd, A, y, words, unit = max(fits, key=lambda fit: fit[0])
-    poses = [facts_of(block.table.test).of_tracker for block in linear.blocks]
+    poses = [block.facts.of_tracker for block in linear.blocks]
     um = np.array([plain_rms_by_block(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
     early = (ahead > _SURE_SIGMA * sd) & (um > LEAST_MATERIAL_UM)
     if share < _LEAST_SHARE or not early.any() or share < _step_share(linear, rows, free, y):
@@ -381,19 +364,16 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
 
 
 def _moves(block: Block) -> Array | None:
-    """Return the last moves of the drives (n, axes) rad of the poses of a block; None if they do not state them."""
-    moves = block.table.last_moves if facts_of(block.table.test).of_tracker else None
+    """Last moves of the drives (n, axes) rad of the poses of a block; None if unknown."""
+    moves = block.table.last_moves if block.facts.of_tracker else None
     return None if moves is None else drive_angles(block.model.arm, moves)
 
 
 def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Array]:
-    """Return the changes of pose readings by errors of a shape (n, c) of the angle (n, 1) of each joint, a list of
-    (N, c) arrays."""
+    """Changes (N, c) of pose readings by errors of a shape (n, c) of the angle (n, 1), for each joint."""
 
     def errors(joint: int, block: Block) -> Array:
-        return np.asarray(
-            np.radians(shape(block.drives.q[:, [joint]])) * facts_of(block.table.test).of_tracker, dtype=float
-        )
+        return np.radians(shape(block.drives.q[:, [joint]])) * block.facts.of_tracker
 
     return [linear.by_joint(axis, partial(errors, axis - 1)) for axis in range(1, linear.axes + 1)]
 
@@ -403,8 +383,7 @@ def _smooth(q: Array) -> Array:
 
 
 def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
-    """Return the largest share of the energy of readings y (N,) explained by a step of the link at an angle of the
-    joint.
+    """Largest share of the energy of readings y (N,) explained by a step of the link at an angle of the joint.
 
     A slipped tooth causes such a step. A joint reaches large angles from below, so the error also follows the
     direction.
@@ -416,9 +395,8 @@ def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array
 
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
-    """Return the residual (N,) plus all known contributions that resemble the arrival errors A (N, axes).
-
-    The contributions are those of named effects, of the background, and of the curves of joints.
+    """The residual (N,) plus all known contributions that resemble the arrival errors A (N, axes): of named effects, of
+    the background, and of the curves of joints.
     """
     posterior = result.posterior
     columns = posterior.background.columns
@@ -434,15 +412,9 @@ def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) 
     return np.asarray(posterior.residual + taken[:, alike].sum(axis=1), dtype=float)
 
 
-def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Array]:
-    """Return a function of a block with the error of a joint of poses, (n, 1) rad at the samples of the block's
-    path, and zero for other tests."""
-
-    def samples(block: Block) -> Array:
-        path, moves = block.path, _moves(block)
-        columns = np.zeros((len(path.q), 1))
-        if moves is not None:
-            columns[path.rows, 0] = off(moves[:, joint])
-        return columns
-
-    return samples
+def _arrival(off: Callable[[Array], Array], joint: int, block: Block) -> Array:
+    """Error of a joint of poses, (n, 1) rad at the samples of the block's path; zero for other tests."""
+    moves, columns = _moves(block), np.zeros((len(block.path.q), 1))
+    if moves is not None:
+        columns[block.path.rows, 0] = off(moves[:, joint])
+    return columns

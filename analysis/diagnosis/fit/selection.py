@@ -1,9 +1,4 @@
-"""Selection of the effects that explain the readings.
-
-A state (`selection_state.py`) contains the fitted effects. `Selection.select` changes it round by round. It adds the
-form of a candidate whose fit gains most log evidence, drops an effect that no longer pays the penalty, and reestimates
-the noise, until neither pays. All unnamed effects remain possible as the background of columns.
-"""
+"""Selection of the effects that explain the readings: one is added, removed or refitted at a time, until none pays."""
 
 from __future__ import annotations
 
@@ -12,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from analysis.diagnosis.fit.background import CoefficientPosterior
 from analysis.diagnosis.fit.candidates import HEALTHY, HEALTHY_APART
-from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.joint_curves import JointCurves, is_of_curve
-from analysis.diagnosis.fit.refine import no_effects, refine
+from analysis.diagnosis.fit.refine import FIT_ROUNDS, no_effects, refine
+from analysis.diagnosis.fit.responses import Response
 from analysis.diagnosis.fit.selection_state import (
-    MOST_LEVEL,
     SelectionState,
     beginnings,
     is_alike,
@@ -25,8 +20,8 @@ from analysis.diagnosis.fit.selection_state import (
     is_one,
     spurious_wave_series,
 )
-from analysis.diagnosis.fit.selection_steps import SelectionSteps
-from analysis.procedures.shared.test_kind import facts_of
+from analysis.diagnosis.fit.starting_effects import starting_effects
+from analysis.diagnosis.fit.state_evidence import MOST_LEVEL, StateEvidence
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import is_wave, name_of
@@ -46,24 +41,89 @@ _SEARCH_ROUNDS = 40
 _SURE_EVIDENCE = 5.0
 """Log evidence of the cavity above which an effect is not tested for removal. Chosen: odds of 150 to 1."""
 _CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
-"""Largest number of fits of curves alternating with the weights of outliers, and the log evidence that a fit must
-gain for the next. Chosen: an outlier among 30 poses of a UR10 took three."""
+"""Largest number of fits of curves alternating with the weights of outliers, and the log evidence that a fit must gain
+for the next. Chosen: an outlier among 30 poses took three.
+"""
+_DEPTH = 40
+"""Largest number of fitted effects: real arms that were never calibrated have 9 to 14 faults, and as many visible
+healthy effects."""
+_MUCH = 50.0
+"""Log evidence from which an unknown cause competes with names. Chosen: foreign effects leave 50 to 500, effects of the
+library mostly less than 8.
+"""
+_MARGIN = 1.2
+"""Factor by which an unknown cause must explain more than the best name, whose first fit is not optimal. Chosen."""
+_UNEXPLAINED, _ENOUGH_FROM_NOISE = 4.0, 5.0
+"""Strength of a band, relative to the noise, from which effects are tried in its place, and the log evidence that they
+must gain. Chosen: twice the noise, and odds of 150 to 1.
+"""
+_TRIED, _CLOSE = 3, 0.5
+"""Largest number of names fitted before a name is added, and the share of the largest gain that the others must
+have. Chosen: each fit costs a fraction of a round.
+"""
+_BENT, _PLAIN_TO_SEE = -5.0, 10.0
+"""Log evidence a form must have for its name to be fitted although no name gains much, and its significance in sigmas.
+
+The shape tried may differ too much from the true shape for a gain: a spike with 21 sigma lost 2.5 and gained 420 when
+fitted.
+"""
+_FEW_ROUNDS = 3
+"""Number of rounds of preliminary fits, of which only the likeliest continues. Chosen: two gained nearly all."""
+_SETTLING_ROUNDS, _ENOUGH = 6, 5.0
+"""Largest number of fits after an update of the noise, and log evidence that a round must gain for the next. Chosen:
+most states need three; odds of 150 to 1.
+"""
+_MOST_ROUNDS = 60
+"""Largest number of rounds of all selections of a search. Chosen: cells with up to three faults took 10 to 30, and a
+cell with an unknown cause did not converge. Then the residual widens the uncertainties by the strength of the band.
+"""
+_USUAL_ROUNDS, _MOST_VAIN = 10, 4
+"""Number of rounds from which vain rounds count, and largest number of successive ones. Chosen: sound cells and poses
+of a UR10 end after 1 to 9 rounds, of which up to five are vain.
+"""
+_UNEXPLAINED_SHARE, _REDUCED = 0.02, 0.02
+"""Energy beyond the noise, as a share of the noise, from which a part is unexplained, and the share of it that a round
+must remove. Chosen: both change a standard uncertainty by 1 %.
+"""
+
+
+@dataclass
+class Effort:
+    """Number of rounds of a search, limited because an error that no effect reduces would never end it.
+
+    `vain`: number of the latest rounds that gained little and hardly reduced the unexplained energy.
+    """
+
+    rounds: int = 0
+    vain: int = 0
+
+    def note(self, gain: float, before: float, after: float) -> None:
+        """Note a round: log evidence gained, and energies beyond the noise before and after it, as shares of the
+        noise.
+        """
+        self.rounds += 1
+        is_vain = before > _UNEXPLAINED_SHARE and gain < _MUCH and after > (1 - _REDUCED) * before
+        self.vain = self.vain + 1 if is_vain else 0
+
+    @property
+    def is_spent(self) -> bool:
+        is_vain = self.rounds >= _USUAL_ROUNDS and self.vain >= _MOST_VAIN
+        return is_vain or self.rounds >= _MOST_ROUNDS
 
 
 @dataclass(frozen=True)
-class Selection(SelectionSteps):
+class Selection(StateEvidence):
     """Selection of effects for the residual (N,) of a linearisation."""
 
     effort: Effort = field(default_factory=Effort, compare=False)
 
     def initial_state(self, effects: Sequence[Effect] = (), previous: SelectionState | None = None) -> SelectionState:
-        """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise.
-
-        The search for the noise and the curves of joints shown by poses starts from those of the `previous` state.
+        """Fit the given effects in an arm at healthy level, with noise and joint curves estimated from those of
+        `previous` on.
         """
         strength, robust = np.ones(len(self.columns.count)), np.ones(len(self.linear.y))
         axes = max(self.linear.axes, self.columns.curves.count)
-        curves = JointCurves((1.0,) * axes) if self.prices.shows_curves else None
+        curves = JointCurves((1.0,) * axes) if self.shows_curves else None
         if curves is not None and previous is not None and previous.curves is not None:
             curves = previous.curves
             if self._of_tracker and len(previous.strength) == len(strength) and len(previous.robust) == len(robust):
@@ -78,7 +138,7 @@ class Selection(SelectionSteps):
             # tenth more.
             for _ in range(_CURVE_ROUNDS):
                 whole = self.evidence(state)
-                state = self.renewed(self._with_likeliest_curves(state, self.hyperparameters.strength_limits))
+                state = self.renewed(self._with_likeliest_curves(state, self.strength_limits))
                 if self.evidence(state) - whole < _ENOUGH_OF_CURVES:
                     break
             return state
@@ -92,15 +152,14 @@ class Selection(SelectionSteps):
 
     @property
     def _of_tracker(self) -> bool:
-        """True if all readings are poses of a tracker."""
-        return all(facts_of(block.table.test).of_tracker for block in self.linear.blocks)
+        return all(block.facts.of_tracker for block in self.linear.blocks)
 
     def state_with(self, effects: Sequence[Effect], previous: SelectionState | None = None) -> SelectionState:
-        """Return a state with the given effects fitted, from any initial size and shape.
+        """Fit the given effects from any initial size and shape.
 
-        The readings are not proportional to the size of some effects, such as a backlash. Such an effect starts at the
-        size that explains most of what the previous effects leave. The effects are added in the order of the part they
-        explain. When started from a small width, the fit of a backlash of 0.03° ended at 0.
+        Readings are not proportional to the size of some effects, such as a backlash: started from a small width, its
+        fit may end at 0. Such effects are added one by one, at the size that explains most of what the previous effects
+        leave.
         """
         forms = self.columns.forms
         waiting = [effect for effect in effects if effect.FREE or (effect.STRETCHED and not is_wave(effect))]
@@ -120,16 +179,14 @@ class Selection(SelectionSteps):
         return state
 
     def _with_likeliest_curves(self, state: SelectionState, limits: Array) -> SelectionState:
-        """Return the state with the likeliest sizes of the joint curves, and the corresponding likeliest strengths
-        of the noise within `limits` (2, b).
-        """
+        """Fit the joint curves together with the noise strengths within `limits` (2, b)."""
         assert state.curves is not None  # noqa: S101 - poses alone have them
-        of_curves, terms, noise = self.columns.curves.columns, state.refined.fitted_terms, self.hyperparameters
+        of_curves, terms = self.columns.curves.columns, state.refined.fitted_terms
 
         def likelihood(curves: JointCurves, strength: Array) -> tuple[float, Array, Array]:
             background = self.backgrounds.of(replace(state, curves=curves, strength=strength))
             posterior, prior = background.posterior(terms), background.variance[of_curves]
-            by_strength = noise.by_strength(posterior)  # first, because its covariance, if computed, has the variances
+            by_strength = self.by_strength(posterior)  # first, because its covariance, if computed, has the variances
             shown = (posterior.mean - background.mean)[of_curves] ** 2 + posterior.variance[of_curves]
             ratio = np.divide(shown, prior, out=np.ones_like(prior), where=prior > 0)
             return background.evidence(terms), 0.5 * (ratio - 1), by_strength
@@ -138,10 +195,9 @@ class Selection(SelectionSteps):
         return replace(state, curves=curves, strength=strength)
 
     def fitted_again(self, state: SelectionState, refitted: Sequence[Effect] = ()) -> SelectionState:
-        """Return the state with each fault refitted from the best form of the effect, if that explains more.
+        """Refit each fault from the best form of the effect, if that explains more, except `refitted` ones.
 
-        The `refitted` faults are not tried again. A shape found with other set-ups may be a local optimum. For example,
-        the decay time of a spike of 0.18 s remained at 0.05 s, although most of the spike took four times as long.
+        A shape found with other set-ups may be a local optimum, such as a decay time of a spike.
         """
         place = 0
         for effect in state.effects:
@@ -160,11 +216,11 @@ class Selection(SelectionSteps):
         return state
 
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
-        """Return the state with all effects that cover their penalty and no others.
+        """Find the state with all effects that cover their penalty and no others.
 
-        If an unknown cause explained more than the best named effect, the search accepting it is tried too, and the
-        state with more evidence is returned. If `stops` is set, the search ends at the first new fault that invalidates
-        the columns, unless an unknown cause explained more before.
+        If an unknown cause explained more than the best name, the search accepting it is tried too. If `stops` is set,
+        the search ends at the first new fault that invalidates the columns, unless an unknown cause explained more
+        before.
         """
         named, with_unknown = self._stepwise(state, accept_unknown=False, stops=stops)
         if with_unknown is None:
@@ -174,11 +230,9 @@ class Selection(SelectionSteps):
     def _stepwise(
         self, state: SelectionState, *, accept_unknown: bool, stops: bool = False
     ) -> tuple[SelectionState, SelectionState | None]:
-        """Return the result of a stepwise search, and the first state in which an unknown cause explained more than the
-        best name, if any.
+        """Search step by step; also return the first state in which an unknown cause explained more than the best name.
 
-        accept_unknown: use such a cause. stops: end at a new fault that invalidates the columns, unless there is such
-        a cause. The search also ends at a series of waves.
+        accept_unknown: use such a cause. The search also ends at a series of waves.
         """
         with_unknown = None
         # Unnamed faults resemble an arm with a high level; names are therefore selected at level 1 first.
@@ -217,8 +271,8 @@ class Selection(SelectionSteps):
         return self.renewed(self.refitted(state)), with_unknown
 
     def against_unknown(self, state: SelectionState) -> SelectionState:
-        """Compare the names with unknown causes: add the causes that the readings still show, and put one in place of
-        the names that it explains as well.
+        """Compare the names with unknown causes: add those that the readings still show, and replace names that they
+        explain as well.
 
         A name that imitates an unknown cause leaves a residual, to which the next name is fitted. All waves of joints
         are therefore also tried together: they approximate any function of angles.
@@ -237,15 +291,15 @@ class Selection(SelectionSteps):
         return state
 
     def _with_cause(self, state: SelectionState) -> SelectionState | None:
-        """Return the state with one more unknown cause, if that is likelier."""
         tried = [self._likeliest_cause_in(begun) for begun in beginnings(state)]
         found = [self.settled(each) for each in tried if each is not None]
         evidence, likeliest = self.likeliest(found) if found else (-np.inf, None)
         return likeliest if evidence > self.evidence(state) else None
 
     def _cause_instead(self, state: SelectionState, places: Sequence[int]) -> SelectionState | None:
-        """Return the state without the names at these places, with or without an unknown cause in place of them, if
-        that explains the readings as well."""
+        """The state without the names at these places, with or without an unknown cause instead, if that explains as
+        much.
+        """
         without = state
         for place in reversed(places):
             without = self.without(without, place)
@@ -258,7 +312,171 @@ class Selection(SelectionSteps):
         return None if cause is None or cause.gain < 0 else replace(state, unknown=(*state.unknown, cause))
 
     def _note_round(self, before: SelectionState, after: SelectionState) -> None:
-        """Note the effort of a round of the search, by its gain of log evidence and of unexplained energy."""
         count = self.columns.count
         unexplained = [float(count @ np.maximum(state.strength - 1, 0)) / count.sum() for state in (before, after)]
         self.effort.note(self.evidence(after) - self.evidence(before), *unexplained)
+
+    # Steps from one state to the next.
+
+    def forward_step(
+        self, state: SelectionState, posterior: CoefficientPosterior, *, try_unknown: bool
+    ) -> tuple[SelectionState | None, SelectionState | None]:
+        """Add the effect of largest gain, if one covers the penalty; and the unknown cause, if one explains much
+        more.
+        """
+        gain = self._gains_of_allowed(state, posterior)
+        most_gain, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
+        if best:
+            # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
+            with_each = {k: self.with_form(state, posterior, k) for k in best}
+            if twice := frozenset(k for k, added in with_each.items() if is_duplicate(added.effects)):
+                state = replace(state, refused=state.refused | twice)
+                return self.forward_step(state, posterior, try_unknown=try_unknown)
+            # The level remaining after each name may decide: with the right name the arm is quieter.
+            # The present state is renewed too, because a new estimate of noise or level alone would look like a gain.
+            renewed = self.renewed if len(with_each) > 1 else (lambda added: added)
+            rise, changed = self.likeliest([renewed(added) for added in with_each.values()])
+            before = renewed(state)
+            rise -= self.likeliest([before, replace(before, level=changed.level)])[0]
+            if gain[best[0]] < _MUCH and rise <= 0:
+                for k in best:
+                    state = self.refusing(state, self.columns.forms[k].effect)
+                return self.forward_step(state, posterior, try_unknown=try_unknown)
+            most_gain = max(float(gain[best[0]]), rise)
+        taken = state.replaced | {cause.kind for cause in state.unknown}
+        cause = self.causes_of_circles.likeliest(posterior, taken) if try_unknown else None
+        # A fit may be worse than the linear prediction if it moves the set-up by a large amount; the next turn corrects
+        # that.
+        if cause is None or cause.gain < max(_MUCH, _MARGIN * most_gain):
+            return changed, None
+        return changed, self.refitted(replace(state, unknown=(*state.unknown, cause)))
+
+    def _gains_of_allowed(self, state: SelectionState, posterior: CoefficientPosterior) -> Array:
+        """Gains (n,) of the forms, minus infinity for refused ones."""
+        gain = self.gains(state, posterior)
+        gain[[k for k in state.refused if k >= 0]] = -np.inf
+        return gain
+
+    def step_from_noise(self, state: SelectionState) -> SelectionState | None:
+        """Explain a residual that counted as noise by an effect, if that is likelier.
+
+        If the complete residual of a band counts as noise, no effect gains any more: a local optimum.
+        """
+        if (state.strength < _UNEXPLAINED).all():
+            return None
+        quiet = replace(state, strength=np.minimum(state.strength, 1.0))
+        posterior = self.posterior(quiet)
+        gain = self._gains_of_allowed(quiet, posterior)
+        added = [self.with_form(quiet, posterior, k) for k in self._worth_trying(quiet, posterior, gain)]
+        settled = [self.settled(each) for each in added if not is_duplicate(each.effects)]
+        if not settled:
+            return None
+        evidence, likeliest = self.likeliest(settled)
+        explains = evidence > self.evidence(state) + _ENOUGH_FROM_NOISE and (likeliest.strength < _UNEXPLAINED).all()
+        return likeliest if explains else None
+
+    def _worth_trying(self, state: SelectionState, posterior: CoefficientPosterior, gain: Array) -> list[int]:
+        """The best form of each of the few effects with the largest gains (n,), best first.
+
+        If none gains much, also a clearly visible effect whose gain may be low only because of its shape.
+        """
+        forms, best_of = self.columns.forms, dict[str, int]()
+        for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():
+            if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:
+                break
+            best_of.setdefault(forms[k].name, k)
+        if gain.max(initial=-np.inf) < _MUCH and len(state.effects) < _DEPTH:
+            shown = posterior.gains(forms, state.level)
+            plain = np.flatnonzero((gain > _BENT) & (shown.size * shown.sigma > _PLAIN_TO_SEE)).tolist()
+            bent = [k for k in plain if forms[k].effect.STRETCHED and not is_wave(forms[k].effect)]
+            if bent:
+                best = max(bent, key=lambda k: float(gain[k]))
+                best_of.setdefault(forms[best].name, best)
+        return list(best_of.values())
+
+    def backward_step(
+        self, state: SelectionState, posterior: CoefficientPosterior, *, below: float
+    ) -> SelectionState | None:
+        """Remove the effect of least evidence if it does not cover its penalty, among those that gain less than
+        `below`.
+        """
+        doubtful = [k for k in range(len(state.effects)) if self.gain_of(state, posterior, k) < below]
+        if not doubtful:
+            return None
+        whole = self.evidence(state)
+        gains = {k: whole - self.evidence(self._without_refit(state, k)) for k in doubtful}
+        place = min(gains, key=lambda k: gains[k])
+        without = self.without(state, place)
+        if whole >= self.evidence(without):
+            return None
+        return self.refusing(without, state.effects[place], state.origins[place])
+
+    def without_unknown_cause(self, state: SelectionState) -> SelectionState | None:
+        """Remove an unknown cause if the best name in its place, or no effect, explains as much."""
+        whole = self.evidence(state) if state.unknown else 0.0
+        for k, cause in enumerate(state.unknown):
+            without_it = self.refitted(replace(state, unknown=(*state.unknown[:k], *state.unknown[k + 1 :])))
+            posterior = self.posterior(without_it)
+            best = int(np.argmax(self.gains(without_it, posterior)))
+            for simpler in (without_it, self.refitted(self.with_form(without_it, posterior, best))):
+                if self.evidence(simpler) > whole:
+                    return replace(simpler, replaced=state.replaced | {cause.kind})
+        return None
+
+    def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
+        """Refuse all forms of an effect, and the form of origin."""
+        of_effect = {k for k, form in enumerate(self.columns.forms) if is_alike(form.effect, effect)} | {origin}
+        return replace(state, refused=state.refused | of_effect)
+
+    def with_form(self, state: SelectionState, posterior: CoefficientPosterior, k: int) -> SelectionState:
+        """Add form k as an effect and fit it; the other effects move along their earlier tangents."""
+        effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])
+        if len(effects) > 1:
+            begun = [self._with_effect(state, effect, k, begins=True) for effect in effects]
+            effects = [self.likeliest(begun)[1].refined.effects[-1]]
+        return self._with_effect(state, effects[0], k)
+
+    def _with_effect(self, state: SelectionState, effect: Effect, k: int, *, begins: bool = False) -> SelectionState:
+        effects, rounds = (*state.effects, effect), _FEW_ROUNDS if begins else FIT_ROUNDS
+        bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
+        background = self.backgrounds.of(bare)
+        refined = refine(self.linear, background, effects, state.refined, rounds=rounds, begins=begins)
+        return replace(bare, refined=refined)
+
+    def without(self, state: SelectionState, place: int) -> SelectionState:
+        """Remove an effect and refit the others along their tangents."""
+        bare = self._without_refit(state, place)
+        return replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), bare.effects, bare.refined))
+
+    def _without_refit(self, state: SelectionState, place: int) -> SelectionState:
+        kept = state.refined.without(place)
+        origins = (*state.origins[:place], *state.origins[place + 1 :])
+        return replace(state, refined=replace(kept, residual=self.linear.residual(kept.effects)), origins=origins)
+
+    def with_names_only(self, state: SelectionState) -> SelectionState:
+        """Remove the unknown causes and estimate the noise again."""
+        none = Response(np.empty((len(self.linear.y), 0)))
+        return self.renewed(replace(state, unknown=(), refined=replace(state.refined, free=none)))
+
+    def refitted(self, state: SelectionState, rounds: int = FIT_ROUNDS) -> SelectionState:
+        """Fit all effects together."""
+        free = np.concatenate([np.empty((len(self.linear.y), 0)), *(cause.columns for cause in state.unknown)], axis=1)
+        refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)
+        return replace(state, refined=refined)
+
+    def settled(self, *begins: SelectionState, least: float = -np.inf) -> SelectionState:
+        """Fit effects and noise in turn from each of several states, until the evidence hardly rises, and return the
+        likeliest state reached.
+
+        Fits end early if the remaining rounds, each with the gain of the last, could not reach `least`.
+        """
+        states = []
+        for begin in begins:
+            now, gain = self.refitted(begin, _FEW_ROUNDS), np.inf
+            for rounds in reversed(range(_SETTLING_ROUNDS)):
+                previous, now, last_gain = now, self.refitted(self.renewed(now), _FEW_ROUNDS), gain
+                gain = self.evidence(now) - self.evidence(previous)
+                if gain < _ENOUGH or (gain < last_gain < np.inf and self.evidence(now) + rounds * gain < least):
+                    break
+            states += [previous, now]
+        return self.likeliest(states)[1]

@@ -1,7 +1,7 @@
 """Initial effects for the fit of a form on the simulator.
 
-The response to a backlash or a wave is not linear in the width or order. A fit from a distant start would therefore
-end in a local minimum, with a residual that supports wrong names. Widths and orders are scanned first.
+The response to a backlash or a wave is not linear in the width or order, and a fit from a distant start would end in a
+local minimum. Widths and orders are therefore scanned first.
 """
 
 from __future__ import annotations
@@ -21,26 +21,21 @@ from rigs.effects import Effect
 from rigs.schema.effect import healthy, identity, is_play, scaled
 
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
-"""Orders tried around the order of a form, as multiples of the distance to the neighbouring form.
-
-They cover a little more than half of the distance in either direction.
-"""
+"""Orders tried around the order of a form, as multiples of the distance to the neighbouring form."""
 _PARTS = 3
-"""Number of intermediate orders tried between the orders of two forms, for a large wave.
-
-Chosen: the phases of neighbours at the ends of a joint's range then differ by 48 degrees.
+"""Number of intermediate orders tried between the orders of two forms, for a large wave. Chosen: the phases of
+neighbours at the ends of a joint's range then differ by 48 degrees.
 """
 _WIDTHS = np.concatenate([0.5 ** np.arange(5.0, 1.0, -1.0), np.geomspace(0.5, 100.0, 40)])
-"""Widths of a play that are tried, in healthy sizes, up to that of the largest fault. Neighbours differ by 15 %:
-fits starting within 20 % of the width converged to it. Below half a healthy size the response is nearly
-proportional to the width, and neighbours differ by a factor of two.
+"""Widths of a play that are tried, in healthy sizes. Neighbours differ by 15 %: fits starting within 20 % of the width
+converged to it. Below half a healthy size the response is nearly proportional to the width.
 """
 
 
 def starting_effects(
     linear: Linearisation, columns: Columns, posterior: CoefficientPosterior, form: Form
 ) -> list[Effect]:
-    """Return the initial effects for fitting a form to the readings (N,).
+    """Initial effects for fitting a form.
 
     A wave starts at the order that explains most between the neighbouring forms, and a large wave also at the best of
     all orders. Every other effect except a backlash starts at the size of a fault.
@@ -75,11 +70,10 @@ def starting_effects(
 
 
 def _waves(columns: Columns, linear: Linearisation, posterior: CoefficientPosterior, form: Form) -> list[Effect]:
-    """Return the best wave of an order near the form and, if large, the best wave of any order.
+    """The best wave of an order near the form and, if large, the best wave of any order, with only the set-ups fitted.
 
-    The first has an order between the neighbours of the form. The second may have any order, and leaves the smallest
-    residual (N,) with only the set-ups fitted. A joint is mostly near the ends of its range. A large wave therefore
-    resembles the waves whose phases agree at both ends more than the neighbouring forms.
+    A joint is mostly near the ends of its range. A large wave therefore resembles the waves whose phases agree at both
+    ends more than the neighbouring forms.
     """
     effect: Any = form.effect
     orders = [order_of(neighbour.effect) for neighbour in columns.forms if neighbour.name == form.name]
@@ -99,9 +93,8 @@ def _waves(columns: Columns, linear: Linearisation, posterior: CoefficientPoster
 
 
 def _best_of_pairs(effects: Sequence[Effect], precision: Array, eta: Array) -> Effect:
-    """Return the wave that explains most. Each two consecutive effects are a wave in two phases.
-
-    `precision` (2 n, 2 n) and `eta` (2 n,) contain the information of the readings about the sizes.
+    """The wave that explains most; each two consecutive effects are a wave in two phases. `precision` (2 n, 2 n) and
+    `eta` (2 n,): information of the readings about the sizes.
     """
     pairs = [slice(2 * i, 2 * i + 2) for i in range(len(effects) // 2)]
     sizes = [np.linalg.solve(precision[pair, pair] + np.eye(2) / LARGEST_FAULT**2, eta[pair]) for pair in pairs]

@@ -1,10 +1,9 @@
 """Unknown causes: smooth random functions that compete with the named effects.
 
-A cause that rig does not know is an error that varies smoothly with a quantity: angle, load, direction or speed of a
-joint, posture, time, or place. Its functions are columns of the linear model with normally distributed coefficients
-(a Gaussian process) and a common amplitude, over which the evidence is averaged. The log evidence that they gain in
-addition to the effects of a state tells how well such a cause explains the rest of the readings (Kennedy and O'Hagan
-2001). Friction in the ball joint is the last kind: a constant of each direction of each circle.
+Such a cause is an error that varies smoothly with a quantity: angle, load, direction, speed, posture, time, or place.
+Its functions are columns with normally distributed coefficients (a Gaussian process) and a common amplitude, over which
+the evidence is averaged (Kennedy and O'Hagan 2001). The last kind is friction in the ball joint, a constant of each
+circle.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.background import CoefficientPosterior, cavity_evidence
 from analysis.diagnosis.fit.responses import Linearisation, Response
-from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, forward
@@ -33,8 +31,9 @@ _PRIOR = -2.0
 _AMPLITUDES: Array = 2.0 ** np.arange(-3.0, 10.0)
 """Amplitudes in these units, from an eighth of a µm to half a millimetre."""
 _WAVES = 24
-"""Half waves over the range of a quantity, with an amplitude inversely proportional to the order, as for a random walk,
-so that bends and steps are possible. Chosen: fine enough for features of a few degrees."""
+"""Half waves over the range of a quantity, with an amplitude inversely proportional to the order, as for a random walk.
+Chosen: fine enough for features of a few degrees.
+"""
 _POSTURE_RAD = (0.02, 0.3, 0.8, 2.0)
 """Lengths over which an error changes with the posture. Chosen: from each target by itself to half the range."""
 _PLACE = (0.1, 0.3)
@@ -69,19 +68,18 @@ class UnknownCauses:
 
     @classmethod
     def in_runs(cls, linear: Linearisation) -> Self:
-        """The kinds of causes that change the readings of a linearisation."""
         kinds = dict([*_of_joints(linear), *_of_circles(linear), *_of_places(linear)])
         return cls({kind: Response(columns) for kind, columns in kinds.items() if np.any(columns)})
 
     def of_circles(self) -> Self:
-        """The kinds that circles show, without those of readings at rest."""
         at_rest = ("a change with time", "an error that varies with")
         return type(self)({kind: each for kind, each in self.responses.items() if not kind.startswith(at_rest)})
 
     @property
     def price(self) -> float:
-        """Log evidence that a cause must gain to be likely: for the choice of its kind and amplitude, and against the
-        prior odds."""
+        """Log evidence that a cause must gain to be likely: for the choice of kind and amplitude, and against the
+        prior.
+        """
         return float(np.log(len(self.responses) * len(_AMPLITUDES))) - _PRIOR
 
     def gains(self, posterior: CoefficientPosterior) -> dict[str, Array]:
@@ -94,7 +92,6 @@ class UnknownCauses:
         return gains
 
     def likeliest(self, posterior: CoefficientPosterior, excluded: Collection[str] = ()) -> UnknownCause | None:
-        """The cause that explains most of what a state leaves; None if every kind is excluded."""
         gains = {kind: gain for kind, gain in self.gains(posterior).items() if kind not in excluded}
         kind = likeliest_kind(gains)
         if kind is None:
@@ -102,12 +99,10 @@ class UnknownCauses:
         return UnknownCause(kind, self.likeliest_columns(kind, gains[kind]), float(gains[kind].max()) - self.price)
 
     def likeliest_columns(self, kind: str, gains: Array) -> Array:
-        """Columns (N, c) of a kind at its likeliest amplitude, given the gains (a,) of each."""
         return np.asarray(_AMPLITUDES[np.argmax(gains)] * self.responses[kind].columns, dtype=float)
 
 
 def likeliest_kind(gains: Mapping[str, Array]) -> str | None:
-    """The kind with the largest gain at any amplitude; None without kinds."""
     return max(gains, key=lambda kind: float(gains[kind].max()), default=None)
 
 
@@ -120,7 +115,7 @@ def total_gain(gains: Mapping[str, Array]) -> float:
 
 
 def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
-    """Yield errors of each joint that vary with its angle, load, direction or speed, or with the other angles."""
+    """Errors of each joint that vary with its angle, load, direction or speed, or with the other angles."""
     q = np.concatenate([block.drives.q for block in linear.blocks])
     low, span = q.min(axis=0), np.maximum(np.ptp(q, axis=0), 1e-9)
     rests = not any(block.sampling for block in linear.blocks)
@@ -129,7 +124,11 @@ def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
         return _half_waves((block.drives.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
 
     def direction(joint: int, block: Block) -> Array:
-        ways = _directions(block)
+        ways, sides = np.zeros(block.drives.q.shape), block.table.sides
+        if block.sampling:  # the direction of motion
+            ways = np.tanh(_drive_rates(block) / _SLOW)
+        elif sides is not None:  # that of the approach
+            ways = np.repeat(sides * 1.0, len(ways) // len(sides), axis=0)
         return np.concatenate([_UNIT_RAD * ways, ways[:, [joint]] * angle(joint, block)[:, :8]], axis=1)
 
     joints = range(linear.axes)
@@ -146,7 +145,7 @@ def _of_joints(linear: Linearisation) -> Iterator[tuple[str, Array]]:
 
 
 def _wander(linear: Linearisation, joint: int, angle: _Functions) -> Array:
-    """Return displacements and tilts (N, c) of a joint axis over its angle, as by its bearing, for runs at rest."""
+    """Displacements and tilts (N, c) of a joint axis over its angle, as by its bearing, for runs at rest."""
     axes = [axis for axis in (joint + 1, joint + 2) if axis <= linear.axes]
     constants = [changed(axis, key, 0.1) for axis in axes for key in ("a_mm", "alpha_deg", "d_mm")]
     moved = linear.columns(constants) / 100  # of a micrometre or a thousandth of a degree
@@ -156,18 +155,15 @@ def _wander(linear: Linearisation, joint: int, angle: _Functions) -> Array:
     return np.asarray((moved[:, :, None] * waves[:, None]).reshape(len(moved), -1), dtype=float)
 
 
-def _directions(block: Block) -> Array:
-    """Return the direction (n, axes) of each joint: of its motion on a circle, of its approach to a place."""
-    if block.sampling:
-        return np.asarray(np.tanh(_drive_rates(block) / _SLOW), dtype=float)
-    sides, count = block.table.sides, len(block.path.q)
-    return np.zeros(block.drives.q.shape) if sides is None else np.repeat(sides * 1.0, count // len(sides), axis=0)
-
-
 def _load(joint: int, block: Block) -> Array:
+    torque = torque_share(block, joint)
+    return _half_waves((torque + 1) / 2, _UNIT_RAD)[:, :8] * torque.any()
+
+
+def torque_share(block: Block, joint: int) -> Array:
+    """Torque of gravity (n,) of a joint at the samples of a block's path, relative to its largest."""
     torque: Array = pull(block.model.arm, block.model.load, block.path.q).torque[:, joint]
-    most = float(np.abs(torque).max())
-    return _half_waves((torque / max(most, 1e-12) + 1) / 2, _UNIT_RAD)[:, :8] * (most > 0)
+    return torque / max(float(np.abs(torque).max()), 1e-12)
 
 
 def _speed(joint: int, block: Block) -> Array:
@@ -176,15 +172,13 @@ def _speed(joint: int, block: Block) -> Array:
 
 
 def _of_circles(linear: Linearisation) -> Iterator[tuple[str, Array]]:
-    """Yield errors of the gauges that vary with time, errors of the ball, and friction of the ball joint."""
+    """Errors of the gauges that vary with time, errors of the ball, and friction of the ball joint."""
     circles = [k for k, block in enumerate(linear.blocks) if block.sampling]
     if circles:
         both = [linear.by_gauge(shares, _times_of_lap) for shares in ((1.0, 0.0), (0.0, 1.0))]
         yield "a change of the gauges over time", np.concatenate(both, axis=1)
-        yield (
-            "an error of the ball that varies with the position of the link",
-            linear.by_gauge((1.0, 1.0), _circle_waves),
-        )
+        of_ball = linear.by_gauge((1.0, 1.0), _circle_waves)
+        yield "an error of the ball that varies with the position of the link", of_ball
         friction = np.zeros((len(linear.y), 2 * len(circles)))
         for column, k in enumerate(circles):
             constant = np.broadcast_to(_UNIT_MM * np.eye(2), (len(linear.blocks[k].values), 2, 2))
@@ -193,36 +187,29 @@ def _of_circles(linear: Linearisation) -> Iterator[tuple[str, Array]]:
 
 
 def _of_places(linear: Linearisation) -> Iterator[tuple[str, Array]]:
-    """Yield errors of readings at rest that vary with time, posture or place."""
+    """Errors of readings at rest that vary with time, posture or place."""
     blocks = [block for block in linear.blocks if not block.sampling]
     if not blocks:
         return
 
     def order(block: Block) -> Array:
-        functions = _half_waves(np.linspace(0, 1, len(block.path.q)), _UNIT_RAD)[:, :8]
-        return functions * (not block.sampling)
+        return _half_waves(np.linspace(0, 1, len(block.path.q)), _UNIT_RAD)[:, :8] * (not block.sampling)
 
-    yield (
-        "a change with time",
-        np.concatenate([linear.by_joint(axis, order) for axis in range(1, linear.axes + 1)], axis=1),
-    )
+    by_order = [linear.by_joint(axis, order) for axis in range(1, linear.axes + 1)]
+    yield "a change with time", np.concatenate(by_order, axis=1)
     for length in _POSTURE_RAD:
         postures = [block.table.q[block.rows] for block in blocks]
         yield f"an error that varies with the posture over {length:g} rad", _smooth(linear, postures, length)
     places = [block.values for block in blocks]
-    if len(blocks) == len(linear.blocks) and all(facts_of(block.table.test).of_tracker for block in blocks):
+    if len(blocks) == len(linear.blocks) and all(block.facts.of_tracker for block in blocks):
         extent = max(float(np.ptp(place, axis=0).max()) for place in places)
         for share in _PLACE:
-            yield (
-                f"an error that varies with the place over {100 * share:.0f} % of the work",
-                _smooth(linear, places, share * extent),
-            )
+            kind = f"an error that varies with the place over {100 * share:.0f} % of the work"
+            yield kind, _smooth(linear, places, share * extent)
 
 
 def _smooth(linear: Linearisation, at: Sequence[Array], length: float) -> Array:
-    """Return functions (N, c) of each coordinate that change over a length of the points `at` (n, d) of each block at
-    rest.
-    """
+    """Functions (N, c) of each coordinate that change over a length of the points `at` (n, d) of each block at rest."""
     points = np.concatenate(at)
     squares = np.sum((points[:, None] - points[None]) ** 2, axis=2)
     values, turn = np.linalg.eigh(np.exp(-0.5 * squares / length**2))
@@ -241,13 +228,11 @@ def _smooth(linear: Linearisation, at: Sequence[Array], length: float) -> Array:
 
 
 def _times_of_lap(block: Block) -> Array:
-    """Functions (n, c) mm of the time of a block's samples."""
     t = block.path.t_s
     return _half_waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
 
 
 def _circle_waves(block: Block) -> Array:
-    """Functions (n, c) mm of the circle angle of a block's samples."""
     q = block.path.q
     if not block.sampling:
         return np.zeros((len(q), 2 * _WAVES))
@@ -258,12 +243,10 @@ def _circle_waves(block: Block) -> Array:
 
 
 def _half_waves(share: Array, unit: float) -> Array:
-    """Half waves (n, c) of a share (n,) between 0 and 1."""
     number = np.arange(1, _WAVES + 1)
     return unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
 
 
 def _drive_rates(block: Block) -> Array:
-    """Speeds (n, 6) rad/s of the drives; zero at targets."""
     drives = block.drives
     return np.gradient(drives.q, drives.t_s, axis=0) if block.sampling else np.zeros_like(drives.q)

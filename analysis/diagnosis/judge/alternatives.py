@@ -1,8 +1,7 @@
 """Alternatives to each named effect: the hypotheses that compete with it, each with its own evidence.
 
-The hypothesis of a name is that its effect exists, whatever else may exist. The alternatives are that there is nothing
-but noise, a healthy arm, a rival, a cause that rig does not know, or such a cause behind several of the names together.
-The log odds of a name are its log evidence minus that of all alternatives.
+The log odds of a name are its log evidence minus that of all alternatives: nothing but noise, a healthy arm, a rival, a
+cause that rig does not know, or such a cause behind several of the names together.
 """
 
 from __future__ import annotations
@@ -29,11 +28,13 @@ Alternative = Literal["nothing", "healthy", "rival", "unknown", "several", "comm
 """No effect but more noise; an effect of a healthy arm; another effect; a cause that rig does not know; such a cause
 behind this name and others; or an angle that the arm was commanded but did not reach."""
 _SAME_SIGMA = 0.5
-"""Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
-1.0, both would be confused in a third of all repeats."""
+"""Change of the readings in noise standard deviations up to which an effect and a rival are twins. Chosen: at 1.0, both
+would be confused in a third of all repeats.
+"""
 _LOUDER = 1.5
 """Strength of a band above which its residual counts as more than noise. Chosen: cells without unknown causes have up
-to 1.2."""
+to 1.2.
+"""
 _MOST = 6
 """Largest number of least certain names that an unknown cause replaces step by step. Chosen: each costs a fit."""
 _Share = tuple[SelectionState, float]
@@ -53,56 +54,51 @@ class Hypotheses:
     """Effects that change the readings in the same way as the name, and count as the name."""
 
     def log_odds(self, *, with_rivals: bool = False) -> float:
-        """Return the log odds of the name against all alternatives; with rivals, of the name or a rival."""
+        """Log odds of the name against all alternatives; with rivals, of the name or a rival."""
         others = [value for key, value in self.log_evidence.items() if key != "rival" or not with_rivals]
         return -float(np.logaddexp.reduce(others))
 
 
 def hypotheses_of(result: SearchResult, *, only_commanded: bool = False) -> list[Hypotheses]:
-    """Return the alternatives to each named effect of a search.
-
-    only_commanded: the runs contain commanded angles, and an angle that the arm did not reach explains the readings as
-    well as any error of the arm.
+    """The alternatives to each named effect. only_commanded: the runs contain commanded angles, and an angle that the
+    arm did not reach explains the readings as well as any error of the arm.
     """
-    return _Comparison(result, only_commanded).hypotheses()
+    compared, selection, linear = _Comparison(result), result.selection, result.linear
+    without = [selection.without(result.state, k) for k in range(len(result.effects))]
+    of_unknown = [compared.with_unknown(each) - compared.of_name for each in without]
+    of_several, hypotheses = compared.of_several(of_unknown), []
+    for k, (effect, odds, bare) in enumerate(zip(result.effects, result.rival_odds, without, strict=True)):
+        louder = replace(bare, strength=selection.strength(bare, selection.posterior(bare)))
+        twins, rivals = list[_Share](), list[_Share]()
+        for tried, share in odds.rivals:
+            if not ended_at_limit(tried.effects[-1]):  # no effect of that kind is so large
+                apart = linear.without_set_up(tried.refined.residual - result.fit.residual)
+                (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append((tried, share))
+        own = odds.odds + sum(share for _, share in twins)
+        log_evidence: dict[Alternative, float] = {
+            "nothing": max(selection.evidence(bare), selection.evidence(louder)) - compared.of_name,
+            "healthy": _log_ratio(odds.healthy_odds, own),
+            "rival": _log_ratio(sum(share for _, share in rivals), own),
+            "unknown": of_unknown[k],
+            "several": of_several[k],
+        }
+        if only_commanded and effect.STAGE not in OUTSIDE_ARM:
+            log_evidence["commanded"] = 0.0
+        hypotheses.append(Hypotheses(log_evidence, rivals, [tried.effects[-1] for tried, _ in twins]))
+    return hypotheses
 
 
 @dataclass(frozen=True)
 class _Comparison:
-    result: SearchResult
-    only_commanded: bool = False
+    """Evidence of the names of a search result against unknown causes."""
 
-    def hypotheses(self) -> list[Hypotheses]:
-        names = range(len(self.result.effects))
-        without = [self.result.selection.without(self.result.state, k) for k in names]
-        of_unknown = [self.with_unknown(each) - self.of_name for each in without]
-        of_several = self._of_several(of_unknown)
-        return [self._hypotheses(k, self._of_noise(without[k]), of_unknown[k], of_several[k]) for k in names]
+    result: SearchResult
 
     @cached_property
     def present(self) -> str | None:
-        """The kind of unknown cause that the readings show in addition to all names; None if they show none."""
+        """The kind of unknown cause that the readings show in addition to all names, if any."""
         gains = self.result.selection.causes.gains(self.result.selection.posterior(_with_noise(self.result.state)[-1]))
         return likeliest_kind(gains) if total_gain(gains) > 0 else None
-
-    def _hypotheses(self, k: int, of_noise: float, of_unknown: float, of_several: float) -> Hypotheses:
-        odds, twins, rivals = self.result.rival_odds[k], list[_Share](), list[_Share]()
-        for tried, share in odds.rivals:
-            if ended_at_limit(tried.effects[-1]):
-                continue  # no effect of that kind is so large
-            apart = self.result.linear.without_set_up(tried.refined.residual - self.result.fit.residual)
-            (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append((tried, share))
-        own = odds.odds + sum(share for _, share in twins)
-        log_evidence: dict[Alternative, float] = {
-            "nothing": of_noise,
-            "healthy": _log_ratio(odds.healthy_odds, own),
-            "rival": _log_ratio(sum(share for _, share in rivals), own),
-            "unknown": of_unknown,
-            "several": of_several,
-        }
-        if self.only_commanded and self.result.effects[k].STAGE not in OUTSIDE_ARM:
-            log_evidence["commanded"] = 0.0
-        return Hypotheses(log_evidence, rivals, [tried.effects[-1] for tried, _ in twins])
 
     @cached_property
     def of_name(self) -> float:
@@ -128,16 +124,9 @@ class _Comparison:
                 each += [evidence, evidence + total_gain(causes.gains(selection.posterior(beside)))]
         return float(np.logaddexp.reduce(each))
 
-    def _of_noise(self, without: SelectionState) -> float:
-        """Return the log evidence without a name, with the noise estimated again."""
-        selection = self.result.selection
-        louder = replace(without, strength=selection.hyperparameters.strength(without, selection.posterior(without)))
-        return max(selection.evidence(without), selection.evidence(louder)) - self.of_name
-
-    def _of_several(self, of_unknown: Sequence[float]) -> list[float]:
-        """Return the log evidence of an unknown cause behind each name and others, relative to the names.
-
-        The others are the least certain names, all waves of joints, or all possible faults.
+    def of_several(self, of_unknown: Sequence[float]) -> list[float]:
+        """Log evidence of an unknown cause behind each name and others: the least certain names, all waves of joints,
+        or all possible faults.
         """
         effects, reference = self.result.effects, self.result.reference
         best = [_NONE] * len(effects)
@@ -163,6 +152,6 @@ def _log_ratio(share: float, own: float) -> float:
 
 
 def _with_noise(state: SelectionState) -> list[SelectionState]:
-    """Return a state and, if its residual counts as more than the noise, the state with only the noise."""
+    """A state and, if its residual counts as more than the noise, the state with only the noise."""
     is_louder = (state.strength > _LOUDER).any()
     return [state, *([replace(state, strength=np.minimum(state.strength, 1.0))] if is_louder else [])]

@@ -31,27 +31,24 @@ from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, 
 _CANCELS = 0.005
 """Negative share above which a part is combined with the part it cancels; a smaller negative share counts as zero."""
 _MOST_MEMBERS = 3
-"""Number of listed group members, chosen for easy comparison. Their odds refer to all members."""
+"""Number of listed group members. Chosen. Their odds refer to all members."""
 _INVISIBLE_UM = 1e-3
-"""Contribution in µm of a healthy effect below which the runs do not show the effect. A multiple of it then has no
-meaning, for example for the backlash of a joint that always approaches from one side.
+"""Contribution of a healthy effect below which a multiple of it has no meaning, as for the backlash of a joint that
+always approaches from one side.
 """
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
 """Kinds of parts separate for each joint."""
 
 
 def group_of(effect: Effect) -> tuple[PartKind, int | None]:
-    """Return the kind of part for small terms of an effect, with the joint if separate per joint."""
+    """Kind of part for small terms of an effect, with the joint if separate per joint."""
     return effect.part, getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
 
 
 @dataclass(frozen=True)
 class GapMeasure:
-    """Measure of whitened changes of readings (N,) in µm: rms over the readings of all runs after removal of the part
-    absorbed by set-ups.
-
-    The rule is that of the gap, in which the readings by themselves do not determine the height of the ball above the
-    circle.
+    """Measure of whitened changes of readings (N,) in µm, as in the gap: rms over the readings of all runs without the
+    part absorbed by set-ups, of which the readings alone do not determine the height of the ball above the circle.
     """
 
     linear: Linearisation
@@ -74,9 +71,8 @@ class GapMeasure:
 
     @cached_property
     def _absorbs(self) -> tuple[Array, Array]:
-        """Set-up responses (N, s), and the projection of weighted changes (N,) onto them (s,).
-
-        Balls of circles and hemispheres are limited as in the fit of a gap; all other terms are free.
+        """Set-up responses (N, s), and the projection (s, N) of weighted changes onto them. Balls of circles and
+        hemispheres are limited as in the fit of a gap; all other terms are free.
         """
         U = self._root[:, None] * self.linear.U
         whole = self._root * self.linear.residual(())
@@ -88,42 +84,36 @@ class GapMeasure:
         return U, np.linalg.pinv(U.T @ U + np.diag(precision), hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
-        """Return whitened changes (N, …) as vectors (N, …) in µm with the mean square as their sum of squares."""
+        """Whitened changes (N, …) as vectors with the mean square in µm² as their sum of squares."""
         weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
         U, moves = self._absorbs
         return weighted - U @ (moves @ weighted)
 
     def without_set_up(self, changes: Array) -> Array:
-        """Return whitened changes (N, …) after removal of the part absorbed by set-ups, for plots."""
+        """The same without the part absorbed by set-ups in noise standard deviations, for plots."""
         _, moves = self._absorbs
         return changes - self.linear.U @ ((moves * self._root) @ changes)
 
     def residual_mm(self, effects: Sequence[Effect]) -> list[Array]:
-        """Return the residual (N,) mm of each block with effects in the model."""
         return self.linear.in_mm(self.without_set_up(self.linear.residual(effects)))
 
     def scatter_mm(self) -> list[Array]:
-        """Return the responses (N, c) mm of each block to a standard deviation of all scatter between runs (joints,
-        ball, stamps), after removal of the part absorbed by set-ups.
-        """
+        """Responses (N, c) mm of each block to a standard deviation of all scatter between runs."""
         return self.linear.in_mm(self.without_set_up(np.concatenate([self.linear.Z, self.linear.stamps], axis=1)))
 
     def um(self, changes: Array) -> float:
-        """Return the root mean square in µm of whitened changes (N,)."""
         return float(np.linalg.norm(self.of(changes)))
 
     def with_free_set_ups_um(self, changes: Array) -> float:
-        """Return the root mean square in µm of whitened changes (N,) that no term of a set-up absorbs."""
+        """RMS in µm of whitened changes (N,) that no term of a set-up absorbs."""
         return float(np.linalg.norm(self._root * self.linear.without_set_up(changes)))
 
 
 @dataclass(frozen=True)
 class EffectChange:
-    """Contribution of a fitted effect.
-
-    `change` (N,): of the whitened readings, with rms and standard uncertainty in µm, and the ratio to a healthy effect,
-    None if that is invisible. `apart`: differences between single runs beyond noise and scatter, as a relative standard
-    uncertainty of their mean.
+    """Contribution of a fitted effect: `change` (N,) of the whitened readings, its rms, and its ratio to a healthy
+    effect, None if that is invisible. `apart`: relative standard uncertainty from differences between single runs
+    beyond noise and scatter.
     """
 
     change: Array
@@ -134,10 +124,10 @@ class EffectChange:
 
 
 def effect_changes(result: SearchResult) -> list[EffectChange]:
-    """Return the contribution of each fitted effect to the readings (N,) in µm, including departures of its form.
+    """Contribution of each fitted effect to the readings, including departures of its form.
 
-    The uncertainty refers to the contribution and not to a parameter: size and shape may be correlated, and the
-    contribution is then as certain as the readings show.
+    Its uncertainty is that of the contribution: size and shape may be correlated, and the contribution is then as
+    certain as the readings show.
     """
     refined, posterior, measure = result.fit, result.posterior, GapMeasure(result.linear)
     T, means, covariance = posterior.terms.T, posterior.term_means, posterior.term_covariance
@@ -158,12 +148,8 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
     return changes
 
 
-@dataclass(frozen=True)
-class _PartVector:
-    """Part with its contribution (N,) as a vector of `GapMeasure.of`."""
-
-    part: BudgetPart
-    vector: Array
+_Drawn = tuple[BudgetPart, Array]
+"""A part, and its contribution (N,) as a vector of `GapMeasure.of`."""
 
 
 @dataclass(frozen=True)
@@ -179,96 +165,87 @@ class Budget:
 
     @cached_property
     def gap_vector(self) -> Array:
-        """Gap (N,) with the mean square in µm² as the sum of squares."""
         return self.measure.of(self.result.linear.residual(()))
 
     @cached_property
-    def whole_um2(self) -> float:
-        """Mean square of the gap in µm²: that of the mean of repeated runs plus the differences of single runs from
-        the mean.
-        """
-        return max(float(self.gap_vector @ self.gap_vector) + self._apart_um2, 1e-12)
+    def apart_um2(self) -> float:
+        """Mean square difference of single runs from the mean of their repeats."""
+        return float(np.mean([1 - 1 / block.count for block in self.result.linear.blocks])) * self.gap.noise_floor_um**2
 
     @cached_property
-    def _apart_um2(self) -> float:
-        """Mean square difference of single runs from the mean of their repeats, in µm²."""
-        blocks = self.result.linear.blocks
-        share = np.array([1 - 1 / block.count for block in blocks])
-        return float(np.mean(share)) * self.gap.noise_floor_um**2
+    def whole_um2(self) -> float:
+        """Mean square of the gap: that of the mean of repeated runs plus the differences of single runs from it."""
+        return max(float(self.gap_vector @ self.gap_vector) + self.apart_um2, 1e-12)
 
     def share(self, vector: Array) -> float:
-        """Return the share of a vector (N,) of `GapMeasure.of` in the gap."""
         return float(vector @ self.gap_vector) / self.whole_um2
 
     def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
-        """Return the parts, largest share first; shares add up to 1.
-
-        named: fitted effects in any order, possibly with a vibration that no model removes.
+        """The parts, largest share first; shares add up to 1. named: fitted effects in any order, possibly with a
+        vibration that no model removes.
         """
-        effects = self.result.effects
-        drawn = []
+        result, drawn, vibrations = self.result, list[_Drawn](), list[tuple[int, Named]]()
         for place, name in enumerate(named):
-            if name.effect in effects:
-                change = changes[effects.index(name.effect)]
-                is_unsure = name.doubt != "usual" or change.um < POSSIBLE_SIGMA * change.u_um
-                as_usual: Rank = "usual" if least_fault(name.effect, self.result.reference) < np.inf else "difference"
-                rank: Rank = "unusual" if name.is_confirmed else "undecided" if is_unsure else as_usual
-                vector = self.measure.of(change.change)
-                part = BudgetPart(
-                    "effect", change.um, change.u_um, self.share(vector), axis=getattr(name.effect, "axis", None),
-                    name=label_of(name.effect), times_usual=change.times_usual, rank=rank, odds=name.probability,
-                    held_out_gain=name.held_out_gain, doubt=name.doubt, index=place,
-                )  # fmt: skip
-                drawn.append(_PartVector(part, vector))
-        parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
-        # Residual above the noise, with the unknown causes.
-        result = self.result
+            if name.effect not in result.effects:
+                vibrations.append((place, name))  # with a new phase in each run
+                continue
+            change = changes[result.effects.index(name.effect)]
+            is_unsure = name.doubt != "usual" or change.um < POSSIBLE_SIGMA * change.u_um
+            as_usual: Rank = "usual" if least_fault(name.effect, result.reference) < np.inf else "difference"
+            vector = self.measure.of(change.change)
+            part = BudgetPart(
+                "effect", change.um, change.u_um, self.share(vector), axis=getattr(name.effect, "axis", None),
+                name=label_of(name.effect), times_usual=change.times_usual,
+                rank="unusual" if name.is_confirmed else "undecided" if is_unsure else as_usual,
+                odds=name.probability, held_out_gain=name.held_out_gain, doubt=name.doubt, index=place,
+            )  # fmt: skip
+            drawn.append((part, vector))
+        parts = [part for part, _ in self._without_cancelling([*drawn, *self._groups()])]
+        # Residual above the noise, with the unknown causes; the scatter is the rest.
         residual = self.measure.of(result.beyond_noise * result.posterior.residual + result.free_share)
         unexplained = BudgetPart("unexplained", float(np.linalg.norm(residual)), 0.0, self.share(residual))
-        scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(part.share for part in [*parts, unexplained]))
-        for place, name in enumerate(named):
-            if name.effect not in effects:  # a vibration with a new phase in each run
-                of_scatter = min(name.contribution_um**2 / self.whole_um2, max(scatter.share, 0.0))
-                part = BudgetPart(
-                    "effect", name.contribution_um, name.u_um, of_scatter, name=label_of(name.effect),
-                    rank="unusual" if name.is_confirmed else "usual", odds=name.probability, index=place,
-                )  # fmt: skip
-                parts.append(part)
-                scatter = replace(scatter, share=scatter.share - of_scatter)
-        # A slightly negative share becomes zero, and the excess of the others is reduced in proportion.
-        every = [replace(part, share=max(part.share, 0.0)) for part in (*parts, unexplained, scatter)]
-        whole = sum(part.share for part in every)
-        return sorted((replace(part, share=part.share / whole) for part in every), key=lambda part: -part.share)
-
-    def _without_cancelling(self, drawn: Sequence[_PartVector]) -> list[_PartVector]:
-        """Return the parts, with largely cancelling parts combined. No share is negative."""
-        kept = list(drawn)
-        while kept and (least := min(kept, key=lambda line: line.part.share)).part.share < -_CANCELS:
-            others = [line for line in kept if line is not least]
-            if not others:
-                break
-            partner = min(others, key=lambda line: float(line.vector @ least.vector))
-            vector = partner.vector + least.vector
-            both = replace(
-                partner.part, um=float(np.linalg.norm(vector)), u_um=max(partner.part.u_um, least.part.u_um),
-                share=self.share(vector),
-                together=(*(partner.part.together or (partner.part,)), *(least.part.together or (least.part,))),
+        scattered = slice(result.columns.set_ups.stop, None)
+        moved = result.columns.X[:, scattered] @ result.posterior.mean[scattered]
+        inside = self.measure.um((1 - result.beyond_noise) * result.posterior.residual + moved)
+        left = 1.0 - sum(part.share for part in [*parts, unexplained])
+        for place, name in vibrations:
+            of_scatter = min(name.contribution_um**2 / self.whole_um2, max(left, 0.0))
+            left -= of_scatter
+            part = BudgetPart(
+                "effect", name.contribution_um, name.u_um, of_scatter, name=label_of(name.effect),
+                rank="unusual" if name.is_confirmed else "usual", odds=name.probability, index=place,
             )  # fmt: skip
-            kept = [_PartVector(both, vector) if line is partner else line for line in others]
+            parts.append(part)
+        parts += [unexplained, BudgetPart("scatter", float(np.sqrt(inside**2 + self.apart_um2)), 0.0, left)]
+        # A slightly negative share becomes zero, and the excess of the others is reduced in proportion.
+        shares = [max(part.share, 0.0) for part in parts]
+        shared = (replace(part, share=share / sum(shares)) for part, share in zip(parts, shares, strict=True))
+        return sorted(shared, key=lambda part: -part.share)
+
+    def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
+        """Combine largely cancelling parts, so that no share is negative."""
+        kept = list(drawn)
+        while len(kept) > 1 and (least := min(kept, key=lambda each: each[0].share))[0].share < -_CANCELS:
+            others = [each for each in kept if each is not least]
+            partner = min(others, key=lambda each: float(each[1] @ least[1]))
+            (part, vector), (cancelled, opposite) = partner, least
+            vector = vector + opposite
+            both = replace(
+                part, um=float(np.linalg.norm(vector)), u_um=max(part.u_um, cancelled.u_um), share=self.share(vector),
+                together=(*(part.together or (part,)), *(cancelled.together or (cancelled,))),
+            )  # fmt: skip
+            kept = [(both, vector) if each is partner else each for each in others]
         return kept
 
-    def _groups(self) -> list[_PartVector]:
-        """Return the combined contribution of the small terms of each kind."""
-        posterior, columns = self.result.posterior, self.result.columns
-        groups: dict[tuple[PartKind, int | None], list[Form]] = {}
+    def _groups(self) -> list[_Drawn]:
+        """Combined contribution of the small terms of each kind."""
+        columns, groups = self.result.columns, dict[tuple[PartKind, int | None], list[Form]]()
         for form in columns.forms:
             groups.setdefault(group_of(form.effect), []).append(form)
         drawn = []
         for (kind, axis), forms in groups.items():
             indices = np.array([column for form in forms for column in form.columns])
-            moved = self.measure.of(columns.X[:, indices])
-            vector = moved @ posterior.mean[indices]
-            u_um = self._u_um(moved, indices)
+            moved, vector, u_um = self._combined(indices)
             times = np.array([form.effect.usual_times(self.result.reference) for form in forms for _ in form.columns])
             usual_um = float(np.sqrt(np.sum(moved**2 @ (columns.healthy[indices] * times**2))))
             um = float(np.linalg.norm(vector))
@@ -276,63 +253,41 @@ class Budget:
             rank: Rank = "undecided" if um < POSSIBLE_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
             part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
             part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
-            drawn.append(_PartVector(part, vector))
+            drawn.append((part, vector))
         return drawn
 
-    def _u_um(self, moved: Array, indices: Integers) -> float:
-        """Return the standard uncertainty in µm of the combined change `moved` (N, n) by columns `indices`."""
-        return float(np.sqrt(max(np.sum(moved.T @ moved * self.result.posterior.covariance_among(indices)), 0.0)))
-
-    @cached_property
-    def _not_shown(self) -> set[tuple[int, ...]]:
-        """Columns of forms that the runs cannot test: invisible effects, and waves of which a joint covered only a
-        few cycles, because a wrong zero looks like them.
-        """
-        hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
-        of_curves = zip(self.result.columns.forms, *self.result.selection.prices.waves_of_curves, strict=True)
-        return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
+    def _combined(self, indices: Integers) -> tuple[Array, Array, float]:
+        """Changes (N, n) by columns, their sum (N,) at the means, and its standard uncertainty in µm."""
+        posterior, moved = self.result.posterior, self.measure.of(self.result.columns.X[:, indices])
+        u_um = float(np.sqrt(max(np.sum(moved.T @ moved * posterior.covariance_among(indices)), 0.0)))
+        return moved, moved @ posterior.mean[indices], u_um
 
     def _members(self, forms: Sequence[Form]) -> tuple[GroupMember, ...]:
-        """Return the possible members of a group, likeliest first: each effect in the best form, with the odds of being
-        dominant.
+        """Possible members of a group, likeliest first, each in its best form and with its contribution among the small
+        terms. The odds include the case of no dominant member.
 
-        The odds include the case of no dominant member.
+        The runs cannot test invisible effects, and waves of which a joint covered only a few cycles, because a wrong
+        zero looks like them.
         """
-        result = self.result
-        forms = [form for form in forms if form.columns not in self._not_shown]
-        gain = result.posterior.gains(forms, result.state.level).fault
+        posterior, state, selection = self.result.posterior, self.result.state, self.result.selection
+        hidden = selection.not_testable(state, posterior)
+        of_curves = zip(self.result.columns.forms, *selection.waves_of_curves, strict=True)
+        not_shown = {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
+        forms = [form for form in forms if form.columns not in not_shown]
+        gain = posterior.gains(forms, state.level).fault
         best: dict[str, int] = {}
         # for equal values the first, independent of rounding
         for k in np.argsort(-gain.round(6), kind="stable").tolist():
             if np.isfinite(gain[k]):
                 best.setdefault(forms[k].name, k)
-        if not best:
-            return ()
         evidence = np.array([0.0, *(gain[k] for k in best.values())])
         odds = np.exp(evidence - evidence.max())
-        odds /= odds.sum()
-        kept = [forms[k] for k in best.values()]
         members = []
-        for form, likely in zip(kept, odds[1:], strict=True):
-            indices = list(form.columns)
-            # contribution at its size among the small terms
-            moved = self.measure.of(result.columns.X[:, indices])
-            um = float(np.linalg.norm(moved @ result.posterior.mean[indices]))
-            u_um = self._u_um(moved, np.array(indices))
-            members.append(
-                GroupMember(combined_effect(form.effects, result.posterior.size(form)), um, float(likely), u_um)
-            )
+        for k, likely in zip(best.values(), (odds / odds.sum())[1:].tolist(), strict=True):
+            _, vector, u_um = self._combined(np.array(forms[k].columns))
+            effect = combined_effect(forms[k].effects, posterior.size(forms[k]))
+            members.append(GroupMember(effect, float(np.linalg.norm(vector)), likely, u_um))
         return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
-
-    @cached_property
-    def _scatter_um(self) -> float:
-        """Rms in µm of scatter between runs and noise."""
-        result = self.result
-        forms = result.columns.set_ups.stop
-        scattered = slice(forms, forms + result.columns.scattered)
-        moved = result.columns.X[:, scattered] @ result.posterior.mean[scattered]
-        inside = self.measure.um((1 - result.beyond_noise) * result.posterior.residual + moved)
-        return float(np.sqrt(inside**2 + self._apart_um2))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -347,9 +302,8 @@ _NOTHING = 1e-300
 
 @dataclass(frozen=True)
 class SizesBySetUp:
-    """Size of a named effect in each of n informative set-ups, fitted together with all other possible contributions.
-
-    `value` (n,): relative to the size in all runs. `covariance` (n, n). Empty below two set-ups.
+    """Size of a named effect in each of n informative set-ups, relative to that in all runs, fitted together with all
+    other contributions. Empty below two set-ups.
     """
 
     setups: tuple[str, ...]
@@ -357,12 +311,11 @@ class SizesBySetUp:
     covariance: Array
 
     def shares(self) -> tuple[Share, ...]:
-        """Return the share per set-up with standard uncertainty."""
         sds = np.sqrt(np.diag(self.covariance))
         return tuple(Share(*share) for share in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
 
     def birge_ratio(self) -> float:
-        """Return the ratio of the scatter between set-ups to that expected from the noise of the readings; at least 1.
+        """Ratio (at least 1) of the scatter between set-ups to that expected from the noise of the readings.
 
         A wrong form, such as a different crossing of backlash, changes the size on each path. The Birge ratio (1932),
         used by CODATA for constants, is applied if chance explains a disagreement in fewer than 5 % of cases.
@@ -376,14 +329,14 @@ class SizesBySetUp:
 
 
 def _by_chance(energy: float, freedom: int) -> bool:
-    """Return whether noise gives a sum of squares of this size, in units of the variance, in at least 5 % of cases."""
+    """Whether noise gives a sum of squares of this size, in units of the variance, in at least 5 % of cases."""
     from scipy.special import chdtri  # noqa: PLC0415 - slow to import
 
     return energy <= float(chdtri(freedom, 1 / ODDS))
 
 
 def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
-    """Return the sizes of effect k in set-ups whose readings it changes by more than the limits (b,) µm."""
+    """Sizes of effect k in set-ups whose readings it changes by more than the limits (b,) µm."""
     linear, change = result.linear, result.contributions[k]
     setups = np.array([block.setup for block in linear.blocks])
     shown = list(dict.fromkeys(setups[rms_by_block(linear, change).um > limits].tolist()))
@@ -401,11 +354,11 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
 
 
 def runs_apart(result: SearchResult, k: int) -> float:
-    """Return the relative standard uncertainty of effect k's size from differences between single runs beyond noise and
-    scatter; 0 if chance explains them.
+    """Relative standard uncertainty of effect k's size from differences between single runs beyond noise and scatter; 0
+    if chance explains them.
 
-    Noise is equal for all entries of a band, and scatter equal for all joints. A single joint wandering along the path
-    has neither property, and resembles a lag or gear error of this joint.
+    Noise is equal for all entries of a band, and scatter for all joints. A single joint wandering along the path
+    resembles a lag or gear error of this joint.
     """
     linear, beside, change = result.linear, _other_parameters(result, k), result.contributions[k]
     weight, scatter = beside.background.weight, np.concatenate([linear.Z, linear.stamps], axis=1)
@@ -424,7 +377,7 @@ def runs_apart(result: SearchResult, k: int) -> float:
 
 
 def _other_parameters(result: SearchResult, k: int) -> CoefficientPosterior:
-    """Return the posterior of all other parameters, with the fitted size of effect k fixed."""
+    """Posterior of all other parameters, with the fitted size of effect k fixed."""
     refined, fitted = result.fit, result.fit.fitted_terms
     field = size_field(refined.effects[k])
     kept = np.ones(len(fitted.mean), dtype=bool)

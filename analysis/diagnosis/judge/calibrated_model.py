@@ -1,8 +1,7 @@
 """Calibrated model from a verdict: the posterior as terms with mean and covariance.
 
-The fitted effects come first. They are followed by every form of the background: its effect at the size of the column,
-and the mean multiple shown by the readings. Single forms are rarely certain, but their sum is: it reaches a tenth of a
-millimetre if named effects reach half a millimetre.
+The fitted effects come first, then every form of the background with the mean multiple shown by the readings. Single
+forms are rarely certain, but their sum is.
 """
 
 from __future__ import annotations
@@ -50,19 +49,16 @@ def calibrated_model(
     validation: Validation,
     judged: ModelAssessment | None = None,
 ) -> CalibratedModel:
-    """Return the calibrated model of a search.
-
-    It contains the posterior with written effects marked as named, the range of each joint in the `runs`, the set-ups,
-    the residuals for the runs used and for the validation, and the widened uncertainty.
+    """The calibrated model of a search: posterior, ranges of the joints, set-ups, residuals, and widened
+    uncertainty.
     """
-    wider, stages = validation.widening, validation.stages
-    setups = validation.fitted.fit_with_effects(stages.calibrated)[0]
+    wider, setups = validation.widening, validation.fitted.fit_with_effects(validation.calibrated)[0]
     rig, train, elsewhere = diagnosis.rig, diagnosis.train, diagnosis.unseen or diagnosis.held_out
     named = [name.effect for name in diagnosis.written]
     effects, unknowns = result.effects, result.fit.unknowns
     terms = [Term.model_construct(effect=effect, times=1.0, named=effect in named) for effect in effects]
     background = background_terms(result.calibrated_posterior)
-    if stages.calibrated == stages.named:
+    if validation.calibrated == result.effects:
         background = [term.model_copy(update={"times": 0.0}) for term in background]
     parameters = [CovarianceParameter.model_construct(term=unknown.effect, field=unknown.field) for unknown in unknowns]
     parameters += [
@@ -95,7 +91,7 @@ def calibrated_model(
 
 
 def _combine_calibrations(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
-    """Combine a calibration with an earlier calibration. Multiples of a term add up, and so do the variances, as if
+    """Combine a calibration with an earlier one. Multiples of a term add up, and so do the variances, as if
     independent.
     """
     terms, parameters = list(before.terms), list(before.parameters)

@@ -1,9 +1,8 @@
 """What the residual depends on, and scatter of repeated readings that is larger than usual.
 
 Each dependence is an error of joints that is a smooth function of a quantity, fitted to a part of the readings and
-evaluated on the others. The share therefore refers to readings outside the fit, and noise gives about zero. Poses are
-held out by neighbourhoods of joint space, and their error is that of the model fitted to all others. On circles, every
-fifth entry of the spectrum is held out.
+evaluated on the others: noise gives about zero. Poses are held out by neighbourhoods of joint space; on circles every
+fifth entry of the spectrum is.
 """
 
 from __future__ import annotations
@@ -18,11 +17,10 @@ from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.observation import ORDER_OF
 from analysis.diagnosis.fit.responses import Linearisation, noise_um
 from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.fit.unknown import torque_share
 from analysis.diagnosis.judge.held_out import FEWEST_GROUPS, HeldOut
 from analysis.diagnosis.judge.residuals import Dependence, HeldOutResidual, Residual, Subject
-from analysis.diagnosis.judge.validation import shows_noise
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import pull
 from analysis.runs.noise.cell_noise import (
     REPEATABILITY_MM,
     RP_PER_SD,
@@ -40,7 +38,7 @@ _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 _STRENGTHS = 4.0 ** np.arange(-8, 7)
 """Squares of the strength of a dependence in these units, from a 256th of a unit to 64; the best is used."""
 _ORDERS = np.arange(1, 9)
-"""Waves per turn of an error over the joint angle. Chosen: a period of 45°, the finest that a hundred poses show."""
+"""Waves per turn of an error over the joint angle. Chosen: the finest that a hundred poses show."""
 _DEGREES = np.arange(1, 6)
 """Powers of the torque. Chosen: they approximate a cubic spring and a one-sided knee within a tenth."""
 _HALF_WAVES = np.arange(1, 5)
@@ -48,8 +46,8 @@ _HALF_WAVES = np.arange(1, 5)
 _FOLDS = 5
 """Number of parts of a circle's spectrum, each held out once."""
 _NOTHING = 0.06
-"""Share below which the residual depends on no quantity, and readings without repeats may be scatter. Source: plain
-noise of 30 to 50 poses with nine seeds, in which the largest share of any quantity was 0.054.
+"""Share below which the residual depends on no quantity, and readings without repeats may be scatter: plain noise of 30
+to 50 poses had at most 0.054.
 """
 _Functions = Callable[[Block], Array]
 """Functions of a quantity (n, c) at the samples of a block's path."""
@@ -61,9 +59,8 @@ _Functions = Callable[[Block], Array]
 def held_out_residual(
     result: SearchResult, held_out: HeldOut | None, temperature: Array | None
 ) -> HeldOutResidual | None:
-    """Return the residual of held-out places with its dependences; None if too few places were held out.
-
-    temperature (n,): in °C of the rows of a single table, None if unknown.
+    """Residual of held-out places with its dependences; None if too few places were held out. temperature (n,): in °C
+    of the rows of a single table, None if unknown.
     """
     if held_out is None or len(np.unique(held_out.group)) < FEWEST_GROUPS:
         return None
@@ -88,10 +85,12 @@ def held_out_residual(
 
 
 def with_dependences(residual: Residual, result: SearchResult, held_out: HeldOut | None) -> Residual:
-    """Return the residual with the quantities on which it depends, or with its scatter."""
+    """Add the quantities on which the residual depends, or its scatter."""
     linear = result.linear
     whole = linear.without_set_up(result.posterior.residual + result.free_share)
-    groups = _folds(result)
+    groups = np.zeros(len(linear.y), dtype=np.int64)
+    for k, rows in enumerate(linear.rows):
+        groups[rows] = _FOLDS * k + np.arange(rows.stop - rows.start) % _FOLDS
     if held_out is not None:
         whole[held_out.rows] = held_out.whitened
         groups[held_out.rows] = -1 - held_out.group
@@ -110,10 +109,8 @@ def with_dependences(residual: Residual, result: SearchResult, held_out: HeldOut
 
 
 def held_out_share(columns: Array, off: Array, group: Integers) -> float:
-    """Return the share of the square of a residual (n,) explained by columns (n, c) in cross-validation over groups
-    (n,).
-
-    The strength with the largest share is used. 0 if no strength explains any of it.
+    """Share of the square of a residual (n,) explained by columns (n, c) in cross-validation over groups (n,), at the
+    strength with the largest share.
     """
     normal, right = columns.T @ columns, columns.T @ off
     squares = np.zeros(len(_STRENGTHS))
@@ -125,14 +122,6 @@ def held_out_share(columns: Array, off: Array, group: Integers) -> float:
         fitted = seen / (np.maximum(power, 0.0) + 1 / _STRENGTHS[:, None])
         squares += ((off[rows] - fitted @ (of_group @ turn).T) ** 2).sum(axis=1)
     return max(1 - float(squares.min() / (off @ off)), 0.0)
-
-
-def _folds(result: SearchResult) -> Integers:
-    """Return the index (N,) of the cross-validation fold of each reading."""
-    folds = np.zeros(len(result.linear.y), dtype=np.int64)
-    for k, rows in enumerate(result.linear.rows):
-        folds[rows] = _FOLDS * k + np.arange(rows.stop - rows.start) % _FOLDS
-    return folds
 
 
 def _subjects(linear: Linearisation) -> Iterator[tuple[Subject, int | None, Array]]:
@@ -161,7 +150,6 @@ def _at_samples(block: Block, values: Array) -> Array:
 
 
 def _sides(block: Block) -> Array:
-    """Approach direction (n, axes) of each joint as a sign; zero if unknown."""
     sides = block.table.sides
     return _at_samples(block, np.zeros(block.table.q.shape) if sides is None else sides.astype(float))
 
@@ -172,14 +160,11 @@ def _angle(block: Block, joint: int) -> Array:
 
 
 def _load(block: Block, joint: int) -> Array:
-    torque: Array = pull(block.model.arm, block.model.load, block.path.q).torque[:, joint]
-    most = float(np.abs(torque).max())
-    powers: Array = np.power((torque / max(most, 1e-12))[:, None], _DEGREES)
-    return powers
+    return np.power(torque_share(block, joint)[:, None], _DEGREES)
 
 
 def _speed(block: Block, joint: int) -> Array:
-    """Return speed, sign and signed square of the speed of a joint that moves during the readings."""
+    """Speed, its sign and its signed square of a joint that moves during the readings."""
     t_s, q = block.path.t_s, block.drives.q[:, joint]
     if block.facts.of_places or not block.sampling or np.diff(t_s).min() <= 0:
         return np.zeros((len(q), 3))
@@ -197,7 +182,7 @@ def _time(block: Block) -> Array:
 
 
 def _place(block: Block) -> Array:
-    """Return errors of each coordinate as second and third powers of the place, whitened; zero for other tests."""
+    """Errors of each coordinate as second and third powers of the place, whitened; zero for other tests."""
     if not block.facts.of_tracker:
         return np.zeros((len(block.y_mm), 3 * 16))
     at = block.values - block.values.mean(axis=0)
@@ -214,15 +199,14 @@ def _place(block: Block) -> Array:
 
 _FAST, _APART = (8, 120), 1.5
 """Waves a lap of fast changes between repeats, and the ratio of difference to sum of two gauges from which the
-difference is unusual. Chosen: at most 0.9 in 95 of 96 circles with all noise of real cells, 1.49 in one; 1.6 to 4.1 in
-8 cells with a sticking ball joint.
+difference is unusual. Chosen: 0.9 in 95 of 96 circles of real noise; 1.6 to 4.1 with a sticking ball joint.
 """
 
 
 def unusual_visits_um(result: SearchResult) -> float | None:
-    """Return the rms distance in µm between a visit of a target and the mean of its visits, or between a circle and the
-    mean of its repeats, if it exceeds the repeatability of arms of this build; None if it does not, or if nothing was
-    measured twice."""
+    """RMS distance between a visit of a target and the mean of its visits, or a circle and the mean of its repeats, if
+    it exceeds the repeatability of arms of this build.
+    """
     blocks = [
         (block, um) for block, um in zip(result.linear.blocks, noise_um(result.linear), strict=True) if block.measured
     ]
@@ -237,8 +221,8 @@ def unusual_visits_um(result: SearchResult) -> float | None:
 
 
 def gauges_apart_um(result: SearchResult) -> float | None:
-    """Return the rms difference in µm between two gauges that changes from repeat to repeat, at 8 to 120 waves a lap,
-    if it exceeds the white noise of gauges and the corresponding change of their mean; otherwise None.
+    """RMS difference between two gauges that changes from repeat to repeat, at 8 to 120 waves a lap, if it exceeds the
+    white noise of gauges and the change of their mean; otherwise None.
 
     Movements of the tool change the mean of two parallel gauges more than their difference. A ball joint that sticks
     bends the link, and changes mainly the difference.
@@ -255,12 +239,10 @@ def gauges_apart_um(result: SearchResult) -> float | None:
 
 
 def unrepeated_um(result: SearchResult, touch: Touch | None) -> float | None:
-    """Return the rms deviation in µm of places from the calibrated model if it exceeds the usual scatter of such arms
-    and instruments and no place was measured twice; otherwise None. touch: how the arm was seated, if by touches.
-
-    The deviations may then be scatter or an error of an unknown cause.
+    """RMS deviation of places from the calibrated model if it exceeds the usual scatter and no place was measured
+    twice: scatter or an unknown cause. touch: how the arm was seated, if by touches.
     """
-    if any(block.measured or not shows_noise(block) for block in result.linear.blocks):
+    if any(block.measured or not block.shows_noise for block in result.linear.blocks):
         return None
     stops_mm = REPEATABILITY_MM / RP_PER_SD * play_of_joint(1, 1.0).usual_times(result.reference)
     by_tip = touch is not None and touch.seat == "tip"
@@ -270,10 +252,7 @@ def unrepeated_um(result: SearchResult, touch: Touch | None) -> float | None:
 
 
 def _scatter_um(result: SearchResult) -> float:
-    """Return the standard deviation in µm of one coordinate of the measured positions, estimated from the residual.
-
-    The degrees of freedom are reduced by the number of set-up terms.
-    """
+    """Standard deviation of one coordinate of the measured positions, from the residual and its degrees of freedom."""
     linear = result.linear
     residuals = linear.in_mm(linear.without_set_up(result.posterior.residual + result.free_share))
     square_mm2 = sum(float(np.sum(residual**2)) for residual in residuals)

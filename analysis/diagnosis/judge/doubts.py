@@ -12,7 +12,6 @@ from analysis.diagnosis.evidence.observation import rms
 from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups
 from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.judge.result import Named
-from analysis.diagnosis.judge.validation import shows_noise
 from analysis.diagnosis.judge.verdict import shows_time
 from analysis.procedures.shared.test_kind import kind_of, labels_of
 from analysis.robot.kinematics.arm import rail_mm
@@ -22,13 +21,12 @@ from rigs.schema.controllers import practice_of
 from rigs.schema.effect import label_of
 
 _BETTER = 0.97
-"""Ratio of the residual without an effect of the rig file to the residual with it, below which the effect is
-doubted. Chosen: a refitted set-up gains less than 3 % of the rms by chance.
+"""Ratio of the residual without an effect of the rig file to that with it, below which the effect is doubted. Chosen: a
+refitted set-up gains less by chance.
 """
 
 
 def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
-    """Return doubts about the runs, independent of their explanation."""
     doubts = []
     circles = [block for block in blocks if block.sampling]
     if circles and not circles[0].measured:
@@ -37,7 +35,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     if driven_once := ", ".join(block.name for block in circles if block.measured and block.count < 2):
         doubts.append(f"{driven_once} was driven once: its noise is assumed equal to that of the other circles")
     unrepeated = [block for block in blocks if not block.sampling and not block.measured]
-    once = {block.name: shows_noise(block) for block in unrepeated if not labels_of(block.table.test).no_repeats}
+    once = {block.name: block.shows_noise for block in unrepeated if not labels_of(block.table.test).no_repeats}
     doubts += [words for block in unrepeated if (words := labels_of(block.table.test).no_repeats)]
     for name, shows in once.items():
         scatter = "estimated from the residuals of the model" if shows else "assumed"
@@ -68,7 +66,6 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
 
 
 def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
-    """Return a message for each confirmed named effect whose size reached the limit of fits."""
     doubts = []
     for named in names:
         if named.is_confirmed and ended_at_limit(named.effect):
@@ -80,9 +77,7 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
 
 
 def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
-    """Return a message if the controller's own constants are not given, and for each effect of the rig file without
-    which the model fits better.
-    """
+    """Doubt missing constants of a controller, and each effect of the rig file without which the model fits better."""
     doubts = []
     practice = practice_of(rig.maker or rig.robot.name)
     if practice and practice.own_constants == "always" and rig.controller == "unknown" and rig.reference.is_data_sheet:

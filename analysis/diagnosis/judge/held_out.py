@@ -1,7 +1,4 @@
-"""Residuals at held-out places, and the widening of the model's uncertainty that they require.
-
-Each neighbourhood of poses is held out in turn and predicted by the model of all others.
-"""
+"""Residuals at held-out places, and the widening of the model's uncertainty that they require."""
 
 from __future__ import annotations
 
@@ -19,7 +16,6 @@ from analysis.diagnosis.evidence.setups import GROUPS, FittedRuns, neighbourhood
 from analysis.diagnosis.fit.refine import slopes_of
 from analysis.diagnosis.fit.responses import basis_of, linearise
 from analysis.diagnosis.fit.search import SearchResult
-from analysis.diagnosis.judge.validation import noise_shown
 from analysis.procedures.shared.quantity import student_factor
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUps
@@ -49,12 +45,11 @@ class HeldOut:
 
     @property
     def whitened(self) -> Array:
-        """Residual in standard deviations of the noise."""
         return self.residual_mm / self.sd_mm
 
     @property
     def rms_um(self) -> float:
-        """Rms distance of a position from its prediction."""
+        """RMS distance of a position from its prediction."""
         return 1e3 * float(np.sqrt(3 * np.average(self.residual_mm**2, weights=self.robust)))
 
     @property
@@ -64,7 +59,7 @@ class HeldOut:
 
 
 def held_out_places(result: SearchResult) -> HeldOut | None:
-    """Return the prediction of each neighbourhood of the poses used from all others; None if no poses were used."""
+    """Predict each neighbourhood of the poses used from all others; None if no poses were used."""
     sets = []
     for block, rows in zip(result.linear.blocks, result.linear.rows, strict=True):
         if block.facts.of_places:
@@ -75,10 +70,8 @@ def held_out_places(result: SearchResult) -> HeldOut | None:
 
 
 def _held_out_placements(result: SearchResult) -> HeldOut | None:
-    """Return the prediction of each placement of the poses used from all others, with the set-up fitted; None below two
-    placements.
-
-    Long series are used for prediction but not held out.
+    """Predict each placement of the poses used from all others, with the set-up fitted; None below two placements. Long
+    series are not held out.
     """
     linear = result.linear
     placements: dict[str, list[int]] = {}
@@ -96,7 +89,7 @@ def _held_out_placements(result: SearchResult) -> HeldOut | None:
 
 
 def _predicted(result: SearchResult, sets: Sequence[tuple[Integers, Integers, Array]]) -> HeldOut | None:
-    """Return the predictions of sets of whitened rows, the rows of each held out together; None if there is no set.
+    """Predict sets of whitened rows, the rows of each held out together; None if there is no set.
 
     sets: rows (n,), their neighbourhoods (n,), and orthonormal columns (n, s) of the set-up that is fitted to them.
     """
@@ -118,14 +111,13 @@ def _predicted(result: SearchResult, sets: Sequence[tuple[Integers, Integers, Ar
 
 
 def _together(parts: Sequence[HeldOut]) -> HeldOut:
-    """Concatenate parts, whose neighbourhoods differ."""
     ends = np.cumsum([0, *(1 + np.ptp(part.group) for part in parts)])
     apart = [replace(part, group=part.group - part.group.min() + end) for part, end in zip(parts, ends, strict=False)]
     return HeldOut(*(np.concatenate([getattr(part, field.name) for part in apart]) for field in fields(HeldOut)))
 
 
 def _neighbourhoods(run: ObservedRun) -> Integers:
-    """Return the number of the neighbourhood of similar postures (n,) for each measured coordinate."""
+    """Number of the neighbourhood of similar postures (n,) for each measured coordinate."""
     return np.repeat(neighbourhoods(run.table.q[run.rows], np.random.default_rng(0)), 3)
 
 
@@ -133,8 +125,8 @@ def _neighbourhoods(run: ObservedRun) -> Integers:
 # Widening: ratio of the residuals at held-out places to the stated uncertainty.
 
 _FAR, _ROUNDS = 4.0, 8
-"""Mean square relative to the expectation above which a neighbourhood has reduced weight, exceeded for three normal
-coordinates in fewer than 1 % of cases; and number of rounds to convergence.
+"""Mean square relative to the expectation above which a neighbourhood has reduced weight, and number of rounds to
+convergence. Normal coordinates exceed it in fewer than 1 % of cases.
 """
 _FREEDOM = 3.0
 """Degrees of freedom of the error of a neighbourhood: a vector common to its poses."""
@@ -166,19 +158,19 @@ class Widening:
 
     @property
     def unexplained_um(self) -> float:
-        """The constant contribution as an rms distance in µm; 0 if too few places show more than an upper limit."""
+        """The constant contribution as an rms distance; 0 if too few places show more than an upper limit."""
         return 1e3 * math.sqrt(3) * (self.unexplained_mm or 0.0) * (self.neighbourhoods >= FEWEST_GROUPS)
 
     @property
     def beyond_um(self) -> float:
-        """The whole excess as an rms distance in µm; 0 if too few places show more than an upper limit."""
+        """The whole excess as an rms distance; 0 if too few places show more than an upper limit."""
         return 1e3 * math.sqrt(3) * self.beyond_mm * (self.neighbourhoods >= FEWEST_GROUPS)
 
 
 @dataclass(frozen=True)
 class _Neighbourhoods:
-    """Residuals of neighbourhoods (g,): mean square of a coordinate in mm², noise part, variance stated by the model,
-    and weight of the entries.
+    """Residuals of neighbourhoods (g,): mean square of a coordinate, noise part, variance stated by the model, and
+    weight.
     """
 
     square_mm2: Array
@@ -188,7 +180,6 @@ class _Neighbourhoods:
 
     @classmethod
     def of(cls, held_out: HeldOut) -> _Neighbourhoods:
-        """Average the entries of each neighbourhood."""
         _, number = np.unique(held_out.group, return_inverse=True)
         weight = np.asarray(np.bincount(number, held_out.robust), dtype=float)
         values = (held_out.residual_mm**2, held_out.noise_mm2, held_out.stated_mm2)
@@ -196,11 +187,10 @@ class _Neighbourhoods:
         return cls(square, noise, stated, weight)
 
     @cached_property
-    def _ratio_and_weight(self) -> tuple[float, Array]:
-        """The excess over the noise as a multiple of the stated variance, and the weight (g,) of each neighbourhood.
+    def ratio_and_weight(self) -> tuple[float, Array]:
+        """Excess over the noise as a multiple of the stated variance, and the weight (g,) of each neighbourhood.
 
-        Neighbourhoods with twice the error of the others, such as one placement of nine, have reduced weight: u
-        describes most places.
+        Neighbourhoods with twice the error of the others, such as one placement of nine, have reduced weight.
         """
         weight, count = self.weight, len(self.weight)
         ratio = error = 0.0
@@ -214,19 +204,14 @@ class _Neighbourhoods:
         # the upper end of the range.
         return ratio + error, weight
 
-    @property
-    def ratio(self) -> float:
-        """Factor by which the stated variance is too small."""
-        return self._ratio_and_weight[0]
-
     def parted(self) -> Widening:
-        """Split the excess into a factor and a constant contribution, each with the likelihood from the neighbourhoods.
+        """Split the excess into a factor and a constant contribution, by their likelihood.
 
         A factor is largest for sparsely measured regions, like gaps in the model. Errors outside the forms of the
-        model, such as a cable or backlash, do not follow this pattern. Few neighbourhoods do not show it: the excess is
-        then a factor, which further readings reduce.
+        model, such as a cable, do not follow this pattern. Few neighbourhoods do not show it: the excess is then a
+        factor, which further readings reduce.
         """
-        ratio, weight = max(self.ratio, 1.0), self._ratio_and_weight[1]
+        ratio, weight = max(self.ratio_and_weight[0], 1.0), self.ratio_and_weight[1]
         mean = float(weight @ self.stated_mm2 / weight.sum())
         even = np.linspace(0.0, 1.0, 21)[:, None] * (ratio - 1) * mean
         expected = (ratio - even / mean) * self.stated_mm2 + even + self.noise_mm2
@@ -247,7 +232,7 @@ def widening_of(
     calibrated: Sequence[Effect],
     result: SearchResult,
 ) -> Widening:
-    """Return the excess of prediction errors over the stated uncertainty of the calibrated model.
+    """Excess of prediction errors over the stated uncertainty of the calibrated model.
 
     It is the largest of three ratios: for the places used, with each neighbourhood (`of_used`) and each placement held
     out in turn; for held-out runs; and for runs elsewhere. The covariance assumes an arm that behaves equally in all
@@ -260,7 +245,7 @@ def widening_of(
         setups = setups | fitted.setups_for(places, calibrated)
         sets.append(_at_runs(places, setups, calibrated, result) if places else None)
     judging = [_Neighbourhoods.of(each) for each in sets if each is not None and each.stated_mm2.any()]
-    wider = max(judging, key=lambda places: places.ratio).parted() if judging else Widening()
+    wider = max(judging, key=lambda places: places.ratio_and_weight[0]).parted() if judging else Widening()
     of_sockets = all(run.facts.frame_terms == 3 for run in (*result.linear.blocks, *judges, *elsewhere))
     only_places = all(block.facts.of_places for block in result.linear.blocks)
     if of_used is not None and only_places and result.linear.blocks[0].model.rig.calibrated is None:
@@ -270,19 +255,17 @@ def widening_of(
 
 
 def factor_of_few_places(neighbourhoods: int) -> float:
-    """Return the smallest factor that a number of neighbourhoods supports (GUM, Annex G.3); 1 from 20 on, where
-    Student's t adds less than 7 %.
-
-    Few neighbourhoods can agree with the model by chance (docs/evidence/world.md).
+    """Smallest factor that a number of neighbourhoods supports (GUM, Annex G.3); 1 from 20 on, where Student's t adds
+    less than 7 %. Few neighbourhoods can agree by chance (docs/evidence/world.md).
     """
     return 1.0 if neighbourhoods >= GROUPS else student_factor(max(neighbourhoods, _FEWEST_FOR_FACTOR) - 1)
 
 
 def _at_runs(runs: Sequence[ObservedRun], setups: SetUps, effects: Sequence[Effect], result: SearchResult) -> HeldOut:
-    """Return the residuals of the calibrated model at held-out runs, in the set-ups of the runs used or in separately
-    fitted set-ups.
+    """Residuals of the calibrated model at held-out runs, in the set-ups of the runs used or in separately
+    fitted ones.
     """
-    parts, shown = [], noise_shown(result)
+    parts, shown = [], result.noise_shown
     for run, calibrated in zip(runs, with_effects(runs, effects), strict=True):
         residual_mm = run.entries(residual_of(calibrated, setups))
         noise, variance = _stated_variances(run, setups, result)
@@ -294,14 +277,13 @@ def _at_runs(runs: Sequence[ObservedRun], setups: SetUps, effects: Sequence[Effe
 
 
 def _stated_variances(run: ObservedRun, setups: SetUps, result: SearchResult) -> tuple[Array, Array]:
-    """Return the variances (N,) mm² of the noise of a pose run, and of the calibrated model's prediction: in the
-    set-up of the runs used, or in a separately fitted set-up.
-    """
+    """Variances (N,) mm² of the noise of a pose run, and of the calibrated model's prediction."""
     effects, columns, unknowns = result.effects, result.columns, result.fit.unknowns
     of_run = linearise(blocks_of([run], setups, effects), setups, effects)
     of_effect = [[unknown for unknown in unknowns if unknown.effect == k] for k in range(len(effects))]
     slopes = [slopes_of(of_run, *both) for both in zip(effects, of_effect, strict=True)]
-    change = np.concatenate([*slopes, columns.forms_in(of_run)], axis=1)
+    of_forms = of_run.columns([effect for form in columns.forms for effect in form.effects]) / columns.sizes
+    change = np.concatenate([*slopes, of_forms], axis=1)
     if run.setup in result.linear.terms:
         placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
         placed[:, result.linear.terms[run.setup]] = of_run.U[:, of_run.terms[run.setup]]

@@ -30,8 +30,7 @@ from analysis.diagnosis.judge.doubts import doubts_of_limits, doubts_of_rig, dou
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
 from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Named, fault_rivals
 from analysis.diagnosis.judge.staircase import staircase_of
-from analysis.diagnosis.judge.validate import Validation
-from analysis.diagnosis.judge.validation import held_out_gains, shows_noise
+from analysis.diagnosis.judge.validate import Validation, held_out_gains
 from analysis.diagnosis.judge.verdict import (
     accuracy_of,
     alone_out_of_range,
@@ -55,8 +54,7 @@ from rigs.schema.reference import Reference
 
 
 def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Diagnosis, bool]:
-    """Return the diagnosis of readings (m, k) mm before its actions, and whether poses were read before the joints came
-    to rest."""
+    """Judge the fit: the diagnosis before its actions, and whether poses were read before the joints came to rest."""
     result, gaps = fit.result, validation.gaps
     changes = effect_changes(result)
     named, at_limits = _named_in(evidence, fit, validation, changes)
@@ -64,7 +62,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Diagnos
         named = alone_out_of_range(named, fit.out_of_range, validation.fitted)
     early = early_readings(result)
     standing = (
-        standing_of(evidence.rig, evidence.uses.used)
+        standing_of(evidence.rig, evidence.used)
         if evidence.tolerance_um is None
         else standing_within(evidence.tolerance_um, validation.fitted)
     )
@@ -74,7 +72,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Diagnos
         visits_um=unusual_visits_um(result),
         unrepeated_um=None if early else unrepeated_um(result, evidence.rig.tests.touch),
         gauges_um=gauges_apart_um(result),
-        held_out=held_out_residual(result, validation.places, temperature_of(evidence.uses.used)),
+        held_out=held_out_residual(result, validation.places, temperature_of(evidence.used)),
     )
     condition = condition_of(result, named, residual, validation.whole, early=bool(early))
     budget: tuple[BudgetPart, ...] = ()
@@ -106,7 +104,7 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Diagnos
         groups=_groups(named) if condition != "out_of_range" else (),
         not_testable=result.selection.not_testable(result.state, result.posterior),
         repeated=all(block.measured for block in linear.blocks),
-        shows_noise=all(block.measured or shows_noise(block) for block in linear.blocks),
+        shows_noise=all(block.measured or block.shows_noise for block in linear.blocks),
         levels=result.state.level.by_part(),
         curves=curves_of(linear.blocks, before, after),
         maps=maps_of(linear.blocks, before, after),
@@ -115,20 +113,20 @@ def judge(evidence: Evidence, fit: Fit, validation: Validation) -> tuple[Diagnos
             *evidence.doubts, *early, *validation.doubts, *at_limits, *doubts_of_runs(linear.blocks),
             *doubts_of_rig(evidence.rig, validation.fitted),
         ),
-        only_commanded=any(run.has_only_commanded_angles for run in evidence.uses.used),
+        only_commanded=any(run.has_only_commanded_angles for run in evidence.used),
     )  # fmt: skip
     return _with_model(diagnosis, evidence, fit, validation), bool(early)
 
 
 def _with_model(diagnosis: Diagnosis, evidence: Evidence, fit: Fit, validation: Validation) -> Diagnosis:
-    """Return the diagnosis with the calibrated model, and the residual as its parts are added."""
+    """Add the calibrated model, and the residual as its parts are added."""
     result, runs_at = fit.result, (validation.fitted.runs, validation.judges, validation.elsewhere)
-    staircase = staircase_of(diagnosis, result, validation.stages, *runs_at)
+    staircase = staircase_of(diagnosis, result, validation.calibrated, *runs_at)
     diagnosis = replace(diagnosis, staircase=staircase)
     if fit.out_of_range:
         return diagnosis
     judged = judged_of(diagnosis, validation.whole, validation.gaps, validation.widening)
-    calibrated = calibrated_model(diagnosis, result, evidence.uses.used, evidence.runs, validation, judged)
+    calibrated = calibrated_model(diagnosis, result, evidence.used, evidence.runs, validation, judged)
     if why := next(contradictions(calibrated, evidence.rig), ""):
         doubt = f"no calibrated model is written, because it {why}; measure again, with more postures"
         return replace(diagnosis, doubts=(*diagnosis.doubts, doubt))
@@ -138,15 +136,14 @@ def _with_model(diagnosis: Diagnosis, evidence: Evidence, fit: Fit, validation: 
 def _named_in(
     evidence: Evidence, fit: Fit, validation: Validation, changes: Sequence[EffectChange]
 ) -> tuple[list[Named], tuple[str, ...]]:
-    """Return the effects found by a search, confirmed ones first, and doubts about their sizes.
-
-    Readings are (m, k) mm. Unless the effects were given by the user, a vibration of the link is included.
+    """The effects found by a search, confirmed ones first, and doubts about their sizes. Unless the effects were given
+    by the user, a vibration of the link is included.
     """
     result, fitted, train, given = fit.result, validation.fitted, validation.gaps.train, fit.is_given
-    only_commanded = any(run.has_only_commanded_angles for run in evidence.uses.used)
+    only_commanded = any(run.has_only_commanded_angles for run in evidence.used)
     hypotheses = hypotheses_of(result, only_commanded=only_commanded)
     named = named_effects(
-        result, hypotheses, fitted, held_out_gains(result, validation.stages.calibrated, validation.judges), changes
+        result, hypotheses, fitted, held_out_gains(result, validation.calibrated, validation.judges), changes
     )
     doubts = doubts_of_limits(named)
     swing = None
@@ -161,7 +158,6 @@ def _named_in(
 
 
 def _groups(named: Sequence[Named]) -> tuple[tuple[str, ...], ...]:
-    """Return the named effects that the runs cannot distinguish, each with its rivals."""
     return tuple(
         (name_of(name.effect), *(name_of(rival.effect) for rival in name.rivals))
         for name in named
@@ -176,10 +172,8 @@ _ONE_PHASE = (
 
 
 def named_vibration(swing: FoundVibration, reference: Reference, gap_um: float) -> list[Named]:
-    """Return a vibration of the link as a named effect, if it is material and the odds of any vibration are at least 20
-    to 1; it is confirmed like every other fault, by its size.
-
-    The phase is new in each run; therefore no model removes the vibration from the readings.
+    """A vibration of the link as a named effect, if it is material and its odds are at least 20 to 1. Its phase is new
+    in each run; therefore no model removes it from the readings.
     """
     um = 1e3 * swing.amplitude_mm / math.sqrt(2)
     if swing.gain < math.log(ODDS) or um < LEAST_MATERIAL_UM:
@@ -193,9 +187,8 @@ _TEMPERATURE = re.compile(r"(?<![a-z])temp(erature)?(?![a-z])")
 
 
 def temperature_of(used: Sequence[Measured]) -> Array | None:
-    """Return the temperature (n,) of each table row; None for several runs or if unknown.
-
-    It is an extra column identified by its name, in any unit.
+    """Temperature (n,) of each table row, from an extra column identified by its name; None for several runs or if
+    unknown.
     """
     table = used[0].run.table if len(used) == 1 else None
     if table is None:

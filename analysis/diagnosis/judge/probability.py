@@ -1,10 +1,9 @@
 """Probability of a named effect from its log odds: one calibrated function.
 
 The likelihood of a fit is too sure, because its model of noise and arms is never exact. How often names with given log
-odds are right is therefore measured on trial cells (docs/evidence/reliability.md), and the logistic function that fits
-them best converts log odds to probabilities:
+odds are right is therefore measured on trial cells (docs/evidence/reliability.md):
 
-    p = 1 / (1 + exp(-(intercept + slope · log odds)))
+p = 1 / (1 + exp(-(intercept + slope · log odds)))
 """
 
 from __future__ import annotations
@@ -34,17 +33,14 @@ class Probabilities:
 
     @property
     def strongest(self) -> Alternative:
-        """The likeliest alternative."""
         return max(self.alternatives, key=lambda alternative: self.alternatives[alternative])
 
     @property
     def with_rivals(self) -> float:
-        """Probability of the name or one of its rivals."""
         return self.name + self.alternatives["rival"]
 
 
 def probabilities_of(hypotheses: Hypotheses) -> Probabilities:
-    """Return the calibrated probabilities of a named effect and its alternatives."""
     name = probability_of(hypotheses.log_odds())
     rival = probability_of(hypotheses.log_odds(with_rivals=True)) - name
     others = {key: value for key, value in hypotheses.log_evidence.items() if key != "rival"}
@@ -54,7 +50,6 @@ def probabilities_of(hypotheses: Hypotheses) -> Probabilities:
 
 
 def probability_of(log_odds: float) -> float:
-    """Return the share of names with these log odds that are right."""
     intercept, slope = _calibration()
     return float(1 / (1 + np.exp(-np.clip(intercept + slope * log_odds, -700, 700))))
 

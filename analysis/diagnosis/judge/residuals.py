@@ -24,10 +24,11 @@ from rigs.text import counted
 
 Subject = Literal["angle", "load", "posture", "approach", "speed", "time", "temperature", "place"]
 """Possible dependence of a residual: angle of a joint, torque of gravity, joint angles together, approach side, speed
-of a joint; time; temperature; place of the target."""
+of a joint, and others.
+"""
 FOLLOWED = 0.2
 """Share from which a residual is said to depend on a quantity. Chosen: the best of twenty quantities explains up to a
-tenth of plain noise of 40 poses.
+tenth of plain noise.
 """
 
 
@@ -53,7 +54,6 @@ class HeldOutResidual:
     """Share that each quantity of the whole arm explains; None if the runs do not contain it."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types."""
         looked = [{"subject": subject, "share": share} for subject, share in self.looked.items()]
         return {"um": self.um, "noise_um": self.noise_um, "looked": looked}
 
@@ -92,11 +92,10 @@ class Residual:
 
     @property
     def likeliest(self) -> Dependence | None:
-        """The certain dependence, if any."""
         return next((each for each in self.follows if each.share >= FOLLOWED), None)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types, with the keys `remainder`, `unexplained` and `remains` of a diagnosis."""
+        """Plain types, with the keys `remainder`, `unexplained` and `remains` of a diagnosis."""
         whole = asdict(self)
         remainder = {key: whole[key] for key in ("um", "share", "words", "healthy_um", "at_new_places", "is_material")}
         causes = {key: whole[key] for key in ("follows", "scatter_um", "visits_um", "unrepeated_um", "gauges_um")}
@@ -105,7 +104,6 @@ class Residual:
 
 
 def independent_um(um: float, part_um: float) -> float:
-    """Remove from an rms in µm a part that is independent of the rest."""
     return math.sqrt(max(um**2 - part_um**2, 0.0))
 
 
@@ -114,9 +112,8 @@ class ResidualPlace:
     """A place with a residual beyond noise and scatter between runs.
 
     `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
-    are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
-    reverses there, if any. `rms_um` is the rms of the residual there, and `sigma` the ratio of the largest value to
-    noise and scatter.
+    are circle angles, or the numbers of the first and last target. `joint`: that reverses there. `sigma`: ratio of the
+    largest value to noise and scatter.
     """
 
     test: TestName
@@ -130,14 +127,13 @@ class ResidualPlace:
     sigma: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types."""
         return {"channel": self.test, **{key: value for key, value in asdict(self).items() if key != "test"}}
 
 
 @dataclass(frozen=True)
 class ResidualBand:
-    """The residual in a band of orders (cycles per lap), or at targets: ratio of chi-square to the
-    expectation from noise, and description.
+    """The residual in a band of orders (cycles per lap), or at targets: ratio of chi-square to the expectation from
+    noise.
     """
 
     test: TestName
@@ -150,8 +146,8 @@ class ResidualBand:
 
 @dataclass(frozen=True)
 class Curve(Tabular):
-    """Residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over the runs
-    with the set-up fitted. `turns` lists (circle angle in degrees, joint) of joint reversals.
+    """Residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over the runs with
+    the set-up fitted. `turns`: (circle angle in degrees, joint) of reversals.
     """
 
     test: TestName
@@ -162,7 +158,7 @@ class Curve(Tabular):
     turns: tuple[tuple[float, int], ...]
 
     def to_table(self) -> pa.Table:
-        """Return a row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
+        """A row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
         both = {"before": self.before_um, "after": self.after_um}
         gauges = {f"g{k + 1}_{when}_um": values[:, k] for when, values in both.items() for k in range(values.shape[1])}
         return pa.table({"phi_deg": self.phi_deg} | gauges)
@@ -170,8 +166,8 @@ class Curve(Tabular):
 
 @dataclass(frozen=True)
 class Map(Tabular):
-    """Residuals (n,) µm at targets, with number, polar angle and azimuth (n,) in degrees. For poses, the residual is
-    the remaining distance (n,), and the numbers are row numbers.
+    """Residuals (n,) µm at targets, with number, polar angle and azimuth in degrees; for poses the distance and the row
+    number.
     """
 
     test: TestName
@@ -182,7 +178,6 @@ class Map(Tabular):
     after_um: Array
 
     def to_table(self) -> pa.Table:
-        """Return a row for each reading, with a column for each field except the test."""
         return pa.table({name: values for name, values in vars(self).items() if name != "test"})
 
 
@@ -192,9 +187,7 @@ class Map(Tabular):
 _REPORTED = 4
 """Number of reported bands. Chosen: more do not help a reader."""
 _CLEAR = 6.0
-"""Standard deviations of chi-square by which a band must exceed the noise: for bands of five readings, noise exceeds it
-once in some thousands.
-"""
+"""Standard deviations of chi-square by which a band must exceed the noise: noise does once in some thousands."""
 
 
 Part = Literal["distance", "angle"]
@@ -206,9 +199,7 @@ _PARTS: tuple[tuple[Part, slice], ...] = (
 
 
 def bands_above_noise(blocks: Sequence[Block], residual: Array) -> tuple[ResidualBand, ...]:
-    """Return the bands above the noise, largest energy in mm² first, given the `residual` (N,) in standard
-    deviations of the noise.
-    """
+    """The bands above the noise, largest energy first, given the `residual` (N,) in noise standard deviations."""
     clear: list[tuple[float, ResidualBand]] = []
     begin = 0
     for block in blocks:
@@ -248,29 +239,26 @@ def _bands_of(block: Block) -> list[tuple[Part | Literal["targets"], tuple[int, 
 _SMOOTH = 60
 """Orders above this are too fine for a place. Chosen: a wave of order 60 spans 6 degrees of the circle."""
 _SIGMA = 4.0
-"""Sigmas above which a residual is reported: with 512 correlated values, noise alone rarely exceeds 4 sigma."""
+"""Sigmas above which a residual is reported: noise alone rarely exceeds 4 sigma in 512 correlated values."""
 _GAP = GRID // 60
-"""Largest gap in grid steps between two stretches that are reported together: 6 degrees, the resolution of the
-smoothed residual.
+"""Largest gap in grid steps between two stretches that are reported together: the resolution of the smoothed
+residual.
 """
 _NEAR_DEG = 4.0
-"""Distance from a reversal within which a stretch or jump is attributed to it. Chosen: backlash is crossed within
-some degrees.
+"""Distance from a reversal within which a stretch or jump is attributed to it. Chosen: backlash is crossed within some
+degrees.
 """
 _UNUSUAL = 5.0
-"""Ratio to the median change over the same distance above which a change is a jump. Chosen: the largest change of a
-wave is 1.4 times its median change."""
+"""Ratio to the median change over the same distance above which a change is a jump. Chosen: a wave has 1.4."""
 _MOST = 50
-"""Number of reported places. Chosen: pictures shade all places of most cells; lists stop at the worst."""
+"""Number of reported places. Chosen: pictures shade all places of most cells."""
 
 
 def places(
     blocks: Sequence[Block], residual_mm: Sequence[Array], scatter_mm: Sequence[Array]
 ) -> tuple[ResidualPlace, ...]:
-    """Return the worst places, largest sigma first.
-
-    residual_mm: residual of each block as entries (N,) mm. scatter_mm: contribution of a standard deviation of all
-    scatter between runs, (N, c) mm.
+    """The worst places, largest sigma first. residual_mm: residual of each block as entries (N,) mm. scatter_mm (N, c):
+    contribution of a standard deviation of all scatter between runs.
     """
     all_places: list[ResidualPlace] = []
     for block, residual, scattered in zip(blocks, residual_mm, scatter_mm, strict=True):
@@ -279,7 +267,7 @@ def places(
 
 
 def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
-    """Return the circle angles in degrees at which joints reverse, each with its joint."""
+    """Circle angles in degrees at which joints reverse, each with its joint."""
     table = block.table
     if not isinstance(table, CircleTable):
         return ()
@@ -330,10 +318,8 @@ def _on_circle(block: Block, residual: Array, scatter_mm: Array) -> list[Residua
 def _jumps(
     values: Array, where: Sequence[tuple[float, int]], alike: float, scattered: Array
 ) -> list[tuple[float, int, float, float]]:
-    """Return the reversals with a jump of the residual (GRID,) larger than elsewhere: circle angle in degrees, joint,
-    size of the jump, and sigma.
-
-    alike: uniform noise. scattered (c, GRID): contribution of a standard deviation of scatter.
+    """Reversals with a jump of the residual (GRID,) larger than elsewhere: circle angle in degrees, joint, size of the
+    jump, and sigma. alike: uniform noise. scattered (c, GRID): contribution of a standard deviation of scatter.
     """
     step = max(1, round(_NEAR_DEG / 360 * GRID))
     over, apart = (np.roll(of, -step, axis=-1) - np.roll(of, step, axis=-1) for of in (values, scattered))
@@ -359,8 +345,8 @@ def _stretches(over: Array) -> list[tuple[int, int]]:
 
 
 def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, end_deg: float) -> tuple[int | None, str]:
-    """Return the joint that reverses in a stretch, if the stretch is short enough for a single reversal, and a
-    description of the residual (GRID,).
+    """The joint that reverses in a stretch, if short enough for a single reversal, and a description of the residual
+    (GRID,).
     """
     if end_deg - begin_deg <= 90:
         middle, reach = (begin_deg + end_deg) / 2, (end_deg - begin_deg) / 2 + _NEAR_DEG
@@ -395,7 +381,6 @@ def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[Residu
 
 
 def curves_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Array]) -> tuple[Curve, ...]:
-    """Return the curves of the blocks of circles, given the residual (N,) mm of each block before and after."""
     curves, phi = [], np.arange(GRID) * 360 / GRID
     for block, was, now in zip(blocks, before, after, strict=True):
         table = block.table
@@ -406,7 +391,6 @@ def curves_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[
 
 
 def maps_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Array]) -> tuple[Map, ...]:
-    """Return the maps of the blocks of targets and poses, given the residual (N,) mm of each block before and after."""
     maps = []
     for block, *values in zip(blocks, before, after, strict=True):
         table, rows = block.table, block.rows
@@ -433,9 +417,8 @@ class ModelResidual:
 
 @dataclass(frozen=True)
 class StaircaseStep:
-    """A model of the staircase. `parts`: indices of the parts added in this step, in the budget of a diagnosis or
-    among the effects of a rig file; empty for the initial model. The residuals refer to the runs used, to
-    held-out runs, and to runs at an unseen place, None if not available.
+    """A model of the staircase. `parts`: indices of the parts added in this step, in the budget of a diagnosis or among
+    the effects of a rig file. The residuals refer to the runs used, held out, and at an unseen place.
     """
 
     parts: tuple[int, ...]
@@ -444,7 +427,6 @@ class StaircaseStep:
     unseen: ModelResidual | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types, in µm."""
         at_places = {"used": self.used, "held_out": self.held_out, "unseen_place": self.unseen}
         return {
             "parts": self.parts,
@@ -454,9 +436,8 @@ class StaircaseStep:
 
 @dataclass(frozen=True)
 class Staircase:
-    """The steps from the initial to the calibrated model. `curves`: residuals (steps, n, 2) µm of the two gauges of
-    each circle at the circle angles of the curves of the diagnosis. `maps`: residuals (steps, n) µm at targets.
-    All are with fitted set-ups.
+    """The steps from the initial to the calibrated model. `curves`: residuals (steps, n, 2) µm of each circle; `maps`:
+    (steps, n) µm at targets; all with fitted set-ups.
     """
 
     steps: tuple[StaircaseStep, ...]
@@ -465,9 +446,7 @@ class Staircase:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Places with residuals: `used`, `held_out`, `unseen`."""
         return tuple(place for place in ("used", "held_out", "unseen") if getattr(self.steps[0], place) is not None)
 
     def to_dict(self, names: Sequence[str]) -> list[dict[str, Any]]:
-        """Return the steps in plain types, with part names."""
         return [{**step.to_dict(), "parts": [names[k] for k in step.parts]} for step in self.steps]

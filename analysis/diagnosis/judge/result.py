@@ -43,18 +43,21 @@ Condition = Literal[
     "named", "ambiguous", "out_of_range", "outside_library", "undecided", "uncalibrated", "nothing_unusual",
     "not_testable_here",
 ]  # fmt: skip
-"""Condition of the arm: effects are named; effects are named, but a rival is possible; a single parameter exceeds
-the range that rig corrects, and is the only named effect; the cause is not in the library; the runs are too few;
-many usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects."""
+"""Condition of the arm: effects are named; named, but a rival is possible; a single parameter exceeds the range that
+rig corrects; the cause is not in the library; the runs are too few; many usual errors that a calibration was shown to
+remove; nothing unusual; or the runs cannot show effects.
+"""
 Rank = Literal["unusual", "usual", "undecided", "difference"]
 """Whether an effect is larger than in healthy arms and than others in this arm. A `difference` is a link constant that
-differs from the data sheet: no fault, at any size."""
+differs from the data sheet: no fault, at any size.
+"""
 
 
 @dataclass(frozen=True)
 class GroupMember:
-    """A candidate effect for a group of small terms: fitted size in the unit of the effect with all other effects
-    fitted, rms in µm within the group with standard uncertainty, and odds of being the dominant effect."""
+    """A candidate effect for a group of small terms: fitted size, rms in µm within the group, and odds of being the
+    dominant effect.
+    """
 
     effect: Effect
     um: float
@@ -63,34 +66,31 @@ class GroupMember:
 
     @property
     def sd(self) -> dict[str, float]:
-        """Standard uncertainty of the size, in proportion to the uncertainty of the rms; empty if unknown."""
+        """Standard uncertainty of the size, in proportion to that of the rms; empty if unknown."""
         field = size_field(self.effect)
         return {field: abs(getattr(self.effect, field)) * self.u_um / self.um} if self.um > 0 else {}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types."""
         return _of_effect(self.effect, self.sd, self.odds) | {"um": self.um, "u_um": self.u_um}
 
 
 @dataclass(frozen=True)
 class BudgetPart:
-    """A part of the gap. `kind` is `effect` for a fitted effect, `scatter` for differences between runs, `unexplained`,
-    or the kind of a group of small terms; `axis` is the joint of a group, if any.
-
-    `um` is the root mean square in the readings in µm with set-ups fitted, and `u_um` the standard uncertainty of that
-    change. `share` is the share of the energy of the gap. Shares add up to 1 and are never negative; two parts divide a
-    common contribution equally, and a part that cancels a different part is counted with it (`cancelled`).
-    `times_usual` is the ratio to a healthy arm, None if undefined. `odds`, `held_out_gain`, `doubt` and `name` belong
-    to a fitted effect.
-    """
+    """A part of the gap: a fitted `effect`, `scatter` between runs, `unexplained`, or a group of small terms."""
 
     kind: PartKind | Literal["effect", "scatter", "unexplained"]
     um: float
+    """Root mean square in the readings with set-ups fitted."""
     u_um: float
     share: float
+    """Share of the energy of the gap. Shares add up to 1 and are never negative; two parts divide a common
+    contribution equally, and a part that cancels another is counted with it.
+    """
     axis: int | None = None
+    """Joint of an effect or a group, if it has one."""
     name: str = ""
     times_usual: float | None = None
+    """Ratio to a healthy arm; None if undefined."""
     rank: Rank | None = None
     odds: float | None = None
     held_out_gain: float | None = None
@@ -104,7 +104,6 @@ class BudgetPart:
 
     @property
     def cancelled(self) -> tuple[str, ...]:
-        """Labels of the parts that cancel some of this part."""
         return tuple(part.label for part in self.together[1:])
 
     @property
@@ -115,7 +114,6 @@ class BudgetPart:
 
     @property
     def label(self) -> str:
-        """Machine-readable label: the name of an effect, or the kind with the axis."""
         return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
 
     @property
@@ -127,34 +125,29 @@ class BudgetPart:
 
     @property
     def sigma(self) -> float:
-        """Distance from zero in standard uncertainties."""
         return self.um / self.u_um if self.u_um > 0 else float("inf")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types."""
         parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("together", "members")}
         return {**vars(self), **parts, "class": self.rank, "cancelled": self.cancelled}
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Error of the arm now and after calibration, in µm of the readings.
-
-    `standing` compares the present error with the limits of the rig file, a tolerance or the data sheet (`limit`); None
-    if no limit is given. `now_um` and `now_largest_um` refer to the runs used. `calibrated_um` is the residual of the
-    calibrated model at the `place`: on places or runs not used in the fit, if available.
-    """
+    """Error of the arm now and after calibration, in µm of the readings."""
 
     standing: Standing | None
+    """Comparison of the present error with the `limit`; None without one."""
     limit: Literal["tolerance", "rig_file", "data_sheet"] | None
     now_um: float
+    """Of the runs used, as `now_largest_um`."""
     now_largest_um: float
     calibrated_um: float
+    """Residual of the calibrated model at the `place`: on places or runs not used in the fit, if available."""
     before_there_um: float
     place: JudgedOn
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types."""
         return {**asdict(self), "standing": self.standing or "not_judged"}
 
 
@@ -165,17 +158,18 @@ class Accuracy:
 # distinguish → actions → next test
 
 _DIFFERS = 0.5
-"""Difference of the shares of two set-ups above which they contradict a named effect, if it is certain. Chosen: several
-times the differences of true faults in development cases."""
+"""Difference of the shares of two set-ups above which they contradict a named effect, if certain. Chosen: several times
+those of true faults.
+"""
 LEAST_SHARE = 0.1
-"""Share of the error above which every part has an action, or a reason for the absence of an action."""
+"""Share of the error above which every part has an action, or a reason for its absence."""
 LARGE_SHARE = 1 / 3
 """Share of the error from which the first sentence mentions a part, and a group lists its possible causes."""
 
 
 @dataclass(frozen=True)
 class Share:
-    """Size of a named effect in a single set-up as a share of the fitted size, with standard uncertainty."""
+    """Size of a named effect in a single set-up as a share of the fitted size."""
 
     setup: str
     value: float
@@ -193,7 +187,6 @@ class Rival:
     """Whether the rival would be a fault: larger than in arms of the same build."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types: kind and seats of the effect, parameters with their standard uncertainties."""
         return _of_effect(self.effect, self.sd, self.probability)
 
 
@@ -203,39 +196,32 @@ PRESENT: tuple[Doubt | None, ...] = (None, "usual")
 
 @dataclass(frozen=True)
 class Named:
-    """An effect missing in the model, as found by a diagnosis.
-
-    effect: the effect with its fitted parameters.
-    sd: standard uncertainty of each parameter, in the unit of the parameter.
-    probability: calibrated probability that the effect exists (docs/probability.md).
-    rivals: other effects that may explain the readings instead.
-    gap_without_um: rms residual in µm on the runs used if only this effect is removed from the model.
-    remedy: recommended action.
-    contribution_um: rms change of the readings in µm caused by the effect, without the part that a set-up absorbs.
-    held_out_gain: share of the squared residual that the effect removes on held-out runs; None if no held-out run shows
-    it.
-    doubt: reason why the effect is not confirmed as a fault; None if confirmed.
-    shares: size in each set-up.
-    u_um: standard uncertainty of `contribution_um`.
-    times_usual: size relative to a healthy arm; None if a healthy size is invisible.
-    alone_um: rms residual in µm on the runs used if only this effect is added to the model.
-    twins: effects indistinguishable from this one, so only their sum is known.
-    """
+    """An effect missing in the model, as found by a diagnosis."""
 
     effect: Effect
     sd: dict[str, float]
+    """Standard uncertainty of each parameter, in the unit of the parameter."""
     probability: float
+    """Calibrated probability that the effect exists (docs/probability.md)."""
     rivals: tuple[Rival, ...]
     gap_without_um: float
+    """RMS residual on the runs used if only this effect is removed from the model."""
     remedy: str
     contribution_um: float
+    """RMS change of the readings caused by the effect, without the part that a set-up absorbs."""
     held_out_gain: float | None
+    """Share of the squared residual that the effect removes on held-out runs; None if none shows it."""
     doubt: Doubt | None = None
+    """Reason why the effect is not confirmed as a fault."""
     shares: tuple[Share, ...] = ()
     u_um: float = 0.0
+    """Standard uncertainty of `contribution_um`."""
     times_usual: float | None = None
+    """Size relative to a healthy arm; None if a healthy size is invisible."""
     alone_um: float = math.nan
+    """RMS residual on the runs used if only this effect is added to the model."""
     twins: tuple[Effect, ...] = ()
+    """Effects indistinguishable from this one, so only their sum is known."""
     shown: bool = True
     """False if the readings cannot identify the cause, such as a wave with fewer than two driven periods."""
     alternatives: Mapping[Alternative, float] = field(default_factory=dict)
@@ -262,7 +248,7 @@ class Named:
         return most.value - least.value > max(_DIFFERS, SURE_SIGMA * math.hypot(least.sd, most.sd))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types, including the rivals."""
+        """Plain types, including the rivals."""
         return {
             **_of_effect(self.effect, self.sd, self.probability),
             "rivals": [rival.to_dict() for rival in self.rivals],
@@ -284,7 +270,6 @@ class Named:
 
 
 def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dict[str, Any]:
-    """Return an effect in plain types, with its parameters and their standard uncertainties sd in the same units."""
     return {
         "effect": effect.effect,
         **{key: getattr(effect, key) for key in SEATS if hasattr(effect, key)},
@@ -296,7 +281,7 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 
 @dataclass(frozen=True)
 class TestGap:
-    """Residual of a single test in µm: root mean square and maximum, before and with the calibrated model."""
+    """Residual of a single test: root mean square and maximum, before and with the calibrated model."""
 
     test: TestName
     before_um: float
@@ -305,37 +290,31 @@ class TestGap:
     calibrated_largest_um: float
 
     def to_dict(self) -> dict[str, float]:
-        """Return plain types in µm, excluding the test."""
         return {key: value for key, value in asdict(self).items() if key != "test"}
 
 
 _SHAPES = 2.0
-"""Independent shapes of the residual at a place. Half of the residual is then the standard uncertainty of the
-residual at the next place, 1 / √(2 · 2). Chosen: the smallest number for which the standard uncertainty of an rms
-is defined."""
+"""Independent shapes of the residual at a place: half of the residual is then the standard uncertainty at the next
+place, 1 / √(2 · 2). Chosen: the fewest for which it is defined.
+"""
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square of the residual in µm, before and after the effects are added to the model.
-
-    runs: names of the runs.
-    before_um, after_um: rms with the initial model, and with the effects found.
-    noise_floor_um: rms of the noise and of the scatter between runs, partly absorbed by a fitted set-up.
-    calibrated_um: rms with the calibrated model, which contains everything that the runs used determine.
-    tests: residual of each kind of test.
-    keeps_setup: True if these runs have the set-up of a run used; otherwise a separate set-up is fitted to them.
-    rows: table rows, from 1, by run, if rig excluded a part of the runs from the fit.
-    """
+    """Root mean square of the residual, before and after the effects are added to the model."""
 
     runs: tuple[str, ...]
     before_um: float
     after_um: float
     noise_floor_um: float
+    """Noise and scatter between runs, partly absorbed by a fitted set-up."""
     calibrated_um: float
+    """With everything that the runs used determine."""
     tests: tuple[TestGap, ...] = ()
     keeps_setup: bool = True
+    """These runs have the set-up of a run used; otherwise one is fitted to them."""
     rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    """Table rows, from 1, by run, if rig excluded a part of the runs from the fit."""
 
     @property
     def of_places(self) -> bool:
@@ -344,18 +323,19 @@ class Gap:
 
     @property
     def u_um(self) -> float:
-        """Standard uncertainty of the initial residual in µm: noise of a run divided by the root of their number."""
+        """Standard uncertainty of the initial residual: noise of a run divided by the root of their number."""
         return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
 
     @property
     def residual_u_um(self) -> float:
-        """Standard uncertainty in µm of the residual of a model. It combines `u_um` with half of the residual of the
-        calibrated model beyond the noise, because that part may differ in the next run."""
+        """Standard uncertainty of the residual of a model: `u_um`, and half of the calibrated residual beyond the
+        noise, which may differ in the next run.
+        """
         missed_um = independent_um(self.calibrated_um, self.noise_floor_um)
         return math.hypot(self.u_um, missed_um / math.sqrt(2 * _SHAPES))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types; the keys omit the unit, µm."""
+        """Plain types; the keys omit the unit, µm."""
         return {
             "before": self.before_um,
             "before_u": self.u_um,
@@ -375,32 +355,31 @@ Alike = Literal["instrument", "plate", "base", "tool"]
 
 @dataclass(frozen=True)
 class Movement:
-    """A movement before the first reading of `to`, which names a run, or a run and row.
-
-    `translation_mm` and `rotation_deg` refer to the axes of the base, for a tool to the axes of the flange. A zero of
-    `axis` has only `size_deg`. `u_mm` is the standard uncertainty of the length of the shift, `u_deg` of a zero,
-    `u_rotation_deg` of the rotation. `row`: row of the file of `run` from which it moved, None between runs.
-    `alike`: part with the same readings, None if the cause is distinguished from every part.
-    """
+    """A movement before the first reading of `to`."""
 
     from_: str
     to: str
+    """A run, or a run and row."""
     what: Literal["base", "instrument", "socket", "target", "tool", "zero"]
     odds: float
     axis: int | None = None
     name: str = ""
     translation_mm: Vector | None = None
+    """In the axes of the base, for a tool those of the flange, as `rotation_deg`."""
     rotation_deg: Vector | None = None
     size_deg: float | None = None
+    """Of a zero of `axis`."""
     u_mm: float | None = None
+    """Standard uncertainty of the length of the shift, `u_deg` of a zero."""
     u_deg: float | None = None
     u_rotation_deg: float | None = None
     run: str = ""
     row: int | None = None
+    """Row of the file of `run` from which it moved; None between runs."""
     alike: Alike | None = None
+    """Part with the same readings, if any."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types for JSON."""
         return {
             "from": self.from_, "to": self.to, "what": self.what, "alike": self.alike, "axis": self.axis,
             "name": self.name or None,
@@ -411,7 +390,7 @@ class Movement:
 
 @dataclass(frozen=True)
 class Passport:
-    """Rms distances of the tool in µm over the joint ranges of the runs, with base and tool taught; None if unknown.
+    """RMS distances of the tool in µm over the joint ranges of the runs, with base and tool taught; None if unknown.
 
     changed: certain effects that are not part of the factory state or of the last visit.
     """
@@ -423,12 +402,10 @@ class Passport:
 
     @property
     def distances(self) -> dict[str, Quantity]:
-        """The known distances by the name of the other arm."""
         every = {"data_sheet": self.data_sheet, "controller": self.controller, "last_visit": self.last_visit}
         return {name: distance for name, distance in every.items() if distance is not None}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types: each distance with its standard uncertainty in µm, or None."""
         none = dict.fromkeys(("data_sheet_um", "controller_um", "last_visit_um"))
         known = {f"{name}_um": {"value": of.value, "u": of.u} for name, of in self.distances.items()}
         return none | known | {"changed": [name_of(effect) for effect in self.changed]}
@@ -436,62 +413,52 @@ class Passport:
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis(Tabular):
-    """The complete result of a diagnosis.
-
-    condition: condition of the arm, such as `named` (a fault was found) or `nothing_unusual`.
-    accuracy: error of the arm now and after calibration.
-    budget: all parts of the residual, largest first.
-    runs_to_decide: number of runs of each kind that would decide an undecided condition.
-    rig: the initial model.
-    runs: names of the runs used.
-    where: places with large residuals.
-    effects: effects supported by evidence, faults first, then by size of their contribution.
-    residual: part of the readings that nothing explains.
-    train, held_out, unseen: residual before and after, for the runs used, the runs held out, and runs at a different
-    place.
-    bands: residual of the calibrated model by frequency band.
-    setups: fitted set-ups by name.
-    groups: effects that these tests cannot distinguish from each other.
-    not_testable: effects that are invisible in these runs at any size.
-    repeated: True if the noise is estimated from repeated runs.
-    shows_noise: True if the noise is estimated from repeats or residuals; otherwise it is assumed.
-    levels: size of small errors, 1 in a healthy arm: of `constants`, of deflection (`gravity`) and of all `others`.
-    curves, maps: residuals over the circle angle and at the targets.
-    given: True if the effects were given by the user, as in `calibrate`.
-    next_test: shortest test that would distinguish the remaining possibilities.
-    doubts: warnings about the result, as text.
-    seconds: computing time.
-    calibrated: the calibrated model.
-    staircase: residual as the parts of the budget are added to the model one after the other; None if no part is added.
-    """
+    """The complete result of a diagnosis."""
 
     condition: Condition
     accuracy: Accuracy
     budget: tuple[BudgetPart, ...]
+    """All parts of the residual, largest first."""
     runs_to_decide: int | None
+    """Number of runs of each kind that would decide an undecided condition."""
     rig: Rig
+    """The initial model."""
     runs: tuple[str, ...]
     where: tuple[ResidualPlace, ...]
+    """Places with large residuals."""
     effects: tuple[Named, ...]
+    """Effects supported by evidence, faults first, then by size of their contribution."""
     residual: Residual
+    """Part of the readings that nothing explains."""
     train: Gap
     held_out: Gap | None
     unseen: Gap | None
+    """Gap of the runs at a different place."""
     bands: tuple[ResidualBand, ...]
+    """Residual of the calibrated model by frequency band."""
     setups: dict[str, SetUp]
     groups: tuple[tuple[str, ...], ...]
+    """Effects that these tests cannot distinguish from each other."""
     not_testable: tuple[str, ...]
+    """Effects that are invisible in these runs at any size."""
     repeated: bool
+    """True if the noise is estimated from repeated runs."""
     levels: dict[str, float]
+    """Size of small errors, 1 in a healthy arm: of `constants`, of deflection (`gravity`) and of all `others`."""
     curves: tuple[Curve, ...]
     maps: tuple[Map, ...]
+    """Residuals at the targets; `curves` are those over the circle angle."""
     given: bool = False
+    """True if the effects were given by the user, as in `calibrate`."""
     shows_noise: bool = False
+    """True if the noise is estimated from repeats or residuals; otherwise it is assumed."""
     next_test: NamingTest | None = None
+    """Shortest test that would distinguish the remaining possibilities."""
     doubts: tuple[str, ...] = ()
     seconds: float = 0.0
     calibrated: CalibratedModel | None = None
     staircase: Staircase | None = None
+    """Residual as the parts of the budget are added to the model one after the other."""
     only_commanded: bool = False
     """True if some run contains commanded instead of measured joint angles; an effect may then be an angle that was
     not reached."""
@@ -504,43 +471,39 @@ class Diagnosis(Tabular):
     passport: Passport | None = None
     """Distances of the real arm from its data sheet, its controller and the last visit; None without a model."""
 
-    # Deprecated names of the residual and its views.
     @property
     def remainder(self) -> Residual:
-        """The same as `residual`."""
+        """Deprecated name of `residual`."""
         return self.residual
 
     @property
     def unexplained(self) -> Residual:
-        """The same as `residual`."""
+        """Deprecated name of `residual`."""
         return self.residual
 
     @property
     def remains(self) -> HeldOutResidual | None:
-        """The same as `residual.held_out`."""
+        """Deprecated name of `residual.held_out`."""
         return self.residual.held_out
 
     @property
     def left(self) -> tuple[ResidualBand, ...]:
-        """The same as `bands`."""
+        """Deprecated name of `bands`."""
         return self.bands
 
     @property
     def is_testable(self) -> bool:
-        """True if the runs can show effects. If not, the residual of a calibration from these runs is unknown."""
+        """True if the runs can show effects. If not, the residual of a calibration from them is unknown."""
         return self.condition != "not_testable_here"
 
     @property
     def is_modelled(self) -> bool:
-        """True if a calibrated model is written and reported: runs can show effects, and no parameter is out of
-        range.
-        """
+        """True if a calibrated model is written and reported."""
         return self.is_testable and self.condition != "out_of_range"
 
     @property
     def written(self) -> tuple[Named, ...]:
-        """Effects written to a rig file: the faults, or all effects if they were given to be fitted. Effects out of
-        range are not written."""
+        """Effects written to a rig file: the faults, or all effects if they were given to be fitted."""
         if self.condition == "out_of_range":
             return ()
         return self.effects if self.given else self.standing
@@ -557,7 +520,7 @@ class Diagnosis(Tabular):
 
     @property
     def extended_rig(self) -> Rig:
-        """The initial rig with the confirmed effects. If several effects are possible, the most likely one is used."""
+        """The initial rig with the written effects."""
         return self.rig.model_copy(update={"effects": (*self.rig.effects, *(name.effect for name in self.written))})
 
     def parts(self, is_meant: Callable[[BudgetPart], bool]) -> tuple[int, ...]:
@@ -570,7 +533,7 @@ class Diagnosis(Tabular):
         return self.acts[0] if self.acts else None
 
     def to_table(self) -> pa.Table:
-        """Return a row for each parameter of each effect: name, parameter, value, sd, posterior, worth_um, stands."""
+        """A row for each parameter of each effect: name, parameter, value, sd, posterior, worth_um, stands."""
         rows = [
             effect | of_field | {"parameter": field}
             for effect in self.to_dict()["effects"]
@@ -579,7 +542,7 @@ class Diagnosis(Tabular):
         return table_of_rows(("name", "parameter", "value", "sd", "posterior", "worth_um", "stands"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types with the keys of docs/diagnosis.md, as printed by `rig diagnose --json`.
+        """Plain types with the keys of docs/diagnosis.md, as printed by `rig diagnose --json`.
 
         Angles are in degrees, residuals in µm, each parameter in the unit of its name. None means unknown.
         """
@@ -628,24 +591,23 @@ class Diagnosis(Tabular):
 
 
 def likely_rivals(named: Named) -> list[Rival]:
-    """Return the rivals of a named effect that cannot be dismissed."""
     return [rival for rival in named.rivals if rival.probability * ODDS >= named.probability]
 
 
 def fault_rivals(named: Named) -> list[Rival]:
-    """Return the rivals of an effect of usual size that cannot be dismissed and would be faults."""
+    """The rivals of an effect of usual size that cannot be dismissed and would be faults."""
     return [rival for rival in likely_rivals(named) if rival.is_fault and named.doubt == "usual"]
 
 
 def is_open(part: BudgetPart, named: Named) -> bool:
-    """Return whether the cause of a large share of the error is undecided: the effect is not a fault, or usual errors
-    may have the same result, and its odds are below those of a certain effect.
+    """Whether the cause of a large share of the error is undecided: the effect is no fault, or usual errors may have
+    the same result, and it is not certain.
     """
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.probability < CONFIRMED
 
 
 def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether the contribution of a part is certain, even if several similar effects may be the cause."""
+    """Whether the contribution of a part is certain, even if several similar effects may be the cause."""
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
     # If usual errors may have the same result, the cause is undecided and the contribution certain.
@@ -653,6 +615,5 @@ def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
 
 
 def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether a part is certain: an effect without rivals, or a group of small terms."""
     is_certain = part.index is None or diagnosis.effects[part.index].probability >= CONFIRMED
     return is_certain and is_certain_part(diagnosis, part)

@@ -1,8 +1,7 @@
 """Residual of a model at each step of a staircase, as parts of the error are added one after the other.
 
-Each model is simulated with set-ups fitted to the runs used, as for the gap. The first and last step of a diagnosis are
-therefore its initial and calibrated gap. Intermediate steps use some hundred readings of each circle, which takes a
-thirtieth of the time.
+Each model is simulated with set-ups fitted to the runs used, as for the gap, which gives the first and last step.
+Intermediate steps use some hundred readings of each circle.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.diagnosis.evidence.blocks import blocks_of
+from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.evidence.observation import ObservedRun, thinned
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups
 from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
 from analysis.diagnosis.fit.search import SearchResult
@@ -23,7 +22,6 @@ from analysis.diagnosis.judge.budget import GapMeasure, group_of
 from analysis.diagnosis.judge.comparison import Compared, LocatedResidual
 from analysis.diagnosis.judge.residuals import ModelResidual, Staircase, StaircaseStep, curves_of, maps_of, places
 from analysis.diagnosis.judge.result import BudgetPart, Diagnosis
-from analysis.diagnosis.judge.validation import Stages
 from analysis.runs.loading import Measured
 from rigs.calibration import effects_of
 from rigs.effects import Effect
@@ -32,7 +30,7 @@ from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
 _MOST_STEPS = 6
-"""Number of parts with a separate step. Chosen: a readable number; the budget lists all."""
+"""Number of parts with a separate step. Chosen: the budget lists all."""
 _LEAST = 0.05
 """Minimum rms contribution of a part with a separate step, relative to the gap. Chosen: less is hardly visible."""
 _Model = tuple[tuple[int, ...], tuple[Effect, ...]]
@@ -42,20 +40,19 @@ _Row = Sequence[float | None]
 
 
 def staircase_of(
-    diagnosis: Diagnosis, result: SearchResult, stages: Stages, *runs_at: Sequence[ObservedRun]
+    diagnosis: Diagnosis, result: SearchResult, effects: tuple[Effect, ...], *runs_at: Sequence[ObservedRun]
 ) -> Staircase | None:
-    """Return the staircase of a diagnosis with known budget and gaps; None if the model has no additions.
-
-    `runs_at`: runs used, held out, and at an unseen place, of (m, k) mm.
+    """The staircase of a diagnosis with known budget and gaps; None if the model has no additions. `effects`: of the
+    calibrated model. `runs_at`: runs used, held out, and at an unseen place.
     """
-    models = list(_models_of(diagnosis, result, stages))
+    models = list(_models_of(diagnosis, result, effects))
     if len(models) < 2:
         return None
     gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
     thin = [list(map(thinned, runs)) for runs in runs_at]
     um: list[_Row] = [
         [gap.before_um if gap else None for gap in gaps],
-        *_residuals_um([effects for _, effects in models[1:-1]], thin),
+        *_residuals_um([model for _, model in models[1:-1]], thin),
         [gap.calibrated_um if gap else None for gap in gaps],
     ]
     first = [gap.u_um if gap else None for gap in gaps]
@@ -63,18 +60,16 @@ def staircase_of(
     return _staircase(result.linear, models, um, [first, *[later] * (len(models) - 1)])
 
 
-def _models_of(diagnosis: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_Model]:
-    """Yield the models of a staircase.
-
-    The initial model comes first, then models with each large part added in order of size, then the calibrated model
-    with all remaining parts. Scatter, which models cannot remove, has no step.
+def _models_of(diagnosis: Diagnosis, result: SearchResult, effects: tuple[Effect, ...]) -> Iterator[_Model]:
+    """Yield the initial model, then models with each large part added in order of size, then the calibrated model.
+    Scatter, which models cannot remove, has no step.
     """
-    effects, budget = stages.calibrated, diagnosis.budget
+    budget = diagnosis.budget
     # Addition of each part, by label: fitted effects, or multiples of effects with the same kind and joint in the
     # calibrated background.
     names = {label_of(effect): effect for effect in effects if effect in result.effects}
     terms: dict[str, list[tuple[Effect, float]]] = {}
-    for term in background_terms(result.calibrated_posterior) if stages.calibrated != stages.named else ():
+    for term in background_terms(result.calibrated_posterior) if effects != result.effects else ():
         kind, axis = group_of(term.effect)
         terms.setdefault(BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label, []).append((term.effect, term.times))
     added = [k for k, part in enumerate(budget) if part.label in names or part.label in terms]
@@ -97,7 +92,7 @@ def _models_of(diagnosis: Diagnosis, result: SearchResult, stages: Stages) -> It
 
 
 def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Compared:
-    """Return a comparison with the residual of a rig's model by place, of (m, k) mm, or the reason if it is unknown."""
+    """Add the residual of a rig's model by place, or the reason if it is unknown."""
     try:
         return replace(compared, disagreement=located_residual(rig, used, unseen))
     except FileError as error:
@@ -106,9 +101,8 @@ def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequ
 
 
 def located_residual(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> LocatedResidual:
-    """Return the residual of the model of a rig by place, of (m, k) mm; unseen places have separate set-ups.
-
-    Raises FileError for incompatible runs.
+    """Residual of the model of a rig by place; unseen places have separate set-ups. Raises FileError for incompatible
+    runs.
     """
     parts, _ = prepare_runs(rig, used, unseen)
     runs, elsewhere = ([replace(run, model=replace(run.model, effects=())) for run in part] for part in parts)
@@ -140,7 +134,6 @@ def located_residual(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measur
 
 
 def _staircase(linear: Linearisation, models: Sequence[_Model], um: Sequence[_Row], u_um: Sequence[_Row]) -> Staircase:
-    """Return the steps of models, with the residuals of circles (steps, n, 2) and targets (steps, n) in µm."""
     steps, curves, maps, measure = [], [], [], GapMeasure(linear)
     for (parts, effects), um_at, u_at in zip(models, um, u_um, strict=True):
         used, held_out, unseen = (
@@ -159,9 +152,8 @@ def _staircase(linear: Linearisation, models: Sequence[_Model], um: Sequence[_Ro
 def _residuals_um(
     models: Sequence[tuple[Effect, ...]], runs_at: Sequence[Sequence[ObservedRun]]
 ) -> Iterator[list[float | None]]:
-    """Yield the residuals in µm of models with these effects for the runs of each place, of (m, k) mm.
-
-    Set-ups are fitted to the runs of the first place.
+    """Yield the residuals of models with these effects for the runs of each place, with set-ups fitted to those of the
+    first.
     """
     fitted = FittedRuns(runs_at[0])
     for effects in models:

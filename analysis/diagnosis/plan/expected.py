@@ -48,18 +48,15 @@ from rigs.schema.vocabulary import CIRCLES, TestName
 # which gives the uncertainty of a name and the separation of two names.
 
 SEPARABLE = float(np.sqrt(2 * np.log(ODDS)))
-"""Separation in sigmas below which the odds between two effects are within ODDS, at which a diagnosis dismisses a
-rival: odds of o need a log evidence of ln o = sigma² / 2.
-"""
+"""Separation in sigmas from which a diagnosis dismisses a rival: odds of o need a log evidence of ln o = sigma² / 2."""
 
 
 def is_separable(sigma: float) -> bool:
-    """Return whether two effects with this separation in sigmas can be distinguished."""
     return sigma >= SEPARABLE
 
 
 def is_detectable(sd: float) -> bool:
-    """Return whether the largest fault of an effect is detected if its size is known to `sd` healthy sizes."""
+    """Whether the largest fault of an effect is detected if its size is known to `sd` healthy sizes."""
     return CERTAIN_SIGMA * sd <= LARGEST_FAULT
 
 
@@ -75,13 +72,10 @@ class FormPosterior:
 
     @cached_property
     def _number(self) -> dict[tuple[Effect, ...], int]:
-        """Index of each form by its effects."""
         return {form.effects: k for k, form in enumerate(self.forms)}
 
     def sd(self, candidate: Candidate) -> float:
-        """Return the standard uncertainty of a candidate's size, in healthy sizes, for a known shape, averaged over
-        free phases.
-        """
+        """Standard uncertainty of a candidate's size for a known shape, averaged over free phases."""
         k = self._number.get(candidate.effects)
         if k is None:
             return float("inf")
@@ -95,9 +89,8 @@ class FormPosterior:
         return float(np.sqrt(np.mean(1 / np.maximum(precision, 1e-12) + shares[k] * self.variance[columns])))
 
     def sigmas_apart(self, chosen: Sequence[Candidate], sizes: Array, pairs: Integers) -> Array:
-        """Return the separations (m,) in sigmas of candidate pairs (m, 2), at sizes (n,) in healthy sizes.
-
-        All other forms of either effect are also present.
+        """Separations (m,) in sigmas of candidate pairs (m, 2), at sizes (n,) in healthy sizes, with all other forms of
+        either effect present.
         """
         p = len(self.A)
         # A dummy column with no information completes forms with a single column.
@@ -121,10 +114,8 @@ class FormPosterior:
 
 
 def _sigmas_with_second(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
-    """Return the rms significance (n,) in sigmas of a coefficient, over its width (n,), in the presence of a second,
-    free coefficient.
-
-    Precisions (n, 2, 2).
+    """RMS significance (n,) in sigmas of a coefficient, over its width (n,), in the presence of a second, free
+    coefficient. Precisions (n, 2, 2).
     """
     free = other_precision + np.eye(2) / LARGEST_FAULT**2
     remaining = precision - across @ np.linalg.solve(free, across.transpose(0, 2, 1))
@@ -136,9 +127,7 @@ def _sigmas_with_second(precision: Array, across: Array, other_precision: Array,
 
 
 def without_bands(blocks: Sequence[Block]) -> list[Block]:
-    """Return blocks with all entries in the same band: without readings there is no residual, and bands have no
-    separate strength.
-    """
+    """Put all entries in the same band: without readings, bands have no separate strength."""
     return [replace(block, band=np.zeros_like(block.band)) for block in blocks]
 
 
@@ -150,7 +139,6 @@ class FormInformation:
 
     @cached_property
     def forms(self) -> tuple[Form, ...]:
-        """All forms of the candidates."""
         return forms_of(in_each_shape(self.candidates))
 
     @cached_property
@@ -158,10 +146,8 @@ class FormInformation:
         return healthy_shares(self.forms)
 
     def of(self, blocks: Sequence[Block], setups: SetUps) -> Array:
-        """Return the information (p, p) of runs about the coefficients in healthy sizes, with set-ups and scatter
-        eliminated.
-
-        It is zero for invisible forms.
+        """Information (p, p) of runs about the coefficients in healthy sizes, with set-ups and scatter eliminated; zero
+        for invisible forms.
         """
         columns = columns_for(linearise(without_bands(blocks), setups), self.candidates)
         is_nuisance = columns.fixed > 0
@@ -177,7 +163,6 @@ class FormInformation:
         return whole
 
     def posterior(self, information: Array) -> FormPosterior:
-        """Return the posterior of all forms, in healthy sizes, for an information (p, p)."""
         A = np.asarray(np.linalg.inv(information + np.diag(1 / self._variance)), dtype=float)
         return FormPosterior(self.forms, A, self._variance)
 
@@ -186,17 +171,16 @@ class FormInformation:
 # Planned runs as used by a diagnosis: simulated, with the noise of real cells.
 
 _SET_BY_HAND_MM = (0.6, -0.4, 0.1)
-"""Displacement of the ball from the circle's centre, unless given in the rig file. Chosen: a ball placed by hand is
-off by about 0.7 mm, and effects that scale the readings are visible only if the readings vary.
+"""Displacement of the ball from the circle's centre, unless given in the rig file. Chosen: a ball placed by hand is off
+by about 0.7 mm, and effects that scale the readings are visible only if these vary.
 """
 
 
 def planned_blocks(
     rig: Rig, tests: Sequence[TestName], runs: int, place: str = ""
 ) -> tuple[list[Block], dict[str, SetUp]]:
-    """Return the blocks, with entries (N,), of tests driven `runs` times in each direction, and their set-ups.
-
-    `place` separates these set-ups from those of other runs. Raises FileError if the arm cannot drive a test.
+    """Blocks of tests driven `runs` times in each direction, and their set-ups. `place` separates these from those of
+    other runs. Raises FileError if the arm cannot drive a test.
     """
     model = model_of(rig)
     # Only the path of a simulated table is used. Yaw and roll share a motion, and a cw program reverses the joint
@@ -236,9 +220,8 @@ def planned_blocks(
 
 @dataclass(frozen=True)
 class ExpectedPosterior:
-    """Expected posterior of the effects for planned runs, before any reading is known.
-
-    linear: linearisation of the runs. level: size of the healthy background.
+    """Expected posterior of the effects for planned runs, before any reading is known: the uncertainty of a size does
+    not depend on the readings.
     """
 
     linear: Linearisation
@@ -246,11 +229,10 @@ class ExpectedPosterior:
 
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
-        """Effects visible in the runs."""
         return tuple(candidates_for(self.linear))
 
     def least(self, effect: Effect) -> float:
-        """Return the smallest size of an effect that is a fault, in healthy sizes."""
+        """Smallest size of an effect that is a fault, in healthy sizes."""
         return float(fault_sizes(self.level.of(effect))[0])
 
     @cached_property
@@ -267,9 +249,8 @@ class ExpectedPosterior:
         return FormPosterior(self._columns.forms, A, self._variance)
 
     def sd(self, candidate: Candidate, size: float | None = None) -> float:
-        """Return the standard uncertainty of a candidate's size, in healthy sizes, averaged over free phases.
-
-        `size`: of the fault in healthy sizes, relevant for backlash, for example; None for the smallest detected fault.
+        """Standard uncertainty of a candidate's size, in healthy sizes, averaged over free phases. `size`: of the
+        fault, relevant for backlash, for example; None for the smallest detected fault.
         """
         sd, effect = self._form_posterior.sd(candidate), candidate.effect
         # A shape fitted with the size makes it less certain; the order of a wave does not.
@@ -283,14 +264,13 @@ class ExpectedPosterior:
         return refined.fitted_sd(0)[size_field(effect)] / healthy_size(effect)  # of detection, not of the form
 
     def sd_of_name(self, name: str) -> float:
-        """Return the standard uncertainty of an effect's size, in healthy sizes, in the best detected form."""
+        """Standard uncertainty of an effect's size, in healthy sizes, in the best detected form."""
         forms = [candidate for candidate in self.candidates if candidate.name == name]
         return self.sd(min(forms, key=self._form_posterior.sd)) if forms else float("inf")
 
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
-        """Return the separation in sigmas of an effect at a given size from another effect of any size.
-
-        Each is given as a single effect, or as two effects for a free phase.
+        """Separation in sigmas of an effect at a given size from another effect of any size. Each is given as a single
+        effect, or as two effects for a free phase.
         """
         # Extrapolated from a small size; backlash is not proportional to its width and not scaled.
         effects = [*ones, *others]
@@ -310,10 +290,8 @@ class ExpectedPosterior:
         return float(np.sqrt(max(np.trace(H[:q, :q] - stands_in) / q, 0.0)))
 
     def close_pairs(self, chosen: Sequence[Candidate], sizes: Array) -> list[tuple[int, int]]:
-        """Return the close pairs (i, j) of candidates with sizes (n,) in healthy sizes, with all other forms of either
-        effect present.
-
-        They include all pairs with `separation_sigma` below SEPARABLE.
+        """Close pairs (i, j) of candidates with sizes (n,) in healthy sizes, with all other forms of either effect
+        present. They include all pairs with `separation_sigma` below SEPARABLE.
         """
         pairs = np.stack(np.triu_indices(len(chosen), 1), axis=1).astype(np.int64)
         sigma = self._form_posterior.sigmas_apart(chosen, sizes, pairs)
@@ -322,7 +300,6 @@ class ExpectedPosterior:
         return [(i, j) for i, j in nearest_first if chosen[i].name != chosen[j].name]
 
     def _background_with_effects(self, effects: Sequence[Effect]) -> Background:
-        """Return the background with named effects."""
         variance = self._variance
         for effect in effects:
             variance = variance * remaining_column_shares(self._columns.forms, effect, len(variance))
@@ -330,5 +307,4 @@ class ExpectedPosterior:
 
 
 def expected_posterior(blocks: Sequence[Block], setups: SetUps, level: Level = HEALTHY) -> ExpectedPosterior:
-    """Return the posterior expected from blocks of runs with N entries each."""
     return ExpectedPosterior(linearise(without_bands(blocks), setups), level)

@@ -34,15 +34,11 @@ from rigs.schema.vocabulary import CIRCLES, TestName
 # Further tests: the other tests of the rig file, and circles with a different set-up.
 
 _RADII_MM = (140.0, 50.0)
-"""Radii of further circles. Chosen: twice the 70 mm of the paper's circle, and a smaller radius possible for most
-arms.
-"""
+"""Radii of further circles. Chosen: twice the 70 mm of the paper's circle, and one possible for most arms."""
 _NEAR = 0.2
 """Difference of the logarithms of two radii that count as equal. Chosen."""
 _ASIDE_MM = 100.0
-"""Displacement of the centre of a further circle. Chosen: enough to change the posture by several degrees on a
-one-metre arm.
-"""
+"""Displacement of the centre of a further circle. Chosen: it changes the posture by several degrees."""
 FASTER = 4
 """Speed factor of a further circle. Chosen: time effects grow by the same factor."""
 OFF_AXIS_MM = 40.0
@@ -63,7 +59,7 @@ class FurtherTest:
 
 
 def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
-    """Return the tests that are not among `tests`, including set-ups outside the rig file."""
+    """The tests that are not among `tests`, including set-ups outside the rig file."""
     missing: tuple[TestName, ...] = tuple(test for test in CIRCLES if test not in tests)
     further = []
     if missing and rig.tests.circle:
@@ -112,12 +108,11 @@ def _other_circles(rig: Rig, circle: Circle, tests: Sequence[TestName]) -> list[
 
 
 def other_radii(circle: Circle) -> tuple[float, ...]:
-    """Return the radii in mm of further circles different from a circle's."""
     return tuple(radius for radius in _RADII_MM if abs(np.log(radius / circle.radius_mm)) > _NEAR)
 
 
 def ball_off_axis(rig: Rig) -> Rig | None:
-    """Return a rig with the ball OFF_AXIS_MM away from axis 6, None if it already is."""
+    """A rig with the ball OFF_AXIS_MM away from axis 6, None if it already is."""
     x, y, z = rig.robot.tool.xyz_mm
     if np.hypot(x, y) >= OFF_AXIS_MM / 2:
         return None
@@ -126,13 +121,12 @@ def ball_off_axis(rig: Rig) -> Rig | None:
 
 
 def with_circle(rig: Rig, circle: Circle, **changed: Any) -> Rig:
-    """Return a rig with the circle changed."""
     tests = rig.tests.model_copy(update={"circle": circle.model_copy(update=changed)})
     return rig.model_copy(update={"tests": tests})
 
 
 def places(rig: Rig, circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
-    """Return displaced circle centres, each with a description: towards axis 1 and away, along it down and up."""
+    """Displaced circle centres, each with a description: towards axis 1 and away, along it down and up."""
     T, centre = transform(rig.robot.base), np.array(circle.centre_mm)
     up, out = T[:3, 2], centre - T[:3, 3]
     out = out - (out @ up) * up
@@ -162,8 +156,8 @@ class PossibleTest:
 
 
 def sigma_between(effect: Effect, rival: Effect) -> Callable[[PossibleTest], float]:
-    """Return a function for the separation in sigmas of two effects at their sizes, whichever is present: an effect
-    of size zero is not.
+    """A function for the separation in sigmas of two effects at their sizes, whichever is present: an effect of size
+    zero is not.
     """
 
     def sigma(test: PossibleTest) -> float:
@@ -176,11 +170,10 @@ def sigma_between(effect: Effect, rival: Effect) -> Callable[[PossibleTest], flo
 def shortest(
     possible: Sequence[PossibleTest], sigma: Callable[[PossibleTest], float], enough: Callable[[float], bool]
 ) -> tuple[PossibleTest, float] | None:
-    """Return the shortest test with a sufficient separation, and the separation in sigmas; None if no test suffices.
+    """The shortest test with a sufficient separation, and that separation; None if no test suffices.
 
-    The complete simulation of a test takes some seconds for a circle, so tests longer than the result are not
-    simulated. Tests of a different kind precede the same kind at a different place or speed, because an error outside
-    the library may change the latter in the same way.
+    A simulation takes some seconds for a circle, so tests longer than the result are not simulated. Tests of a
+    different kind come first, because an error outside the library may change the same kind in the same way.
     """
 
     def effort(test: PossibleTest) -> tuple[bool, float]:
@@ -202,8 +195,8 @@ def possible_tests(
     runs: int = 3,
     noise_share: float = 1.0,
 ) -> tuple[list[PossibleTest], list[tuple[str, str]]]:
-    """Return each further test that the arm can drive in addition to the existing blocks, and the undrivable tests with
-    the reason.
+    """Each further test that the arm can drive in addition to the existing blocks, and the undrivable tests with the
+    reason.
 
     `noise_share`: ratio of the noise shown by the runs used to the assumed noise, as a standard deviation.
     """

@@ -1,25 +1,113 @@
-"""Last stage of a diagnosis: the tests that would decide open effects, and the actions."""
+"""Last stage of a diagnosis: the tests that would decide open effects, and the actions.
+
+For an effect with a rival, a test separates both. For a group, it determines the likeliest member best in the presence
+of all other terms. Runs of a different place used for validation may suffice, without driving.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.gather import Evidence
+from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.fit_evidence import Fit
+from analysis.diagnosis.fit.responses import linearise
+from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.act_list import CHECK_STATED, EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
-from analysis.diagnosis.judge.acts import Act
-from analysis.diagnosis.judge.result import Diagnosis, Named, fault_rivals
+from analysis.diagnosis.judge.acts import Act, Cost, NamingTest
+from analysis.diagnosis.judge.probability import CONFIRMED
+from analysis.diagnosis.judge.result import (
+    LEAST_SHARE,
+    BudgetPart,
+    Diagnosis,
+    Named,
+    fault_rivals,
+    is_open,
+    likely_rivals,
+)
 from analysis.diagnosis.judge.validate import Validation
 from analysis.diagnosis.judge.verdict import ambiguous_names
-from analysis.diagnosis.plan.further_tests import PossibleTest, possible_tests
-from analysis.diagnosis.plan.naming_tests import NamingTests, naming_tests, parts_to_identify
+from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, without_bands
+from analysis.diagnosis.plan.further_tests import PossibleTest, possible_tests, shortest, sigma_between
 from analysis.procedures.shared.test_kind import facts_of
 from analysis.runs.loading import Measured
 from analysis.runs.tables import COMMANDED
 from rigs.effects import Effect
 from rigs.errors import FileError
-from rigs.schema.effect import name_of
+from rigs.schema.effect import is_play, label_of, name_of, size_of
+
+JOINED = "--unseen"
+"""Test without driving: runs previously used only for validation."""
+
+
+def _naming_test(
+    possible: Sequence[PossibleTest], effect: Effect, rival: Effect | None, among: int
+) -> tuple[NamingTest, Cost] | None:
+    """The cheapest test that certainly separates an effect from a rival, or, without one, identifies it at its fitted
+    size among `among` candidates; None if no test does.
+    """
+
+    def sigma_of_size(test: PossibleTest) -> float:
+        alike = [form for form in test.expected.candidates if form.name == name_of(effect)]
+        sd = test.expected.sd(min(alike, key=lambda form: form.size)) if alike else np.inf
+        return abs(size_of(effect)) / sd
+
+    def odds(sigma: float) -> float:
+        return float(1 / (1 + (1 if rival else among) * np.exp(-0.5 * min(sigma, SEPARABLE * 10) ** 2)))
+
+    sigma = sigma_between(effect, rival) if rival else sigma_of_size
+    named = shortest(possible, sigma, lambda sigmas: odds(sigmas) >= CONFIRMED)
+    if named is None:
+        return None
+    best, sigmas = named
+    names = (name_of(effect), name_of(rival)) if rival else (label_of(effect),)
+    return NamingTest(best.test, best.why, float(sigmas), odds(sigmas), names), best.cost
+
+
+Question = tuple[int, Effect, Effect | None]
+"""A part of the budget by index, its possible cause, and a rival of it, if any."""
+
+
+def parts_to_identify(budget: Sequence[BudgetPart], named: Sequence[Named]) -> list[Question]:
+    """The parts of the budget that need a test: confirmed effects with a rival, and groups."""
+    asked: list[Question] = []
+    for k, part in enumerate(budget):
+        name = None if part.index is None else named[part.index]
+        if name is None or is_open(part, name):
+            likeliest = [name.effect] if name else [member.effect for member in part.members[:1] if not part.cause]
+            asked += [(k, effect, None) for effect in likeliest if not is_play(effect)]
+        elif rivals := fault_rivals(name):
+            asked.append((k, name.effect, rivals[0].effect))
+        elif name.is_confirmed and part.share > LEAST_SHARE and likely_rivals(name):
+            asked.append((k, name.effect, name.rivals[0].effect))
+    return asked
+
+
+def naming_tests(
+    asked: Sequence[Question],
+    possible: Sequence[PossibleTest],
+    result: SearchResult,
+    judges: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
+) -> list[tuple[int, NamingTest, Cost]]:
+    """The test for each part of the budget that needs one, by index, if a possible test suffices. `judges`: runs used,
+    and validation runs of a different place.
+    """
+    used, elsewhere = judges
+    if elsewhere:  # no driving is needed if these runs are also used
+        setups = {**fit_run_setups(elsewhere)[0], **result.linear.setups}
+        linear = linearise(without_bands(blocks_of([*used, *elsewhere], setups)), setups)
+        expected = ExpectedPosterior(linear, result.state.level)
+        possible = [PossibleTest(JOINED, "they were driven already", expected, Cost(0.0)), *possible]
+    tests = []
+    for k, effect, rival in asked:
+        planned = _naming_test(possible, effect, rival, len(result.columns.forms))
+        tests += [(k, *planned)] if planned else []
+    return tests
 
 
 def plan_next(
@@ -31,7 +119,7 @@ def plan_next(
     *,
     early: bool,
 ) -> Diagnosis:
-    """Return the diagnosis with the next test, if an effect has a rival, and the actions."""
+    """Add the next test, if an effect has a rival, and the actions."""
     condition, is_decidable = diagnosis.condition, diagnosis.runs_to_decide is None
     pair = None
     if condition == "ambiguous" or (condition == "undecided" and is_decidable):
@@ -42,14 +130,14 @@ def plan_next(
     if pair or asked:
         progress("choosing a test that separates the rivals")
         possible, none = _possible_tests(evidence, fit)
-    best = NamingTests(possible).for_rivals(*pair) if pair else None
+    best = _naming_test(possible, *pair, 1) if pair else None
     why_none = [none or _ALIKE.format(name_of(pair[0]))] if pair and best is None else []
     tests = naming_tests(asked, possible, fit.result, (validation.fitted.runs, validation.elsewhere)) if asked else []
     runs = validation.elsewhere or validation.judges or validation.fitted.runs
     place, gaps = diagnosis.accuracy.place, validation.gaps
-    judged = JudgedPlace(place, validation.fitted, runs, validation.stages.calibrated, gaps.judged, gaps.predicted_um)
+    judged = JudgedPlace(place, validation.fitted, runs, validation.calibrated, gaps.judged, gaps.predicted_um)
     stated = (CHECK_STATED,) if diagnosis.contradictions else ()
-    before = (*stated, *(_before(evidence.uses.used) if early else ()))
+    before = (*stated, *(_before(evidence.used) if early else ()))
     acts = acts_of(diagnosis, judged, tests, before)
     return replace(diagnosis, next_test=best and best[0], doubts=(*diagnosis.doubts, *why_none), acts=acts)
 
@@ -58,9 +146,8 @@ _ALIKE = "other tests do not separate {} from the rivals: the corrections have t
 
 
 def _possible_tests(evidence: Evidence, fit: Fit) -> tuple[list[PossibleTest], str]:
-    """Return the further tests that the arm can drive, and the reason if there are none."""
     result, words = fit.result, "further tests are not possible with this rig file"
-    tests = tuple(dict.fromkeys(run.run.manifest.test for run in evidence.uses.used))
+    tests = tuple(dict.fromkeys(run.run.manifest.test for run in evidence.used))
     try:
         possible, impossible = possible_tests(
             evidence.rig, tests, result.blocks_as_shown, result.linear.setups, result.state.level,
@@ -73,14 +160,13 @@ def _possible_tests(evidence: Evidence, fit: Fit) -> tuple[list[PossibleTest], s
 
 
 def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
-    """Return the first action if joints were read too early, depending on the presence of commanded angles."""
+    """The first action if joints were read too early, depending on the presence of commanded angles."""
     tables = [run.run.table for run in used if facts_of(run.table.test).of_tracker]
     commanded = any(table is not None and COMMANDED[0] in table.column_names for table in tables)
     return (EARLY_COMMANDED if commanded else EARLY,)
 
 
 def _open_pair(named: Sequence[Named]) -> tuple[Effect, Effect] | None:
-    """Return the first ambiguous effect with its closest rival."""
     open_ones = [(name, name.rivals) for name in ambiguous_names(named)]
     open_ones += [(name, tuple(fault_rivals(name))) for name in named]
     return next(((name.effect, rivals[0].effect) for name, rivals in open_ones if rivals), None)

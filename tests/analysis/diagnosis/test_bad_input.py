@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.evidence.setups import folds_of
 from analysis.diagnosis.judge.result import Diagnosis
 from rigs.effects import Backlash, Effect, JointOffset

@@ -3,7 +3,7 @@ from functools import cache
 
 import pytest
 
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.judge.result import Gap
 from analysis.diagnosis.judge.verdict import (

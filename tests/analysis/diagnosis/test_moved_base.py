@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from analysis import diagnose
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.movement.between import without_moved
-from analysis.movement.cause_odds import MOST_ODDS
+from analysis.movement.inference import MOST_ODDS
 from analysis.runs.loading import Measured
 from rigs.load import load
 from tests.support.handmade_diagnosis import diagnosis

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.evidence.observation import rms
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.runs.loading import Measured
 from analysis.runs.tables import PoseTable

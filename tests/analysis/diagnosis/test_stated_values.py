@@ -7,7 +7,7 @@ import pytest
 from analysis.correction.pose_uncertainty import PoseUncertainty
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.blocks import blocks_of
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.judge.result import Diagnosis

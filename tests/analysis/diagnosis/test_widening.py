@@ -51,7 +51,8 @@ def test_one_place_far_off_does_not_decide():
     sound = missed(STATED)
     squares = sound.square_mm2.copy()
     squares[7] = 400 * STATED[7]
-    assert _Neighbourhoods(squares, NOISE, STATED, sound.weight).ratio < 2 * max(sound.ratio, 1.0)
+    ratio, _ = _Neighbourhoods(squares, NOISE, STATED, sound.weight).ratio_and_weight
+    assert ratio < 2 * max(sound.ratio_and_weight[0], 1.0)
 
 
 def test_reach_of_a_validation_is_that_of_the_farthest_placement():

@@ -35,7 +35,7 @@ from analysis.apps.report.still_chart import still
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, Texts, joined, texts_of
 from analysis.diagnosis.judge.acts import Act, is_done
-from analysis.diagnosis.judge.compare_runs import compare
+from analysis.diagnosis.judge.comparison import compare
 from analysis.runs.tables import format_of
 from rigs.distribution import version
 from rigs.errors import FileError, UseError

@@ -5,7 +5,7 @@ import pytest
 
 from analysis.diagnosis.fit.candidates import HEALTHY, Level, order_of
 from analysis.diagnosis.fit.selection import Selection
-from analysis.diagnosis.fit.selection_state import Backgrounds, Hyperparameters
+from analysis.diagnosis.fit.selection_state import Backgrounds
 from rigs.effects import ServoLag
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, white
 
@@ -61,10 +61,7 @@ def test_level_of_an_arm_is_found_from_its_readings(level):
         drawn = rng.normal(size=len(first.columns)) / np.sqrt(len(first.columns))
         size[list(first.columns)] = level * (np.abs(drawn) if first.one_sided else drawn)
     selection = Selection(holding(healthy(), columns.X @ size + white(healthy(), 4)), columns)
-    state, hyperparameters = (
-        replace(selection.initial_state(), level=HEALTHY),
-        Hyperparameters(selection.linear, columns),
-    )
+    state = replace(selection.initial_state(), level=HEALTHY)
     for _ in range(12):
-        state = replace(state, level=hyperparameters.level(state, selection.posterior(state)))
+        state = replace(state, level=selection.level(state, selection.posterior(state)))
     assert 0.6 < state.level.others / level < 1.6

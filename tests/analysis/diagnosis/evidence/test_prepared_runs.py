@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.evidence.gather import Uses, gather
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.gather import gather, prepare_runs
 from analysis.procedures.simulate import simulate
 from analysis.runs.loading import Measured
 from analysis.runs.tables import PoseTable
@@ -44,12 +43,12 @@ def test_a_circle_with_another_tool_on_the_same_arm_is_a_set_up_and_not_a_robot(
 
 def test_the_rows_that_are_held_out_are_numbered_as_in_the_table_of_their_run():
     first, second = poses(2), measured(poses(3).table, "pose", "second")
-    evidence = gather(RIG, Uses([first, second]), None, lambda _: None)
+    evidence = gather(RIG, [first, second], [], [], None, lambda _: None)
     assert set(evidence.withheld) == {"pose", "second"}
     for run, fitted in zip((first, second), evidence.runs, strict=True):
         withheld = evidence.withheld[run.run.manifest.name]
         assert sorted([*withheld, *(fitted.rows + 1).tolist()]) == list(range(1, len(run.table.q) + 1))
-    assert not gather(RIG, Uses([first], [second]), None, lambda _: None).withheld
+    assert not gather(RIG, [first], [second], [], None, lambda _: None).withheld
 
 
 def test_a_placement_that_takes_up_all_its_readings_is_left_out():

@@ -70,10 +70,10 @@ def test_a_response_has_the_same_products_in_every_background(scale):
     one, columns = Response(T), BACKGROUND.columns
     for weight in (np.ones(N), WEIGHT, np.where(BAND == 0, scale, 1.0)):
         background = background_of(columns, weight, VARIANCE, EXPECTED)
-        found = background.marginal_terms(FittedTerms(Y, (one,), PRECISION, MEAN, np.full(2, np.nan)))
+        products, absorbed = background.marginal_terms(FittedTerms(Y, (one,), PRECISION, MEAN, np.full(2, np.nan)))
         wanted = background.marginal(np.column_stack([T, Y - X @ EXPECTED]))
-        np.testing.assert_allclose(found.products, wanted.products(wanted), atol=1e-9)
-        np.testing.assert_allclose(found.absorbed, wanted.absorbed, atol=1e-9)
+        np.testing.assert_allclose(products, wanted.products(wanted), atol=1e-9)
+        np.testing.assert_allclose(absorbed, wanted.absorbed, atol=1e-9)
 
 
 def test_means_and_covariances_are_those_of_the_joint_normal_law():

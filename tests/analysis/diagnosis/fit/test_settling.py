@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.fit.candidates import Level
-from analysis.diagnosis.fit.effort import Effort
-from analysis.diagnosis.fit.selection import Selection
-from analysis.diagnosis.fit.selection_state import SelectionState, beginnings, settled
+from analysis.diagnosis.fit.selection import Effort, Selection
+from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 from tests.support.diagnosis_cells import healthy, healthy_columns
 
 
@@ -20,13 +19,19 @@ def _fits(state: SelectionState, gain: Callable[[int], float], least: float = -n
     """Number of fits, each with the given gain, until a state settles, and the log evidence of the result."""
     fits: list[SelectionState] = []
 
-    def fitted(one: SelectionState) -> SelectionState:
-        fits.append(replace(one, level=Level(one.level.others + gain(len(fits)))))
-        return fits[-1]
+    class Gaining(Selection):
+        def refitted(self, state: SelectionState, rounds: int = 0) -> SelectionState:
+            fits.append(replace(state, level=Level(state.level.others + gain(len(fits)))))
+            return fits[-1]
 
-    best = settled(
-        beginnings(replace(state, level=Level(0.0))), fitted, lambda one: one, lambda one: one.level.others, least
-    )
+        def renewed(self, state: SelectionState) -> SelectionState:
+            return state
+
+        def evidence(self, state: SelectionState) -> float:
+            return state.level.others
+
+    begins = beginnings(replace(state, level=Level(0.0)))
+    best = Gaining(healthy(), healthy_columns()).settled(*begins, least=least)
     return len(fits), best.level.others
 
 

@@ -18,7 +18,7 @@ from analysis.diagnosis.judge.acts import Act, Against, JudgedOn
 from analysis.diagnosis.judge.residuals import Residual
 from analysis.diagnosis.judge.result import LEAST_SHARE, BudgetPart, Diagnosis, GroupMember, is_sure
 from analysis.diagnosis.judge.verdict import Gaps, shows_time
-from analysis.diagnosis.plan.naming_tests import parts_to_identify
+from analysis.diagnosis.plan.plan_next import parts_to_identify
 from analysis.runs.tables import CircleTable
 from rigs.calibration import ModelAssessment, ground_of, verdict_of
 from rigs.effects import VOCABULARY, Backlash, BallForm, Compliance, Effect, JointOffset, LinkGeometry

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis import calibrate
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.fit.search import SearchResult, search
 from analysis.diagnosis.fit.selection_state import background_effects, background_terms
 from analysis.diagnosis.judge.calibrated_model import (  # private: a diagnosis of a calibrated arm takes a minute

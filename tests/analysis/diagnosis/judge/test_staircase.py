@@ -2,7 +2,7 @@ import pytest
 
 from analysis.diagnosis.evidence.observation import rms
 from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
-from analysis.diagnosis.judge.compare_runs import compare
+from analysis.diagnosis.judge.comparison import compare
 from analysis.diagnosis.judge.staircase import located
 from rigs.effects import Backlash, JointOffset
 from tests.support.diagnosis_cells import DEMO, RIG, circles, demo, seen

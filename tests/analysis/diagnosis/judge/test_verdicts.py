@@ -4,7 +4,7 @@ from datetime import date
 import pytest
 
 from analysis.diagnosis.diagnose import diagnose
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.doubts import doubts_of_limits

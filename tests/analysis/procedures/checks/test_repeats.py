@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.procedures.checks.gauges import repeat_findings
 from analysis.procedures.simulate import simulate
 from analysis.runs.loading import Measured

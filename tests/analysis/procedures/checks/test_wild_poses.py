@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.procedures.checks.check_runs import findings_of
 from analysis.procedures.checks.places import WILDNESS, far_poses
 from analysis.procedures.results import result_of
