@@ -1,8 +1,4 @@
-"""Interpretation of column names: joints, places, orientations, and measured or commanded values.
-
-This module only lists candidates. Ambiguous names are resolved by the kinematics of the arm
-(`analysis.intake.map_proposal`).
-"""
+"""Candidate columns by their names: joints, places, orientations. `map_proposal` decides among them with the arm."""
 
 from __future__ import annotations
 
@@ -38,9 +34,7 @@ _INSTRUMENTS = (
 _INSTRUMENT = frozenset(_INSTRUMENTS.split())
 _OF_ROBOTS = "tcp tool ee eef flange robot cartesian controller fk wrist hand gripper link effector broadcaster"
 _CONTROLLER = frozenset(_OF_ROBOTS.split())
-"""Terms for a pose reported by the robot, in names of columns, topics and child frames, unless the name of an
-instrument is present.
-"""
+"""Terms for a pose reported by the robot, unless the name of an instrument is present."""
 _SPOTS = frozenset(["spot", "spots", "floor", "mark", "marks", "punch", "socket", "sockets"])
 """Terms for places touched by the tool and not measured by an instrument."""
 _ROLES: dict[Role, frozenset[str]] = {role: frozenset(words.split()) for role, words in _ROLE_WORDS.items()}
@@ -71,9 +65,7 @@ _TRIPLES = 12
 
 @dataclass(frozen=True)
 class TurnReading:
-    """An interpretation of columns as an orientation, in the column order of the form
-    (`analysis.intake.table_map.TurnColumns`).
-    """
+    """Columns as an orientation, in the order of the form (`analysis.intake.table_map.TurnColumns`)."""
 
     columns: tuple[str, ...]
     form: str
@@ -81,22 +73,20 @@ class TurnReading:
 
 @dataclass(frozen=True)
 class ColumnGroup:
-    """Columns that belong together.
-
-    unit: as stated in the file, of all columns or of each; "" if unknown. of_controller: whether the robot may have
-    computed the values. of_instrument: whether the name is that of an instrument.
-    """
+    """Columns that belong together."""
 
     columns: tuple[str, ...]
     role: Role
     unit: Unit = ""
+    """As stated in the file, of all columns or of each; "" if unknown."""
     of_controller: bool = False
+    """Whether the name suggests that the robot computed the values."""
     of_instrument: bool = False
 
 
 @dataclass(frozen=True)
 class PlaceColumns:
-    """A place and the possible interpretations of the orientation, possibly none. turn_unit: as stated."""
+    """A place and the possible interpretations of its orientation."""
 
     place: ColumnGroup
     turns: tuple[TurnReading, ...] = ()
@@ -105,15 +95,13 @@ class PlaceColumns:
 
 @dataclass(frozen=True)
 class Groups:
-    """Candidate columns of a table.
-
-    near: joint columns for a different number of axes, mentioned in an error message.
-    """
+    """Candidate columns of a table."""
 
     joints: tuple[ColumnGroup, ...]
     seen: tuple[PlaceColumns, ...]
     residuals: tuple[ColumnGroup, ...]
     near: tuple[str, ...] = ()
+    """Joint columns for a different number of axes, mentioned in an error message."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +124,6 @@ def is_of_controller(name: str) -> bool:
 
 
 def is_of_spot(column: str) -> bool:
-    """True if a column name refers to a spot touched by the tool."""
     return bool(set(_name(column, "").words) & _SPOTS)
 
 
@@ -150,15 +137,11 @@ def count_places(columns: Iterable[str]) -> int:
 
 
 def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
-    repeated = [
-        next((name for name in group.columns if re.sub(r" \(\d+\)$", "", name) in {*group.columns} - {name}), "")
-        for group in joints
-    ]
+    plain = [[re.sub(r" \(\d+\)$", "", name) for name in group.columns] for group in joints]
+    repeated = [next((name for name in names if names.count(name) > 1), "") for names in plain]
     if repeated and all(repeated):
-        name = re.sub(r" \(\d+\)$", "", repeated[0])
-        raise FileError(
-            raw.where, f"has two columns {name}", "give each joint column a unique name", code="table.column_twice"
-        )
+        problem = f"has two columns {repeated[0]}"
+        raise FileError(raw.where, problem, "give each joint column a unique name", code="table.column_twice")
 
 
 def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
@@ -201,7 +184,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
 
 
 def _as_named(raw: RawTable, group: ColumnGroup, axis_names: Sequence[str]) -> ColumnGroup:
-    """Numbered joint columns in the order of the axes, if adjacent columns contain the joint names.
+    """Numbered joint columns in the order of the axes, if other columns contain the joint names.
 
     `rostopic echo -p` writes a JointState as field.name0 … and field.position0 …, in the order of the sender.
     """
@@ -259,9 +242,7 @@ def _in_order(numbered: dict[int, _Name], count: int) -> list[_Name] | None:
 
 
 def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str] = _JOINT_WORDS) -> list[ColumnGroup]:
-    """Columns numbered consecutively from 0 or 1. words_of_joints: terms of which the name must contain at
-    least one; any name if empty.
-    """
+    """Columns numbered consecutively from 0 or 1, whose names contain one of the words unless there are none."""
     groups = []
     for template, numbered in _templates(names).items():
         words = {word for word in template if word != "*"}
@@ -272,9 +253,9 @@ def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str
 
 
 def _groups_by_axis_name(names: Sequence[_Name], axis_names: Sequence[str]) -> list[ColumnGroup]:
-    """Columns named after the axes of the arm or of a Universal Robots arm, with any prefix and suffix.
+    """Columns named after the axes of the arm or of a Universal Robots arm, in any order.
 
-    The names determine the order, since the columns of a message are often sorted alphabetically.
+    The columns of a message are often sorted alphabetically.
     """
     groups = []
     call_sets = [tuple(re.sub(r"[^a-z0-9]", "", name.lower()) for name in axis_names)]
@@ -289,9 +270,8 @@ def _groups_by_axis_name(names: Sequence[_Name], axis_names: Sequence[str]) -> l
                 if call in whole:
                     alike[(name.role, whole.replace(call, "*", 1))].setdefault(call, name)
                     break
-        groups += [
-            _group([by_call[call] for call in calls]) for by_call in alike.values() if len(by_call) == len(calls)
-        ]
+        complete = (by_call for by_call in alike.values() if len(by_call) == len(calls))
+        groups += [_group([by_call[call] for call in calls]) for by_call in complete]
     return list({group.columns: group for group in groups}.values())
 
 
@@ -300,9 +280,7 @@ _Turns = list[tuple[ColumnGroup, tuple[TurnReading, ...]]]
 
 
 def _lettered(names: Sequence[_Name]) -> tuple[list[ColumnGroup], _Turns]:
-    """Places and orientations with columns that differ by a letter or word: x, y, z; qx … qw; roll, pitch,
-    yaw; A, B, C.
-    """
+    """Places and orientations by letters or words: x, y, z; qx … qw; roll, pitch, yaw; A, B, C."""
     turns = _in_sets(names)
     taken = {column for group, _ in turns for column in group.columns}
     places = []
@@ -333,9 +311,7 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[ColumnGroup], _Turns]:
 
 
 def _in_sets(names: Sequence[_Name]) -> _Turns:
-    """Orientations named by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T. The axes are x, y, z
-    except for KUKA and Kawasaki.
-    """
+    """Orientations named by three words (`_SETS`), about x, y and z except for KUKA and Kawasaki."""
     sets: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
     for name in names:
         for k, word in enumerate(name.words):
@@ -357,14 +333,10 @@ def _in_sets(names: Sequence[_Name]) -> _Turns:
 
 def _angle_readings(columns: Sequence[str]) -> tuple[TurnReading, ...]:
     """Three angles about x, y and z in every order of moving axes, and as a rotation vector."""
-    by_axis = dict(zip("xyz", columns, strict=True))
-    readings = []
-    for order in _ORDERS:
-        if order == "zyx":  # common name: roll, pitch, yaw about fixed axes
-            readings.append(TurnReading(tuple(columns), "fixed xyz"))
-        else:
-            readings.append(TurnReading(tuple(by_axis[axis] for axis in order), f"moving {order}"))
-    return (*readings, TurnReading(tuple(columns), "rotation vector"))
+    by_axis, whole = dict(zip("xyz", columns, strict=True)), tuple(columns)
+    moving = {order: TurnReading(tuple(by_axis[axis] for axis in order), f"moving {order}") for order in _ORDERS}
+    moving["zyx"] = TurnReading(whole, "fixed xyz")  # the same, by its common name roll, pitch, yaw
+    return (*moving.values(), TurnReading(whole, "rotation vector"))
 
 
 def _by_digits(names: Iterable[_Name]) -> dict[str, _Name]:
@@ -373,65 +345,67 @@ def _by_digits(names: Iterable[_Name]) -> dict[str, _Name]:
     return {digits: name for digits, name in named if len(digits) == 2}
 
 
-def _matrices(names: Sequence[_Name]) -> _Turns:
-    by_place = _by_digits(name for name in names if {"r", "rot", "m", "t", "matrix", "rotation"} & set(name.words))
+def _matrix_of(by_digits: dict[str, _Name], columns: int) -> list[list[_Name]]:
+    """The three rows of a complete matrix, numbered from 0 or 1; empty if there is none."""
     for first in (0, 1):
-        places = [f"{row}{column}" for row in range(first, first + 3) for column in range(first, first + 3)]
-        if set(places) <= by_place.keys():
-            group = _group([by_place[place] for place in places])
-            return [(group, (TurnReading(group.columns, "matrix"),))]
+        rows = [[f"{row}{column}" for column in range(first, first + columns)] for row in range(first, first + 3)]
+        if all(place in by_digits for row in rows for place in row):
+            return [[by_digits[place] for place in row] for row in rows]
     return []
 
 
+def _matrices(names: Sequence[_Name]) -> _Turns:
+    words = {"r", "rot", "m", "t", "matrix", "rotation"}
+    rows = _matrix_of(_by_digits(name for name in names if words & set(name.words)), 3)
+    groups = [_group([name for row in rows for name in row])] if rows else []
+    return [(group, (TurnReading(group.columns, "matrix"),)) for group in groups]
+
+
 def _vectors(names: Sequence[_Name]) -> Iterator[PlaceColumns]:
-    """Yield poses with numbered columns: 6 (place and angles), 7 (place and quaternion), 12 or 16 (matrix)."""
+    """Poses with numbered columns: 6 (place and angles), 7 (place and quaternion), 12 or 16 (matrix)."""
     for numbered in _templates(names).values():
         for count in (6, 7, 12, 16):
             if order := _in_order(numbered, count):
                 whole = _group(order)
                 for seen in _poses([name.column for name in order]):
                     yield replace(seen, place=replace(whole, columns=seen.place.columns, unit=""))
-    matrix = _by_digits(names)
-    for first in (0, 1):
-        rows = [[f"{r}{c}" for c in range(first, first + 4)] for r in range(first, first + 3)]
-        if all(place in matrix for row in rows for place in row):
-            turn = tuple(matrix[row[k]].column for row in rows for k in range(3))
-            yield PlaceColumns(_group([matrix[row[3]] for row in rows]), (TurnReading(turn, "matrix"),))
+    if rows := _matrix_of(_by_digits(names), 4):
+        turn = tuple(name.column for row in rows for name in row[:3])
+        yield PlaceColumns(_group([row[3] for row in rows]), (TurnReading(turn, "matrix"),))
 
 
 def _poses(columns: Sequence[str]) -> Iterator[PlaceColumns]:
-    c = list(columns)
+    """Columns as a place with an orientation, by their number."""
+    c = tuple(columns)
+
+    def pose(place: Sequence[str], *turns: TurnReading) -> PlaceColumns:
+        return PlaceColumns(ColumnGroup(tuple(place), "unsaid"), turns)
+
+    def matrix(*places: int) -> TurnReading:
+        return TurnReading(tuple(c[k] for k in places), "matrix")
+
     match len(c):
         case 3:
-            yield PlaceColumns(ColumnGroup(tuple(c), "unsaid"))
+            yield pose(c)
         case 6:
             # Names do not indicate the axes of these three angles.
-            turned = (TurnReading(tuple(c[3:]), f"moving {order}") for order in (*_ORDERS, *_ZYZ))
-            yield PlaceColumns(
-                ColumnGroup(tuple(c[:3]), "unsaid"), tuple(dict.fromkeys((*_angle_readings(c[3:]), *turned)))
-            )
+            turned = (TurnReading(c[3:], f"moving {order}") for order in (*_ORDERS, *_ZYZ))
+            yield pose(c[:3], *dict.fromkeys((*_angle_readings(c[3:]), *turned)))
         case 7:
             x, y, z, w = c[3:]
-            turns = (TurnReading((x, y, z, w), "quaternion"), TurnReading((y, z, w, x), "quaternion"))
-            yield PlaceColumns(ColumnGroup(tuple(c[:3]), "unsaid"), turns)
+            yield pose(c[:3], TurnReading((x, y, z, w), "quaternion"), TurnReading((y, z, w, x), "quaternion"))
         case 12 | 16:
-            rows = [0, 1, 2, 4, 5, 6, 8, 9, 10]
-            yield PlaceColumns(
-                ColumnGroup((c[3], c[7], c[11]), "unsaid"), (TurnReading(tuple(c[k] for k in rows), "matrix"),)
-            )
+            yield pose(c[3:12:4], matrix(0, 1, 2, 4, 5, 6, 8, 9, 10))
             if len(c) == 16:
-                down = [0, 4, 8, 1, 5, 9, 2, 6, 10]
-                yield PlaceColumns(
-                    ColumnGroup(tuple(c[12:15]), "unsaid"), (TurnReading(tuple(c[k] for k in down), "matrix"),)
-                )
+                yield pose(c[12:15], matrix(0, 4, 8, 1, 5, 9, 2, 6, 10))
             else:
-                yield PlaceColumns(ColumnGroup(tuple(c[9:]), "unsaid"), (TurnReading(tuple(c[:9]), "matrix"),))
+                yield pose(c[9:], matrix(*range(9)))
 
 
 def _by_position(
     raw: RawTable, columns: list[str], axes: int, joints: bool, seen: bool
 ) -> tuple[list[ColumnGroup], list[PlaceColumns]]:
-    """Groups of unnamed columns by count, with the joints before or after the pose."""
+    """Unnamed columns as joints, before or after the pose, and as poses; each only if wanted (`joints`, `seen`)."""
     is_first = columns[:1] == [raw.names[0]] and len(columns) - int(joints) * axes in (4, 7, 8, 13, 17)
     if is_first or (columns and (np.diff(raw.numbers(columns[:1], Problems())[:, 0]) == 1).all()):
         columns = columns[1:]  # a counter or a time

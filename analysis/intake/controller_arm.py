@@ -31,10 +31,10 @@ _MOST_BYTES = 10_000_000
 
 
 def rig_with_controller(rig: Rig, text: str, source: Path | str) -> tuple[Rig, str, ControllerConstants]:
-    """Put the constants of a controller into a rig, and into the text of its file. Raises FileError.
+    """Put the constants of a controller into a rig, and into the text of its file.
 
-    source: a file of `read_controller`, or `data_sheet`. The axes of the rig become those of the controller. If the rig
-    has effects, which are relative to its axes, the axes stay and `controller_axes` holds the constants.
+    source: as for `read_controller`. The axes of the rig become those of the controller. If the rig has effects, which
+    are relative to its axes, the axes stay and `controller_axes` holds the constants.
     """
     read = read_controller(rig.robot, source)
     edited = text_with_robot(text, robot_with(rig, read))
@@ -42,17 +42,16 @@ def rig_with_controller(rig: Rig, text: str, source: Path | str) -> tuple[Rig, s
 
 
 def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
-    """Read the arm in the controller of a robot: calibration.conf or the YAML of ur_calibration, the INI file of
-    LinuxCNC, or a table of joint angles and flange poses as the controller shows them.
+    """Read the arm in a controller.
 
-    Raises FileError if the file is of another type of arm, or if its poses show own constants but do not determine
-    them.
+    source: `data_sheet`, calibration.conf, the YAML of ur_calibration, the INI file of LinuxCNC, or a table of joint
+    angles and flange poses. Raises FileError for another type of arm, and for poses that show but do not determine
+    constants of the controller.
     """
     robot = data_sheet_of(robot)
     if str(source) == DATA_SHEET:
-        return ControllerConstants(
-            robot.axes, "data_sheet", 0.0, "the controller computes with the data sheet, as stated"
-        )
+        words = "the controller computes with the data sheet, as stated"
+        return ControllerConstants(robot.axes, "data_sheet", 0.0, words)
     path = Path(source)
     try:
         text = read_text(path, _MOST_BYTES) if path.suffix.lower() not in (".xlsx", ".ods") else ""
@@ -62,12 +61,8 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
         return _from_pins(robot, path)
     if not is_ur_calibration(text) and path.suffix.lower() in (".yaml", ".yml", ".conf"):
         problem = "is empty" if not text.strip() else "is neither calibration.conf nor the YAML of ur_calibration"
-        raise FileError(
-            str(path),
-            problem,
-            "give one of them, or a table of joints and flange poses as CSV",
-            code="arm.no_constants",
-        )
+        remedy = "give one of them, or a table of joints and flange poses as CSV"
+        raise FileError(str(path), problem, remedy, code="arm.no_constants")
     if not is_ur_calibration(text):
         return _from_poses(robot, path)
     found = factory_constants(robot, path)

@@ -1,7 +1,7 @@
-"""Creation of runs from table files, including checks against the rig.
+"""Runs from table files, checked against the rig.
 
-Touches written by hand have joints under common names, such as `J1 … J6` from the pendant, and a single socket for all
-rows; other tables in the format of an instrument are poses, with a proposed map.
+Tables in other formats than docs/tables.md are touches written by hand, with `J1 … J6` from the pendant and perhaps one
+socket for all rows, or poses, with a proposed map.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from analysis.intake.mapped import MappedPoses, poses_of, table_by, with_joints
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
 from analysis.intake.read import (
     Problems,
-    TableFileError,
     check_sequence,
     header_names,
     read_file,
@@ -25,7 +24,7 @@ from analysis.intake.read import (
     read_whole,
 )
 from analysis.intake.readers import reader_of
-from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, MappedColumn, TableMap, map_text
+from analysis.intake.table_map import MAPPED, TO_UNIT, Angles, FileLayout, MappedColumn, TableMap, map_text
 from analysis.intake.table_reading import likely_angles
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
 from analysis.procedures.checks.columns import FEWEST
@@ -52,9 +51,13 @@ from rigs.schema.vocabulary import FEWEST_AXES, Direction, TestName
 from rigs.text import as_argument
 
 
+def _is_of_touches(test: TestName) -> bool:
+    return SOCKET in format_of(test).layout().required
+
+
 def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
     """True if a table of touches has columns different from docs/tables.md, or the socket is given."""
-    if SOCKET not in format_of(test).layout().required:
+    if not _is_of_touches(test):
         return False
     return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= header_names(read_head(path))
 
@@ -65,7 +68,7 @@ def has_two_arms(path: Path) -> bool:
 
 def refuse_two_arms(path: Path, test: TestName) -> None:
     """Raise FileError for touches of two arms: they are no touches of a fixed socket."""
-    if SOCKET in format_of(test).layout().required and has_two_arms(path):
+    if _is_of_touches(test) and has_two_arms(path):
         problem = "has p1_deg, the joints of a second arm that holds the socket"
         raise FileError(
             str(path), problem, f"calibrate both arms: rig pair FIRST SECOND {as_argument(path)}", code="touch.two_arms"
@@ -75,20 +78,24 @@ def refuse_two_arms(path: Path, test: TestName) -> None:
 def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> TableMap:
     """Map of a table of touches.
 
-    socket: of all rows; empty if a column contains it or the rig file has only one. Raises FileError if the joints of
-    the arm or the socket are missing.
+    socket: of all rows; empty if a column contains it or the rig file has only one.
     """
-    where = str(path)
-    lines, text_layout = text_of(read_whole(path), where)
-    layout = layout_of(lines, text_layout.encoding, where)
-    raw = read_raw(lines, layout, where)
+    raw, layout = _raw_table(read_whole(path), str(path))
     optional = [name for name in format_of(test).layout(len(rig.robot.axes)).optional if name in raw.names]
     joints = _joints(raw, rig, set(optional))
     column = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
     columns = {name: MappedColumn(column=name) for name in optional}
     if column and not socket:
         return TableMap(files=(layout,), joints=joints, columns={SOCKET: MappedColumn(column=column), **columns})
-    return TableMap(files=(layout,), joints=joints, columns=columns, constants={SOCKET: socket or _only(rig, where)})
+    constants = {SOCKET: socket or _only(rig, raw.where)}
+    return TableMap(files=(layout,), joints=joints, columns=columns, constants=constants)
+
+
+def _raw_table(data: bytes, where: str) -> tuple[RawTable, FileLayout]:
+    """Table of a text file with the detected layout."""
+    lines, text_layout = text_of(data, where)
+    layout = layout_of(lines, text_layout.encoding, where)
+    return read_raw(lines, layout, where), layout
 
 
 def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
@@ -120,7 +127,7 @@ def _only(rig: Rig, where: str) -> str:
 
 @dataclass(frozen=True)
 class RunLabels:
-    """Labels of a run that its table does not state, and the joint columns to use."""
+    """Labels of a run and the joint columns to use, which its table does not state."""
 
     direction: Direction | None = None
     operator: str = ""
@@ -129,11 +136,7 @@ class RunLabels:
 
 
 def read_table(source: Path, rig_file: str | Path, test: TestName, labels: RunLabels) -> Measured:
-    """Run of a table file, not written to disk. The doubts include reasons for which an evaluation would
-    reject it.
-
-    Raises FileError for mistakes in the table or the rig file.
-    """
+    """Run of a table file, not written to disk. Its doubts include reasons for which an evaluation would reject it."""
     rig, rig_text = load(rig_file)
     with named_by(rig_file, rig):
         require_instruments(rig, test)
@@ -155,9 +158,7 @@ def read_table(source: Path, rig_file: str | Path, test: TestName, labels: RunLa
 
 
 def is_plain(path: Path, test: TestName) -> bool:
-    """True if a file starts with the columns of docs/tables.md, or is a bag of a circle, which can be read
-    directly.
-    """
+    """True for the columns of docs/tables.md, and for a bag of a circle: both are read without a map."""
     head = read_head(path)
     if reader_of(head):
         return test != MAPPED
@@ -176,27 +177,19 @@ def is_plain(path: Path, test: TestName) -> bool:
 def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> MapProposal:
     """Propose the column map of the files of a pose measurement, checked with the arm of a rig file.
 
-    topic: topic of the poses in a bag, if it has several. Raises FileError if the files are not such a table, or do not
-    fit the arm.
+    topic: topic of the poses in a bag, if it has several. Raises FileError if the files do not fit the arm.
     """
     return _proposed(files, load(rig_file)[0], join, topic)[0]
 
 
 def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
-    """Controller-computed poses, read with the map proposed for the arm of a rig, also if the table has
-    measured poses next to them. Raises FileError.
-    """
+    """Poses that the controller computed, also if the table has measured poses next to them."""
     proposal, raw = _proposed(files, rig, "", "")
-    computed = [question for question in proposal.questions if question.key == "place"]
-    for question in computed:
+    for question in [question for question in proposal.questions if question.key == "place"]:
         proposal = proposal.answered(question, question.readings[-1])
     if proposal.questions:
-        raise FileError(
-            str(files[0]),
-            f"has columns of unclear meaning ({proposal.asks})",
-            "add the units to the header",
-            code="table.column_unclear",
-        )
+        problem = f"has columns of unclear meaning ({proposal.asks})"
+        raise FileError(str(files[0]), problem, "add the units to the header", code="table.column_unclear")
     poses = poses_of(raw, proposal.table_map)
     if poses.controller_mm is None:
         return poses
@@ -213,17 +206,12 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[M
             sheets = sheets_of(data, str(path))
             if len(sheets) != 1:
                 fact = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}) instead of one"
-                raise FileError(
-                    str(path),
-                    fact,
-                    "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]",
-                    code="workbook.several_sheets",
-                )
+                remedy = "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]"
+                raise FileError(str(path), fact, remedy, code="workbook.several_sheets")
             sheet, data = next(iter(sheets.items()))
-        lines, text_layout = text_of(data, str(path))
-        layout = layout_of(lines, text_layout.encoding, str(path)).model_copy(update={"sheet": sheet, "topic": chosen})
-        layouts.append(layout)
-        tables.append(read_raw(lines, layout, str(path)))
+        table, layout = _raw_table(data, str(path))
+        tables.append(table)
+        layouts.append(layout.model_copy(update={"sheet": sheet, "topic": chosen}))
     raw, _ = joined(tables, join)
     return propose(raw, layouts, join, rig), raw
 
@@ -234,9 +222,8 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
         stands = reader.stands_of(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts
     if topic:
-        raise UseError(
-            "--topic", f"applies only to bags, and {where} is not a bag", "remove it", code="import.bags_only"
-        )
+        problem = f"applies only to bags, and {where} is not a bag"
+        raise UseError("--topic", problem, "remove it", code="import.bags_only")
     return data, "", ()
 
 
@@ -249,49 +236,33 @@ def _refuse_rail(rig: Rig, where: str) -> None:
 def read_mapped(
     files: Sequence[Path], table_map: TableMap, rig_file: str | Path, test: TestName, labels: RunLabels
 ) -> Measured:
-    """Run of the files of a measurement read with their map, not written to disk; see `read_table`.
-
-    Raises FileError for mistakes in a file, in the map or in the rig file.
-    """
+    """Run of the files of a measurement read with their map, not written to disk; see `read_table`."""
     rig, rig_text = load(rig_file)
     where = str(files[0])
     if len(files) != len(table_map.files):
         fact = f"describes {len(table_map.files)} files, but {len(files)} are given"
-        raise FileError(
-            "the map",
-            fact,
-            "give the files of one measurement in order; several are joined (--join)",
-            code="workbook.several_sheets",
-        )
+        remedy = "give the files of one measurement in order; several are joined (--join)"
+        raise FileError("the map", fact, remedy, code="workbook.several_sheets")
     if labels.joints == "commanded" and not table_map.only_commanded:
         if table_map.commanded is None:
-            raise FileError(
-                "the map",
-                "does not name commanded joints, which --joints commanded needs",
-                "add `commanded`",
-                code="table.not_commanded",
-            )
+            fact = "does not name commanded joints, which --joints commanded needs"
+            raise FileError("the map", fact, "add `commanded`", code="table.not_commanded")
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
     data = [read_whole(path) for path in files]
     _refuse_rail(rig, where)
-    stands = [
-        _stands_in(content, str(path), rig, layout.topic)
-        for path, content, layout in zip(files, data, table_map.files, strict=True)
-    ]
-    raw, left_out = read_files(
-        [(path, text) for path, (text, *_) in zip(files, stands, strict=True)], table_map.files, table_map.join
-    )
+    texts, doubts = list[tuple[Path, bytes]](), list[str]()
+    for path, content, layout in zip(files, data, table_map.files, strict=True):
+        text, _, of_file = _stands_in(content, str(path), rig, layout.topic)
+        texts.append((path, text))
+        doubts += of_file
+    raw, left_out = read_files(texts, table_map.files, table_map.join)
+    doubts += [f"{left_out} rows are in only one of the files, and are ignored"] if left_out else []
     if table_map.stops and table_map.place:
         raw = with_joints(raw, table_map.place, cube_of(rig))
     table = table_by(raw, table_map, test, len(rig.robot.axes), labels.direction)
-    problems = Problems()
-    problems.add(
-        check_sequence(
-            dict(zip(table.column_names, table.columns, strict=True)), raw.lines, test, rig, labels.direction
-        )
-    )
-    if problems.count:
-        raise TableFileError(where, problems.first, count=problems.count)
+    problems, columns = Problems(), dict(zip(table.column_names, table.columns, strict=True))
+    problems.add(check_sequence(columns, raw.lines, test, rig, labels.direction))
+    problems.refuse(where)
     digests = [hashlib.sha256(content).hexdigest() for content in data]
     run = table_run(
         files[0],
@@ -308,8 +279,6 @@ def read_mapped(
         assumed=table_map.assumed,
         only_commanded=table_map.only_commanded,
     )
-    doubts = [doubt for *_, of_file in stands for doubt in of_file]
-    doubts += [f"{left_out} rows are in only one of the files, and are ignored"] if left_out else []
     return _check_against_rig(run, rig, where, doubts)
 
 
@@ -336,7 +305,7 @@ _FEW_MISSING = 2
 def read_any_table(source: Path, rig_file: str | Path, test: TestName | None, labels: RunLabels) -> Measured:
     """Run of any table, not written to disk. test: inferred from the columns if None.
 
-    Raises FileError, also if only an operator could interpret the columns.
+    Raises FileError also if only an operator could interpret the columns.
     """
     rig = load(rig_file)[0]
     kind = test_of(source, rig) if test is None else test
@@ -346,17 +315,13 @@ def read_any_table(source: Path, rig_file: str | Path, test: TestName | None, la
         return read_table(source, rig_file, kind, labels)
     proposal = propose_map([source], rig_file)
     if proposal.questions:
-        raise FileError(
-            str(source),
-            f"has open questions ({proposal.asks})",
-            "answer the questions of rig import",
-            code="table.questions",
-        )
+        problem = f"has open questions ({proposal.asks})"
+        raise FileError(str(source), problem, "answer the questions of rig import", code="table.questions")
     return read_mapped([source], proposal.assumed().table_map, rig_file, kind, labels)
 
 
 def test_of(source: Path, rig: Rig) -> TestName:
-    """Test of a table, inferred from the columns. Raises FileError if several tests match, or none."""
+    """Test of a table by its columns. Raises FileError if several tests match, or none."""
     where, axes, head = str(source), len(rig.robot.axes), read_head(source)
     if reader_of(head):
         raise FileError(where, "is a bag, which may contain poses or a circle", _GIVE_TEST, code="bag.ambiguous")
@@ -371,9 +336,8 @@ def test_of(source: Path, rig: Rig) -> TestName:
             where, f"may belong to {' or '.join(ours)}, which have the same columns", _GIVE_TEST, code="table.ambiguous"
         )
     if any(name.lower() == SOCKET for name in names):
-        return next(test for test in TESTS if SOCKET in format_of(test).layout().required)
-    lines, text_layout = text_of(read_whole(source), where)
-    raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
+        return next(filter(_is_of_touches, TESTS))
+    raw, _ = _raw_table(read_whole(source), where)
     groups = groups_of(raw, [axis.name for axis in rig.robot.axes])
     if groups.joints and groups.seen:
         return MAPPED
@@ -381,12 +345,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     missing = sorted(layouts[nearest] - names)
     if len(missing) <= _FEW_MISSING:
         problem = f"lacks {' and '.join(missing)} of a {nearest} table"
-        raise FileError(
-            where, problem, "add the column, or run rig import --help for other tables", code="table.column_missing"
-        )
-    raise FileError(
-        where,
-        f"has columns that match none of the tests: {', '.join(raw.names[:20])}",
-        _GIVE_TEST,
-        code="table.no_test_fits",
-    )
+        remedy = "add the column, or run rig import --help for other tables"
+        raise FileError(where, problem, remedy, code="table.column_missing")
+    problem = f"has columns that match none of the tests: {', '.join(raw.names[:20])}"
+    raise FileError(where, problem, _GIVE_TEST, code="table.no_test_fits")

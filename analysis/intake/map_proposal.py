@@ -1,9 +1,7 @@
-"""Proposal of a column map from the header and data of a table, checked with the arm.
+"""Proposal of a column map, checked by a fit of the nominal arm to the places, with free base and target.
 
-The flange positions of the nominal arm are fitted to the measured places, with free base and target. The right unit
-leaves some mm, the error of a nominal arm; a wrong unit leaves decimetres or metres. Orientations are then compared
-with those of the arm, with a free tool orientation. An interpretation is accepted if it fits clearly better than the
-next. All other cases become a question.
+The right unit leaves some mm, a wrong one decimetres or metres. An interpretation is accepted if it fits clearly better
+than the next; all other cases become questions.
 """
 
 from __future__ import annotations
@@ -91,18 +89,17 @@ of the lever.
 
 @dataclass(frozen=True)
 class MapProposal:
-    """A map, the open questions, and the results of the checks as text. Open keys have their likeliest value in the
-    map.
-    """
+    """A map and its open questions."""
 
     table_map: TableMap
+    """The map, with the likeliest value of open keys."""
     questions: tuple[Question, ...]
     checked: tuple[str, ...]
+    """Results of the checks as text."""
     rows: int
 
     @property
     def asks(self) -> str:
-        """The open questions in one line."""
         return "; ".join(f"{question.key}: {question.asks}" for question in self.questions)
 
     def answered(self, question: Question, reading: TableReading) -> MapProposal:
@@ -121,15 +118,10 @@ class MapProposal:
         return replace(self, table_map=table_map, questions=tuple(questions))
 
     def assumed(self) -> MapProposal:
-        """Proposal with the likeliest answer to every question. The map records the assumptions for every
-        analysis.
-        """
-        words = [
-            f"{question.key}: {question.readings[0].words} was assumed and is not confirmed"
-            for question in self.questions
-        ]
-        assumed = (*self.table_map.assumed, *words)
-        return replace(self, table_map=self.table_map.model_copy(update={"assumed": assumed}), questions=())
+        """Proposal with the likeliest answer to every question; the map records the assumptions."""
+        words = [f"{one.key}: {one.readings[0].words} was assumed and is not confirmed" for one in self.questions]
+        assumed = {"assumed": (*self.table_map.assumed, *words)}
+        return replace(self, table_map=self.table_map.model_copy(update=assumed), questions=())
 
 
 def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -> MapProposal:
@@ -177,7 +169,7 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
 
 
 def _joints_to_read(groups: Groups) -> tuple[list[ColumnGroup], list[ColumnGroup]]:
-    """Joints to read, and the commanded joints in addition."""
+    """Joints to read, and the commanded joints next to them."""
     measured, unsaid, commanded = (
         [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
     )
@@ -208,8 +200,7 @@ def _map_by_hand(raw: RawTable, groups: Groups, layouts: Sequence[FileLayout]) -
 
 
 def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
-    """A table of places with the joint angles of the declared cube; None if it has joints or no cube is
-    declared.
+    """A table of places with the joint angles of the declared cube; None if it has joints or no cube is declared.
 
     Raises FileError if the places are not those of the cube.
     """
@@ -224,19 +215,17 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
             raise
         except FileError as error:
             failed = failed or error
-    if failed is not None:
+    if failed:
         raise failed
     return None
 
 
 def _without_spots(raw: RawTable, groups: Groups) -> Groups:
     """Groups except places of touched spots. Raises FileError if a table has only such places."""
-    spots = [pose.place.columns for pose in groups.seen if all(map(is_of_spot, pose.place.columns))]
-    seen = tuple(pose for pose in groups.seen if pose.place.columns not in spots)
-    if spots and not seen:
-        problem = (
-            f"has only positions of spots ({short(spots[0])}) touched by the tool, but none measured by an instrument"
-        )
+    seen = tuple(pose for pose in groups.seen if not all(map(is_of_spot, pose.place.columns)))
+    if groups.seen and not seen:
+        spots = short(groups.seen[0].place.columns)
+        problem = f"has only positions of spots ({spots}) touched by the tool, but none measured by an instrument"
         remedy = "name the spot of each row in a column socket, and import the table with --test touch"
         raise FileError(raw.where, problem, remedy, code="table.not_measured")
     return replace(groups, seen=seen)
@@ -325,10 +314,9 @@ def _placed(
 
 
 def _accept_faulty_arm(judge: Judge, best: TableReading, readings: Sequence[TableReading]) -> None:
-    """Accept the best interpretation as that of a faulty arm although it does not fit the nominal arm.
+    """Accept an interpretation that does not fit the nominal arm as that of a faulty arm.
 
-    Raises FileError if it fits in parts, if a different interpretation fits clearly better, or if the error is too
-    large for any arm.
+    Raises FileError if it fits in parts, if another one fits clearly better, or if the error is too large for any arm.
     """
     plain = next(reading for reading in readings if reading.value.sees == "the tool")
     if part := fits_in_parts(judge.raw, judge.bare, plain.value):
@@ -347,7 +335,7 @@ def _accept_faulty_arm(judge: Judge, best: TableReading, readings: Sequence[Tabl
 
 
 def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
-    """True if the arm appears nominal: enough postures, and fitted constants that hardly improve the fit."""
+    """True if there are enough postures, and fitted constants hardly improve the fit."""
     q, xyz_mm = poses.q, poses.xyz_mm
     if len(np.unique(np.round(q, 2), axis=0)) <= _FEW_POSTURES:
         return False
@@ -360,8 +348,8 @@ def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
 def _hardly_moved(judge: Judge, taken: tuple[TableReading, PlaceColumns]) -> TableReading:
     """Likeliest interpretation of poses with small joint motion.
 
-    If a different interpretation fits clearly better, it becomes a question. If both fit equally, the column names are
-    trusted and the assumption is recorded.
+    Another one that fits clearly better becomes a question. If both fit equally, the column names are trusted and the
+    assumption is recorded.
     """
     best, seen = taken
     ways = meant(judge.raw, judge.bare, best.value)
@@ -370,11 +358,8 @@ def _hardly_moved(judge: Judge, taken: tuple[TableReading, PlaceColumns]) -> Tab
     first = ways[0]
     if CLEARLY * max(first.left, _FLOOR_MM) < best.left and not first.remedy:
         second = replace(first, words=f"{best.words}, with {first.words}")
-        _ask(
-            judge,
-            [(second, seen), taken],
-            "the joints hardly move, and a different reading fits better; which is correct?",
-        )
+        asks = "the joints hardly move, and a different reading fits better; which is correct?"
+        _ask(judge, [(second, seen), taken], asks)
         return second
     if first.left < CLEARLY * max(best.left, _FLOOR_MM):
         judge.assumed.append(
@@ -425,7 +410,7 @@ def _judged(
 def _from_tool(
     judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns]
 ) -> list[tuple[TableReading, PlaceColumns]]:
-    """Interpretations for an instrument on the tool that observes the cell: camera and hand-eye pairs."""
+    """Interpretations for an instrument on the tool, such as the camera of hand-eye pairs."""
     candidates = []
     for pose, angles, lengths, words in in_each_unit(joints, seen, ("mm", "m")):
         for turn in _turns(pose):
@@ -441,10 +426,10 @@ def _otherwise(
     seen: Sequence[PlaceColumns],
     candidates: list[tuple[TableReading, PlaceColumns]],
 ) -> tuple[tuple[TableReading, PlaceColumns] | None, list[tuple[TableReading, PlaceColumns]]]:
-    """Interpretations with changed columns or frame, and the interpretation that they replace.
+    """Add reordered or reversed columns and a left-handed frame: first if one fits, otherwise last.
 
-    The changes are reordered or reversed columns and a left-handed frame. If one of them fits, they come first. If none
-    fits, they come last and the second result is None. Raises FileError if only a change of the rig file would fit.
+    Also gives the interpretation as named that a fitting one replaces. Raises FileError if only a change of the rig
+    file would fit.
     """
     ways = []
     for pose, angles, lengths, named in in_each_unit(joints, seen):
@@ -482,7 +467,7 @@ def _turn_words(turn: TurnColumns) -> str:
 
 
 def _with_controller(judge: Judge, table_map: TableMap, computed: FittingPlace) -> TableMap:
-    """Add the pose that the controller computed to a map, with the orientation if one fits clearly."""
+    """Map with the pose that the controller computed, and its orientation if one fits clearly."""
     place = computed.reading.value.place
     readings = _turn_readings(judge, computed.reading.value, computed.pose)
     turn = readings[0].value if readings and readings[0].left <= _RIGHT_DEG and not _rivals(readings) else None
@@ -492,32 +477,30 @@ def _with_controller(judge: Judge, table_map: TableMap, computed: FittingPlace) 
 
 
 def _turn_readings(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> list[TableReading]:
-    """Distinct readings of the orientation of a place, best first."""
+    """Distinct readings of the orientation of a place, best first.
+
+    Their residual is that of the best four fifths, after a fit of the tool orientation on the flange.
+    """
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     base = poses_of(judge.raw, table_map)
-    T = forward(judge.bare, base.q)
     setup = fit_nearest(judge.bare, base.q, base.xyz_mm, _STEPS)[1]
-    R_base = setup.T_world_base[:3, :3]
+    to_flange = Rotation.from_matrix(setup.T_world_base[:3, :3] @ forward(judge.bare, base.q)[:, :3, :3]).inv()
     candidates: list[tuple[TableReading, Rotation]] = []
     for turn in _turns(seen):
         try:
-            poses = poses_of(judge.raw, table_map.model_copy(update={"turn": turn}))
+            turns = poses_of(judge.raw, table_map.model_copy(update={"turn": turn})).turn
         except TableFileError:
             continue
-        assert poses.turn is not None  # noqa: S101 - of readings with a turn
-        # Residual of the best orientations after a fit of the tool orientation on the flange.
-        arm = Rotation.from_matrix(T[:, :3, :3])
-        tool = arm.inv() * Rotation.from_matrix(R_base).inv() * poses.turn
-        kept, off = np.arange(len(T)), np.zeros(len(T))
+        assert turns is not None  # noqa: S101 - of readings with a turn
+        tool, off, kept = to_flange * turns, np.empty(0), np.arange(len(base.q))
         for _ in range(3):
             off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
-            kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
+            kept = np.argsort(off)[: max(int(_KEPT * len(off)), 6)]
         rms_deg = float(np.degrees(np.sqrt(np.mean(off[kept] ** 2))))
-        candidates.append((TableReading(turn, rms_deg, "°", f"turn as {_turn_words(turn)}"), poses.turn))
+        candidates.append((TableReading(turn, rms_deg, "°", f"turn as {_turn_words(turn)}"), turns))
     readings, distinct = list[TableReading](), list[Rotation]()
     for reading, turns in sorted(candidates, key=lambda candidate: candidate[0].left):
-        # Skip interpretations with the same orientation in every row as a better candidate.
         if all((turns * earlier.inv()).magnitude().max() > 1e-6 for earlier in distinct):
             readings.append(reading)
             distinct.append(turns)
@@ -530,7 +513,7 @@ def _rivals(readings: Sequence[TableReading]) -> list[TableReading]:
 
 
 def _turned(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
-    """Map with the orientation that fits. If none or several fit, add a question."""
+    """Map with the orientation that fits; a question if none or several do."""
     readings = _turn_readings(judge, table_map, seen)
     if not readings:
         return table_map

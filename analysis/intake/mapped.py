@@ -1,9 +1,4 @@
-"""Conversion of a mapped table to the columns of docs/tables.md, in degrees, mm and seconds.
-
-A tracker triggered at each stop of the ISO 9283 cube writes only places, and sometimes misses a stop. The rows form
-five clusters. Several assignments to P1 … P5 fit the cube, a rectangle with a centre; the one in the order of the
-standard is selected, and gives the joint angles.
-"""
+"""Conversion of a mapped table to the columns of docs/tables.md, in degrees, mm and seconds."""
 
 from __future__ import annotations
 
@@ -46,9 +41,7 @@ Columns = dict[str, pa.Array | pa.ChunkedArray]
 
 @dataclass(frozen=True)
 class MappedPoses:
-    """Poses read with a map: joints q and commanded (n, k) rad, places xyz_mm (n, 3), orientations, and the pose
-    that the controller computed. All except joints and places may be None.
-    """
+    """Poses read with a map: joints (n, k) rad, places (n, 3), and orientations."""
 
     q: Array
     xyz_mm: Array
@@ -75,39 +68,34 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     if table_map.place.mirror:
         mirror = np.diag([-1.0 if letter == table_map.place.mirror else 1.0 for letter in "xyz"])
         xyz, turn = xyz @ mirror, None if turn is None else turn.from_matrix(mirror @ turn.as_matrix() @ mirror)
-    if problems.count:
-        raise TableFileError(raw.where, problems.first, count=problems.count)
+    problems.refuse(raw.where)
     if table_map.sees == "from the tool":
         if turn is None:
-            raise FileError(
-                "the map",
-                "has `sees: from the tool` but no `turn`",
-                "add the turn, or write `sees: the tool`",
-                code="map.turn_missing",
-            )
+            problem, remedy = "has `sees: from the tool` but no `turn`", "add the turn, or write `sees: the tool`"
+            raise FileError("the map", problem, remedy, code="map.turn_missing")
         turn = turn.inv()
         xyz = -turn.apply(xyz)
     return MappedPoses(q, xyz, turn, commanded, controller, controller_turn)
 
 
 def turn_of(raw: RawTable, turn: TurnColumns, problems: Problems) -> Rotation:
-    """Read the orientations of a table with the map; invalid orientations become problems."""
+    """Orientations of a table; invalid ones become problems."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     values = raw.numbers(turn.columns, problems)
-    values[~np.isfinite(values).all(axis=1)] = _none(turn)  # bad cells are already reported
+    none = {"quaternion": np.eye(4)[3], "matrix": np.eye(3).ravel()}.get(turn.form, np.zeros(3))
+    values[~np.isfinite(values).all(axis=1)] = none  # bad cells are already reported
+    off = np.zeros(len(values))
     if turn.form == "quaternion":
         off = np.abs(np.linalg.norm(values, axis=1) - 1)
     elif turn.form == "matrix":
         R = values.reshape(-1, 3, 3)
         off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         off[np.linalg.det(R) < 0] = np.inf
-    else:
-        off = np.zeros(len(values))
     for row in np.flatnonzero(off > _UNIT_WITHIN).tolist():
         problem = f"is no turn as {turn.form}: the deviation is {off[row]:.2g}"
         problems.add([TableProblem(int(raw.lines[row]), turn.columns[0], problem)])
-    values[off > _UNIT_WITHIN] = _none(turn)
+    values[off > _UNIT_WITHIN] = none
     if turn.form == "quaternion":
         return Rotation.from_quat(values)
     if turn.form == "matrix":
@@ -117,12 +105,6 @@ def turn_of(raw: RawTable, turn: TurnColumns, problems: Problems) -> Rotation:
         return Rotation.from_rotvec(values, degrees=degrees)
     way, order = turn.form.split()
     return Rotation.from_euler(order.upper() if way == "moving" else order, values, degrees=degrees)
-
-
-def _none(turn: TurnColumns) -> Array:
-    if turn.form == "quaternion":
-        return np.array([0.0, 0.0, 0.0, 1.0])
-    return np.eye(3).ravel() if turn.form == "matrix" else np.zeros(3)
 
 
 def radians(raw: RawTable, angles: Angles, problems: Problems | None = None) -> Array:
@@ -140,21 +122,7 @@ def table_by(
 ) -> pa.Table:
     """Table of a test in the format of docs/tables.md, with all other columns of the file as text."""
     if test == MAPPED:
-        for part in filter(None, (table_map.joints, table_map.commanded)):
-            if len(part.columns) != axes:
-                fact = f"names {len(part.columns)} columns of joints, but the arm of the rig file has {axes} axes"
-                remedy = "name a column for each axis, in order, or give the rig file of that arm"
-                raise FileError("the map", fact, remedy, code="map.axes")
-        poses = poses_of(raw, table_map)
-        named = _columns("q{}_deg", np.degrees(poses.q))
-        named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
-        for names, turn in ((TURN, poses.turn), (CONTROLLER_TURN, poses.controller_turn)):
-            if turn is not None:
-                named |= dict(zip(names, map(pa.array, turn.as_euler("xyz", degrees=True).T), strict=True))
-        if poses.controller_mm is not None:
-            named |= dict(zip(CONTROLLER_PLACE, map(pa.array, poses.controller_mm.T), strict=True))
-        if poses.commanded is not None:
-            named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
+        named = _pose_columns(raw, table_map, axes)
     else:
         named = _mapped_columns(raw, table_map, test, axes, direction)
     used, known = set(table_map.used()), set(format_of(test).layout(axes).known_columns)
@@ -167,8 +135,31 @@ def table_by(
     return pa.table(named, schema=table_schema(types))  # type: ignore[arg-type]
 
 
-def _columns(template: str, values: Array) -> Columns:
-    return {template.format(axis): pa.array(column) for axis, column in enumerate(values.T, start=1)}
+def _pose_columns(raw: RawTable, table_map: TableMap, axes: int) -> Columns:
+    for part in filter(None, (table_map.joints, table_map.commanded)):
+        if len(part.columns) != axes:
+            fact = f"names {len(part.columns)} columns of joints, but the arm of the rig file has {axes} axes"
+            remedy = "name a column for each axis, in order, or give the rig file of that arm"
+            raise FileError("the map", fact, remedy, code="map.axes")
+    poses = poses_of(raw, table_map)
+    turn, controller_turn = (
+        None if turn is None else turn.as_euler("xyz", degrees=True) for turn in (poses.turn, poses.controller_turn)
+    )
+    commanded = None if poses.commanded is None else np.degrees(poses.commanded)
+    parts = [
+        (joint_columns(axes), np.degrees(poses.q)),
+        (PLACE, poses.xyz_mm),
+        (TURN, turn),
+        (CONTROLLER_TURN, controller_turn),
+        (CONTROLLER_PLACE, poses.controller_mm),
+        ([f"q{axis}_commanded_deg" for axis in range(1, axes + 1)], commanded),
+    ]
+    return {
+        name: pa.array(column)
+        for names, values in parts
+        if values is not None
+        for name, column in zip(names, values.T, strict=True)
+    }
 
 
 def _mapped_columns(
@@ -176,17 +167,13 @@ def _mapped_columns(
 ) -> Columns:
     layout, stated = format_of(test).layout(axes), table_map.columns
     driven = any(name in layout.required for name in joint_columns(1))
-    joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
+    joints = list(joint_columns(len(table_map.joints.columns))) if table_map.joints else []
     missing = [name for name in layout.required if name not in {*stated, *joints, *table_map.constants}]
     missing = [name for name in missing if not (direction and name == "direction")]
     if missing or (driven and table_map.joints is None):
         problem = f"does not name a column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
-        raise FileError(
-            "the map",
-            problem,
-            "add columns: {NAME: {column: COLUMN OF THE FILE, unit: UNIT}}",
-            code="map.column_unknown",
-        )
+        remedy = "add columns: {NAME: {column: COLUMN OF THE FILE, unit: UNIT}}"
+        raise FileError("the map", problem, remedy, code="map.column_unknown")
     if unknown := [name for name in (*stated, *table_map.constants) if name not in layout.known_columns]:
         problem = f"names {unknown[0]}, which is not a column of a {test} table"
         raise UseError("the map", problem, f"choose from {', '.join(layout.known_columns)}", code="map.column_unknown")
@@ -202,23 +189,18 @@ def _mapped_columns(
             named[name] = pa.repeat(table_map.constants[name], len(raw.lines))
         elif name == "direction" and direction:
             named[name] = pa.repeat(direction, len(raw.lines))
-    if problems.count:
-        raise TableFileError(raw.where, problems.first, count=problems.count)
+    problems.refuse(raw.where)
     return named
 
 
 def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
     """A column by the standard name: a number in the standard unit, a count, or a word."""
     if name not in (*WORDS, *COUNTS, SOCKET):
-        our_unit = name.rpartition("_")[2]
-        if unit and unit not in TO_UNIT[our_unit]:
-            raise FileError(
-                "the map",
-                f"states the unit {unit} for {name}",
-                f"give one of {', '.join(TO_UNIT[our_unit])}",
-                code="table.unit_unknown",
-            )
-        return pa.array(raw.numbers([column], problems)[:, 0] * (TO_UNIT[our_unit][unit] if unit else 1.0))
+        factors = TO_UNIT[name.rpartition("_")[2]]
+        if unit and unit not in factors:
+            problem, remedy = f"states the unit {unit} for {name}", f"give one of {', '.join(factors)}"
+            raise FileError("the map", problem, remedy, code="table.unit_unknown")
+        return pa.array(raw.numbers([column], problems)[:, 0] * (factors[unit] if unit else 1.0))
     if column not in raw.names:
         raise FileError(
             raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}", code="table.column_missing"
@@ -243,12 +225,11 @@ _MOST_HEAPS = 50
 
 
 def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
-    """Table with the joint angles and the pose name of each row added.
+    """Add the joint angles and the pose name of each row to a table of stops at the cube.
 
-    Raises FileError if the rows are not stops of the cube, and TableFileError for rows at none of the poses.
+    Raises FileError if the rows are not such stops, and TableFileError for rows at none of the poses.
     """
-    xyz_mm = raw.numbers(place.columns) * place.factors
-    pose = poses_of_stops(xyz_mm, cube)
+    pose = poses_of_stops(raw.numbers(place.columns) * place.factors, cube)
     if pose is None:
         problem = "lacks columns of joints, and the positions are not stops at the cube in the order P5 P4 P3 P2 P1"
         remedy = "check tests.iso9283 of the rig file and the unit; for other poses add the joint angles (--join)"
@@ -269,8 +250,10 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
 
 
 def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
-    """Pose 1 … 5 of each place (n, 3) mm in time order, 0 for a different place; None if the order is not
-    that of the cube.
+    """Pose 1 … 5 of each place (n, 3) mm in time order, 0 for another place; None if the order is not the cube's.
+
+    A triggered tracker writes only places, and sometimes misses a stop. Several assignments of the five clusters fit a
+    rectangle with a centre; the one in the order of the standard is chosen.
     """
     first: list[Array] = []
     heap = np.zeros(len(xyz_mm), dtype=np.int64)
@@ -296,12 +279,9 @@ def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
         named[largest] = names
         pose = named[heap]
         # The share of steps that lead to the next pose of the cycle
-        visited = pose[pose > 0]
-        follows = {pose_number: ORDER[(place + 1) % len(ORDER)] for place, pose_number in enumerate(ORDER)}
-        steps = [
-            follows[before] == after for before, after in zip(visited[:-1].tolist(), visited[1:].tolist(), strict=True)
-        ]
-        share = float(np.mean(steps)) if steps else 0.0
+        places = np.argsort(ORDER)[pose[pose > 0] - 1]
+        steps = np.diff(places) % len(ORDER) == 1
+        share = float(np.mean(steps)) if len(steps) else 0.0
         if share > most:
             best, most = pose, share
     return best

@@ -1,7 +1,7 @@
-"""A table file in the format of an instrument: detection of separators, decimals, comments, header and units, with
-cells as text.
+"""Tables in the format of an instrument, with cells as text.
 
-pyarrow splits the lines. The detected `FileLayout` becomes part of the map, so that the operator can correct it.
+The detected separators, decimals, comments, header and units become part of the map, where the operator can correct
+them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
-from analysis.intake.read import DECIMAL_COMMAS, Problems, TableFileError, TableProblem, refuse_other_formats, value
+from analysis.intake.read import DECIMAL_COMMAS, Problems, TableProblem, refuse_other_formats, value
 from analysis.intake.table_map import SEPARATORS, FileLayout, Separator
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.noise.readings import evenly
@@ -54,15 +54,16 @@ _FEWEST = 3
 
 @dataclass(frozen=True)
 class RawTable:
-    """A table as written. cells: text columns for `names`. lines (n,): line numbers from 1. units: text of a units
-    line below the header, or "".
-    """
+    """A table as written."""
 
     where: str
     names: tuple[str, ...]
     units: tuple[str, ...]
+    """Text of a units line below the header, or ""."""
     cells: pa.Table
+    """Text columns for `names`."""
     lines: Integers
+    """Line numbers (n,) from 1."""
     decimal_comma: bool
 
     def numbers(self, names: Sequence[str], problems: Problems | None = None) -> Array:
@@ -71,13 +72,8 @@ class RawTable:
         columns = np.full((len(self.lines), len(names)), np.nan)
         for name, column in zip(names, columns.T, strict=True):
             if name not in self.names:
-                near = ", ".join(repr(column_name) for column_name in self.names[:30])
-                raise FileError(
-                    self.where,
-                    f"has no column {name!r}",
-                    f"name an existing column in the map: {near}",
-                    code="table.column_missing",
-                )
+                remedy = f"name an existing column in the map: {', '.join(map(repr, self.names[:30]))}"
+                raise FileError(self.where, f"has no column {name!r}", remedy, code="table.column_missing")
             good = array_of(self._is_number(name)).astype(bool)
             plain = pc.utf8_trim_whitespace(self._plain(name))
             if good.any():
@@ -91,8 +87,8 @@ class RawTable:
                 except ValueError as error:
                     why = str(error)
                 bad_cells.add([TableProblem(int(self.lines[row]), name, why)])
-        if problems is None and bad_cells.count:
-            raise TableFileError(self.where, bad_cells.first, count=bad_cells.count)
+        if problems is None:
+            bad_cells.refuse(self.where)
         return columns
 
     @cached_property
@@ -100,7 +96,7 @@ class RawTable:
         return tuple(name for name in self.names if array_of(self._is_number(name)).mean() >= _MOSTLY)
 
     def evenly(self, rows: int) -> RawTable:
-        """A given number of evenly spaced rows that have valid cells in all numeric columns."""
+        """At most `rows` evenly spaced rows whose numeric cells are all valid."""
         sound = np.ones(len(self.lines), dtype=bool)
         for name in self.numeric:
             sound &= array_of(self._is_number(name)).astype(bool)
@@ -123,7 +119,7 @@ def is_workbook(data: bytes) -> bool:
 
 
 def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
-    """Sheets of a workbook with rows, each as comma-separated text. Raises FileError."""
+    """Sheets of a workbook that have rows, each as comma-separated text."""
     try:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
@@ -171,7 +167,7 @@ def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, byte
 
 
 def text_of(data: bytes, where: str, layout: FileLayout | None = None) -> tuple[list[str], FileLayout]:
-    """Lines of a file and their encoding. Raises FileError if the file is not text."""
+    """Lines of a file, and a layout with their encoding."""
     encoding = layout.encoding if layout else "utf-8"
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
@@ -199,7 +195,7 @@ def text_of(data: bytes, where: str, layout: FileLayout | None = None) -> tuple[
 
 
 def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
-    """Detect the layout of the lines of a file. Raises FileError if they are not a table of numbers."""
+    """Detect the layout of a table of numbers. Raises FileError for any other text."""
     comment = next((mark for line in lines[:1000] for mark in _COMMENTS if line.lstrip().startswith(mark)), "")
     rows = [k for k, line in enumerate(lines) if line.strip() and not (comment and line.lstrip().startswith(comment))]
     sampled = [*rows[:_SAMPLED], *rows[_SAMPLED:][-_SAMPLED:]]
@@ -250,9 +246,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> FileLayout:
 
 
 def _header(lines: Sequence[str], first: int, rows: list[int], comment: str, mark: str, fields: int) -> tuple[int, int]:
-    """Line numbers of header and units before the first row of data, from 1; 0 for none. The header may
-    be a comment.
-    """
+    """Line numbers from 1 of header, which may be a comment, and units before the first data row; 0 for none."""
     above = [k for k in rows if k < first][-2:]
     full = [k for k in above if len(_fields(lines[k], mark)) == fields]
     if full and all(_UNIT.fullmatch(cell.strip()) for cell in _fields(lines[full[-1]], mark)):
@@ -323,12 +317,10 @@ def read_raw(lines: Sequence[str], layout: FileLayout, where: str) -> RawTable:
         raise FileError(
             where, f"cannot be split into fields: {str(error)[:100]!r}", "check the quotes", code="table.not_split"
         ) from None
-    if problems.count:
-        raise TableFileError(where, problems.first, count=problems.count)
+    problems.refuse(where)
     if cells.num_rows != len(kept):
         raise FileError(where, "has a cell of several lines", "put each row on one line", code="table.lines_in_cell")
-    comma = layout.decimal == "comma"
-    return RawTable(where, tuple(names), tuple(units), cells, np.array(kept) + 1, comma)
+    return RawTable(where, tuple(names), tuple(units), cells, np.array(kept) + 1, layout.decimal == "comma")
 
 
 def _names(lines: Sequence[str], layout: FileLayout, body: str, mark: str) -> tuple[list[str], list[str]]:
@@ -351,10 +343,7 @@ def _names(lines: Sequence[str], layout: FileLayout, body: str, mark: str) -> tu
 
 
 def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
-    """Join several files to a table, row by row (`rows`) or by a common column, and count the unmatched rows.
-
-    Raises FileError.
-    """
+    """Join several files to a table, row by row (`rows`) or by a common column, and count the unmatched rows."""
     first, *others = tables
     if not others:
         return first, 0
@@ -364,8 +353,7 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
             replace(table, cells=pa.table(cells), decimal_comma=False) if table.decimal_comma else table
             for table, cells in zip(tables, texts, strict=True)
         )
-    columns, left_out = {name: first.cells[name] for name in first.names}, 0
-    units, lines, keep = list(first.units), first.lines, np.arange(len(first.lines))
+    left_out, units, lines = 0, list(first.units), first.lines
     places = []
     for table in others:
         if join == "rows":
@@ -376,24 +364,21 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
                 )
             places.append(np.arange(len(lines)))
             continue
-        index = [_index(side, join) for side in (first, table)]
-        at = np.array([index[1].get(key, -1) for key in index[0]], dtype=np.int64)
-        keep = keep[np.isin(keep, np.flatnonzero(at >= 0))]
-        left_out += int((at < 0).sum()) + len(index[1].keys() - index[0].keys())
-        places.append(at)
-    columns = {name: column.take(keep) for name, column in columns.items()}
+        ours, theirs = (_index(side, join) for side in (first, table))
+        places.append(np.array([theirs.get(key, -1) for key in ours], dtype=np.int64))
+        left_out += len(ours.keys() ^ theirs.keys())
+    keep = np.flatnonzero(np.all([at >= 0 for at in places], axis=0))
+    columns = {name: first.cells[name].take(keep) for name in first.names}
     for number, (table, at) in enumerate(zip(others, places, strict=True), start=2):
         for name, unit in zip(table.names, table.units, strict=True):
-            if name == join:
-                continue
-            columns[name if name not in columns else f"{name} (file {number})"] = table.cells[name].take(at[keep])
-            units.append(unit)
+            if name != join:
+                columns[name if name not in columns else f"{name} (file {number})"] = table.cells[name].take(at[keep])
+                units.append(unit)
     if not len(keep):
         problem = f"does not share a value of {join!r} with {first.where}"
         raise FileError(others[0].where, problem, "check the column of the join", code="table.not_joined")
-    cells = pa.table(columns)
     where = f"{first.where} and {len(others)} more"
-    return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], first.decimal_comma), left_out
+    return RawTable(where, tuple(columns), tuple(units), pa.table(columns), lines[keep], first.decimal_comma), left_out
 
 
 def _index(table: RawTable, join: str) -> dict[str, int]:
@@ -412,9 +397,7 @@ def _index(table: RawTable, join: str) -> dict[str, int]:
 
 
 def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[FileLayout], join: str) -> tuple[RawTable, int]:
-    """Joined table of the files of a measurement, read with the layouts of the map, and the number of
-    unmatched rows.
-    """
+    """Joined table of the files of a measurement, and the number of unmatched rows."""
     tables = []
     for (path, data), layout in zip(files, layouts, strict=True):
         if is_workbook(data):

@@ -1,12 +1,7 @@
-"""Reading of table files in the format of docs/tables.md, with errors by row.
+"""Tables in the format of docs/tables.md, with mistakes by row.
 
-Columns stay in order. Known columns become numbers, counts and words; extra columns stay text. Rows are converted to
-Arrow in batches: as Python objects, a table takes ten times the memory. Cells are parsed more strictly than by float()
-of Python, which accepts `1_000`, `nan` and digits of any script. The first twenty mistakes are reported.
-
-Header checks report missing columns and likely alternatives. Files in other formats get a conversion hint, since users
-give the files of their controllers and recorders. Checks of whole columns find decreasing time, a second direction,
-jumps of joints, and unknown targets.
+Rows become Arrow in batches: as Python objects, a table takes ten times the memory. Cells are parsed more strictly than
+by float(), which accepts `1_000`, `nan` and digits of any script.
 """
 
 from __future__ import annotations
@@ -61,15 +56,15 @@ _SHOWN, _LINES = 20, 6
 
 @dataclass(frozen=True, order=True)
 class TableProblem:
-    """A mistake in a table: line number from 1, column or "" for the complete row, reason, number of rows that have
-    it, and the first other lines.
-    """
+    """A mistake in one or more rows of a table."""
 
     line: int
     column: str
+    """Column, "" for the complete row."""
     message: str
     rows: int = 1
     also: tuple[int, ...] = ()
+    """The first of the other lines with the same mistake."""
 
     def __str__(self) -> str:
         others = f"{first_of(self.also, _LINES)}{f' and {self.rows - 1 - _LINES} more' * (self.rows - 1 > _LINES)}"
@@ -81,7 +76,7 @@ class TableProblem:
 
 
 def _without_repeats(problems: Iterable[TableProblem]) -> list[TableProblem]:
-    """Problems in order, each column and message once, at its first line."""
+    """Sorted problems, merged by column and message at the first line."""
     together: dict[tuple[str, str], TableProblem] = {}
     for problem in sorted(problems):
         first = together.setdefault((problem.column, problem.message), problem)
@@ -93,7 +88,7 @@ def _without_repeats(problems: Iterable[TableProblem]) -> list[TableProblem]:
 
 @dataclass
 class Problems:
-    """Count of the mistakes found, and the first ones by line; a bad file may have millions."""
+    """Mistakes of a table: all are counted and the first are kept, since a bad file may have millions."""
 
     count: int = 0
     _kept: list[TableProblem] = field(default_factory=list)
@@ -109,23 +104,27 @@ class Problems:
     def first(self) -> list[TableProblem]:
         return _without_repeats(self._kept)[:_SHOWN]
 
+    def refuse(self, where: str) -> None:
+        """Raise TableFileError if there are mistakes."""
+        if self.count:
+            raise TableFileError(where, self.first, count=self.count)
+
 
 class TableFileError(FileError):
-    """A table with mistakes; `problems` contains the first ones by line."""
+    """A table with mistakes."""
 
     def __init__(
         self, path: str, problems: list[TableProblem], remedy: str = "correct the file", count: int | None = None
     ) -> None:
-        """Create the error. count: number of all mistakes, if problems is a part of it."""
+        """count: number of all mistakes, if problems is a part of it."""
         total = sum(problem.rows for problem in problems) if count is None else count
         self.problems = _without_repeats(problems)[:_SHOWN]
-        shown = [str(problem) for problem in self.problems]
-        unlisted = total - sum(problem.rows for problem in self.problems)
-        if unlisted > 0:
-            shown.append(f"… and {unlisted} more, {total} mistakes in all")
-        mistakes = counted(total, "mistake")
-        super().__init__(path, f"{mistakes}: " + " | ".join(shown), remedy, code="table.value")
-        self.shown = shown
+        self.shown = list(map(str, self.problems))
+        if total > sum(problem.rows for problem in self.problems):
+            unlisted = total - sum(problem.rows for problem in self.problems)
+            self.shown.append(f"… and {unlisted} more, {total} mistakes in all")
+        problem = f"{counted(total, 'mistake')}: {' | '.join(self.shown)}"
+        super().__init__(path, problem, remedy, code="table.value")
 
     def lines(self) -> list[str]:
         return [
@@ -148,6 +147,7 @@ MOST_LETTERS = 40
 
 
 def value(column: str, text: str) -> Value:
+    """Cell of a known column. Raises ValueError with the reason in words."""
     text = text.strip(" \t")
     if not text:
         raise ValueError("is empty; fill in the value or remove the row")
@@ -158,12 +158,10 @@ def value(column: str, text: str) -> Value:
             )
         return text
     if column in WORDS:
-        words = WORDS[column]
+        words, direction = WORDS[column], direction_of(text.lower())
         if text in words:
             return text
-        lower = text.lower()
-        direction = direction_of(lower)
-        near = [direction] if direction in words else difflib.get_close_matches(lower, words, n=1)
+        near = [direction] if direction in words else difflib.get_close_matches(text.lower(), words, n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
         raise ValueError(f"{quoted(text)} is not {enumerated(words, 'or')}{hint}")
     if column in COUNTS:
@@ -184,7 +182,7 @@ def value(column: str, text: str) -> Value:
 
 
 def numbers(texts: Sequence[str]) -> Array | None:
-    """Parse the cells of a numeric column to values (n,); None if `value` has to parse each cell."""
+    """Values (n,) of plain numbers; None if `value` has to parse each cell."""
     if not _OF_NUMBERS.fullmatch(",".join(texts)):
         return None
     try:
@@ -203,9 +201,7 @@ Columns = Mapping[str, pa.ChunkedArray]
 
 
 def columns_of(rows: Iterator[Row], names: list[str], layout: Layout, problems: Problems) -> tuple[Columns, np.ndarray]:
-    """Convert rows with a field for each name to columns, and return also the line numbers (n,). Bad cells become
-    problems.
-    """
+    """Columns and line numbers (n,) of rows with a field for each name. Bad cells become problems."""
     parts: dict[str, list[pa.Array]] = {name: [] for name in names}
     lines: list[np.ndarray] = [np.empty(0, dtype=np.int64)]
     while batch := list(islice(rows, max(1, _BATCH_CELLS // len(names)))):
@@ -253,7 +249,7 @@ _LARGEST_STEP_DEG = 120.0
 def check_sequence(
     columns: Columns, lines: np.ndarray, test: TestName, rig: Rig, direction: Direction | None
 ) -> Iterator[TableProblem]:
-    """Yield mistakes between rows and conflicts with the rig. Null cells are skipped, since they are already reported.
+    """Mistakes between rows, and conflicts with the rig. Null cells are skipped: they are reported already.
 
     lines: line numbers of the rows (n,).
     """
@@ -325,10 +321,9 @@ _UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
 def check_header(
     where: str, names: list[str], test: TestName, direction_given: bool, axes: int = 6, layout: Layout | None = None
 ) -> None:
-    """Check the column names of a table for a test.
+    """Raise FileError for a wrong separator, TableFileError for wrong or missing columns.
 
     layout: default for an arm with `axes` axes without a rail. direction_given: the direction column may be missing.
-    Raises FileError for a wrong separator, TableFileError for wrong or missing columns.
     """
     line = ",".join(names) if len(names) <= 2 else ""
     if line.count(";") > 2:
@@ -429,7 +424,7 @@ def refuse_other_formats(where: str, data: bytes) -> None:
 
 
 def refuse_comments(where: str, data: bytes, test: TestName) -> None:
-    """Raise FileError for a table that starts with comment lines; the last may be the header."""
+    """Raise FileError for a table that starts with comment lines, the last of which may be the header."""
     lines = data.decode("utf-8-sig").splitlines()
     count = next((number for number, line in enumerate(lines) if not line.startswith("#")), len(lines))
     names = {name.strip() for name in lines[count - 1].lstrip("# ").split(",")}
@@ -458,16 +453,15 @@ million cells.
 
 @dataclass(frozen=True)
 class TableFile:
-    """A table as read.
-
-    table: columns of the file, known ones as double, int64 or words, extra ones as text. direction: of a circle.
-    sha256: hash of the file. doubts: remarks on a bag.
-    """
+    """A table as read."""
 
     sha256: str
+    """Hash of the file."""
     direction: Direction | None
     table: pa.Table
+    """Known columns as double, int64 or words, extra ones as text."""
     doubts: tuple[str, ...] = ()
+    """Remarks on a bag."""
 
 
 def read_file(
@@ -475,9 +469,8 @@ def read_file(
 ) -> TableFile:
     """Read a table in the format of docs/tables.md from a CSV file or a ROS 2 bag.
 
-    direction: of a circle, if the table lacks the direction column; the column is then added after t_s. joints: the set
-    of joint columns to use; the other set is renamed accordingly. Raises FileError for an unreadable file,
-    TableFileError with all mistakes in it.
+    direction: of a circle, added as a column after t_s if the table lacks it. joints: the joint columns to use; the
+    others are renamed. Raises FileError for an unreadable file, TableFileError for mistakes in it.
     """
     data = read_whole(path)
     has_direction = "direction" in format_of(test).layout().required
@@ -500,7 +493,7 @@ def parse_csv(
     direction: Direction | None = None,
     joints: JointSource = "measured",
 ) -> pa.Table:
-    """Parse the bytes of a table file; `where` is the name in errors. See `read_file`."""
+    """Parse the bytes of a table file; see `read_file`."""
     if direction and "direction" not in format_of(test).layout().required:
         raise FileError(
             where,
@@ -522,20 +515,15 @@ def parse_csv(
     if not len(lines) and not problems.count:
         raise FileError(where, "has a header but no rows", "give the measured rows", code="table.no_rows")
     if direction and "direction" not in columns:
-        completed: dict[str, pa.ChunkedArray] = {}
-        for name, values in columns.items():
-            completed[name] = values
-            if name == "t_s":
-                completed["direction"] = pa.chunked_array([pa.repeat(direction, len(lines))])
-        columns = completed
+        added = pa.chunked_array([pa.repeat(direction, len(lines))])
+        order = [key for name in columns for key in ((name, "direction") if name == "t_s" else (name,))]
+        columns = {name: columns.get(name, added) for name in order}
     problems.add(check_sequence(columns, lines, test, rig, direction))
-    if problems.count:
-        raise TableFileError(where, problems.first, count=problems.count)
+    problems.refuse(where)
     return pa.table(columns, schema=table_schema({name: column_type(name, layout) for name in columns}))
 
 
 def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
-    """Column names. Raises FileError if the header is missing or too long, or lacks the selected joints."""
     if not any(header):
         raise FileError(where, "is empty", "give a table with a header line", code="table.empty")
     if len(header) > _MOST_COLUMNS:
@@ -587,7 +575,7 @@ _HEAD_BYTES = 100_000
 
 
 def read_head(path: Path) -> bytes:
-    """First 100 kB of a table file. Raises FileError if it cannot be read."""
+    """First 100 kB of a table file."""
     try:
         return read_from(path, 0, _HEAD_BYTES)[0]
     except (OSError, FileError):
@@ -617,7 +605,6 @@ def _require_text(where: str, data: bytes) -> None:
 
 
 def _rows(data: bytes, where: str) -> Iterator[Row]:
-    """Yield nonempty rows in order. Raises TableFileError for unbalanced quotes."""
     reader = csv.reader(io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline=""), strict=True)
     begin = 1
     try:
@@ -631,16 +618,15 @@ def _rows(data: bytes, where: str) -> Iterator[Row]:
 
 
 def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Problems) -> Iterator[Row]:
-    """Yield rows with a field for each name; other rows become problems. Raises FileError above the limit of rows."""
-    most_rows = _MOST_CELLS // len(names)
+    """Rows with a field for each name; the others become problems."""
     count = 0
     for line, fields in rows:
         if len(fields) != len(names):
-            why = f"; {DECIMAL_COMMAS}" if len(fields) > len(names) else "; is the line cut off?"
-            problem = f"has {len(fields)} fields, the header {len(names)}{why}"
+            why = DECIMAL_COMMAS if len(fields) > len(names) else "is the line cut off?"
+            problem = f"has {len(fields)} fields, the header {len(names)}; {why}"
             problems.add([TableProblem(line, "", problem)])
             continue
-        if count > most_rows:
+        if count > _MOST_CELLS // len(names):
             problem = f"has more than {_MOST_CELLS} cells in its first {line} lines"
             raise FileError(where, problem, "import the file in several runs", code="table.too_large")
         count += 1

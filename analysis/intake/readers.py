@@ -1,7 +1,7 @@
-"""Readers of files that contain several recorded streams, such as ROS 2 bags.
+"""Readers of files with several recorded streams, such as ROS 2 bags.
 
-A package offers each reader as an entry point `rig.readers`: a module with the functions of `StreamReader`. Rig's own
-reader is offered in the same way, so that the import of tables does not depend on its libraries.
+A package offers a module with the functions of `StreamReader` as an entry point `rig.readers`; rig itself does so too,
+because the import of tables must not depend on its libraries.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rigs.schema.vocabulary import TestName
 
 @dataclass(frozen=True)
 class StandTable:
-    """Table of the stationary poses in a file as text, the topic it was made from, and doubts as text."""
+    """CSV of the stationary poses in a file, the topic it was made from, and doubts as text."""
 
     text: bytes
     topic: str
@@ -33,18 +33,16 @@ class StreamReader(Protocol):
         """True if a file has the format of this reader, by its first bytes or all bytes."""
 
     def file_of(self, path: Path) -> Path:
-        """File to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
+        """File to be read in a directory made by a recorder; any other path unchanged."""
 
     def size_remedy(self, data: bytes) -> str:
         """Remedy for a large file, by the first bytes; empty if the format is unknown."""
 
     def table_of(self, data: bytes, where: str, rig: Rig, test: TestName) -> tuple[bytes, tuple[str, ...]]:
-        """CSV of a circle, and doubts in words. Raises FileError."""
+        """CSV of a circle, and doubts in words."""
 
     def stands_of(self, data: bytes, where: str, rig: Rig, topic: str) -> StandTable:
-        """Stationary poses of the robot as a table. topic: topic of the poses; if empty, the only one.
-        Raises FileError.
-        """
+        """Stationary poses of the robot. topic: topic of the poses; if empty, the only one."""
 
 
 @cache
@@ -67,7 +65,7 @@ def reader_of(data: bytes) -> StreamReader | None:
 
 
 def file_of(path: Path) -> Path:
-    """File to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
+    """File to be read in a directory made by a recorder; any other path unchanged."""
     for reader in readers():
         path = reader.file_of(path)
     return path

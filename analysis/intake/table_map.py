@@ -42,7 +42,7 @@ TURN_COLUMNS = {"quaternion": 4, "rotation vector": 3, "matrix": 9}
 
 
 class FileLayout(Part):
-    """Layout of a text file. Lines count from 1; 0 means none. sheet: of a workbook; topic: of the poses in a bag."""
+    """Layout of a text file. Lines count from 1; 0 means none."""
 
     encoding: Literal["utf-8", "utf-16", "cp1252"] = "utf-8"
     separator: Separator = "comma"
@@ -52,7 +52,9 @@ class FileLayout(Part):
     units_line: int = Field(default=0, ge=0)
     first_line: int = Field(default=2, ge=1)
     sheet: Annotated[str, StringConstraints(max_length=200)] = ""
+    """Sheet of a workbook."""
     topic: Annotated[str, StringConstraints(max_length=500)] = ""
+    """Topic of the poses in a bag."""
 
 
 Unit = str | tuple[str, ...]
@@ -60,8 +62,6 @@ Unit = str | tuple[str, ...]
 
 
 class ColumnsWithUnit(Part):
-    """Columns, and their unit or the unit of each."""
-
     known_units: ClassVar[Mapping[str, float]]
     columns: Names
     unit: Unit
@@ -85,20 +85,20 @@ class ColumnsWithUnit(Part):
 
 
 class Angles(ColumnsWithUnit):
-    """Columns of angles in the order of the axes. reversed: numbers of axes, from 1, with a sense opposite to the
-    rig file.
-    """
+    """Columns of angles in the order of the axes."""
 
     known_units = TO_DEG
     reversed: Annotated[tuple[Annotated[int, Field(ge=1, le=16)], ...], Field(max_length=16)] = ()
+    """Axes, from 1, with a sense opposite to the rig file."""
 
 
 class Lengths(ColumnsWithUnit):
-    """Columns x, y and z of a place or a distance. mirror: reversed axis of an instrument with a left-handed frame."""
+    """Columns x, y and z of a place or a distance."""
 
     known_units = TO_MM
     columns: Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
     mirror: Literal["x", "y", "z"] | None = None
+    """Reversed axis of an instrument with a left-handed frame."""
 
 
 class Residual(Lengths):
@@ -108,11 +108,10 @@ class Residual(Lengths):
 
 
 class TurnColumns(Part):
-    """Orientation of the tool. Columns: a quaternion x, y, z, w; a matrix by rows; or angles in the order of their
-    axes.
-    """
+    """Orientation of the tool."""
 
     columns: Names
+    """A quaternion x, y, z, w; a matrix by rows; or angles in the order of their axes."""
     form: TurnForm
     unit: AngleUnit | None = None
 
@@ -132,43 +131,38 @@ class TurnColumns(Part):
 
 
 class MappedColumn(Part):
-    """A column of the file that supplies a column of docs/tables.md, and the unit if different."""
+    """A column of the file that supplies a column of docs/tables.md, and its unit if different."""
 
     column: Name
     unit: Literal["deg", "rad", "mm", "m", "cm", "um", "in", "s", "ms", "us", "ns", "min"] | None = None
 
 
 class TableMap(Part):
-    """Meaning of the columns of a measurement.
-
-    files: layouts of the files in order.
-    join: method of joining several files, `rows` or a common column.
-    joints, commanded, place, residual, turn: columns of poses.
-    controller, controller_turn: pose of the tool that the controller computed, next to a measured place.
-    sees: `the tool` if the instrument observes the tool, `from the tool` for an instrument on the tool, such as a
-    camera.
-    stops: True if rows are stops of the ISO 9283 cube, identified by position.
-    columns: columns of other tests, by the names of docs/tables.md.
-    constants: texts common to all rows, such as the socket.
-    only_commanded: True if measured joint angles are unknown.
-    assumed: unconfirmed assumptions.
-    """
+    """Meaning of the columns of a measurement."""
 
     files: Annotated[tuple[FileLayout, ...], Field(min_length=1, max_length=8)]
     join: Annotated[str, StringConstraints(max_length=200)] = ""
+    """How to join several files: `rows` or a common column."""
     joints: Angles | None = None
     commanded: Angles | None = None
     place: Lengths | None = None
     residual: Residual | None = None
     turn: TurnColumns | None = None
     controller: Lengths | None = None
+    """Pose of the tool that the controller computed, next to a measured place."""
     controller_turn: TurnColumns | None = None
     sees: Literal["the tool", "from the tool"] = "the tool"
+    """`from the tool` for an instrument on the tool, such as a camera."""
     stops: Literal["of the cube"] | None = None
+    """The rows are stops of the ISO 9283 cube, identified by position."""
     columns: dict[Name, MappedColumn] = Field(default_factory=dict, max_length=100)
+    """Columns of other tests, by the names of docs/tables.md."""
     constants: dict[Name, Name] = Field(default_factory=dict, max_length=10)
+    """Texts common to all rows, such as the socket."""
     only_commanded: bool = False
+    """Measured joint angles are unknown."""
     assumed: tuple[Name, ...] = ()
+    """Unconfirmed assumptions."""
 
     def used(self) -> list[str]:
         poses = (self.place, self.residual, self.turn, self.controller, self.controller_turn)
@@ -194,12 +188,8 @@ def parse_map(text: str, where: str) -> TableMap:
         key, _, value = line.partition(":")
         if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
             problem = f"line {number}, {key.strip()}: this question is not answered"
-            raise FileError(
-                where,
-                problem,
-                "write one of the answers listed above that line in place of the ?",
-                code="map.questions",
-            )
+            remedy = "write one of the answers listed above that line in place of the ?"
+            raise FileError(where, problem, remedy, code="map.questions")
     try:
         return TableMap.model_validate(data)
     except ValidationError as error:
@@ -207,12 +197,9 @@ def parse_map(text: str, where: str) -> TableMap:
 
 
 def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None) -> str:
-    """A map as YAML. open_keys: keys for the operator to fill in, such as `residual.meaning`, with the
-    options as text.
-    """
-    data = _without_defaults(table_map)
+    """A map as YAML. open_keys: options as text of keys for the operator to fill in, such as `residual.meaning`."""
     lines, questions = list[str](), open_keys or {}
-    for key, value in data.items():
+    for key, value in _without_defaults(table_map).items():
         if key in questions:
             lines += [*_choices(key, questions[key]), f'{key}: "{OPEN}"']
         elif not isinstance(value, dict):

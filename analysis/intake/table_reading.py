@@ -1,12 +1,10 @@
-"""Interpretations of the columns of joints and places, each compared with the arm, and the places that the controller
-computed.
+"""Interpretations of the columns of joints and places, each compared with the arm.
 
 Alternatives are the hypotheses of `analysis.procedures.checks.columns` and a left-handed frame. Those that a map can
-express (column order, reversed axis, mirror) become questions. Zeros and couplings belong to the rig file, and are
-reported.
+express (column order, reversed axis, mirror) become questions; zeros and couplings belong to the rig file.
 
-The names of the columns decide whether an instrument or a command gave a place. Otherwise the places decide: no
-instrument measures as closely as the controller computes, and the controller computes in the base of its arm.
+Names decide whether an instrument or a command gave a place. Otherwise the places decide: no instrument measures as
+closely as the controller computes, and the controller computes in the base of its arm.
 """
 
 from __future__ import annotations
@@ -46,22 +44,21 @@ LENGTHS = ("mm", "m", "in", "cm")
 
 @dataclass(frozen=True)
 class TableReading:
-    """An interpretation of a part of the table, with the residual.
-
-    left: rms of the best four fifths, in mm or degrees. share: for places also relative to their spread, to compare
-    units. mistakes: number of independent mistakes that it assumes. remedy: action if a map cannot express it.
-    """
+    """An interpretation of a part of the table, with the residual."""
 
     value: Any
     left: float
+    """Residual, rms of the best four fifths, in mm or degrees."""
     unit: str
     words: str
     share: float = 0.0
+    """Residual of places relative to their spread, to compare units."""
     mistakes: int = 0
+    """Number of independent mistakes that it assumes."""
     remedy: str = ""
+    """Action if a map cannot express it."""
 
     def line(self, next_best: TableReading | None = None) -> str:
-        """Interpretation and the residual as text, with the next best for comparison."""
         text = f"{self.words}{self._leaves()}"
         return f"{text}. The second-best interpretation: {next_best.words}{next_best._leaves()}" if next_best else text
 
@@ -78,20 +75,19 @@ class TableReading:
 
 @dataclass(frozen=True)
 class Question:
-    """A key of the map that the data leave open, with candidate values, likeliest first.
-
-    maps: maps among which this question and others decide; only their combinations of values are possible.
-    """
+    """A key of the map that the data leave open."""
 
     key: str
     asks: str
     readings: tuple[TableReading, ...]
+    """Candidates, likeliest first."""
     maps: tuple[TableMap, ...] = ()
+    """Maps among which this question and others decide; only their combinations of values are possible."""
 
 
 @dataclass
 class Judge:
-    """The rows and the bare arm used to compare interpretations."""
+    """Compares interpretations of some rows with the bare arm, and collects findings and questions."""
 
     raw: RawTable
     bare: Arm
@@ -105,7 +101,6 @@ class Judge:
         return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
 
     def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> TableReading:
-        """An interpretation of joints and place with the residual against the arm."""
         nothing = TableReading(table_map, np.inf, "mm", words, np.inf)
         try:
             poses = poses_of(self.raw, table_map)
@@ -137,9 +132,7 @@ _MIRROR = "y"
 
 
 def plausibility(way: TableReading, closest: float) -> tuple[float, float]:
-    """Key that orders interpretations: by their fit, and by the number of mistakes if they fit as well as the closest.
-    closest: the smallest share.
-    """
+    """Sort key: mistakes first if the fit is as good as that with the smallest share (`closest`), then the fit."""
     return (way.mistakes if way.share <= AS_WELL * closest else np.inf, way.share)
 
 
@@ -175,10 +168,7 @@ def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[TableReading]:
 
 
 def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
-    """A description of rows that fit the arm separately although the complete table does not; empty if none do.
-
-    In the other rows the target or the instrument was in a different place.
-    """
+    """Rows in words that fit the arm by themselves: the target or the instrument was moved; "" if there are none."""
     poses = poses_of(raw, base)
     measured, number = (poses.xyz_mm != 0).any(axis=1), np.arange(len(raw.lines))
     parts = {"the first rows": [number < max(_FIRST * len(number), FEWEST)]}
@@ -198,9 +188,7 @@ def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
 
 
 def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:
-    """Yield alternative interpretations: map, meaning (None for a mirror), description, and remedy if a map cannot
-    express it.
-    """
+    """Alternatives: map, meaning (None for a mirror), words, and the remedy if a map cannot express it."""
     if base.joints is None or base.place is None:
         return
     mirrored = base.place.model_copy(update={"mirror": _MIRROR})
@@ -224,7 +212,7 @@ def _plain(number: float) -> str:
 def in_each_unit(
     joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns], units: Sequence[str] = LENGTHS, *, stated: bool = True
 ) -> Iterator[tuple[PlaceColumns, Angles, Lengths, str]]:
-    """Yield all joints and places in all possible units, described as text. stated: trust the units of the file."""
+    """All joints and places in all possible units, with words. stated: trust the units of the file."""
     for group, pose in product(joints, seen):
         if set(group.columns) & set(pose.place.columns):
             continue
@@ -237,9 +225,7 @@ def in_each_unit(
 
 
 def likely_angles(raw: RawTable, group: ColumnGroup) -> Angles:
-    """Joint columns in the stated unit, or in the likely one: in degrees, joints within a full turn of radians would
-    hardly have moved.
-    """
+    """Joint columns in the stated or likely unit: joints within 2π degrees would hardly have moved."""
     is_small = np.nanmax(np.abs(raw.numbers(group.columns))) <= 2 * np.pi
     (unit, *_) = possible_units(group.unit, TO_DEG, ("rad" if is_small else "deg",))
     return Angles(columns=group.columns, unit=unit)
@@ -301,7 +287,7 @@ class PlaceRoles:
 def place_roles(
     judge: Judge, joints: Sequence[ColumnGroup], groups: Groups, seen: Sequence[PlaceColumns]
 ) -> PlaceRoles:
-    """Separate the places of a table. seen: those that may be measured by their names.
+    """Separate measured and computed places. seen: those that may be measured by their names.
 
     A contradiction between the name of an instrument and the places becomes a question of the judge.
     """
@@ -349,13 +335,9 @@ def _fitting_places(judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[
 
 def _ask_source(judge: Judge, measured: FittingPlace, computed: FittingPlace) -> None:
     names = [short(place.pose.place.columns) for place in (measured, computed)]
-    judge.questions.append(
-        Question(
-            "place",
-            f"{names[1]} is named as measured, but follows a data sheet too closely; which places were measured?",
-            tuple(
-                TableReading(place.reading.value.place, place.reading.left, "mm", name, place.reading.share)
-                for place, name in zip((measured, computed), names, strict=True)
-            ),
-        )
+    asks = f"{names[1]} is named as measured, but follows a data sheet too closely; which places were measured?"
+    readings = (
+        TableReading(place.reading.value.place, place.reading.left, "mm", name, place.reading.share)
+        for place, name in zip((measured, computed), names, strict=True)
     )
+    judge.questions.append(Question("place", asks, tuple(readings)))

@@ -1,12 +1,9 @@
-"""Emulated controller of a maker, with a kinematic model and enterable parameters, and the joint motion of a program.
+"""Emulated controller of a maker, and the joint motion of a program.
 
-A controller has separate joint zeros and computes poses with its model of the arm. Both initially equal the rig file;
-entered corrections change them, so the same program leads to different positions. Names and units are those of the
-maker, and the driver of each maker defines the meaning of a reading.
-
-Consecutive moves are driven as a chain up to the next stop, each part at the programmed speed and acceleration. Corner
-rounding within the zone of the language is not emulated. Joint moves are interpolated in joint space, paths in pose
-space in the current configuration.
+The controller has joint zeros and a model of the arm, which initially equal the rig file; entered corrections change
+them, with the names and units of the maker. Consecutive moves are driven as a chain up to the next stop, each part at
+the programmed speed and acceleration, without corner rounding. Joint moves are interpolated in joint space, paths in
+pose space in the current configuration.
 """
 
 from __future__ import annotations
@@ -55,11 +52,11 @@ class ControllerState:
 
     @classmethod
     def of_rig(cls, rig: Rig, maker: MakerName) -> ControllerState:
-        """Unmodified controller of a rig, which does not know the effects of the arm."""
+        """Controller before any entry; it does not know the effects of the arm."""
         return cls(maker, arm_of(rig.robot), np.zeros(6))
 
     def flange(self, q: Array) -> tuple[Array, Array]:
-        """Rotation (3, 3) and position (3,) in mm of the flange in the robot base at joint angles q (6,) in rad."""
+        """Rotation (3, 3) and position (3,) in mm of the flange in the robot base at q (6,) in rad."""
         T = forward(self.with_tool(np.eye(4)), q[None])[0]
         return T[:3, :3], T[:3, 3]
 
@@ -68,10 +65,7 @@ class ControllerState:
         return replace(self.arm, T_world_base=np.eye(4), T_flange_tool=T_flange_tool)
 
     def entered(self, corrections: Any, where: str) -> ControllerState:
-        """Enter the parameters of `rig correct` (corrections.yaml or JSON).
-
-        Raises FileError for invalid content, a different maker or unknown parameters.
-        """
+        """Enter the parameters of `rig correct` (corrections.yaml or JSON)."""
         section = corrections.get("controller") if isinstance(corrections, Mapping) else None
         entries = section.get("entries") if isinstance(section, Mapping) else None
         if not isinstance(section, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):
@@ -125,10 +119,7 @@ _KEYS = ("parameter", "add", "unit", "now")
 
 
 _ARC_RAD, _LINE_MM, _TURN_RAD, _JOINT_RAD = np.radians([0.1, 1.0, 0.2, 0.5]) * [1, np.degrees(1), 1, 1]
-"""Largest steps between two poses.
-
-On a circle of 70 mm linear joint interpolation deviates by 0.03 µm, on a line by less; joint moves are linear anyway.
-"""
+"""Largest steps between two poses: on a circle of 70 mm joint interpolation deviates by 0.03 µm, on a line by less."""
 _MM_S2 = 500.0
 """Default acceleration of the tool. Chosen: moderate, as near a gauge."""
 _RAD_S = 1.0
@@ -151,16 +142,19 @@ class DrivenMotion:
 
 
 def drive(controller: ControllerState, events: Sequence[Event], near: Array, where: str) -> DrivenMotion:
-    """Joint motion for the events of a program.
+    """Joint motion for the events of a program, which `where` names in errors.
 
     The arm starts at the first position, in the configuration closest to `near` (6,) in rad if only a pose is given.
-    `where` names the program in errors. Raises FileError, including PathError, for impossible motions, and ProgramError
-    for a program that contains no moves.
+    Raises FileError for impossible motions, and ProgramError for a program without moves.
     """
     driver = _Driver(controller, near, where)
     for event in events:
         driver.do(event)
-    return driver.driven()
+    driver.finish_chain()
+    if not driver.q:
+        raise ProgramError("it moves nothing")
+    t_s, q = np.concatenate(driver.t_s), np.concatenate(driver.q)
+    return DrivenMotion(t_s, q, tuple(driver.holds_s), tuple(driver.outputs), tuple(driver.registers))
 
 
 @dataclass
@@ -198,13 +192,6 @@ class _Driver:
                 self.registers.append((self.now_s, register, value))
             case OperatorPause():
                 self.holds_s.append(self.now_s)
-
-    def driven(self) -> DrivenMotion:
-        self.finish_chain()
-        if not self.q:
-            raise ProgramError("it moves nothing")
-        t_s, q = np.concatenate(self.t_s), np.concatenate(self.q)
-        return DrivenMotion(t_s, q, tuple(self.holds_s), tuple(self.outputs), tuple(self.registers))
 
     def add(self, seconds: Array, q: Array) -> None:
         """Append a motion through joint angles q (n, 6) in rad at increasing relative times (n,) in s."""
@@ -254,10 +241,8 @@ def _require_short(samples: int) -> None:
 
 
 def _part(move: LinearMove | Round) -> tuple[Array, Array, Array, Array]:
-    """Poses (n, 4, 4) of a move except the start pose, with the limits of each step.
-
-    The limits are the size (n,) in mm including rotation, the speed and the acceleration.
-    """
+    """Poses (n, 4, 4) of a move except the start, and of each step the size in mm including rotation, and the limits
+    of speed and acceleration."""
     step_rad = _ARC_RAD if isinstance(move, Round) else _TURN_RAD
     count = max(3, int(np.ceil(max(move.turned_rad / step_rad, move.length_mm / _LINE_MM))))
     _require_short(count)
@@ -306,9 +291,8 @@ def _standing(arm: Arm, pose: ToolPose, near: Array) -> Array:
     allowed, _ = within_limits(arm, solutions.q[solutions.found])
     if not len(allowed):
         raise ProgramError(f"the position {pose.place.round(1).tolist()} mm is out of the arm's reach")
-    fitting = [
-        q for q in allowed if pose.configuration is None or _configuration(q, pose.configuration) == pose.configuration
-    ]
+    stated = pose.configuration
+    fitting = [q for q in allowed if stated is None or _configuration(q, stated) == stated]
     if not fitting:
         raise ProgramError(f"the arm cannot reach {pose.place.round(1).tolist()} mm in the stated configuration")
     nearest: Array = min(fitting, key=lambda q: float(np.abs(q - near).max()))
@@ -316,7 +300,7 @@ def _standing(arm: Arm, pose: ToolPose, near: Array) -> Array:
 
 
 def _configuration(q: Array, stated: ConfigurationFlags) -> ConfigurationFlags:
-    """Configuration at joint angles q (6,) in rad in the notation of `stated`: whether axes 4, 6 and 1 exceed 180°."""
+    """Configuration at q (6,) in rad in the notation of `stated`: whether axes 4, 6 and 1 exceed 180°."""
     beyond = tuple(int(not -np.pi < q[axis] <= np.pi) for axis in (3, 5, 0))
     return ConfigurationFlags(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
 

@@ -1,8 +1,6 @@
-"""Pendant of an emulated controller: selects programs and enters parameters.
+"""Pendant of an emulated controller: selects programs, which the driver of their maker executes, and enters parameters.
 
-The controller commands joint angles from a model of the arm; the arm with the hidden effects moves to the true
-position, where the gauges read the distance to the ball. The suffix of a program determines the maker, whose driver
-executes it.
+The controller commands joint angles by its model of the arm; the arm with the hidden effects moves to the true place.
 """
 
 from __future__ import annotations
@@ -33,7 +31,7 @@ _SHORTEST = 8
 
 
 def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> None:
-    """Execute a program given as texts by file name. Raises ProgramError if the program is refused."""
+    """Execute a program given as texts by file name."""
     maker = maker_by(name)
     text = next(text for file, text in texts.items() if Path(file).suffix.lower() in maker.files.suffixes)
     data = [text for file, text in texts.items() if Path(file).suffix.lower() == maker.files.data]
@@ -44,22 +42,22 @@ def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> No
 
 
 def _path_of(directory: Path, name: str) -> Path:
-    """Find a program by a name as printed by `rig program`, optionally with suffix, or by a path."""
+    """Find a program by a name as printed by `rig program`, which may be shortened in the file, or by a path."""
     named = Path(name)
     if named.parent != Path() and maker_of_file(named):
         return named
     try:
         files = sorted(path for path in directory.iterdir() if maker_of_file(path))
     except OSError as error:
-        raise FileError(
-            str(directory), error.strerror or str(error), "give a directory of programs", code="emulated.programs"
-        ) from None
-    plain_name = _plain(named.stem if maker_of_file(named) else name)
-    matching = [path for path in files if path.name == name] or [path for path in files if plain_name in _names(path)]
-    # The program name is shortened to the limit of a controller.
-    matching = matching or [
-        path for path in files if any(len(stem) >= _SHORTEST and plain_name.startswith(stem) for stem in _names(path))
+        problem = error.strerror or str(error)
+        raise FileError(str(directory), problem, "give a directory of programs", code="emulated.programs") from None
+    full = _plain(named.stem if maker_of_file(named) else name)
+    shortened = [
+        path for path in files if any(len(stem) >= _SHORTEST and full.startswith(stem) for stem in _names(path))
     ]
+    matching = (
+        [path for path in files if path.name == name] or [path for path in files if full in _names(path)] or shortened
+    )
     if len(matching) == 1:
         return matching[0]
     if matching:
@@ -85,7 +83,7 @@ _TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
 
 
 class Pendant:
-    """Controller that executes the programs of a directory on the arm of a rig, without knowledge of its effects."""
+    """Executes the programs of a directory on the arm of a rig, without knowledge of its effects."""
 
     def __init__(self, rig: Rig, programs: Path, maker: MakerName | None = None) -> None:
         self._rig, self._programs = rig, programs
@@ -93,10 +91,7 @@ class Pendant:
         self.controller: ControllerState | None = None
 
     def trace(self, name: str) -> Trace:
-        """Motion of the robot and the gauge readings for a program, given by file or program name.
-
-        Raises FileError for a missing, unreadable or impossible program.
-        """
+        """Motion of the robot and gauge readings for a program, given by file or program name."""
         path = _path_of(self._programs, name.strip())
         maker, texts = program_texts(path)
         controller = self._of(maker.name, str(path))
@@ -126,17 +121,15 @@ class Pendant:
         return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=signals, holds_s=driven.holds_s)
 
     def enter(self, path: Path) -> tuple[int, Array]:
-        """Enter the parameters of a `rig correct` file: their number, and the change (6,) in rad of the joint readings
-        at rest.
+        """Enter the parameters of a `rig correct` file: their number, and the change (6,) in rad of the joint readings.
 
-        Raises FileError for an invalid file or a different controller; nothing is entered in this case.
+        Nothing is entered if the file is invalid or for a different controller.
         """
         try:
             _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))
         except OSError as error:
-            raise FileError(
-                str(path), error.strerror or str(error), "check the path and the permissions", code="file.unreadable"
-            ) from None
+            problem = error.strerror or str(error)
+            raise FileError(str(path), problem, "check the path and the permissions", code="file.unreadable") from None
         section = corrections.get("controller") if isinstance(corrections, dict) else None
         name = section.get("name") if isinstance(section, dict) else None
         before = self._of(next((candidate for candidate in makers() if candidate == name), None), str(path))
@@ -144,7 +137,7 @@ class Pendant:
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 
     def _of(self, maker: MakerName | None, where: str) -> ControllerState:
-        """Controller of the maker of the first program or entry. Raises FileError for a different maker."""
+        """Controller of the maker of the first program or entry; another maker is refused."""
         self._maker = self._maker or maker
         if self._maker is None:
             problem = "does not name the maker of the controller"
@@ -156,8 +149,8 @@ class Pendant:
         return self.controller or ControllerState.of_rig(self._rig, self._maker)
 
     def _signals(self, driven: DrivenMotion) -> tuple[tuple[float, float], ...]:
-        """Times and numbers signalled by the register or by the outputs, in order of first switching or as in the rig
-        file."""
+        """Times and numbers of the register or of the outputs, whose bits are in the order of the rig file or of first
+        switching."""
         place = signal_of_outputs(self._rig.feedback)
         if place and place.int_register is not None:
             return tuple((t_s, float(value)) for t_s, at, value in driven.registers if at == place.int_register)

@@ -1,12 +1,8 @@
-"""Robot of an emulated cell. It executes programs on command, can be paused and stopped, and has motor currents and
-joint temperatures.
+"""Robot of an emulated cell: executes programs on command, with motor currents and joint temperatures.
 
-Between programs it jumps to the next start instantly. In reality the operator would remove the link for this move.
-
-A motor carries gravity and joint friction. Friction consists of Coulomb friction and a part that increases with speed.
-Both are lower in a warm joint because of thinner grease. The losses of the motor winding heat a joint, and it cools to
-room temperature. The parameters do not describe a particular make: they suit arms of about 20 kg and are chosen for
-a warm-up of some degrees in half an hour.
+Between programs it jumps to the next start instantly. A motor carries gravity and joint friction, which is lower in a
+warm joint because of thinner grease; the losses of its winding heat the joint. The parameters describe no make: they
+suit arms of about 20 kg and are chosen for a warm-up of some degrees in half an hour.
 """
 
 from __future__ import annotations
@@ -82,12 +78,6 @@ class Motors:
         return current_a, self.warm_c
 
 
-def friction_current_a(axis: int, warm_c: float) -> float:
-    """Current in A caused by Coulomb friction of a joint at a temperature."""
-    share = 1 - _THINNER_PER_C * (warm_c - ROOM_C)
-    return float(COULOMB_NM[axis - 1] * share / _TORQUE_NM_A[axis - 1])
-
-
 _DWELL_S = 1.5
 """Pause at each target. A program for real gauges waits longer."""
 _STANDSTILL_S = 1.0
@@ -103,7 +93,7 @@ State = Literal["drives", "waits", "paused", "stopped", "done"]
 
 @dataclass(frozen=True)
 class Trace:
-    """A noise-free program run."""
+    """A program run without noise."""
 
     t_s: Array
     phi: Array
@@ -145,13 +135,13 @@ def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
 
 
 def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
-    """Simulate a program that stops at the targets of the hemisphere. Raises FileError if a target is out of reach."""
+    """A program that stops at the targets of the hemisphere. Raises FileError if a target is out of reach."""
     t_s, q = stops(radial_stops(rig) if test == "radial" else repeatability_stops(rig), dwell_s=_DWELL_S)
     return Trace(t_s, np.empty(0), q, trace_along(rig, test, t_s, q))
 
 
 def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
-    """Noise-free gauge readings (n, k) in mm along reported angles q (n, 6) in rad, with the gauges of a test."""
+    """Gauge readings (n, k) in mm without noise along reported angles q (n, 6) in rad."""
     model = model_of(rig)
     if test in CIRCLES:
         circle = CircleTable(test, "acw", t_s, q, np.empty((0, 2)))
@@ -171,7 +161,6 @@ class EmulatedRobot:
 
     @classmethod
     def of_rig(cls, rig: Rig, seed: int) -> EmulatedRobot:
-        """Simulate the circle in both directions. Raises FileError if the robot cannot drive it."""
         return cls(rig, {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}, seed)
 
     def __init__(self, rig: Rig, traces: dict[Direction, Trace], seed: int) -> None:
@@ -229,20 +218,20 @@ class EmulatedRobot:
         """Values that deviate from the condition of an undisturbed robot."""
         states = {"drives": ProgramState.RUNNING, "waits": ProgramState.PAUSED, "paused": ProgramState.PAUSED}
         state = states.get(self.state(now_ns), ProgramState.STOPPED)
-        of_motors: dict[str, float] = {}
-        if self._motors is not None:
-            with self._lock:
-                if self._torque_nm is None:
-                    self._torque_nm = pull(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q).torque
-                (at_s, rate), t_s, q = self._program_s(now_ns), self._trace.t_s, self._trace.q
-                k, speed_rad_s = int(np.searchsorted(t_s, at_s)), np.zeros(q.shape[1])
-                if t_s[0] < at_s < self._trace.end_s:
-                    speed_rad_s = rate * (q[k] - q[k - 1]) / (t_s[k] - t_s[k - 1])
-                current_a, warm_c = self._motors.currents_and_temperatures(
-                    now_ns, self._at(now_ns, self._torque_nm), speed_rad_s
-                )
-            of_motors = dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
+        of_motors = self._of_motors(self._motors, now_ns) if self._motors else {}
         return {PROGRAM: float(state), **of_motors, **self.pose(now_ns), **self._shown}
+
+    def _of_motors(self, motors: Motors, now_ns: int) -> dict[str, float]:
+        with self._lock:
+            if self._torque_nm is None:
+                self._torque_nm = pull(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q).torque
+            (at_s, rate), t_s, q = self._program_s(now_ns), self._trace.t_s, self._trace.q
+            k, speed_rad_s = int(np.searchsorted(t_s, at_s)), np.zeros(q.shape[1])
+            if t_s[0] < at_s < self._trace.end_s:
+                speed_rad_s = rate * (q[k] - q[k - 1]) / (t_s[k] - t_s[k - 1])
+            torque_nm = self._at(now_ns, self._torque_nm)
+            current_a, warm_c = motors.currents_and_temperatures(now_ns, torque_nm, speed_rad_s)
+        return dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
 
     def pose(self, now_ns: int) -> dict[str, float]:
         """Flange pose that the controller computes, if the interface transmits it."""
@@ -280,7 +269,7 @@ class EmulatedRobot:
     def start(self, program: str) -> float:
         """Start a program of `PROGRAMS` and return the duration in seconds.
 
-        Raises FileError for an unknown name, or for a program that this rig cannot drive.
+        Raises FileError for a program that this rig cannot drive.
         """
         match program:
             case "acw" | "cw":
@@ -300,8 +289,7 @@ class EmulatedRobot:
         now_ns = clock.now_ns()
         before = self.signal(now_ns)
         with self._lock:
-            self._trace, self._signal_before, self._stopped = trace, before, False
-            self._torque_nm = None
+            self._trace, self._signal_before, self._stopped, self._torque_nm = trace, before, False, None
             self._holds_s = tuple(sorted(trace.holds_s))
             self._pace = _Pace(now_ns + int(_STANDSTILL_S * 1e9), 0.0, 1.0, 1.0)
         self.finished.clear()
@@ -363,10 +351,9 @@ class EmulatedRobot:
 
 
 def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
-    """Results of an ideal measurement, from the noise-free trace by definition, and the hidden errors.
+    """Results of an ideal measurement, and the hidden errors.
 
-    The eccentricity is the offset of the ball from the circle actually driven: because of backlash it differs slightly
-    from the hidden value.
+    Because of backlash the circle actually driven, and so the eccentricity, differs slightly from the hidden one.
     """
     start = np.radians(circle_of(rig).start_deg)
     figures = {}
@@ -388,10 +375,7 @@ RIG, TRUTH = "rig.yaml", "truth.json"
 
 
 def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str) -> Path:
-    """Write the files of an emulated cell, replacing earlier ones, and return the rig file. text: of that file.
-
-    Raises FileError if the files cannot be written.
-    """
+    """Write the files of an emulated cell, replacing earlier ones, and return the rig file. text: of that file."""
     path = directory / RIG
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -400,7 +384,6 @@ def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str)
             durable.replace(directory / name, content)
         durable.replace(path, text.encode())  # last, because the other files identify an emulated cell
     except OSError as error:
-        raise FileError(
-            str(directory), error.strerror or str(error), "choose a different --output", code="output.not_writable"
-        ) from None
+        problem = error.strerror or str(error)
+        raise FileError(str(directory), problem, "choose a different --output", code="output.not_writable") from None
     return path

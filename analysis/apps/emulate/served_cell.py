@@ -1,11 +1,8 @@
-"""Directory of an emulated or replayed cell: create and lock it, and serve the cell until a signal or the end.
+"""An emulated or replayed cell in a directory, served until a signal or the end.
 
-The directory contains the rig file for a daemon and either the ideal results or the marks of a replay. These files
-identify the directory as a cell.
-
-Lines typed at `rig emulate` are commands that start or stop a program or change the robot. Each response is an event.
-The commands stop, pause, go on and show act immediately. All others (a program, entering parameters, the end) wait for
-the running program, so lines can be typed ahead or piped.
+The directory contains the rig file for a daemon and, to identify it as a cell, the ideal results or the marks of a
+replay. Lines typed at `rig emulate` are commands, and each response is an event. stop, pause, go on and show act
+immediately; all others wait for the running program, so lines can be typed ahead or piped.
 """
 
 from __future__ import annotations
@@ -131,12 +128,8 @@ class Keyboard:
             name = name.strip()
             seconds = self._robot.play(self._with_programs().trace(name))
         elif self._pendant and self._pendant.controller:
-            raise UseError(
-                line,
-                "is not possible with the entered parameters",
-                "start a program with run NAME",
-                code="emulated.entered",
-            )
+            problem = "is not possible with the entered parameters"
+            raise UseError(line, problem, "start a program with run NAME", code="emulated.entered")
         else:
             name, seconds = line, self._robot.start(line)
         self._report(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
@@ -150,12 +143,8 @@ class Keyboard:
 
     def _with_programs(self) -> Pendant:
         if self._pendant is None:
-            raise UseError(
-                "rig emulate",
-                "has no programs",
-                "start rig emulate with --programs DIRECTORY",
-                code="emulated.no_programs",
-            )
+            remedy = "start rig emulate with --programs DIRECTORY"
+            raise UseError("rig emulate", "has no programs", remedy, code="emulated.no_programs")
         return self._pendant
 
     def _try(self, act: Callable[[str], None], line: str) -> None:
@@ -172,17 +161,13 @@ ENDED, INTERRUPTED = 0, 130
 
 
 def locked_cell(directory: Path) -> int:
-    """Create the directory of a cell, and lock it like the writer of a run; the lock is a descriptor.
-
-    Raises FileError if it cannot be created, and CellError if it is in use.
-    """
+    """Create the directory of a cell, and lock it like the writer of a run; the lock is a descriptor."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
         lock = durable.try_lock(directory)
     except OSError as error:
-        raise FileError(
-            str(directory), error.strerror or str(error), "choose a different --output", code="output.not_writable"
-        ) from None
+        problem = error.strerror or str(error)
+        raise FileError(str(directory), problem, "choose a different --output", code="output.not_writable") from None
     if lock is None:
         problem = "a different rig emulate or rig replay serves a cell in this directory"
         remedy = "stop that one, or choose a different --output"
@@ -194,21 +179,17 @@ def rig_file_of_cell(directory: Path) -> Path:
     """Path for the rig file of a cell. Raises FileError for an existing file that does not belong to a cell."""
     path = directory / RIG
     if path.exists() and not any((directory / file).exists() for file in (TRUTH, MARKS)):
-        raise FileError(
-            str(path),
-            "already exists, and does not belong to an emulated cell",
-            "choose a different --output",
-            code="output.exists",
-        )
+        problem = "already exists, and does not belong to an emulated cell"
+        raise FileError(str(path), problem, "choose a different --output", code="output.exists")
     return path
 
 
 def serve(
     cell: EmulatedInstruments, lock: int, attend: Callable[[SimpleQueue[int]], int]
 ) -> tuple[int, dict[str, int]]:
-    """Serve a cell for the duration of `attend`, which receives the queue of signal exit codes, and release the lock.
+    """Serve a cell while `attend` runs, which gets the queue of exit codes of signals, and release the lock.
 
-    Return the exit code, and the number of readings sent by each instrument.
+    Gives the exit code, and the number of readings sent by each instrument.
     """
     ends: SimpleQueue[int] = SimpleQueue()
     signal.signal(signal.SIGTERM, lambda *_: ends.put(ENDED))
@@ -232,10 +213,9 @@ def serve_emulated(
     maker: MakerName | None,
     seed: int,
 ) -> int:
-    """Write the files of an emulated cell to a directory and serve it until the end. Return the exit code.
+    """Write the files of an emulated cell to a directory and serve it until the end. Gives the exit code.
 
-    effects: file or shipped rig with the hidden effects; None for those of the rig file. programs, maker: directory of
-    programs and the maker of the controller. Raises RigError on failure.
+    effects: file or shipped rig with the hidden effects; None for those of the rig file.
     """
     if maker and programs is None:
         raise UseError("--for", "applies only to --programs", "add --programs", code="emulated.option_unused")

@@ -1,14 +1,9 @@
-"""`rig plan RIG`: report before any measurement which effects a set of tests can detect and distinguish.
-
-With --propose, find circles that detect the missing effects. With --poses, plan poses for a tracker, and write the
-program that drives through them.
-"""
+"""`rig plan RIG`: detectable effects, further circles (--propose), poses for a tracker (--poses), the next reading."""
 
 from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -18,7 +13,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json, say_written
 from analysis.cli.options import AsJson, RigArgument, maker_option
 from rigs.errors import FileError, UseError
-from rigs.schema.vocabulary import MakerName, TestName
+from rigs.schema.vocabulary import MakerName
 from rigs.text import as_argument, numbers_in
 
 if TYPE_CHECKING:
@@ -109,64 +104,63 @@ def plan(
     the workspace. All poses are visible to the tracker and clear of floor and
     column.
     """
+    of_tests = tests or propose or minutes
     if targets and not next_reading:
         raise UseError("--targets", "is allowed only with --next", "add --next", code="plan.option")
+    if next_reading and (poses or of_tests):
+        problem = "cannot be combined with --poses, --tests, --propose or --minutes"
+        raise typer.BadParameter(problem, param_hint="--next")
+    if poses and of_tests:
+        raise typer.BadParameter("cannot be combined with --tests, --propose or --minutes", param_hint="--poses")
     if next_reading:
-        if poses or tests or propose or minutes:
-            problem = "cannot be combined with --poses, --tests, --propose or --minutes"
-            raise typer.BadParameter(problem, param_hint="--next")
         _say_next_reading(rig_file, targets, _sight(tracker, faces), as_json=as_json)
-        return
-    if poses:
-        if tests or propose or minutes:
-            problem = "cannot be combined with --tests, --propose or --minutes"
-            raise typer.BadParameter(problem, param_hint="--poses")
-        _plan_poses(rig_file, poses, output, maker, tracker, faces, dwell_s, one_axis=one_axis, as_json=as_json)
-        return
-    if maker or tracker or faces or one_axis:
+    elif poses:
+        sight = _sight(tracker, faces)
+        _plan_poses(rig_file, poses, output, maker, sight, dwell_s, one_axis=one_axis, as_json=as_json)
+    elif maker or tracker or faces or one_axis:
         raise typer.BadParameter("--for, --tracker, --faces and --one-axis require --poses", param_hint="--poses")
-
-    from analysis.apps.planning.detectability import tests_named
-    from rigs.load import load, named_by
-
-    for option, value in (("--output", output), ("--minutes", minutes)):
-        if value is not None and not propose:
-            raise UseError(option, "is allowed only with --propose", "add --propose", code="plan.option")
-    rig, text = load(rig_file)
-    with named_by(rig_file, rig):
-        named = tests_named(rig, tests)
-        if propose:
-            _propose(rig, text, named, runs, minutes or _MINUTES, output, as_json=as_json)
-        else:
-            _plan(rig, named, runs, level, as_json=as_json)
+    elif propose:
+        _propose(rig_file, tests, runs, minutes or _MINUTES, output, as_json=as_json)
+    else:
+        for option, value in (("--output", output), ("--minutes", minutes)):
+            if value is not None:
+                raise UseError(option, "is allowed only with --propose", "add --propose", code="plan.option")
+        _plan_tests(rig_file, tests, runs, level, as_json=as_json)
 
 
-def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
+def _plan_tests(rig_file: str, tests: str | None, runs: int, level: float, *, as_json: bool) -> None:
     from analysis.apps.planning import plan_report
-    from analysis.apps.planning.detectability import plan as planned
+    from analysis.apps.planning.detectability import plan, tests_named
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
+    from rigs.load import load, named_by
 
-    with progress_of("simulating the tests"):
-        plan_made = planned(rig, tests, runs, level)
+    rig, _ = load(rig_file)
+    with named_by(rig_file, rig), progress_of("simulating the tests"):
+        planned = plan(rig, tests_named(rig, tests), runs, level)
     if as_json:
-        say_json(plan_report.as_object(plan_made))
+        say_json(plan_report.as_object(planned))
     else:
-        say_answer(plan_report.answer_of(plan_made))
+        say_answer(plan_report.answer_of(planned))
 
 
 def _propose(
-    rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
+    rig_file: str, tests: str | None, runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
     from analysis.apps.planning import proposal_report
-    from analysis.apps.planning.proposal import propose as proposed
+    from analysis.apps.planning.detectability import tests_named
+    from analysis.apps.planning.proposal import propose
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
+    from rigs.load import load, named_by
 
-    if output:
-        proposal_report.refuse_earlier_proposal(rig, output)
-    with progress_of() as progress:
-        proposal = proposed(rig, tests, runs, minutes, progress)
+    rig, text = load(rig_file)
+    with named_by(rig_file, rig):
+        named = tests_named(rig, tests)
+        if output:
+            proposal_report.refuse_earlier_proposal(rig, output)
+        with progress_of() as progress:
+            proposal = propose(rig, named, runs, minutes, progress)
     written = proposal_report.write(proposal, text, output) if output else []
     if as_json:
         say_json(proposal_report.as_object(proposal, written))
@@ -187,14 +181,12 @@ def _plan_poses(
     count: int,
     output: Path | None,
     maker: MakerName | None,
-    tracker: str | None,
-    faces: str | None,
+    sight: Sight | None,
     dwell_s: float,
     *,
     one_axis: bool,
     as_json: bool,
 ) -> None:
-    """Plan poses, print the expected results, and write poses and program if a directory is given."""
     from analysis.apps.planning.pose_plan import planned_poses
     from analysis.cli.console import progress_of
     from rigs.load import load, named_by
@@ -202,7 +194,6 @@ def _plan_poses(
     if maker and not output:
         raise UseError("--for", "needs an output directory", "add -o DIR", code="plan.option")
     rig, _ = load(rig_file)
-    sight = _sight(tracker, faces)
     with named_by(rig_file, rig), progress_of("looking for poses"):
         planned = planned_poses(rig, count, sight, one_axis=one_axis)
     written = _write(rig, planned, output, maker, dwell_s) if output else []
@@ -213,18 +204,16 @@ def _plan_poses(
         say(line)
     say_written(written)
     if written:
-        say(
-            "next: run the program at reduced speed, measure a row at each pose in order, and import the rows:",
-            err=True,
-        )
+        way = "run the program at reduced speed, measure a row at each pose in order, and import the rows:"
+        say(f"next: {way}", err=True)
         say(f"  rig import TRACKER.csv {written[0]} --join rows --rig {rig_file} --test pose -o runs/poses", err=True)
 
 
 def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, *, as_json: bool) -> None:
-    """Print the act at the targets, and the next reading if it is worth its time."""
     from analysis.apps.planning.next_reading import next_step
     from analysis.cli.console import progress_of
     from analysis.correction.support import why_nothing
+    from rigs.families import families
     from rigs.load import load, named_by
 
     rig, _ = load(rig_file)
@@ -248,18 +237,13 @@ def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, 
     if step.now_mm is not None and not step.is_validated:
         say("No left-out reading validated the calibration, so the real error may be larger.")
     if step.now_mm is not None and step.of_family >= _SHOWN_OF_FAMILY:
-        say(f"{step.of_family:.0%} of the mean square error is not known from readings: typical sizes of {_arms(rig)}.")
-
-
-def _arms(rig: Rig) -> str:
-    from rigs.families import families
-
-    family = next((one for one in families().families if one.maker == rig.maker), None)
-    return f"{max(row.arms for row in family.constants)} arms of {family.name}" if family else "arms of its design"
+        family = next((one for one in families().families if one.maker == rig.maker), None)
+        arms = f"{max(row.arms for row in family.constants)} arms of {family.name}" if family else "arms of its design"
+        say(f"{step.of_family:.0%} of the mean square error is not known from readings: typical sizes of {arms}.")
 
 
 def _targets_of(rig: Rig, path: Path) -> tuple[Array, Array]:
-    """Postures and poses of the reachable targets of a table. Raises FileError if there are none."""
+    """Postures (n, axes) rad and poses (n, 4, 4) of the reachable targets of a table."""
     import numpy as np
 
     from analysis.apps.programs.target_path import read_path
@@ -289,9 +273,8 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
         return None
     place = np.array(numbers_in(tracker))
     if place.shape != (3,):
-        raise UseError(
-            "--tracker", f"{tracker!r} is not a position", "write X,Y,Z in mm, such as 2500,0,800", code="plan.tracker"
-        )
+        remedy = "write X,Y,Z in mm, such as 2500,0,800"
+        raise UseError("--tracker", f"{tracker!r} is not a position", remedy, code="plan.tracker")
     axis = None
     if faces:
         axis = np.zeros(3)
@@ -300,7 +283,7 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
 
 
 def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: MakerName | None, dwell_s: float) -> list[Path]:
-    """Write the table of the poses, to be joined row by row with the table of a tracker, and the program."""
+    """Write the table of the poses, whose rows are those of the tracker, and the program."""
     from analysis.apps.makers.motion_plan import demand_of
     from analysis.apps.makers.writing import encoded_programs, programs_of
     from analysis.apps.programs.planned import poses_plan

@@ -1,4 +1,4 @@
-"""Prediction of the effects that tests can detect and distinguish, and of useful further tests."""
+"""Effects that planned tests can detect and distinguish, and useful further tests."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Candidate, Level
+from analysis.diagnosis.fit.responses import Linearisation
 from analysis.diagnosis.plan.expected import (
     SEPARABLE,
     ExpectedPosterior,
@@ -51,10 +52,11 @@ def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class SeparatingTest:
-    """Further test, separation in sigmas of the two closest rivals if combined with the existing tests, and reason."""
+    """A further test with its reason."""
 
     test: str
     sigma: float
+    """Separation of the two closest rivals with this and the existing tests."""
     why: str
 
 
@@ -68,27 +70,25 @@ within 2 % of the reach.
 _NUDGE_DEG = 0.02
 """Joint rotation for comparing responses; only ratios matter."""
 _OWN_SHARE = 0.02
-"""Share of the response of an effect that no set-up absorbs, below which the set-up is reported as the reason.
-
-Smaller shares are within the error of the linear approximation.
-"""
+"""Share of a response not absorbed by the set-up, below which the set-up is the reason. Smaller shares are within the
+error of the linear approximation."""
 _NOTHING = 1e-3
 """Sigmas below which a response counts as zero: well below any detection, and above rounding errors."""
 
 
 @dataclass(frozen=True)
 class Detectability:
-    """Detectability of an effect.
-
-    `effect`: at a healthy size. `sd`: standard uncertainty of a fault's size in the unit of the effect. `hidden`:
-    reason against detection, or empty. `further`: tests by the sigmas of a healthy size.
-    """
+    """Detectability of an effect."""
 
     name: str
     effect: Effect
+    """The effect at a healthy size."""
     sd: float
+    """Standard uncertainty of a fault's size, in the unit of the effect."""
     hidden: str
+    """Reason against detection, or empty."""
     further: tuple[SeparatingTest, ...] = ()
+    """Further tests by the sigmas of a healthy size."""
 
     @property
     def limit(self) -> float:
@@ -97,36 +97,36 @@ class Detectability:
 
 
 def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
-    """Candidates representing each effect (for a gear by order, in the median form), and their
-    detectabilities.
-    """
+    """Candidate of each effect (for a gear by order, in the median form), and its detectability."""
     forms: dict[str, list[Candidate]] = {}
     for candidate in expected.candidates:
         forms.setdefault(label_of(candidate.effect), []).append(candidate)
-    linear, chosen, detectabilities = expected.linear, [], []
-    nudges = [turned(axis, _NUDGE_DEG) for axis in range(1, linear.axes + 1)]
-    # sigmas of each joint's zero, for a known set-up
-    zeros: Array = np.linalg.norm(linear.columns(nudges), axis=0)
+    nudges = [turned(axis, _NUDGE_DEG) for axis in range(1, expected.linear.axes + 1)]
+    zeros: Array = np.linalg.norm(expected.linear.columns(nudges), axis=0)
+    chosen, detectabilities = [], []
     for label, candidates in forms.items():
         candidate = sorted(candidates, key=lambda form: form.size)[len(candidates) // 2]
-        effect, sd, hidden = healthy(candidate.effect), expected.sd(candidate), ""
-        if not is_detectable(sd):
-            column, axis = linear.columns([effect])[:, 0], getattr(effect, "axis", None)
-            whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
-            if whole > _NOTHING and remaining < _OWN_SHARE * whole:
-                terms = sorted({labels_of(block.table.test).setup for block in linear.blocks})
-                hidden = f"absorbed by the set-up: {'; '.join(terms)}, which are always fitted"
-            elif axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
-                hidden = f"the ball lies on axis {axis}"
-            elif LARGEST_FAULT * whole < _NOTHING:
-                hidden = effect.idle
-            elif LARGEST_FAULT * remaining < CERTAIN_SIGMA:
-                hidden = f"too small: below {CERTAIN_SIGMA:g} sigma even at {LARGEST_FAULT:g} times the usual size"
-            else:
-                hidden = "hidden by the other effects of a healthy arm"
+        effect, sd = healthy(candidate.effect), expected.sd(candidate)
+        hidden = "" if is_detectable(sd) else _why_hidden(effect, expected.linear, zeros)
         chosen.append(candidate)
         detectabilities.append(Detectability(label, effect, sd * healthy_size(effect), hidden))
     return chosen, detectabilities
+
+
+def _why_hidden(effect: Effect, linear: Linearisation, zeros: Array) -> str:
+    """Why tests cannot detect an effect. zeros (axes,): sigmas of each joint's zero, for a known set-up."""
+    column, axis = linear.columns([effect])[:, 0], getattr(effect, "axis", None)
+    whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
+    if whole > _NOTHING and remaining < _OWN_SHARE * whole:
+        terms = sorted({labels_of(block.table.test).setup for block in linear.blocks})
+        return f"absorbed by the set-up: {'; '.join(terms)}, which are always fitted"
+    if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
+        return f"the ball lies on axis {axis}"
+    if LARGEST_FAULT * whole < _NOTHING:
+        return effect.idle
+    if LARGEST_FAULT * remaining < CERTAIN_SIGMA:
+        return f"too small: below {CERTAIN_SIGMA:g} sigma even at {LARGEST_FAULT:g} times the usual size"
+    return "hidden by the other effects of a healthy arm"
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -138,46 +138,49 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
 
 @dataclass(frozen=True)
 class ClosePair:
-    """Closest forms of two effects at a detectable fault size, in healthy sizes, their separation in sigmas, the number
-    of other close forms of these effects, and further tests that separate the two.
-    """
+    """Closest forms of two effects at a detectable fault size."""
 
     candidates: tuple[Candidate, Candidate]
     sizes: tuple[float, float]
+    """In healthy sizes."""
     sigma: float
+    """Separation of the two."""
     others: int = 0
+    """Number of other close forms of these effects."""
     further: tuple[SeparatingTest, ...] = ()
 
     @property
     def names(self) -> tuple[str, str]:
-        """The two effects."""
         first, second = self.candidates
         return first.name, second.name
 
     @property
+    def effects(self) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
+        """Both forms at their sizes."""
+        first, second = (
+            tuple(scaled(healthy(effect), size) for effect in candidate.effects)
+            for candidate, size in zip(self.candidates, self.sizes, strict=True)
+        )
+        return first, second
+
+    @property
     def labels(self) -> tuple[str, str]:
         """The two effects, for a gear error with its order."""
-        return label_of(self.first[0]), label_of(self.second[0])
-
-    @property
-    def first(self) -> tuple[Effect, ...]:
-        return _at_size(self.candidates[0], self.sizes[0])
-
-    @property
-    def second(self) -> tuple[Effect, ...]:
-        return _at_size(self.candidates[1], self.sizes[1])
+        (first, *_), (second, *_) = self.effects
+        return label_of(first), label_of(second)
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Capability of runs: detectability of each effect, and pairs that look alike, closest first."""
+    """Capability of runs."""
 
     detectabilities: tuple[Detectability, ...]
     pairs: tuple[ClosePair, ...]
+    """Pairs that look alike, closest first."""
 
     @property
     def names(self) -> dict[str, tuple[Detectability, ...]]:
-        """Each effect with its detectabilities, for gears with an entry per order."""
+        """Each effect with its detectabilities, for gears one per order."""
         named: dict[str, tuple[Detectability, ...]] = {}
         for detectability in self.detectabilities:
             name = name_of(detectability.effect)
@@ -201,19 +204,13 @@ class Judgement:
 
 
 def judged(expected: ExpectedPosterior) -> Judgement:
-    """Judgement of an expected posterior."""
     chosen, detectabilities = detectabilities_of(expected)
-    seen = [k for k, detectability in enumerate(detectabilities) if not detectability.hidden]
-    sizes = [
-        max(
-            expected.least(detectabilities[k].effect),
-            detectabilities[k].limit / healthy_size(detectabilities[k].effect),
-        )
-        for k in seen
-    ]
+    pairs = zip(chosen, detectabilities, strict=True)
+    seen = [(candidate, one) for candidate, one in pairs if not one.hidden]
+    sizes = [max(expected.least(one.effect), one.limit / healthy_size(one.effect)) for _, one in seen]
     closest: dict[tuple[str, str], ClosePair] = {}
-    for i, j in expected.close_pairs([chosen[k] for k in seen], np.array(sizes)):
-        bare = ClosePair((chosen[seen[i]], chosen[seen[j]]), (sizes[i], sizes[j]), 0.0)
+    for i, j in expected.close_pairs([candidate for candidate, _ in seen], np.array(sizes)):
+        bare = ClosePair((seen[i][0], seen[j][0]), (sizes[i], sizes[j]), 0.0)
         pair = replace(bare, sigma=separation_sigma(expected, bare))
         if pair.sigma < SEPARABLE:
             earlier = closest.get(pair.names)
@@ -224,12 +221,8 @@ def judged(expected: ExpectedPosterior) -> Judgement:
 
 def separation_sigma(expected: ExpectedPosterior, pair: ClosePair) -> float:
     """Separation in sigmas of the two names of a pair, whichever is present."""
-    first, second = pair.first, pair.second
+    first, second = pair.effects
     return min(expected.separation_sigma(first, second), expected.separation_sigma(second, first))
-
-
-def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
-    return tuple(scaled(healthy(effect), size) for effect in candidate.effects)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -238,38 +231,39 @@ def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True)
 class Gain:
-    """Benefit of a further test: number of pairs it separates, and of undetectable effects it makes detectable."""
+    """Benefit of a further test."""
 
     test: str
     why: str
     parts: int
+    """Number of pairs that it separates."""
     shows: int
+    """Number of undetectable effects that it makes detectable."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CapabilityOfTests(Judgement):
-    """Capability of a set of tests. `gains`: most useful first. `impossible`: the reason by test. `level`: of all other
-    errors of the arm, 1 if usual.
-    """
+    """Capability of a set of tests."""
 
     tests: tuple[TestName, ...]
     runs: int
     gains: tuple[Gain, ...]
+    """Further tests, most useful first."""
     impossible: tuple[tuple[str, str], ...]
+    """Other tests and the reasons against them."""
     level: float = 1.0
+    """Size of all other errors of the arm, 1 if usual."""
 
     @property
     def hidden(self) -> tuple[Detectability, ...]:
-        """Undetectable effects, with a separate entry per gear order."""
         return tuple(detectability for detectability in self.detectabilities if detectability.hidden)
 
 
 def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> CapabilityOfTests:
     """Capability of tests of a rig, each driven `runs` times in each direction.
 
-    The prediction uses the model of a diagnosis: noise of real cells and a healthy background, at the `level` found by
-    a diagnosis of the arm (`Diagnosis.levels`), or 1 before measurements. The ball is off centre, by the rig file's
-    eccentricity_mm if given. Raises FileError if the arm cannot drive a test.
+    It uses the model of a diagnosis: noise of real cells and a healthy background, at the `level` that a diagnosis of
+    the arm found (`Diagnosis.levels`). Raises FileError if the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)
     judgement = judged(expected_posterior(blocks, setups, Level(level)))
@@ -290,9 +284,9 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
 
 
 def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
-    """Tests of a comma-separated list, or, for None, the tests that the rig is set up for.
+    """Tests of a comma-separated list; for None those that the rig is set up for.
 
-    Raises UseError for an unknown name, and FileError for a rig that is not set up for a named test, or for any test.
+    Raises FileError for a rig that is not set up for a named test, or for any.
     """
     if names is None:
         at_targets = next(test for test in TESTS if labels_of(test).part == "hemisphere")
@@ -307,9 +301,8 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in every:
-            raise UseError(
-                "--tests", f"{name!r} is not a test", f"give some of {','.join(every)}", code="request.unknown_test"
-            )
+            remedy = f"give some of {','.join(every)}"
+            raise UseError("--tests", f"{name!r} is not a test", remedy, code="request.unknown_test")
     tests = tuple(name for name in every if name in asked)
     for test in tests:
         require_test(rig, test)
@@ -319,9 +312,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
 def _further_tests(
     possible: Sequence[PossibleTest], judgement: Judgement
 ) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
-    """Further tests for each pair of effects and each undetectable effect, best first, and the benefit of
-    each test, largest first.
-    """
+    """Further tests for each pair and each undetectable effect, best first, and their benefits, largest first."""
     hidden, near = judgement.undetectable, judgement.pairs
     asked: list[str | tuple[str, str]] = [*hidden, *(pair.names for pair in near)]
     further: dict[str | tuple[str, str], list[SeparatingTest]] = {key: [] for key in asked}

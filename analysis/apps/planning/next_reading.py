@@ -1,8 +1,7 @@
 """The next reading, and whether it is worth its time: correct, repair, measure more, or do nothing.
 
 The loss of an act is the expected error at the targets after it, plus the price of its minutes. A reading is worth its
-time if the loss of the best act falls by more than the reading costs. A figure of targets, such as a distance, is
-linearised at draws of their errors.
+time if the loss of the best act falls by more than the reading costs.
 """
 
 from __future__ import annotations
@@ -54,11 +53,11 @@ _MOST_TARGETS = 60
 
 @dataclass(frozen=True)
 class NextReading:
-    """A reading to take, and the standard uncertainty in mm of the figure before and after; None outside the measured
-    region."""
+    """A reading to take."""
 
     reading: Reading
     u_mm: float | None = None
+    """Standard uncertainty of the figure before the reading; None outside the measured region."""
     after_mm: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -74,12 +73,9 @@ class ProgramReadings:
 
     @classmethod
     def of(cls, rig: Rig, q: Array, taught: Array) -> ProgramReadings:
-        """Readings for targets at q (n, axes) rad in a frame taught at other postures (m, axes) rad.
-
-        A tracker can also measure at the targets themselves.
-        """
+        """Readings for targets at q (n, axes) rad in a frame taught at other postures (m, axes) rad."""
         readings = [] if rig.robot.rail else possible_readings(rig)
-        if all(reading.kind == "pose" for reading in readings):
+        if all(reading.kind == "pose" for reading in readings):  # a tracker can also measure at the targets
             readings = [*poses_at(q[:_MOST_TARGETS]), *readings]
         return cls(tuple(readings), pool_of_readings(rig, readings, q, taught[few_taught(len(taught))]))
 
@@ -89,9 +85,11 @@ class ProgramReadings:
         """Reading that reduces the variance of a figure most, None if none is worthwhile.
 
         rows (m,): targets of the figure, at places (m, 3) mm. figure: value (k,) mm for displaced positions (k, m, 3)
-        mm. errors (k, m, 3): draws of the target errors.
+        mm, linearised at some errors. errors (k, m, 3): draws of the target errors.
         """
-        slopes = _slopes(figure, places, errors[:_LINEARISED])
+        steps = _STEP_MM * np.eye(errors[0].size).reshape(-1, *errors.shape[1:])
+        displaced = (places + error for error in errors[:_LINEARISED])
+        slopes = np.array([(figure(at + steps) - figure(at - steps)) / (2 * _STEP_MM) for at in displaced])
         of_targets = self.pool.targets.reshape(-1, 3, self.pool.targets.shape[1])[rows]
         gains = replace(self.pool, targets=slopes @ of_targets.reshape(slopes.shape[1], -1)).gains() / len(slopes)
         best, flat = int(np.argmax(gains)), (errors - errors.mean(axis=0)).reshape(len(errors), -1)
@@ -101,38 +99,31 @@ class ProgramReadings:
         return NextReading(self.readings[best], u_mm, after_mm) if is_worthwhile else None
 
 
-def _slopes(figure: Callable[[Array], Array], places: Array, errors: Array) -> Array:
-    steps = _STEP_MM * np.eye(errors[0].size).reshape(-1, *errors.shape[1:])
-    return np.array(
-        [(figure(places + error + steps) - figure(places + error - steps)) / (2 * _STEP_MM) for error in errors]
-    )
-
-
 # ----------------------------------------------------------------------------------------------------------------------
 # The decision at targets.
 
 
 @dataclass(frozen=True)
 class NextStep:
-    """Decision at targets, errors in mm rms.
-
-    act: `measure` if further readings are worth their time, otherwise `correct`, `repair` if backlash and other errors
-    that no target corrects dominate, or `nothing`. reading: the most informative one. now_mm, corrected_mm: error now
-    (None if not measured) and after a correction. next_mm, many_mm: the latter after one and after `many` further
-    readings. worthwhile: number of readings that are worth their time, which take `minutes`. of_family: share of the
-    mean square error that the readings leave unknown. There the correction rests on the typical sizes of the family.
-    """
+    """Decision at targets, errors in mm rms."""
 
     act: Act
+    """`repair` if backlash and other errors that no target corrects dominate."""
     reading: Reading
+    """The most informative reading."""
     now_mm: float | None
+    """Error now; None if not measured."""
     corrected_mm: float
+    """Error after a correction by the readings so far."""
     next_mm: float
+    """The same after one further reading, and after `many`."""
     many_mm: float
     many: int
     worthwhile: int
+    """Number of readings that are worth their time, which take `minutes`."""
     minutes: float
     of_family: float
+    """Share of the mean square error that the readings leave unknown, where typical sizes of the family correct."""
     is_validated: bool = False
     """True if readings that were left out of the calibration confirm its uncertainty."""
     taken: int = 0
@@ -178,16 +169,12 @@ class _Known:
 def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None = None) -> NextStep:
     """Decide between measuring, correcting, repairing and doing nothing, with the next reading.
 
-    targets: postures (n, axes) rad and poses (n, 4, 4), by default the work area.
-
-    Raises FileError for an arm on a rail.
+    targets: postures (n, axes) rad and poses (n, 4, 4), by default the work area. Raises FileError for an arm on a
+    rail.
     """
     if rig.robot.rail:
-        problem, remedy = (
-            "has a rail, but readings are proposed for a fixed base",
-            "measure poses by a plan of your own",
-        )
-        raise FileError(RigPlace.of(rig.name), problem, remedy, code="plan.next")
+        problem = "has a rail, but readings are proposed for a fixed base"
+        raise FileError(RigPlace.of(rig.name), problem, "measure poses by a plan of your own", code="plan.next")
     supported, is_usable = supports(rig), rig.calibrated is not None and not why_nothing(rig)
     joints = pose_uncertainty(rig, supported).joints_rad if is_usable else None
     q = work_or_spread(rig, joints) if targets is None else targets[0]
@@ -208,10 +195,7 @@ def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None
 
 
 def next_touch(rig: Rig, touches: TouchTable, socket: str) -> NextStep | None:
-    """Weigh another touch of a socket that was touched before, for the work area of an arm with typical errors.
-
-    None if the arm has no further posture there.
-    """
+    """Weigh another touch of a known socket for the work area of an arm with typical errors; None without a posture."""
     touch, nominal = touch_of(rig), _uncalibrated(rig)
     balls = forward(with_ball(arm_of(rig.robot), touch), touches.q[touches.socket == socket])[:, :3, 3]
     if not (possible := touches_at(rig, {socket: balls[0]})):
@@ -229,8 +213,8 @@ def _uncalibrated(rig: Rig) -> Rig:
 def decide(pool: ReadingPool, readings: Sequence[Reading], known: _Known | None = None, *, taken: int = 0) -> NextStep:
     """Weigh the acts now and after each number of further readings.
 
-    known: errors by a calibration. taken: number of the first readings, which are taken and part of no calibration.
-    Without both, an arm must be measured first.
+    known: errors by a calibration. taken: number of the first readings, taken but part of no calibration. Without
+    both, an arm must be measured first.
     """
     chosen = pool.choose(taken + MANY, range(taken))
     base = np.hypot(known.stays, known.unexplained) if known else 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,11 +18,7 @@ from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
 from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
-from analysis.diagnosis.plan.expected import (
-    SEPARABLE,
-    is_detectable,
-    is_separable,
-)
+from analysis.diagnosis.plan.expected import SEPARABLE, is_detectable, is_separable
 from analysis.procedures.shared.quantity import quantity_of
 from rigs.effect_names import kind_in_words, name_in_words, names_in_words
 from rigs.effects import Effect, healthy_size, size_field
@@ -45,6 +41,9 @@ _MOST_PAIRS = 6
 
 def answer_of(plan: CapabilityOfTests) -> list[Block]:
     """Detectable, indistinguishable and undetectable errors, and the most useful further test."""
+    level = f"{plan.level:g} times their usual size."
+    if plan.level == 1:
+        level = "their usual size. Use --level for the level that a diagnosis found, or for an emulated arm."
     ways = ", circles in both directions" if set(CIRCLES) & set(plan.tests) else ""
     unseen = len(plan.undetectable)
     small = sum(all(map(_is_small, forms)) for forms in plan.names.values())
@@ -63,12 +62,12 @@ def answer_of(plan: CapabilityOfTests) -> list[Block]:
     return [
         Sentence(f"{', '.join(plan.tests)}: {counted(plan.runs, 'run')} of each test{ways}", "strong"),
         Sentence(noise_in_words(plan.tests)),
-        Sentence(arm_in_words(plan.level)),
+        Sentence(f"Assumed arm: all other errors have {level}"),
         Sentence(detected),
         Heading(_title("Joints and links"), 3),
         _joints(plan),
         Heading(_title("Other errors"), 3),
-        Table(("error", "unit", "usual", "detected from"), tuple(_others(plan)), frozenset({2, 3})),
+        _others(plan),
         *_alike(plan),
         *_hidden(plan),
         *(Sentence(f"Not possible here: {test}: {reason}", "note") for test, reason in plan.impossible),
@@ -81,18 +80,8 @@ def noise_in_words(tests: Sequence[TestName]) -> str:
     return f"Assumed noise of one run (rms): {'; '.join(um)}; each joint, between runs {ASSUMED_JOINT_DEG:.4f}°"
 
 
-def arm_in_words(level: float) -> str:
-    """Phrase on the level of all other errors of the arm, assumed when an effect is to be detected."""
-    if level == 1:
-        return (
-            "Assumed arm: all other errors have their usual size. Use --level for the level that a diagnosis "
-            "found, or for an emulated arm."
-        )
-    return f"Assumed arm: all other errors have {level:g} times their usual size."
-
-
 def _is_small(sight: Detectability) -> bool:
-    """Whether an effect is detectable as soon as it is a fault."""
+    """True if an effect is detectable as soon as it is a fault."""
     return not sight.hidden and sight.limit <= FAULT * healthy_size(sight.effect)
 
 
@@ -109,12 +98,14 @@ def _joints(plan: CapabilityOfTests) -> Table:
     return Table(heads, tuple(rows), frozenset(range(1, len(heads))))
 
 
-def _others(plan: CapabilityOfTests) -> Iterator[tuple[str | Cell, ...]]:
-    for kind, seats in _by_seat(plan, joints=False).items():
-        for seat, sights in seats.items():
-            effect = sights[0].effect
-            name = name_in_words(f"{kind} {seat}".rstrip())
-            yield name, _unit(effect), f"{healthy_size(effect):g}", _limit(sights)
+def _others(plan: CapabilityOfTests) -> Table:
+    rows = [
+        (name_in_words(f"{kind} {seat}".rstrip()), _unit(effect), f"{healthy_size(effect):g}", _limit(sights))
+        for kind, seats in _by_seat(plan, joints=False).items()
+        for seat, sights in seats.items()
+        for effect in [sights[0].effect]
+    ]
+    return Table(("error", "unit", "usual", "detected from"), tuple(rows), frozenset({2, 3}))
 
 
 def _unit(effect: Effect) -> str:
@@ -126,9 +117,7 @@ def _title(of: str) -> str:
 
 
 def _by_seat(plan: CapabilityOfTests, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
-    """Group detectabilities by effect (link constants also by field), then by axis or gauge. Orders of the same gear
-    stay together.
-    """
+    """Group detectabilities by effect, for link constants by field, and by axis or gauge."""
     sights_by_kind: dict[str, dict[str, list[Detectability]]] = {}
     for sight in plan.detectabilities:
         kind, _, seat = name_of(sight.effect).partition(" ")
@@ -143,11 +132,8 @@ def _limit(sights: Sequence[Detectability]) -> Cell:
     seen = [f"{size:.2g}" for size in sorted(sight.limit for sight in sights if not sight.hidden)]
     if not seen:
         return Cell("–" if sights else "", tone="fail")
-    return Cell(
-        seen[0],
-        tuple(seen[-1:] if seen[-1] != seen[0] else ()),
-        tone="pass" if all(map(_is_small, sights)) else "watch",
-    )
+    worst = tuple(seen[-1:]) if seen[-1] != seen[0] else ()
+    return Cell(seen[0], worst, tone="pass" if all(map(_is_small, sights)) else "watch")
 
 
 def _alike(plan: CapabilityOfTests) -> list[Block]:
@@ -179,10 +165,6 @@ def _separating(further: Sequence[SeparatingTest]) -> Cell:
     return Cell("none of the further tests" if further else "the rig file declares no further test", tone="watch")
 
 
-def _kind(name: str) -> str:
-    return name.partition(" order ")[0]
-
-
 def _hidden(plan: CapabilityOfTests) -> list[Block]:
     if not plan.hidden:
         return [Sentence("Every error can be detected.", "pass")]
@@ -192,7 +174,7 @@ def _hidden(plan: CapabilityOfTests) -> list[Block]:
         together.setdefault((sight.hidden, helps[0] if helps else ""), []).append(sight)
     rows = []
     for (why, test), sights in together.items():
-        names = names_in_words(dict.fromkeys(_kind(sight.name) for sight in sights)).split("; ")
+        names = names_in_words(dict.fromkeys(sight.name.partition(" order ")[0] for sight in sights)).split("; ")
         text = "no further test"
         if test:
             sigmas = [sight.further[0].sigma for sight in sights]

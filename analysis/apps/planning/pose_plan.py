@@ -1,8 +1,4 @@
-"""Pose planning: the poses after which the arm is known best over the workspace.
-
-Poses are chosen one at a time (`ReadingPool`), each minimising the remaining variance of the tool position over all
-candidates.
-"""
+"""The poses after which the arm is known best over the workspace."""
 
 from __future__ import annotations
 
@@ -30,34 +26,30 @@ _SEED, _SHUFFLES = 0, 5
 
 @dataclass(frozen=True)
 class PlannedPoses:
-    """Planned poses in driving order, and the expected result.
-
-    q (n, 6): joint angles in rad.
-    xyz_mm (n, 3): positions of the nominal tool in the world.
-    u_mm: expected uncertainty of the tool position over the work space after these poses.
-    random_u_mm: the same after an equal number of random poses.
-    as_good: number of random poses with equal uncertainty; None if larger than tried, or for motion of single axes.
-    one_axis: True if each axis moves down, up and back while the others stand.
-    """
+    """Planned poses in driving order, and the expected result."""
 
     q: Array
+    """Joint angles (n, axes) in rad."""
     xyz_mm: Array
+    """Places (n, 3) of the nominal tool in the world."""
     u_mm: float
+    """Expected uncertainty of the tool position over the workspace after these poses."""
     random_u_mm: float
+    """The same after an equal number of random poses."""
     as_good: int | None
+    """Number of random poses with equal uncertainty; None if larger than tried, or for motion of single axes."""
     asked: int
     one_axis: bool = False
+    """Each axis moves down, up and back while the others stand."""
 
     def lines(self) -> list[str]:
         lines = [
             f"{len(self.q)} poses determine the tool position over the workspace to {1e3 * self.u_mm:.0f} µm "
             "(expected rms, for an arm with typical errors, frame and tool fitted)"
         ]
-        as_good = (
-            f"{self.as_good} random poses are equally good"
-            if self.as_good
-            else "no tried number of random poses is as good"
-        )
+        as_good = "no tried number of random poses is as good"
+        if self.as_good:
+            as_good = f"{self.as_good} random poses are equally good"
         compared = f"the same number of random poses: {1e3 * self.random_u_mm:.0f} µm"
         if self.one_axis:
             lines.append(
@@ -93,34 +85,24 @@ class PlannedPoses:
 def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis: bool = False) -> PlannedPoses:
     """Plan poses of a rig's arm, reachable, collision-free and visible to a tracker.
 
-    The poses are spread over the workspace, or with one_axis move a single axis at a time down, up and back. Raises
-    FileError.
+    The poses are spread over the workspace, or with one_axis move a single axis at a time down, up and back.
     """
     if rig.robot.rail:
         problem = "has a rail, but poses can be planned only for a fixed base"
-        raise FileError(
-            RigPlace.of(rig.name),
-            problem,
-            "leave out robot.rail, and add e1_mm, spread over the rail, by hand",
-            code="plan.rail",
-        )
+        remedy = "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="plan.rail")
     arm, rng = arm_of(rig.robot), np.random.default_rng(_SEED)
     low, high = joint_ranges(arm)
     for axis in np.flatnonzero(low >= high).tolist():
         first, last = rig.robot.axes[axis].limits_deg
+        where = RigPlace.of(rig.name, f"robot.axes[{axis + 1}]")
         problem = f"limits_deg [{first:g}, {last:g}] leave {rig.robot.axis_words(axis + 1)} no room to move"
-        raise FileError(
-            RigPlace.of(rig.name, f"robot.axes[{axis + 1}]"), problem, "give them in degrees", code="plan.no_room"
-        )
+        raise FileError(where, problem, "give them in degrees", code="plan.no_room")
     q = drawn_poses(arm, max(_POOL, 3 * count), sight, rng)
     if len(q) < 2 * count:
         problem = f"only {len(q)} poses were found that the arm takes clear of floor and column, and that are seen"
-        raise FileError(
-            RigPlace.of(rig.name),
-            problem,
-            "move the tracker, turn the target, or plan fewer poses",
-            code="plan.few_poses",
-        )
+        remedy = "move the tracker, turn the target, or plan fewer poses"
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="plan.few_poses")
     driven = axes_in_turn(arm, count, sight, rng) if one_axis else None
     pool = pool_of(rig, q if driven is None else np.vstack([q, driven]))
     chosen = pool.choose(count) if driven is None else np.arange(len(q), len(pool.readings))
@@ -140,14 +122,13 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
 
 
 def pool_of(rig: Rig, q: Array) -> ReadingPool:
-    """Poses q (n, axes) rad of a tracker as possible readings and as targets. Raises FileError."""
+    """Poses q (n, axes) rad of a tracker as possible readings and as targets."""
     columns, sd_mm = pose_columns(rig, q)
     rows = typical_rows(columns)
     return ReadingPool(rows.reshape(len(q), 3, -1), rows * sd_mm[:, None], np.ones(len(q)))
 
 
 def pose_columns(rig: Rig, q: Array) -> tuple[Columns, Array]:
-    """Columns of a diagnosis for tracker poses at q (n, axes) rad, without play, in standard deviations
-    (3 n,) mm of the noise. Raises FileError."""
+    """Columns of a diagnosis for tracker poses at q (n, axes) rad, without play, and the noise (3 n,) in mm."""
     block, setup = block_of(rig, pose_table(rig, q))
     return typical_columns(linearise(without_bands([block]), {block.setup: setup})), block.sd_mm

@@ -15,10 +15,7 @@ _HALF_TURN = np.pi
 _SIGHT_CLEARANCE_MM = 120.0
 """Distance between arm and line of sight."""
 _AT_TOOL = 0.9
-"""Share of the line of sight that must be free of the arm, measured from the tracker.
-
-The arm carries the target, so the end of the line is never free.
-"""
+"""Share of the line of sight, from the tracker, that must be free of the arm, which carries the target."""
 _FACING = float(np.cos(np.radians(30.0)))
 """Largest viewing angle: a corner cube in a ball is visible within 30° of its axis."""
 _STEP_RAD = np.radians(5.0)
@@ -27,16 +24,15 @@ _DRAWS = 40
 
 @dataclass(frozen=True)
 class Sight:
-    """Tracker position tracker_mm (3,) in the robot's base, and viewing axis (3,) of the target in the tool frame; None
-    for a target visible from everywhere."""
+    """View of a tracker at tracker_mm (3,) in the robot's base."""
 
     tracker_mm: Array
     faces: Array | None = None
+    """Viewing axis (3,) of the target in the tool; None if it is visible from everywhere."""
 
 
 def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
-    """Joint angles (n, 6) rad of random collision-free and visible poses, up to `count`, uniform in joint
-    space."""
+    """Joint angles (n, axes) rad of up to `count` random collision-free and visible poses, uniform in joint space."""
     low, high = joint_ranges(arm)
     drawn = np.empty((0, len(low)))
     for _ in range(_DRAWS):
@@ -55,10 +51,9 @@ def joint_ranges(arm: Arm) -> tuple[Array, Array]:
 
 
 def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
-    """Joint angles (n, axes) rad of a plan that moves one axis at a time down, up and back through its range.
+    """At most `count` poses (n, axes) rad that move one axis at a time down, up and back through its range.
 
-    The other axes remain in one posture, chosen for the largest collision-free and visible ranges. The plan has at most
-    `count` poses.
+    The other axes stay in one posture, chosen for the largest collision-free and visible ranges.
     """
     postures = drawn_poses(arm, _POSTURES, sight, rng)
     if not len(postures):
@@ -89,14 +84,13 @@ _POSTURES, _FEWEST_STOPS = 30, 5
 
 
 def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
-    """Whether a joint move between two postures (6,) rad is collision-free; singularities are permitted."""
+    """True if a joint move between two postures (axes,) rad is collision-free; singularities are permitted."""
     count = 2 + int(np.abs(end - begin).max() / _STEP_RAD)
     return bool(is_collision_free(arm, begin + np.linspace(0, 1, count)[:, None] * (end - begin)).all())
 
 
 def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
-    """Mask (n,) of joint angles q (n, 6) rad with a target visible to the tracker: facing it, and not
-    hidden by the arm."""
+    """Mask (n,) of postures (n, axes) rad whose target faces the tracker and is not hidden by the arm."""
     points = chain_points(arm, q)
     tool = points[:, -1]
     way = sight.tracker_mm + np.linspace(0, _AT_TOOL, 40)[:, None, None] * (tool - sight.tracker_mm)
@@ -115,8 +109,7 @@ def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
 
 
 def in_order_of_ways(arm: Arm, q: Array) -> Array:
-    """Poses (m, 6) rad ordered by nearest neighbours with collision-free moves; unreachable ones are
-    dropped."""
+    """Poses (m, axes) rad by nearest neighbours with collision-free moves; unreachable ones are dropped."""
     unordered, order = list(range(1, len(q))), [0]
     while unordered:
         far = np.abs(q[unordered] - q[order[-1]]).max(axis=1)

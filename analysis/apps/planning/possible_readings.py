@@ -1,8 +1,7 @@
-"""Readings that a cell can take: poses of a tracker, touches of sockets, and circles at several places.
+"""Readings that a cell can take, and their pool: simulated responses to everything unknown about the arm.
 
-`pool_of_readings` puts all of them into one pool: their simulated responses to everything unknown about the arm. For an
-arm without a usable calibration that is the typical size of every effect, and the place of every instrument. After a
-calibration it is the covariance of its parameters. The set-up of further readings is then the known one.
+Without a usable calibration that is the typical size of every effect, and the place of every instrument. After a
+calibration it is the covariance of its parameters, and the set-up of further readings is the known one.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ smooth, so about 16 low orders contain the power of 360 angles."""
 
 @dataclass(frozen=True)
 class Reading:
-    """A reading that can be taken, with its minutes: a pose or touch at joint angles q (axes,) rad, or a circle."""
+    """A pose or touch at joint angles q (axes,) rad, or a circle."""
 
     kind: Literal["pose", "touch", "circle"]
     minutes: float
@@ -95,7 +94,7 @@ class Reading:
 def possible_readings(rig: Rig, sight: Sight | None = None) -> list[Reading]:
     """Readings of the instruments that calibrated an arm, otherwise of those in its rig file.
 
-    sight: of a tracker, which then takes all readings. Raises FileError if the arm has no posture for the sockets.
+    sight: of a tracker, which then takes all readings.
     """
     by_gauges = bool(rig.gauges.recorded) and rig.tests.circle is not None
     by_sockets = rig.tests.touch is not None
@@ -116,15 +115,13 @@ def poses_at(q: Array) -> list[Reading]:
 
 def _circles(rig: Rig) -> list[CircleCandidate]:
     """Circles with the same link, tool and speed: those at other places and, before a calibration, that of the rig."""
-    circle = rig.tests.circle
-    assert circle is not None  # noqa: S101 - asked before
-    circles = [
-        one
-        for one in circle_candidates(rig, CIRCLES, _CIRCLE_RUNS).found
-        if one.rig.robot == rig.robot
-        and (other := one.rig.tests.circle)
-        and (other.radius_mm, other.speed_mm_s) == (circle.radius_mm, circle.speed_mm_s)
-    ]
+
+    def driven(rig: Rig) -> tuple[object, ...]:
+        circle = rig.tests.circle
+        return rig.robot, circle and circle.radius_mm, circle and circle.speed_mm_s
+
+    found, _ = circle_candidates(rig, CIRCLES, _CIRCLE_RUNS)
+    circles = [one for one in found if driven(one.rig) == driven(rig)]
     if rig.calibrated is None:
         with suppress(FileError):  # the arm cannot drive it
             minutes = circle_minutes(float(circle_program(rig, "acw").t_s[-1]), CIRCLES, _CIRCLE_RUNS)
@@ -161,7 +158,7 @@ def _socket_places(rig: Rig) -> dict[str, Array]:
 def pool_of_readings(rig: Rig, readings: Sequence[Reading], q: Array, taught: Array) -> ReadingPool:
     """Pool of possible readings for targets at q (n, axes) rad.
 
-    taught (m, axes) rad: postures at which frame and tool are taught, relative to which the targets are positions.
+    taught (m, axes) rad: postures at which the frame and tool of the targets are taught.
     """
     arm = arm_of(rig.robot)
     blocks, setups, owners = _simulated(rig, readings)
@@ -189,13 +186,12 @@ def pool_of_readings(rig: Rig, readings: Sequence[Reading], q: Array, taught: Ar
 def _simulated(rig: Rig, readings: Sequence[Reading]) -> tuple[list[Block], dict[str, SetUp], list[Integers]]:
     """Blocks of readings, their set-ups, and the index (N,) of the reading to which each entry of a block belongs."""
     found = list[tuple[Block, SetUp, Integers]]()
-    if poses := [k for k, reading in enumerate(readings) if reading.kind == "pose"]:
-        q = _angles(readings, poses)
-        found.append((*block_of(rig, pose_table(rig, q)), np.repeat(poses, 3)))
-    for socket in dict.fromkeys(reading.socket for reading in readings if reading.kind == "touch"):
-        touches = [k for k, reading in enumerate(readings) if reading.kind == "touch" and reading.socket == socket]
-        q = _angles(readings, touches)
-        found.append((*block_of(rig, TouchTable(np.full(len(q), socket), q)), np.repeat(touches, 3)))
+    at_angles = [(reading.kind != "pose", reading.socket) for reading in readings if reading.circle is None]
+    for is_touch, socket in dict.fromkeys(sorted(at_angles, key=lambda one: one[0])):
+        rows = [k for k, one in enumerate(readings) if one.circle is None and one.socket == socket]
+        q = np.array([readings[k].q for k in rows])
+        table = TouchTable(np.full(len(q), socket), q) if is_touch else pose_table(rig, q)
+        found.append((*block_of(rig, table), np.repeat(rows, 3)))
     setups = {block.setup: setup for block, setup, _ in found}
     for k, reading in enumerate(readings):
         if reading.circle is not None:
@@ -209,12 +205,8 @@ def pose_table(rig: Rig, q: Array) -> PoseTable:
     return PoseTable(q, np.zeros((len(q), 3)), None, rail=rig.robot.rail is not None)
 
 
-def _angles(readings: Sequence[Reading], rows: Sequence[int]) -> Array:
-    return np.array([readings[k].q for k in rows])
-
-
 def block_of(rig: Rig, table: PoseTable | TouchTable, setup: str = "") -> tuple[Block, SetUp]:
-    """Planned readings as a block of a diagnosis, with the set-up. A table of touches has one socket.
+    """Planned readings, touches of a single socket, as a block of a diagnosis with its set-up.
 
     setup: suffix of the name of the set-up.
     """
@@ -245,7 +237,7 @@ def typical_rows(columns: Columns) -> Array:
 def _calibrated_rows(linear: Linearisation, calibrated: CalibratedModel) -> Array:
     """Rows (N, P) of the unknowns of a calibration, in standard deviations of noise and unexplained error.
 
-    The set-up of further readings is the known one: what it absorbs of all possible readings is no information.
+    What the known set-up of further readings absorbs is no information.
     """
     rows = _by_parameters(linear, calibrated)
     read = slice(0, linear.rows[-1].start)
@@ -277,8 +269,8 @@ def _by_parameters(linear: Linearisation, calibrated: CalibratedModel) -> Array:
 
 
 def _compact(entries: Array) -> Array:
-    """Reduce the entries (e, k) of a circle to the combinations that show most, by a random projection with power
-    steps (Halko, Martinsson and Tropp, SIAM Review 53, 2011)."""
+    """Combinations of the entries (e, k) of a circle that show most (Halko, Martinsson and Tropp, SIAM Review 53,
+    2011)."""
     if len(entries) <= _MOST_ENTRIES:
         return entries
     seen = entries @ np.random.default_rng(_SEED).standard_normal((entries.shape[1], _MOST_ENTRIES))

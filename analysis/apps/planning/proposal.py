@@ -1,4 +1,4 @@
-"""Proposal of additional circles that make effects testable which planned tests cannot show."""
+"""Additional circles that make effects testable which planned tests cannot show."""
 
 from __future__ import annotations
 
@@ -58,26 +58,16 @@ class CircleCandidate:
     minutes: float
 
 
-@dataclass(frozen=True)
-class CircleCandidates:
-    """Further circles possible for the arm, and the number of impossible ones by reason."""
+def circle_candidates(
+    rig: Rig, tests: Sequence[TestName], runs: int
+) -> tuple[tuple[CircleCandidate, ...], Counter[str]]:
+    """Further circles that the arm can drive, and the number of the others by reason.
 
-    found: tuple[CircleCandidate, ...]
-    refused: Counter[str]
-
-
-def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleCandidates:
-    """Further circles of a rig with their minutes for `runs` runs of each of `tests` in each direction.
-
-    Raises FileError for a rig without a circle.
+    runs: number of runs of each of `tests` in each direction, for the minutes. Raises FileError without tests.circle.
     """
     if rig.tests.circle is None:
-        raise FileError(
-            RigPlace.of(rig.name),
-            "needs tests.circle as a start",
-            "add a circle: centre, posture, radius",
-            code="plan.no_circle",
-        )
+        remedy = "add a circle: centre, posture, radius"
+        raise FileError(RigPlace.of(rig.name), "needs tests.circle as a start", remedy, code="plan.no_circle")
     circles, refused = [], Counter[str]()
     for words, other_rig in _circles(rig, rig.tests.circle):
         try:
@@ -89,11 +79,10 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
         start_deg = np.degrees(program.q[0]).round(2).tolist()
         ready = with_circle(other_rig, other_rig.tests.circle, posture_deg=tuple(start_deg))
         circles.append(CircleCandidate(ready, words, circle_minutes(float(program.t_s[-1]), tests, runs)))
-    return CircleCandidates(tuple(circles), refused)
+    return tuple(circles), refused
 
 
 def circle_minutes(lap_s: float, tests: Sequence[TestName], runs: int) -> float:
-    """Minutes to set up a circle and to drive laps of `tests` in both directions."""
     return SET_UP_MIN + len(tests) * 2 * runs * lap_s / 60
 
 
@@ -138,14 +127,12 @@ class Reached:
         then, now = (np.clip(reached.share, _FAINT, 1.0) for reached in (self, before))
         return float(np.log(then / now).sum())
 
-    def newly(self, before: Reached) -> tuple[int, ...]:
-        return tuple(np.flatnonzero((self.share >= 1) & (before.share < 1)).tolist())
-
-    def split(self, aims: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
-        count = len(self.names)
+    def newly(self, before: Reached) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
+        """Names and pairs that became testable."""
+        new, count = (self.share >= 1) & (before.share < 1), len(self.names)
         return (
-            tuple(self.names[k] for k in aims if k < count),
-            tuple(self.pairs[k - count] for k in aims if k >= count),
+            tuple(name for name, is_new in zip(self.names, new[:count], strict=True) if is_new),
+            tuple(pair for pair, is_new in zip(self.pairs, new[count:], strict=True) if is_new),
         )
 
 
@@ -163,10 +150,7 @@ class Aims:
         self._sizes = np.array([size for pair in self._pairs for size in pair.sizes])
 
     def reached(self, information: Array) -> Reached:
-        """Progress of runs with an information (p, p) towards the goals, as a share of the required sigmas.
-
-        The shapes of effects count as known; the final judgement fits them.
-        """
+        """Progress of runs with an information (p, p). Shapes count as known; the final judgement fits them."""
         posterior = self._forms.posterior(information)
         sds = np.array([min(map(posterior.sd, self._of_name[name])) for name in self._names])
         named = LARGEST_FAULT / (CERTAIN_SIGMA * sds)
@@ -189,9 +173,7 @@ class Aims:
 
 @dataclass(frozen=True)
 class ProposedCircle:
-    """A circle to drive, with the effects it makes testable and the pairs it separates, beyond the circles before
-    it.
-    """
+    """A circle to drive, with its benefit beyond the circles before it."""
 
     candidate: CircleCandidate
     testable: tuple[str, ...]
@@ -200,25 +182,20 @@ class ProposedCircle:
 
 @dataclass(frozen=True)
 class CircleProposal:
-    """Circles to drive in addition to `tests`, best first, with the judgements before and after.
-
-    `runs`: number of runs of each test in each direction. `minutes`: available time. `feasible`: number of circles that
-    the arm can drive; `refused`: number of the others by reason.
-    """
+    """Circles to drive in addition to `tests`, best first."""
 
     rig: Rig
     tests: tuple[TestName, ...]
     runs: int
     minutes: float
+    """Available time."""
     circles: tuple[ProposedCircle, ...]
     before: Judgement
     after: Judgement
     feasible: int
+    """Number of circles that the arm can drive."""
     refused: Mapping[str, int]
-
-    @property
-    def used_min(self) -> float:
-        return sum(circle.candidate.minutes for circle in self.circles)
+    """Number of the other circles by reason."""
 
 
 @dataclass(frozen=True)
@@ -236,25 +213,20 @@ def propose(
 ) -> CircleProposal:
     """Propose circles that make effects testable which `tests`, driven `runs` times in each direction, cannot show.
 
-    Raises UseError if `tests` contains no circle test, and FileError for a rig that has no circle or if the arm cannot
-    drive a test.
+    Raises UseError if no test is a circle, FileError for a rig without a circle and a test that the arm cannot drive.
     """
     require_drivable_arm(rig)
     circle_tests = [test for test in tests if test in CIRCLES]
     if not circle_tests:
-        raise UseError(
-            "--tests",
-            "has no test on a circle",
-            "give yaw or roll: further circles are proposed for these tests",
-            code="plan.no_circle",
-        )
-    candidates = circle_candidates(rig, circle_tests, runs)
+        remedy = "give yaw or roll: further circles are proposed for these tests"
+        raise UseError("--tests", "has no test on a circle", remedy, code="plan.no_circle")
+    found, refused = circle_candidates(rig, circle_tests, runs)
     progress("simulating the tests")
     blocks, setups = planned_blocks(rig, tests, runs)
     expected = expected_posterior(blocks, setups)
     before = judged(expected)
     forms = FormInformation(expected.candidates)
-    affordable = [candidate for candidate in candidates.found if candidate.minutes <= minutes]
+    affordable = [candidate for candidate in found if candidate.minutes <= minutes]
     simulated = []
     for k, candidate in enumerate(affordable, start=1):
         progress(f"simulating circle {k} of {len(affordable)}")
@@ -266,29 +238,25 @@ def propose(
         circles.append(ProposedCircle(chosen.candidate, testable, separated))
     progress("judging the tests with the proposed circles")
     after = judged(expected_posterior(blocks, setups)) if circles else before
-    return CircleProposal(
-        rig, tuple(tests), runs, minutes, tuple(circles), before, after, len(candidates.found), candidates.refused
-    )
+    return CircleProposal(rig, tuple(tests), runs, minutes, tuple(circles), before, after, len(found), refused)
 
 
 def _chosen(
     aims: Aims, information: Array, simulated: Sequence[_Simulated], minutes: float
 ) -> list[tuple[_Simulated, tuple[str, ...], tuple[tuple[str, str], ...]]]:
-    """Circles to drive in addition to tests with an information (p, p), best first, each with newly
-    testable effects and newly separated pairs.
-    """
+    """Circles besides tests with an information (p, p), best first, each with newly testable effects and pairs."""
     chosen = []
     remaining, now = list(simulated), aims.reached(information)
     while remaining := [circle for circle in remaining if circle.candidate.minutes <= minutes]:
         reached = [aims.reached(information + circle.information) for circle in remaining]
         values = [
-            then.gain_over(now) / circle.candidate.minutes if then.newly(now) else 0.0
+            then.gain_over(now) / circle.candidate.minutes if any(then.newly(now)) else 0.0
             for circle, then in zip(remaining, reached, strict=True)
         ]
         best = int(np.argmax(values))
         if not values[best]:
             break
         circle, then = remaining.pop(best), reached[best]
-        chosen.append((circle, *then.split(then.newly(now))))
+        chosen.append((circle, *then.newly(now)))
         information, now, minutes = information + circle.information, then, minutes - circle.candidate.minutes
     return chosen

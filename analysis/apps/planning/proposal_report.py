@@ -36,7 +36,8 @@ def answer_of(proposal: CircleProposal) -> list[Block]:
             names = names_in_words(_testable(proposal, circle))
             words = f"{number}. {circle.candidate.words}"
             rows.append((words, f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"))
-        title = f"{proposal.used_min:.0f} min in total, including {SET_UP_MIN:g} min to set up each circle"
+        used_min = sum(circle.candidate.minutes for circle in proposal.circles)
+        title = f"{used_min:.0f} min in total, including {SET_UP_MIN:g} min to set up each circle"
         heads = ("circle", "min", "also detects", "separates")
         blocks += [Heading(title, 3), Table(heads, tuple(rows), frozenset({1}))]
     else:
@@ -52,9 +53,7 @@ def answer_of(proposal: CircleProposal) -> list[Block]:
 
 
 def _testable(proposal: CircleProposal, circle: ProposedCircle) -> list[str]:
-    """Effects that a circle makes testable, confirmed by the full judgement of all circles, which fits
-    shapes.
-    """
+    """Effects that a circle makes testable, confirmed by the full judgement, which fits shapes."""
     return [name for name in circle.testable if name not in proposal.after.undetectable]
 
 
@@ -103,18 +102,13 @@ def _circle(rig: Rig) -> dict[str, Any]:
 
 
 def refuse_earlier_proposal(rig: Rig, directory: Path) -> None:
-    """Raise FileError if a directory already contains proposed circles of a rig. Call it first: a proposal takes
-    minutes.
-    """
+    """Raise FileError if a directory already contains proposed circles, before a proposal takes minutes."""
     for path in sorted(directory.glob(f"{_stem(rig, '')}*.yaml")):
         refuse_existing(path)
 
 
 def write(proposal: CircleProposal, text: str, directory: Path) -> list[Path]:
-    """Write a rig file for each proposed circle: the given text with the values of the circle.
-
-    Raises FileError if a file exists.
-    """
+    """Write a rig file for each proposed circle: the given text with the values of the circle."""
     from analysis.runs.written_files import holding, write_all_new  # noqa: PLC0415 - slow to import
 
     files = {}

@@ -1,10 +1,9 @@
-"""Possible readings of any instrument, and the choice of those that inform most about targets.
+"""Choice of the readings that inform most about targets.
 
-Everything unknown about an arm and its set-ups is a vector of independent standard normal variables. A reading and a
-target are rows: their changes by each unknown. The information of a reading is then known before it is taken, and
-readings are chosen one at a time, each with the largest reduction of the variance of the targets per minute (I- or
-V-optimal design; Atkinson, Donev and Tobias, Optimum Experimental Designs, 2007, ch. 10). D-optimal readings would
-determine the constants best, but none of a thousand terms is of interest.
+Everything unknown about an arm and its set-ups is a vector of independent standard normal variables; readings and
+targets are rows, their changes by each unknown. Readings are chosen one at a time, each with the largest reduction of
+the variance of the targets per minute (V-optimal design; Atkinson, Donev and Tobias, Optimum Experimental Designs,
+2007, ch. 10). D-optimal readings would determine the constants best, but none of a thousand terms is of interest.
 """
 
 from __future__ import annotations
@@ -19,14 +18,12 @@ from analysis.robot.kinematics.arm import Array, Integers
 
 @dataclass(frozen=True)
 class ReadingPool:
-    """Possible readings and the targets that they inform about.
-
-    readings (r, e, k): e entries of each reading, in standard deviations of their noise; a row of zeros is no entry.
-    targets (t, k): figures of interest, in mm. minutes (r,): duration of each reading.
-    """
+    """Possible readings and the targets that they inform about."""
 
     readings: Array
+    """Entries (r, e, k) of each reading in standard deviations of their noise; a row of zeros is no entry."""
     targets: Array
+    """Figures of interest (t, k) in mm."""
     minutes: Array
 
     def after(self, entries: Array) -> ReadingPool:
@@ -68,8 +65,7 @@ class ReadingPool:
 
 
 def _gains(own: Array, across: Array) -> Array:
-    """Reduction (r,) of the summed variance of t targets by readings with covariance own (r, e, e) and across
-    (r, e, t)."""
+    """Reduction (r,) of the summed variance of targets. own (r, e, e), across (r, e, t): covariances of readings."""
     solved = np.linalg.solve(own + np.eye(own.shape[1]), across @ across.transpose(0, 2, 1))
     return np.asarray(np.trace(solved, axis1=1, axis2=2))
 

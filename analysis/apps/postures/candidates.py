@@ -1,9 +1,8 @@
 """All postures that reach a target, within the joint limits and clear of singularities.
 
-An arm of six axes has up to eight branches, each with the whole turns that stay near a reference posture. For any other
-number of axes Newton's method starts from postures spread over the limits. It finds the isolated postures of four or
-five axes, which reach only poses with a suitable orientation (within half a degree), and samples those of a redundant
-arm. A rail is sampled by its position.
+An arm of six axes has up to eight branches, each with the whole turns near a reference posture. For other numbers of
+axes Newton's method starts from postures spread over the limits: it finds the isolated postures of four or five axes,
+and samples those of a redundant arm. A rail is sampled by its position.
 """
 
 from __future__ import annotations
@@ -70,7 +69,7 @@ class Candidates:
 
 
 def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, float] | None = None) -> Candidates:
-    """Find the postures of an arm at tool poses (n, 4, 4) in the world.
+    """Postures of an arm at tool poses (n, 4, 4) in the world.
 
     near: reference posture (axes,) rad for full turns. rail_m: travel of a rail in m, whose position is free.
     """
@@ -112,8 +111,7 @@ def branch_of(arm: Arm, poses: Array, q: Array) -> Integers:
 
 
 def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
-    """Postures (m, 6) rad of a six-axis arm, their targets (m,), solution numbers (m,) and a mask (n,) of poses in
-    reach."""
+    """Postures (m, 6) rad of six axes, their targets (m,), solution numbers (m,) and a mask (n,) of poses in reach."""
     solutions = inverse(arm, poses)
     target, slot = np.nonzero(solutions.found)
     q, row = within_limits(arm, solutions.q[target, slot])
@@ -126,8 +124,7 @@ def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Int
 
 
 def _sampled(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
-    """Postures (m, axes) rad of an arm without a closed form, their targets (m,), a number (m,) of each, and a mask
-    (n,) of poses in reach.
+    """The same as `_branches` for an arm without a closed form.
 
     All poses have the same start values, so that neighbouring poses have neighbouring postures.
     """
@@ -146,7 +143,7 @@ def _sampled(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Inte
 
 
 def _in_part(arm: Arm, poses: Array, q: Array) -> tuple[Array, Mask]:
-    """Solve poses (n, 4, 4) with four or five axes from q (n, axes) rad, up to nearly the requested orientation."""
+    """Newton's method for four or five axes, up to nearly the requested orientation."""
     q, reached = newton_in_part(arm, poses, q)
     turned = turned_rad(forward(arm, np.where(reached[:, None], q, 0.0)), poses)
     return q, reached & (turned < _LARGEST_TURN_RAD)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,7 @@ from rigs.schema.vocabulary import MakerName
 from rigs.text import as_argument, numbers_in
 
 if TYPE_CHECKING:
+    from analysis.apps.postures.result import Postures
     from analysis.robot.kinematics.arm import Array
     from rigs.rig import Rig
 
@@ -77,15 +79,12 @@ def postures(
     from analysis.cli.several import end_with_errors
     from rigs.load import load, named_by
 
-    if maker and not output:
-        raise UseError("--for", "needs a directory to write to", "add -o DIR", code="postures.option")
     size = _size_of(part)
     rig, _ = load(rig_file)
-    _check_arm(rig, maker, size)
+    _check_options(rig, maker, output, size)
     with named_by(rig_file, rig), progress_of("comparing postures"):
         read, poses, current = read_targets(targets, rig)
         chosen = choose_postures(rig, poses, current, change=change, part_mm=size)
-        errors = target_errors(targets, read, chosen)
         written: list[Path] = []
         if output is not None and len(chosen.best.rows):
             from analysis.apps.postures.files import write_postures  # matplotlib takes half a second
@@ -98,25 +97,19 @@ def postures(
     else:
         say_answer(answer_of(chosen, labels_of(read), lang))
     say_written(written)
-    if written and chosen.knowledge == "calibrated":
-        table = as_argument(written[0])
-        say(
-            f"next: rig correct {as_argument(rig_file)} --path {table} -o corrections  # reduces the error further",
-            err=True,
-        )
-    elif chosen.knowledge == "typical" and not chosen.verdict:
-        say(f"next: rig plan {as_argument(rig_file)} --poses 40 -o poses  # measure this arm", err=True)
-    end_with_errors(errors, " targets without a posture")
+    _say_next(rig_file, chosen, written)
+    end_with_errors(target_errors(targets, read, chosen), " targets without a posture")
 
 
-def _check_arm(rig: Rig, maker: MakerName | None, size: Array | None) -> None:
+def _check_options(rig: Rig, maker: MakerName | None, output: Path | None, size: Array | None) -> None:
+    if maker and not output:
+        raise UseError("--for", "needs a directory to write to", "add -o DIR", code="postures.option")
     if maker and not rig.takes_programs:
         problem = "programs are written for arms of six axes without a rail"
         raise UseError("--for", problem, "leave it out and use postures.csv", code="postures.option")
     if size is not None and rig.robot.rail is not None:
-        raise UseError(
-            "--part", "the map of places does not support an arm on a rail", "leave it out", code="postures.option"
-        )
+        problem = "the map of places does not support an arm on a rail"
+        raise UseError("--part", problem, "leave it out", code="postures.option")
 
 
 def _size_of(part: str | None) -> Array | None:
@@ -124,12 +117,21 @@ def _size_of(part: str | None) -> Array | None:
 
     if part is None:
         return None
-    size = np.array(numbers_in(part))
+    size, problem = np.array(numbers_in(part)), ""
     if size.shape != (3,) or (size < 0).any():
-        raise UseError(
-            "--part", f"{part!r} is not a size", "give X,Y,Z in mm, such as 300,200,100", code="postures.part"
-        )
-    if 0 < size.max() < _LEAST_PART_MM:
-        problem = f"{part!r} has no side of {_LEAST_PART_MM:g} mm or more: the size looks like metres"
-        raise UseError("--part", problem, "give X,Y,Z in mm, such as 300,200,100", code="postures.part")
+        problem = "is not a size"
+    elif 0 < size.max() < _LEAST_PART_MM:
+        problem = f"has no side of {_LEAST_PART_MM:g} mm or more: the size looks like metres"
+    if problem:
+        remedy = "give X,Y,Z in mm, such as 300,200,100"
+        raise UseError("--part", f"{part!r} {problem}", remedy, code="postures.part")
     return size
+
+
+def _say_next(rig_file: str, chosen: Postures, written: Sequence[Path]) -> None:
+    rig = as_argument(rig_file)
+    if written and chosen.knowledge == "calibrated":
+        correct = f"rig correct {rig} --path {as_argument(written[0])} -o corrections"
+        say(f"next: {correct}  # reduces the error further", err=True)
+    elif chosen.knowledge == "typical" and not chosen.verdict:
+        say(f"next: rig plan {rig} --poses 40 -o poses  # measure this arm", err=True)

@@ -1,7 +1,7 @@
-"""Expected position error of postures with its uncertainty, including the backlash of each joint by side of approach.
+"""Expected position error of postures with its uncertainty, and the backlash of each joint by side of approach.
 
-The controller is assumed to use the nominal arm. Frame and tool are taught with the robot over its work, so a rigid
-motion of the arm and a shift of the tool are no errors (`analysis.correction.work`).
+The controller uses the nominal arm. Frame and tool are taught over the work, so a rigid motion of the arm and a shift
+of the tool are no errors (`analysis.correction.work`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.apps.planning.pose_plan import pose_columns
-from analysis.correction.pose_uncertainty import (
-    PoseUncertainty,
-    covered,
-    few_taught,
-    pose_uncertainty,
-)
+from analysis.correction.pose_uncertainty import PoseUncertainty, covered, few_taught, pose_uncertainty
 from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import (
     TaughtFrame,
@@ -86,8 +81,7 @@ class PostureErrors:
     @cached_property
     def play_mm(self) -> Array:
         """Rms displacement (m,) mm by backlash for unknown sides of approach."""
-        half = (self.rising_mm - self.falling_mm) / 2
-        return np.asarray(np.sqrt((half**2).sum(axis=(1, 2))))
+        return np.asarray(np.sqrt((self._half_mm**2).sum(axis=(1, 2))))
 
     @cached_property
     def expected_mm(self) -> Array:
@@ -98,6 +92,10 @@ class PostureErrors:
     def _middle_mm(self) -> Array:
         return np.asarray(((self.rising_mm + self.falling_mm) / 2).sum(axis=1))
 
+    @property
+    def _half_mm(self) -> Array:
+        return (self.rising_mm - self.falling_mm) / 2
+
     def of(self, rows: Mask | Integers | slice) -> PostureErrors:
         inside = None if self.covered is None else self.covered[rows]
         return PostureErrors(
@@ -105,8 +103,7 @@ class PostureErrors:
         )  # fmt: skip
 
     def best_approach(self) -> tuple[Mask, Array]:
-        """For each posture the joints (m, axes) that should approach with a rising angle, as those without backlash do,
-        and the resulting expected rms error (m,) mm."""
+        """Joints (m, axes) that should approach with a rising angle, and the resulting expected rms error (m,) mm."""
         axes = self.rising_mm.shape[1]
         playing = np.flatnonzero(np.abs(self.rising_mm - self.falling_mm).max(axis=(0, 2), initial=0.0) > 0)
         sides = np.ones((len(self.u_mm), axes))
@@ -120,9 +117,8 @@ class PostureErrors:
         return sides > 0, best
 
     def from_sides(self, side: Array) -> Array:
-        """Expected rms error (m,) mm for sides of approach (m, axes): 1 for a rising angle, -1 for a falling one, 0 if
-        unknown."""
-        half = (self.rising_mm - self.falling_mm) / 2
+        """Expected rms error (m,) mm for sides of approach (m, axes): 1 rising, -1 falling, 0 unknown."""
+        half = self._half_mm
         displaced = self.error_mm + self._middle_mm + (side[..., None] * half).sum(axis=1)
         unknown = ((side == 0)[..., None] * half**2).sum(axis=(1, 2))
         return np.asarray(np.sqrt((displaced**2).sum(axis=1) + unknown + self.u_mm**2))
@@ -139,10 +135,10 @@ def knowledge_of(rig: Rig) -> Knowledge:
 def expected_errors(
     rig: Rig, q: Array, taught: Array | None = None, *, solution: Integers | None = None
 ) -> PostureErrors:
-    """Compute the errors of postures q (m, axes) rad, followed by a rail position in m.
+    """Errors of postures q (m, axes) rad, followed by a rail position in m.
 
-    taught (k, axes): postures at which frame and tool are taught, by default the work area of the rig. solution (m,):
-    postures with the same number differ by full turns, and have the same uncertainty of the model.
+    taught (k, axes): postures at which frame and tool are taught, by default the work area. solution (m,): postures
+    with the same number differ by full turns only.
     """
     knowledge = knowledge_of(rig)
     if knowledge == "typical":
@@ -191,7 +187,7 @@ def _rest_square(
 ) -> Array:
     """Sum (m,) mm² of squared displacements at postures, without the part absorbed by the taught frame.
 
-    moves_at: displacements (k, n, 6) at joint angles. factor (r, k): matrix that combines them; independent if None.
+    moves_at: displacements (k, n, 6) at joint angles. factor (r, k): combines them; None if they are independent.
     """
     q, poses = at
     single = None if factor is None else factor.astype(np.float32)  # half the time; u needs only three digits
@@ -206,7 +202,7 @@ def _rest_square(
 
 
 def _growth(uncertainty: PoseUncertainty, q: Array) -> Array:
-    """Factor (m,) by which u grows outside the measured joint range, 1 inside or if it is unknown."""
+    """Factor (m,) by which u grows outside the measured joint range, 1 inside or if that is unknown."""
     joints = uncertainty.joints_rad
     if joints is None:
         return np.ones(len(q))
@@ -218,8 +214,7 @@ def _growth(uncertainty: PoseUncertainty, q: Array) -> Array:
 
 
 def typical_displacements(rig: Rig, q: Array) -> Array:
-    """Independent tool displacements (k, n, 3) mm at joint angles q (n, axes) rad, one standard deviation of each
-    typical effect. Backlash is omitted, because it depends on the approach."""
+    """Tool displacements (k, n, 3) mm by one standard deviation of each typical effect, except backlash."""
     columns, sd_mm = pose_columns(rig.model_copy(update={"effects": ()}).with_calibration(None, None), q)
     variance = columns.variance(Level(_LEVEL))
     variance[columns.fixed > 0] = 0.0  # set-ups and scatter
@@ -227,28 +222,24 @@ def typical_displacements(rig: Rig, q: Array) -> Array:
     return np.ascontiguousarray(moves.reshape(len(q), 3, -1).transpose(2, 0, 1))
 
 
-def _typical_plays(rig: Rig) -> list[Effect]:
-    plays = [cls for cls in VOCABULARY.values() if cls.STAGE == "joint" and cls.STRAIGHT == 0]
-    of_axes = [
-        healthy(cls.model_validate({"axis": axis, size_fields(cls)[0]: 1.0}))
-        for cls in plays
-        for axis in range(1, len(rig.robot.axes) + 1)
-    ]
-    return [scaled(play, play.usual_times(rig.reference)) for play in of_axes]
-
-
 def play_moves(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
     """Displacements (m, axes, 3) mm by the backlash of each drive approaching with a rising and a falling angle.
 
-    Other joint effects that targets cannot correct are included. typical: use typical backlash for joints without a
-    known one.
+    Includes other joint effects that targets cannot correct. typical: assume backlash of joints without a known one.
     """
     effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE == "joint"]
     arm = arm_of(rig.robot)
     motions = forward_and_jacobian(arm.by_drives, drive_angles(arm, q))[1][:, :3].transpose(0, 2, 1)
     rising, falling = (_lag_rad(rig, effects, q, side) for side in (-1.0, 1.0))
     if typical:
-        unknown, plays = (rising == 0).all(axis=0) & (falling == 0).all(axis=0), _typical_plays(rig)
+        kinds = [cls for cls in VOCABULARY.values() if cls.STAGE == "joint" and cls.STRAIGHT == 0]
+        plays = [
+            healthy(cls.model_validate({"axis": axis, size_fields(cls)[0]: 1.0}))
+            for cls in kinds
+            for axis in range(1, len(rig.robot.axes) + 1)
+        ]
+        plays = [scaled(play, play.usual_times(rig.reference)) for play in plays]
+        unknown = (rising == 0).all(axis=0) & (falling == 0).all(axis=0)
         rising = np.where(unknown, _lag_rad(rig, plays, q, -1.0), rising)
         falling = np.where(unknown, _lag_rad(rig, plays, q, 1.0), falling)
     return rising[..., None] * motions, falling[..., None] * motions
@@ -268,7 +259,7 @@ def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Arra
 
 
 def time_variance(rig: Rig, q: Array) -> Array:
-    """Variance (m,) mm² of uncorrectable effects outside the joints, such as thermal growth."""
+    """Variance (m,) mm² by effects outside the joints that targets cannot correct, such as thermal growth."""
     effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE != "joint"]
     if not effects or not len(q):
         return np.zeros(len(q))

@@ -15,11 +15,9 @@ from analysis.runs.written_files import csv_text
 from rigs.schema.robot import Robot
 
 POSTURE_COLUMNS = ("expected_mm", "error_mm", "posture_u_mm", "measured_region")
-"""Columns of a posture in each table.
-
-These are: the expected rms error including uncertainty and play, the predicted error excluding both (empty for a
-typical arm), the standard uncertainty, and whether the runs reach the posture (yes, no or unknown).
-"""
+"""Columns of a posture in each table: the expected rms error including uncertainty and play, the predicted error
+without both (empty for a typical arm), the standard uncertainty, and whether the runs reach the posture (yes, no or
+unknown)."""
 _MOST_ROWS = 20
 """Maximum number of targets on the screen; JSON and tables contain all."""
 _SHOWN_PLAY = 0.2
@@ -45,7 +43,7 @@ def answer_of(postures: Postures, labels: Sequence[str], language: Language = "e
 
 
 def limits(postures: Postures, texts: Texts) -> list[str]:
-    """What is not known about the errors; printed first."""
+    """Limits of the knowledge about the errors; printed first."""
     lines: list[str] = [texts("postures_verdict", why=postures.verdict)] if postures.verdict else []
     if postures.knowledge != "calibrated":
         lines.append(texts(f"postures_{postures.knowledge}"))

@@ -1,4 +1,4 @@
-"""Postures of a program: all that reach each target, ranked; their best sequence; and the best place of a part."""
+"""Postures of a program: all that reach each target, their best sequence, and the best place of a part."""
 
 from __future__ import annotations
 
@@ -124,11 +124,10 @@ class Postures:
 def choose_postures(
     rig: Rig, poses: Array, current: Array | None = None, *, change: float = CHANGE, part_mm: Array | None = None
 ) -> Postures:
-    """Find and rank the postures of a rig's arm at tool poses (n, 4, 4) in the world, in the order of a program.
+    """Find and rank the postures at tool poses (n, 4, 4) in the world, in the order of a program.
 
     current: joint angles (n, axes) rad of the program so far, if it has them. change: price of a change of branch.
-    part_mm (3,): size of a part to place in the work area. An arm of four or five axes reaches a pose only with an
-    orientation that it can take.
+    part_mm (3,): size of a part to place in the work area.
     """
     arm = arm_of(rig.robot)
     rail = rig.robot.rail
@@ -159,9 +158,8 @@ def choose_postures(
 
 
 def _taught(rig: Rig, candidates: Candidates, measured: Array | None) -> Array:
-    """Postures at which frame and tool are taught: over the measured region or, if nothing was measured, in all
-    postures of the targets, which prefers none of them. Too few postures would absorb their own errors: then over the
-    joint ranges."""
+    """Postures at which frame and tool are taught: over the measured region or, without one, all postures of the
+    targets, which prefers none. Few postures would absorb their own errors: then over the joint ranges."""
     _, first = np.unique(candidates.solution, return_index=True)
     if measured is not None or len(first) < FEWEST_TAUGHT:
         return work_or_spread(rig, measured)
@@ -172,10 +170,8 @@ def _with_given(arm: Arm, poses: Array, candidates: Candidates, current: Array |
     """Add the postures of the program, which may be singular or absent from the samples."""
     if current is None:
         return candidates
-    missing = np.array(
-        [k for k in np.unique(candidates.target).tolist() if _row_of(candidates, current[k], k) is None], dtype=int
-    )
-    if not len(missing):
+    missing = [k for k in np.unique(candidates.target).tolist() if _row_of(candidates, current[k], k) is None]
+    if not missing:
         return candidates
     q, target = current[missing], np.concatenate([candidates.target, missing])
     whole = Candidates(

@@ -1,7 +1,6 @@
 """Best sequence of postures along a program: small errors, few changes of branch, short joint travel.
 
-The method is dynamic programming over the postures of each target. Within a program each joint approaches from the
-previous posture, so the sign of its backlash is known.
+Within a program each joint approaches from the previous posture, so the sign of its backlash is known.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class Sequence:
 def best_sequence(
     candidates: Candidates, errors: PostureErrors, *, change: float = CHANGE, travel: float = TRAVEL, error: float = 1.0
 ) -> Sequence:
-    """Find the sequence with the smallest sum of errors and costs, all in errors of a mean target.
+    """Sequence with the smallest sum of errors and costs, all in errors of a mean target, by dynamic programming.
 
     error: weight of the errors; 0 gives the sequence that a user would choose without knowing them.
     """

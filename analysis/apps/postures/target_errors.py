@@ -1,8 +1,7 @@
 """Joint distribution of the errors of all targets of a program, by cause.
 
-Frame and tool are taught with the robot, so a rigid motion and a shift of the tool are no errors. The covariance of the
-calibrated model is common to all targets: errors of neighbouring targets are nearly equal, and cancel in a distance.
-Scatter and unexplained error differ from target to target.
+The covariance of the calibrated model is common to all targets: errors of neighbouring targets are nearly equal, and
+cancel in a distance. Scatter and unexplained error differ from target to target.
 """
 
 from __future__ import annotations
@@ -79,8 +78,7 @@ class Work:
 
 
 def taught_at(rig: Rig, work: Work, inside: Array) -> tuple[Array, Array]:
-    """Postures and poses at which frame and tool are taught: the measured targets, or the measured region if these
-    are few, as for a correction."""
+    """Postures and poses at which frame and tool are taught: the measured targets, or the measured region for few."""
     if inside.sum() >= FEWEST_TAUGHT:
         return work.q[inside], work.wanted[inside]
     q = spread_angles(rig, pose_uncertainty(rig, supports(rig)).joints_rad)[:, : work.q.shape[1]]
@@ -88,7 +86,7 @@ def taught_at(rig: Rig, work: Work, inside: Array) -> tuple[Array, Array]:
 
 
 def causes_of(rig: Rig, work: Work, taught: tuple[Array, Array], rp_mm: float | None) -> list[Cause]:
-    """Find the causes of the errors of targets.
+    """Causes of the errors of targets.
 
     taught: postures and poses of frame and tool. rp_mm: pose repeatability, None for the usual one.
     """
@@ -118,13 +116,8 @@ def causes_of(rig: Rig, work: Work, taught: tuple[Array, Array], rp_mm: float | 
     moves += [] if knowledge == "calibrated" else [typical_displacements(rig, q)]
     moved = np.concatenate(moves)
     common = frame.remove_motions(moved[:, len(few) :], work.wanted, frame.motions(moved[:, : len(few)]))
-    causes.append(
-        cause(
-            "unknown part of the arm" if knowledge == "typical" else "uncertainty of the calibration",
-            "model",
-            common=common,
-        )
-    )
+    of_model = "unknown part of the arm" if knowledge == "typical" else "uncertainty of the calibration"
+    causes.append(cause(of_model, "model", common=common))
     causes += [
         cause(name, "approach", mean, own=own)
         for name, mean, own in _approaches(rig, work, typical=knowledge != "calibrated")

@@ -26,10 +26,7 @@ _SLACK = 1e-6
 
 
 def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]:
-    """Read the targets of a table, their poses (n, 4, 4) in the world and, if given, their joint angles (n, axes) rad.
-
-    Raises FileError for targets in other units or beyond a joint limit, and the errors of `read_path`.
-    """
+    """Targets of a table, their poses (n, 4, 4) in the world and, if given, their joint angles (n, axes) rad."""
     read = read_path(path, len(rig.robot.axes), rail=rig.robot.rail is not None)
     if len(read.lines) > MOST_TARGETS:
         problem = f"has {len(read.lines)} targets, and at most {MOST_TARGETS} are compared"
@@ -63,23 +60,15 @@ def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
         name, units = read.names[column], RAIL_MM if read.names[column] == RAIL else float(np.degrees(1.0))
         low, high = limits[column] * units
         problem = f"{name} {q[row, column] * units:.6g} is beyond the limits {low:.6g} to {high:.6g}"
-        raise FileError(
-            f"{where}, line {read.lines[row]}",
-            problem,
-            "correct the angle, or limits_deg in the rig file",
-            code="targets.limits",
-        )
+        remedy = "correct the angle, or limits_deg in the rig file"
+        raise FileError(f"{where}, line {read.lines[row]}", problem, remedy, code="targets.limits")
 
 
 def target_errors(path: Path, read: TargetPath, postures: Postures) -> list[FileError]:
+    reasons, remedy = sorted(postures.candidates.reasons.items()), "move the target or turn the tool"
     return [
-        FileError(
-            f"{path}, line {read.lines[k]}",
-            f"the target {WHY[reason]}",
-            "move the target or turn the tool",
-            code="targets.no_posture",
-        )
-        for k, reason in sorted(postures.candidates.reasons.items())
+        FileError(f"{path}, line {read.lines[k]}", f"the target {WHY[reason]}", remedy, code="targets.no_posture")
+        for k, reason in reasons
     ]
 
 

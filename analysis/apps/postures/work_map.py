@@ -21,14 +21,14 @@ _NODES = 21
 
 @dataclass(frozen=True)
 class WorkMap:
-    """Expected rms error (y, x) mm of a part centred at x_mm (x,) and y_mm (y,) in the world, NaN where it cannot be
-    processed."""
+    """Expected error of a part by the place of its centre in the world."""
 
     x_mm: Array
     y_mm: Array
     z_mm: float
     part_mm: Array
     expected_mm: Array
+    """Rms error (y, x), NaN where the part cannot be processed."""
 
     @property
     def best_mm(self) -> tuple[float, float] | None:
@@ -89,11 +89,8 @@ def _of_parts(square: Array, half_x: int, half_y: int) -> Array:
 
     square: (layer, y, x, branch).
     """
-    mean = square.mean(axis=0)
-    window = np.zeros(mean.shape)
-    padded = np.pad(mean, ((half_y, half_y), (half_x, half_x), (0, 0)), constant_values=np.inf)
-    for dy in range(2 * half_y + 1):
-        for dx in range(2 * half_x + 1):
-            window += padded[dy : dy + mean.shape[0], dx : dx + mean.shape[1]]
-    best = window.min(axis=2) / ((2 * half_x + 1) * (2 * half_y + 1))
+    padding = ((half_y, half_y), (half_x, half_x), (0, 0))
+    padded = np.pad(square.mean(axis=0), padding, constant_values=np.inf)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * half_y + 1, 2 * half_x + 1), axis=(0, 1))
+    best = windows.mean(axis=(3, 4)).min(axis=2)
     return np.where(np.isfinite(best), best, np.nan)

@@ -1,8 +1,7 @@
-"""Attempts for a port, derived from the schemas: interface, line settings and permitted data; results of a search.
+"""Attempts for a port, derived from the schemas, and the results of a search.
 
 An interface with an unconfirmed request (`Origin.standing`) is tried only if the user names it, because the request
-could have a different meaning for other instruments. A conversation on trial is limited in the data it may send, and
-ends when it can no longer succeed.
+could have a different meaning for other instruments.
 """
 
 from __future__ import annotations
@@ -77,10 +76,7 @@ def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
 
 
 def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
-    """Attempts for an instrument named by the user with keys of the rig file.
-
-    They may send all data that rigd sends, because the user has confirmed the instrument.
-    """
+    """Attempts for an instrument that the user named by keys of the rig file; they send what rigd sends."""
     placed = {"offset_mm": 0.0, **fields}
     lines = USUAL_LINES if "line" not in fields else ()
     model = next((candidate for candidate in models(Gauge) if name_of(candidate) == fields.get("interface")), None)
@@ -119,12 +115,8 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
             channels = range(1, min(most, _MOST_CHANNELS) + 1)
         for choice in _choices(model):
             default = model.model_fields["line"].default
-            made = {
-                **fields,
-                **choice,
-                "interface": name_of(model),
-                "line": (default if isinstance(default, Line) else USUAL_LINES[0]),
-            }
+            line = default if isinstance(default, Line) else USUAL_LINES[0]
+            made = {**fields, **choice, "interface": name_of(model), "line": line}
             yield tuple(_GAUGE.validate_python({**made, "channel": channel}) for channel in channels)
 
 
@@ -137,9 +129,9 @@ def _has_line(members: tuple[Gauge, ...]) -> bool:
 
 
 def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
-    """Possible configurations of an instrument: the combinations of enumerated keys.
+    """Combinations of the enumerated keys of an instrument, with the usual cable of the maker.
 
-    The usual cable of the maker is assumed. Other cables poll with a modem line, which may affect other devices.
+    Other cables poll with a modem line, which may affect other devices.
     """
     placing = {"interface", "units", "cable"}
     settings = [key for key in model.model_fields if key in model.__annotations__ and key not in placing]
@@ -153,9 +145,9 @@ _MOST_FAULTS = 3
 
 
 class Probing:
-    """Host side of a conversation on trial.
+    """Host side of a conversation on trial, which ends when it can no longer succeed.
 
-    Messages sent before any data arrives configure the instrument (`OUT0`, `OUTPUT RS422`). They are suppressed if only
+    Messages sent before any data arrives configure the instrument (`OUT0`, `OUTPUT RS422`); they are suppressed if only
     requests are permitted.
     """
 
@@ -221,13 +213,9 @@ class FoundGauge:
         fields = {"interface": self.gauge.interface, "line": str(self.gauge.line), **plain}
         unit = "reading_percent" if self.lacks else "reading_mm"
         return {
-            "place": self.place,
-            "gauge": fields,
-            unit: self.reading_mm,
-            "rate_hz": round(self.rate_hz, 1),
-            "lacks": list(self.lacks),
-            "also": list(self.also),
-        }
+            "place": self.place, "gauge": fields, unit: self.reading_mm, "rate_hz": round(self.rate_hz, 1),
+            "lacks": list(self.lacks), "also": list(self.also),
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -246,17 +234,16 @@ class PortReport:
 
 @dataclass(frozen=True)
 class RobotReport:
-    """Interface and joint angles at an address, or the reason for finding none.
-
-    units_sure: False if the numbers could be degrees or radians. reported: last warning of the controller.
-    """
+    """Interface and joint angles at an address, or the reason for finding none."""
 
     address: str
     feedback: Feedback | None = None
     joints_deg: tuple[float, ...] = ()
     rate_hz: float = 0.0
     units_sure: bool = True
+    """False if the numbers could be degrees or radians."""
     reported: str = ""
+    """Last warning of the controller."""
     problem: str = ""
     remedy: str = ""
 

@@ -20,12 +20,12 @@ class FindingVerdict(StrEnum):
 
 @dataclass(frozen=True)
 class CellFinding:
-    """A finding about a gauge, the robot, the disk, … remedy: empty if all is well."""
-
     about: str
+    """Gauge, robot, disk, …"""
     verdict: FindingVerdict
     what: str
     remedy: str = ""
+    """Empty if all is well."""
 
 
 def ok(about: str, observation: str) -> CellFinding:
@@ -68,11 +68,8 @@ def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[CellFinding
     if shown.get(MOTORS) == 0:
         yield doubtful(about, "the motors are off", "switch the motors on before the recording")
     if shown.get(PROGRAM) == ProgramState.PAUSED:
-        yield doubtful(
-            about,
-            "the program is paused",
-            "resume the program; or stop the program and start it after the start of the recording",
-        )
+        remedy = "resume the program; or stop the program and start it after the start of the recording"
+        yield doubtful(about, "the program is paused", remedy)
     # A controller may show a speed of zero while no program is running, regardless of the setting.
     if 0 < shown.get(SPEED, 0.0) < FULL_PERCENT:
         observation = f"the speed is set to {shown[SPEED]:.0f} %"

@@ -1,7 +1,6 @@
-"""Checks of the computer of the daemon: disk, clock, service manager and serial ports.
+"""Checks of the computer of the daemon: disk, clock, service manager and serial ports, of which none is opened.
 
-Each check is a function of plain values. `root` is the root of the system tree, which a test can build. No port is
-opened.
+`root` is the root of the system tree, which a test can build.
 """
 
 from __future__ import annotations
@@ -25,10 +24,7 @@ from daq.wire.serial_port import port_names
 _GB = 1e9
 _LITTLE_GB, _TOO_LITTLE_GB = 5.0, 0.5
 _SLOW_S, _TOO_SLOW_S = 0.1, 5.0
-"""Limits for the duration of a sync.
-
-The daemon syncs every 0.5 s and buffers meanwhile; the watchdog waits for 15 s.
-"""
+"""Limits for the duration of a sync: the daemon syncs every 0.5 s, and the watchdog waits for 15 s."""
 _SYNCS = 5
 _BLOCK = bytes(1 << 16)
 _ANSWERS_S = 10.0
@@ -43,14 +39,12 @@ def examine_computer(runs: Path, unit: str | None) -> Iterator[CellFinding]:
         yield room(runs, shutil.disk_usage(place).free / _GB)
         yield sync_time(runs, slowest_sync_s(place))
     except PermissionError:
-        yield doubtful(
-            "disk",
-            f"{runs}: this user has no write permission",
-            "run the command as the owner: sudo -u rig rig doctor …",
-        )
+        remedy = "run the command as the owner: sudo -u rig rig doctor …"
+        yield doubtful("disk", f"{runs}: this user has no write permission", remedy)
     except OSError as error:
         yield wrong("disk", f"{runs}: {error.strerror or error}", "repair the disk, or choose a different --runs")
-    yield wall_clock(clock_state())
+    timex = ctypes.create_string_buffer(256)  # larger than struct timex; a zero in the first member requests no change
+    yield wall_clock(int(ctypes.CDLL(None).adjtimex(timex)))
     if unit and (properties := unit_properties(unit)):
         yield service(unit, properties)
 
@@ -65,7 +59,6 @@ def room(runs: Path, free_gb: float) -> CellFinding:
 
 
 def sync_time(runs: Path, slowest_s: float) -> CellFinding:
-    """Check that the disk is fast enough for two syncs a second."""
     observation = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
     if slowest_s > _TOO_SLOW_S:
         return wrong("disk", observation, f"put {runs} on a separate disk, not on a memory card or a network drive")
@@ -87,11 +80,8 @@ def service(unit: str, properties: Mapping[str, str]) -> CellFinding:
     active, sub = properties.get("ActiveState", ""), properties.get("SubState", "")
     restarts = int(properties.get("NRestarts") or 0)
     if active == "failed":
-        return wrong(
-            unit,
-            f"failed ({properties.get('Result')})",
-            f"find the cause with rig logs; then: sudo systemctl restart {unit}",
-        )
+        remedy = f"find the cause with rig logs; then: sudo systemctl restart {unit}"
+        return wrong(unit, f"failed ({properties.get('Result')})", remedy)
     if sub == "auto-restart" or active == "activating":
         return wrong(unit, f"does not start, after {restarts} attempts", "see why: rig logs")
     if active != "active":
@@ -112,12 +102,6 @@ def slowest_sync_s(folder: Path) -> float:
             os.fsync(file.fileno())
             taken.append(clock.now_s() - began)
     return max(taken)
-
-
-def clock_state() -> int:
-    """Clock state of adjtimex(2). Nothing is changed."""
-    timex = ctypes.create_string_buffer(256)  # larger than struct timex; a zero in the first member requests no change
-    return int(ctypes.CDLL(None).adjtimex(timex))
 
 
 def unit_properties(unit: str) -> dict[str, str]:
@@ -155,20 +139,16 @@ def present(about: str, port: str, root: Path) -> CellFinding:
     if _at(port, root).exists():
         return ok(about, f"{port} exists")
     ports = ", ".join(port_names(root)) or "none"
-    return wrong(
-        about,
-        f"{port}: the port does not exist",
-        f"connect the device and switch it on, or correct the port; available ports: {ports}",
-    )
+    remedy = f"connect the device and switch it on, or correct the port; available ports: {ports}"
+    return wrong(about, f"{port}: the port does not exist", remedy)
 
 
 def lasting(about: str, port: str, root: Path) -> CellFinding | None:
     """Check that the name of a port belongs permanently to the adapter."""
     if not _BY_PLUGGING_ORDER.fullmatch(port):
         return None
-    names = [
-        name for name in port_names(root) if _at(name, root).resolve() == _at(port, root).resolve() and name != port
-    ]
+    real = _at(port, root).resolve()
+    names = [name for name in port_names(root) if _at(name, root).resolve() == real and name != port]
     remedy = f"write port: {names[0]}" if names else "use the name in /dev/serial/by-id, or install the udev rules"
     return doubtful(about, f"{port} depends on the order in which adapters are connected", remedy)
 
@@ -188,29 +168,21 @@ def allowed(about: str, port: str, root: Path) -> CellFinding | None:
             remedy = f"run: sudo usermod -aG {group} {getpass.getuser()}; then log in again"
         return wrong(about, f"{port} {mode}; this user has no access", remedy)
     if _BY_PLUGGING_ORDER.fullmatch(f"/dev/{device.resolve().name}") and group != _GROUP:
-        return doubtful(
-            about, f"{port} {mode}; the service has access only to ports of {_GROUP}", "run scripts/install"
-        )
+        observation = f"{port} {mode}; the service has access only to ports of {_GROUP}"
+        return doubtful(about, observation, "run scripts/install")
     return None
 
 
 def free(about: str, port: str, root: Path) -> CellFinding | None:
-    """Check for other processes using the port, as far as this user sees them.
-
-    A pty is used by the process that created it.
-    """
-    # `ttyUSB0` or `pts/3`, for any name in the rig file
-    real = _at(port, root).resolve()
-    dev = (root / "dev").resolve()
-    below = str(real.relative_to(dev)) if real.is_relative_to(dev) else real.name
-    device = f"/dev/{below}"
-    if device.startswith("/dev/pts/"):
+    """Check for other processes using the port, as far as this user sees them."""
+    real, dev = _at(port, root).resolve(), (root / "dev").resolve()
+    device = f"/dev/{real.relative_to(dev) if real.is_relative_to(dev) else real.name}"
+    if device.startswith("/dev/pts/"):  # the process that created a pty uses it
         return None
     for folder in sorted((root / "proc").glob("[0-9]*")):
         with contextlib.suppress(OSError):
-            if int(folder.name) != os.getpid() and any(
-                str(file.readlink()) == device for file in list((folder / "fd").iterdir())
-            ):
+            used = [str(file.readlink()) for file in list((folder / "fd").iterdir())]
+            if device in used and int(folder.name) != os.getpid():
                 name = (folder / "comm").read_text().strip()
                 stop = f"systemctl disable --now {name}" if name in _GREEDY else f"kill {folder.name}"
                 return wrong(about, f"{port} is in use by {name} (process {folder.name})", f"end it: sudo {stop}")
@@ -226,9 +198,8 @@ def quick(about: str, port: str, root: Path) -> CellFinding | None:
     if ms < _LONG_MS:
         return ok(about, f"the adapter's latency timer is {ms} ms")
     observation = f"the adapter's latency timer is {ms} ms: answers and their timestamps are delayed"
-    return doubtful(
-        about, observation, f"run scripts/install; or, until the adapter is reconnected: echo 1 | sudo tee {timer}"
-    )
+    remedy = f"run scripts/install; or, until the adapter is reconnected: echo 1 | sudo tee {timer}"
+    return doubtful(about, observation, remedy)
 
 
 def _at(port: str, root: Path) -> Path:

@@ -24,8 +24,8 @@ def examine(
 ) -> Iterator[CellFinding]:
     """Findings one by one.
 
-    unit: service of the rig. root: parent of /dev, /proc and /sys. example: the rig file is a shipped example. Its
-    ports are not opened, because the addresses may belong to other machines in this network.
+    unit: service of the rig. root: parent of /dev, /proc and /sys. example: the rig file is a shipped example, whose
+    ports may belong to other machines in this network, so they are not opened.
     """
     yield from examine_computer(runs, unit)
     try:
@@ -36,12 +36,9 @@ def examine(
     if status is not None:
         yield from of_daemon(status, streams_of(rig))
     if example and status is None:
-        observation = (
-            "this rig file is a shipped example; its ports and addresses do not belong to your cell and were not tried"
-        )
-        yield doubtful(
-            "instruments", observation, "create the rig file of your cell with rig init cell.yaml, and give that file"
-        )
+        why = "its ports and addresses do not belong to your cell and were not tried"
+        remedy = "create the rig file of your cell with rig init cell.yaml, and give that file"
+        yield doubtful("instruments", f"this rig file is a shipped example; {why}", remedy)
         return
     for stream in streams_of(rig):
         findings = []
@@ -60,12 +57,8 @@ def ask(rig: str) -> dict[str, Any] | None:
     except CellError:
         closed = [folder for folder in Path("/run").glob("rigd-*") if not os.access(folder, os.X_OK)]
         if closed:
-            raise CellError(
-                str(closed[0]),
-                "this user has no permission to query the daemon",
-                "join the group rig, or use sudo",
-                code="daemon.permission",
-            ) from None
+            problem, remedy = "this user has no permission to query the daemon", "join the group rig, or use sudo"
+            raise CellError(str(closed[0]), problem, remedy, code="daemon.permission") from None
         return None
     with Client(path) as client:
         return client.ask("status")
@@ -80,9 +73,8 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Cel
         yield doubtful("rigd", "is an older version than this rig", "restart rigd between two recordings")
     elif served != {stream.name: stream.port for stream in streams}:
         ports = ", ".join(f"{name} on {port}" for name, port in served.items())
-        yield wrong(
-            "rigd", f"reads {ports}: different from the rig file", "restart rigd, or give the matching rig file"
-        )
+        remedy = "restart rigd, or give the matching rig file"
+        yield wrong("rigd", f"reads {ports}: different from the rig file", remedy)
     for name, stream in status["streams"].items():
         yield _stream(name, stream)
         if stream["connected"]:
@@ -96,9 +88,8 @@ def _stream(name: str, stream: dict[str, Any]) -> CellFinding:
     ages_s = {column: age_s for column, age_s in stream["age_s"].items() if column not in CONDITION}
     silent = [column for column, age_s in ages_s.items() if age_s > _FRESH_S]
     if silent or not ages_s:
-        return wrong(
-            name, f"readings of {', '.join(silent) or name} are missing", stream["last_fault"] or "see rig logs"
-        )
+        observation = f"readings of {', '.join(silent) or name} are missing"
+        return wrong(name, observation, stream["last_fault"] or "see rig logs")
     faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
     good = stream["counters"].get("samples", 0)
     observation = f"{stream['rate_hz']:.1f} readings a second, {good} so far"

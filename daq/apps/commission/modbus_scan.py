@@ -1,9 +1,9 @@
 """Search for the unit, registers and byte order of a Modbus gauge with a wrong rig file.
 
-While the user moves the probe, every unit number is polled, and then the registers around the configured address, also
-in manual notation (30203, 40203). Only the read functions 3 and 4 are used. A value that moves steadily within the
-range of a gauge is the reading, or the upper part of it; a wrong decoding jumps over the full range of the type or does
-not move. Among several candidates those with the fewest changes to the rig file are chosen.
+While the user moves the probe, every unit is polled, then the registers around the configured address, also in manual
+notation (30203, 40203), with the read functions 3 and 4. A value that moves steadily within the range of a gauge is
+the reading, or its upper part; a wrong decoding jumps over the range of the type or does not move. The candidates with
+the fewest changes to the rig file are chosen.
 """
 
 from __future__ import annotations
@@ -53,15 +53,13 @@ Seen = Mapping[int, Sequence[int]]
 
 @dataclass(frozen=True)
 class ValueDecoding:
-    """A decoding of the value.
-
-    changed: keys that differ from the rig file. readings_mm (n,): decoded readings. moving: registers that changed,
-    with unit and function.
-    """
+    """A decoding of the value."""
 
     changed: dict[str, Any]
+    """Keys that differ from the rig file."""
     readings_mm: NDArray[np.float64]
     moving: frozenset[tuple[int, int, int]]
+    """Unit, function and address of the registers that changed."""
 
     @property
     def effort(self) -> int:
@@ -69,9 +67,9 @@ class ValueDecoding:
         return sum(_SELDOM.get(key, 1) for key in self.changed)
 
     def is_part_of(self, way: ValueDecoding) -> bool:
-        """True if this decoding is the upper part of a different number: the same motion, truncated.
+        """True if this is the upper part of another number: the same motion, truncated.
 
-        The registers may have been read one after the other, so only the distributions are compared.
+        Registers may be read one after the other, so only the distributions are compared.
         """
         apart_mm = np.abs(np.quantile(self.readings_mm, _LEVELS) - np.quantile(way.readings_mm, _LEVELS)).mean()
         return self.moving < way.moving and bool(apart_mm <= _CUT * np.abs(way.readings_mm).max())
@@ -129,10 +127,7 @@ UNITS = range(1, 248)
 _FIRST_UNITS = range(1, 17)
 """Common unit numbers at delivery, tried with other line settings."""
 SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
-"""Time for each unit, and limit for all.
-
-Responses arrive within 0.1 s. A gateway that refuses more slowly is heard during the next request.
-"""
+"""Time for each unit, and limit for all. A gateway that refuses more slowly is heard during the next request."""
 _AROUND = 8
 """Registers read before and after the configured one."""
 _LONGEST = 4
@@ -148,11 +143,12 @@ _SILENCE_S = 0.004
 
 @dataclass
 class Asker:
-    """Sends requests over a link in sequence. heard: units that responded, even with a refusal."""
+    """Sends requests over a link, one after the other."""
 
     link: Link
     wire: Wire
     heard: set[int] = field(default_factory=set)
+    """Units that responded, even with a refusal."""
 
     def read(self, place: Place, piece: Piece, timeout_s: float) -> tuple[int, ...] | None:
         unit, function = place
@@ -201,7 +197,6 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
             return wrong(name, f"{stream.port}: {error.what}", error.remedy)
         with closing(link), suppress(LinkLost):
             asker = Asker(link, Wire(stream.port, gauge.framing, serving=False))
-            # Poll every unit and store the units that respond.
             units = UNITS if line == stream.line else _FIRST_UNITS
             until = clock.now_s() + _LONGEST_SWEEP_S
             for unit in (gauge.unit, *units):
@@ -209,13 +204,13 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
                     asker.read((unit, gauge.function), (gauge.value.address, gauge.value.count), SWEEP_S)
             if asker.heard:
                 say(f"{name}: move the probe to and fro now, about once a second, and no other; units: {_list(asker)}")
-                seen = _watch(asker, gauge)
-                return _finding(name, gauge, {} if line == stream.line else {"line": line}, ways(gauge, seen), asker)
+                moving = ways(gauge, _watch(asker, gauge))
+                return _finding(name, gauge, {} if line == stream.line else {"line": line}, moving, asker)
     return wrong(name, f"{stream.port}: no Modbus unit answers", "check the cable, A and B exchanged, and the supply")
 
 
 def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
-    """Contents of the registers around the configured one for each pass."""
+    """Contents of the registers around the configured one in each pass."""
     pieces = [(place, piece) for unit in sorted(asker.heard) for place, piece in _readable(asker, gauge, unit)]
     seen: dict[tuple[Place, Piece], list[tuple[int, ...]]] = {piece: [] for piece in pieces}
     for _ in range(_PASSES):
@@ -251,9 +246,8 @@ def _finding(
     if not moving:
         around = f"registers {gauge.value.address} ± {_AROUND}"
         observation = f"units {_list(asker)} answer, but no value in {around} moves like a probe"
-        return doubtful(
-            name, observation, "move the probe during the scan; check `range_mm`, and the address in the manual"
-        )
+        remedy = "move the probe during the scan; check `range_mm`, and the address in the manual"
+        return doubtful(name, observation, remedy)
     best, *others = moving
     span = f"{best.readings_mm.min():.4f} to {best.readings_mm.max():.4f} mm"
     if rivals := [way for way in others if way.effort == best.effort]:

@@ -1,8 +1,6 @@
 """Parallel search of ports. Each port is opened exclusively and left with the original settings.
 
-An attempt that receives no data ends after the time-out of the instrument, otherwise after `_PATIENCE_S`. The first
-line settings with a matching protocol end the search of a port, after all interfaces have been tried with these
-settings.
+The first line settings with a matching protocol end the search of a port, after all interfaces were tried with them.
 """
 
 from __future__ import annotations
@@ -13,7 +11,7 @@ import os
 import termios
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -34,18 +32,14 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line, Port
 
 _ANSWER_S = 0.3
-"""Time limit for a response during a search.
-
-9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain ND 281 B takes up to 50 ms.
-"""
+"""Time limit for a response: 9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain
+ND 281 B takes up to 50 ms."""
 _STALL_NS = 250_000_000
 """Stall of the computer after which an attempt is repeated: a response may have been missed."""
 _MOST_REPEATS = 3
 _PATIENCE_S = 2.0
 _SILENT_S = 20.0
-"""Time limit for a built-in port, which exists even if no instrument is connected. Only the line settings of the makers
-and the two most common are tried. Pluggable ports are tried with all settings.
-"""
+"""Time limit for a built-in port, which exists even if no instrument is connected."""
 _CONFIRM_S = 0.5
 """Time for further readings after a match."""
 LISTEN_S = 1.0
@@ -59,23 +53,19 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """ports: serial devices and TCP addresses named by the user. Other ports are not opened.
-
-    named: attempts for ports with a known instrument. listen_s: listening time for each setting. modbus_units: units to
-    poll.
-    """
-
     ports: tuple[str, ...]
+    """Serial devices and TCP addresses named by the user. Other ports are not opened."""
     named: Mapping[str, Sequence[Attempt]] = field(default_factory=dict)
+    """Attempts for ports with a known instrument."""
     listen_s: float = LISTEN_S
+    """Listening time for each setting."""
     modbus_units: tuple[int, ...] = (1,)
 
 
 def ports_here() -> dict[str, str]:
     """Serial ports of this computer with the description of the system. No port is opened."""
-    descriptions = {
-        Path(port.device).resolve(): port.description for port in list_ports.comports() if port.description != "n/a"
-    }
+    known = (port for port in list_ports.comports() if port.description != "n/a")
+    descriptions = {Path(port.device).resolve(): port.description for port in known}
     return {name: descriptions.get(Path(name).resolve(), "") for name in port_names()}
 
 
@@ -84,7 +74,7 @@ def search(options: SearchOptions, progress: Progress) -> list[PortReport]:
     descriptions, reports, stop = ports_here(), dict[str, PortReport](), clock.Event()
 
     def search_one(port: str) -> None:
-        reports[port] = search_port(port, descriptions.get(port, ""), options, progress, stop)
+        reports[port] = search_port(PortReport(port, descriptions.get(port, "")), options, progress, stop)
 
     threads = [clock.Thread(target=search_one, args=(port,), name=f"search {port}") for port in options.ports]
     try:
@@ -106,10 +96,9 @@ def join_started(threads: Sequence[threading.Thread]) -> None:
             thread.join()
 
 
-def search_port(
-    port: str, description: str, options: SearchOptions, progress: Progress, stop: threading.Event
-) -> PortReport:
-    report = PortReport(port, description)
+def search_port(report: PortReport, options: SearchOptions, progress: Progress, stop: threading.Event) -> PortReport:
+    """Complete the report of a port."""
+    port = report.port
     try:
         _PORT.validate_python(port)
     except ValidationError:
@@ -132,9 +121,8 @@ def search_port(
 
 def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: int = 1) -> Host:
     timeout_s = listen_s if sends == "nothing" else _ANSWER_S if sends == "requests" else members[0].timeout_s
-    return Probing(
-        gauges.host([gauge.model_copy(update={"timeout_s": timeout_s}) for gauge in members]), sends, silences
-    )
+    limited = [gauge.model_copy(update={"timeout_s": timeout_s}) for gauge in members]
+    return Probing(gauges.host(limited), sends, silences)
 
 
 def _tried(
@@ -184,17 +172,16 @@ def _tried(
 
 
 def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
-    """Sort key of a matching attempt; the best has the highest.
+    """Sort key of a matching attempt.
 
-    An interface with messages that end in a carriage return also accepts an additional line feed. It therefore matches
-    instruments of other interfaces that always send both.
+    An interface whose messages end in a carriage return also matches instruments that add a line feed.
     """
     enough, understood, readings = candidate[1].evidence
     return enough, understood, candidate[0].interface not in _FORGIVING, readings
 
 
 def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:
-    """Make an attempt. Repeat it if the computer stalled before the first reading."""
+    """Make an attempt, and repeat it if the computer stalled before the first reading."""
     host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
     stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
     stalls.take()
@@ -206,14 +193,14 @@ def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> 
 
 
 def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:
-    gauges = []
+    found = []
     for column, gauge in enumerate(attempt.gauges):
         values = (sample.values[column] for sample in reversed(trial.samples))
         reading = next((value for value in values if not math.isnan(value)), None)
         if reading is not None:
             declared = gauge.model_copy(update={"line": attempt.line})
-            gauges.append(FoundGauge(declared, reading, trial.rate_hz, attempt.sends, also))
-    return PortReport(report.port, report.description, tuple(gauges))
+            found.append(FoundGauge(declared, reading, trial.rate_hz, attempt.sends, also))
+    return replace(report, gauges=tuple(found))
 
 
 def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> PortReport:
@@ -231,12 +218,12 @@ def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> 
 
 
 def _failed(report: PortReport, problem: str, remedy: str) -> PortReport:
-    return PortReport(report.port, report.description, (), problem, remedy)
+    return replace(report, problem=problem, remedy=remedy)
 
 
 @contextlib.contextmanager
 def _as_it_was(port: str) -> Iterator[None]:
-    """Keep a serial port open to leave the control lines unchanged between attempts, and restore its settings."""
+    """Keep a serial port open, so that its control lines stay unchanged, and restore its settings."""
     if not port.startswith("/"):
         yield
         return

@@ -2,12 +2,7 @@
 
 The address alone determines the data sent: RTDE read requests to port 30004, FANUC Stream Motion status requests to
 port 60015, OPC UA browse and read requests to port 4840. At other ports rig only listens: unexpected bytes can stop the
-serving program, and the script ports of Universal Robots execute them. If the user names the interface, the complete
-conversation is used as in rigd.
-
-In printed lines the separator, the clock and six angles are guessed from the numbers. A column that grows at the pace
-of the host clock is the clock. Degrees can only be distinguished from radians if an angle is larger than a full turn in
-radians. Otherwise the user is asked.
+serving program, and the script ports of Universal Robots execute them.
 """
 
 from __future__ import annotations
@@ -60,7 +55,10 @@ class LineLayout:
 
 
 def layout_of(arrivals: Sequence[Arrival]) -> LineLayout | None:
-    """Layout of received lines; None for lines with fewer than six numbers."""
+    """Separator, clock and six angles of received lines by their numbers; None for lines with fewer than six.
+
+    Degrees are sure if an angle is larger than a full turn in radians.
+    """
     frames = DelimitedLines(b"\n", joined_midway=True)
     lines = [
         (message.data.decode("ascii", "replace").strip(), message.last_byte_ns / 1e9)
@@ -69,34 +67,27 @@ def layout_of(arrivals: Sequence[Arrival]) -> LineLayout | None:
         if isinstance(message, Message)
     ]
     for separator in _SEPARATORS:
-        rows = [
-            [number(part.strip()) for part in text.split(None if separator == " " else separator)] for text, _ in lines
-        ]
+        split = (text.split(None if separator == " " else separator) for text, _ in lines)
+        rows = [[number(part.strip()) for part in parts] for parts in split]
         if len(rows) >= _FEWEST_LINES and len(rows[0]) >= 6 and len({len(row) for row in rows}) == 1:
             break
     else:
         return None
     columns = [list(column) for column in zip(*rows, strict=True)]
     at_s = [at_s for _, at_s in lines]
-    clocks = {place: name for place, column in enumerate(columns) if (name := _clock(column, at_s))}
-    first_clock = next(iter(clocks), None)
-    joints = [
-        place
-        for place, column in enumerate(columns)
-        if place != first_clock and all(value is not None for value in column)
-    ][:6]
+    clocks = [(place, name) for place, column in enumerate(columns) if (name := _clock(column, at_s))]
+    names = dict(clocks[:1])
+    joints = [place for place, column in enumerate(columns) if place not in names and None not in column][:6]
     if len(joints) < 6:
         return None
     largest = max(abs(value) for place in joints for value in columns[place] if value is not None)
-    names = {place: f"q{axis}_deg" for axis, place in enumerate(joints, 1)}
-    if first_clock is not None:
-        names[first_clock] = clocks[first_clock]
+    names |= {place: f"q{axis}_deg" for axis, place in enumerate(joints, 1)}
     fields = tuple(names.get(place, "_") for place in range(len(columns)))
     return LineLayout(fields, separator, largest > 2 * math.pi)
 
 
 def _clock(column: list[float | None], at_s: list[float]) -> str | None:
-    """Name of the clock in a column according to the pace of the numbers."""
+    """Name of the clock in a column that grows at the pace of the host clock."""
     lasted_s = at_s[-1] - at_s[0]
     values = [value for value in column if value is not None]
     rises = len(values) == len(column) and all(b >= a for a, b in pairwise(values))
@@ -120,11 +111,10 @@ _CYCLES_MS: tuple[Literal[4, 12], ...] = (4, 12)
 
 @dataclass(frozen=True)
 class _Tried:
-    """Result for an interface. sure: the angle unit is certain."""
-
     feedback: Feedback
     trial: Trial
     sure: bool = True
+    """The angle unit is certain."""
 
 
 def linuxcnc_port(address: str) -> str | None:
@@ -136,35 +126,25 @@ def linuxcnc_port(address: str) -> str | None:
 
 
 def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
-    """Search for a robot at an address (`rig init --help`). named: interface given by the user; no other is tried.
-
-    At a local UDP address the search waits for the controller.
-    """
+    """Search for a robot at an address (`rig init --help`). named: interface given by the user; no other is tried."""
     failed: list[str] = []
     answers = False
     try:
         for tried in _tries(address) if named is None else [_try(named)]:
-            if tried.trial.evidence[0] or (named and tried.trial.samples):
-                last = tried.trial.samples[-1]
-                stopped = stopped_by(condition_in(robot_stream(tried.feedback).columns, last))
-                return RobotReport(
-                    address,
-                    tried.feedback,
-                    last.values[:6],
-                    tried.trial.rate_hz,
-                    units_sure=tried.sure,
-                    reported=stopped or _own_report(tried.trial),
-                )
             trial = tried.trial
+            if trial.evidence[0] or (named and trial.samples):
+                last = trial.samples[-1]
+                stopped = stopped_by(condition_in(robot_stream(tried.feedback).columns, last))
+                reported = stopped or _own_report(trial)
+                return RobotReport(address, tried.feedback, last.values[:6], trial.rate_hz, tried.sure, reported)
             quiet = describe_silence(tried.feedback.port, trial)
             answers |= quiet == ACCEPTED
             silence = "sends data in an unknown format" if trial.received else quiet
             why = trial.error.what if trial.error else _own_report(trial) or silence
             failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {why}")
     except ValidationError:
-        return RobotReport(
-            address, problem="is not an address", remedy="give HOST, tcp://HOST:PORT or udp://ADDRESS:PORT"
-        )
+        remedy = "give HOST, tcp://HOST:PORT or udp://ADDRESS:PORT"
+        return RobotReport(address, problem="is not an address", remedy=remedy)
     load = "load rig.hal in LinuxCNC, start it and home all joints (docs/linuxcnc.md)"
     remedy = load if linuxcnc_port(address) else _remedy(address, named, answers=answers)
     return RobotReport(address, problem="; ".join(dict.fromkeys(failed)), remedy=remedy)
@@ -201,7 +181,7 @@ def _tries(address: str) -> Iterator[_Tried]:
 
 
 def _line_feed(address: str) -> _Tried:
-    """Listen to lines and guess the layout. A single connection is used, because some programs end with it."""
+    """Listen to lines and guess the layout, over a single connection, because some programs end with it."""
     plain = LineFeed(interface="line_feed", port=address)
     try:
         link = open_link(ROBOT, address, plain.line)
@@ -242,7 +222,7 @@ def _own_report(trial: Trial) -> str:
 
 
 def _remedy(address: str, named: Feedback | None, *, answers: bool) -> str:
-    """Remedy for a robot that reports no joint angles. answers: the connection is accepted."""
+    """answers: the connection is accepted."""
     tcp, udp = tcp_address(address), udp_address(address)
     if named is not None and named.interface != "line_feed":
         return f"check that {named.interface} is available at this address and allowed in the controller's settings"

@@ -1,8 +1,4 @@
-"""Short conversation with an instrument, as in the daemon, and the resulting findings.
-
-The regular conversation never configures the instrument. If the instrument does not respond with the line settings of
-the rig file, common settings are tried in sequence.
-"""
+"""Short conversation with an instrument, as in the daemon, and the resulting findings."""
 
 from __future__ import annotations
 
@@ -37,35 +33,25 @@ _FEW, _POOR_SHARE = 2, 0.05
 """Tolerable number of faults, absolute and per reading."""
 _SLOW = 0.5
 _POOR_PPM = 1000.0
-USUAL_LINES = tuple(
-    Line.model_validate(text)
-    for text in (
-        "9600 8N1",
-        "4800 7E2",
-        "9600 7E1",
-        "9600 7E2",
-        "19200 8E1",
-        "19200 8N1",
-        "9600 8E1",
-        "38400 8N1",
-        "57600 8N1",
-        "115200 8N1",
-        "115200 8E1",
-        "921600 8N1",
-    )
+_USUAL = (
+    "9600 8N1, 4800 7E2, 9600 7E1, 9600 7E2, 19200 8E1, 19200 8N1, 9600 8E1, 38400 8N1, 57600 8N1, 115200 8N1, "
+    "115200 8E1, 921600 8N1"
 )
+USUAL_LINES = tuple(map(Line.model_validate, _USUAL.split(", ")))
 """Settings of gauges at delivery, the most common first."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Result of a short conversation. carried: bytes in both directions. error: why a port did not open."""
+    """Result of a short conversation."""
 
     items: Sequence[Item] = ()
     seconds: float = 0.0
     received: int = 0
     carried: int = 0
+    """Bytes in both directions."""
     error: CellError | None = None
+    """Why a port did not open."""
 
     @property
     def samples(self) -> list[Sample]:
@@ -80,10 +66,8 @@ class Trial:
 
     @property
     def evidence(self) -> tuple[bool, float, int]:
-        """Agreement with the protocol; the best candidate has the largest.
-
-        Whether enough readings in a row exclude chance, the share of understood messages, and the number of readings.
-        """
+        """Agreement with the protocol, a sort key: whether enough readings in a row exclude chance, the share of
+        understood messages, and the number of readings."""
         readings = row = longest = faults = 0
         for item in self.items:
             if not isinstance(item, Fault):
@@ -94,11 +78,16 @@ class Trial:
         return longest >= _ENOUGH, readings / max(1, readings + faults), readings
 
     @property
-    def understood(self) -> bool:
-        """True if the protocol works: mostly readings, or errors reported by the instrument."""
+    def faults(self) -> Counter[FaultKind]:
         kinds = Counter[FaultKind]()
         for fault in faults_of(self.items):
             kinds[fault.kind] += fault.count
+        return kinds
+
+    @property
+    def understood(self) -> bool:
+        """True if the protocol works: mostly readings, or errors reported by the instrument."""
+        kinds = self.faults
         answered, garbled = len(samples_of(self.items)) + kinds[FaultKind.DEVICE_ERROR], kinds[FaultKind.GARBLED]
         return answered >= _ENOUGH and answered > garbled
 
@@ -182,13 +171,10 @@ def examine_conversation(stream: Stream, timeout_s: float) -> Iterator[CellFindi
 
 
 def of_signs(stream: Stream, trial: Trial) -> Iterator[CellFinding]:
-    """Check whether gauges of a link report negative values as large positive values."""
-    values = samples_of(trial.items).values
-    for name, column in zip(stream.columns, values.T, strict=True):
-        shown = unsigned_readings(column) if name.endswith("_mm") else None
-        if shown is not None:
-            fact, remedy = shown
-            yield wrong(stream.name, f"{name}: {fact}", remedy)
+    """Gauges of a link that report negative values as large positive values."""
+    for name, column in zip(stream.columns, samples_of(trial.items).values.T, strict=True):
+        if name.endswith("_mm") and (unsigned := unsigned_readings(column)):
+            yield wrong(stream.name, f"{name}: {unsigned[0]}", unsigned[1])
 
 
 def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> CellFinding:
@@ -203,30 +189,21 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
         return wrong(stream.name, f"{how}: the device answers with an error", trial.last_fault)
     if line := search():
         return wrong(stream.name, f"does not answer at {stream.line}, but answers at {line}", f"write line: {line}")
+    observation, remedy = describe_silence(stream.port, trial), "check that it is on, and the cable"
     if trial.received:
-        observation = f"{how}: {trial.received} bytes arrived, but no reading"
-        return wrong(
-            stream.name,
-            observation,
-            trial.last_fault or "check `interface` and the port: the connected device is of a different kind",
-        )
-    return wrong(
-        stream.name,
-        f"{how}: {describe_silence(stream.port, trial)}",
-        trial.last_fault or "check that it is on, and the cable",
-    )
+        observation = f"{trial.received} bytes arrived, but no reading"
+        remedy = "check `interface` and the port: the connected device is of a different kind"
+    return wrong(stream.name, f"{how}: {observation}", trial.last_fault or remedy)
 
 
 def _of_readings(stream: Stream, trial: Trial, how: str) -> CellFinding:
-    """Check the readings: all gauges of the link must deliver some, with few faults."""
+    """All gauges of a link must deliver readings, with few faults."""
     readings = samples_of(trial.items)
     observation = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
     silent = [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]
     if missing := [name for name in silent if name not in CONDITION]:
         return wrong(stream.name, f"{observation}, but without {', '.join(missing)}", trial.last_fault)
-    faults = Counter[str]()
-    for fault in faults_of(trial.items):
-        faults[fault.kind] += fault.count
+    faults = trial.faults
     if faults.total() > _FEW and faults.total() > _POOR_SHARE * len(readings):
         counts = ", ".join(f"{count} {kind}" for kind, count in faults.items() if count)
         return doubtful(stream.name, f"{observation}, and {counts}", trial.last_fault)
@@ -243,9 +220,8 @@ def pace(stream: Stream, trial: Trial) -> CellFinding | None:
     observation = f"{reached_hz:.1f} readings a second; the line supports {possible_hz:.1f}"
     if reached_hz >= _SLOW * possible_hz:
         return ok(stream.name, observation)
-    return doubtful(
-        stream.name, observation, "shorten the adapter's latency timer; otherwise the instrument is the limit"
-    )
+    remedy = "shorten the adapter's latency timer; otherwise the instrument is the limit"
+    return doubtful(stream.name, observation, remedy)
 
 
 def pace_of_clock(about: str, samples: Sequence[Sample]) -> CellFinding | None:

@@ -32,10 +32,7 @@ _SETTLE_S = 5.0
 
 
 def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) -> str | None:
-    """Place of the only gauge that moved.
-
-    rest_mm: readings at rest by place. now_mm: current reading by place.
-    """
+    """Place of the only gauge that moved, by the readings at rest and now by place."""
     resting = {place: readings for place, readings in rest_mm.items() if len(readings) >= _AT_REST and place in now_mm}
     moved = {place: abs(now_mm[place] - sorted(readings)[len(readings) // 2]) for place, readings in resting.items()}
     unrest = {place: max(readings) - min(readings) for place, readings in resting.items()}
@@ -47,7 +44,7 @@ def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) 
 
 
 class PortWatch:
-    """Reads gauges in separate threads. Use it in a `with` statement."""
+    """Reads gauges in a thread for each port."""
 
     def __init__(self, gauges: Sequence[FoundGauge]) -> None:
         self._gauges = gauges
@@ -79,12 +76,8 @@ class PortWatch:
     def readings_mm(self) -> dict[str, float]:
         with self._changed:
             for place, why in self._lost.items():
-                raise CellError(
-                    place,
-                    f"was lost ({why})",
-                    "check the cable, and repeat rig init: it continues here",
-                    code="port.lost",
-                )
+                remedy = "check the cable, and repeat rig init: it continues here"
+                raise CellError(place, f"was lost ({why})", remedy, code="port.lost")
             return {place: values[-1] for place, values in self._latest.items() if values}
 
     def measure_rest(self) -> None:
