@@ -1,4 +1,4 @@
-"""Entry point and exit codes of the command `rig`. Module `commands` lists the commands and imports each on demand."""
+"""Entry point and exit codes of the command `rig`, whose commands are listed in the module `commands`."""
 
 from __future__ import annotations
 
@@ -33,10 +33,8 @@ _NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
 """Setting that stops pydantic from scanning all installed packages for plugins: a twentieth of a small run."""
 
 _GARBAGE = 200_000
-"""Number of new objects that triggers garbage collection. The imports of a command create more than 100 000 permanent
-objects, and a collection among them takes 30 of the 650 ms of a small run (measured). With Python's default of 700,
-collections took a tenth of it.
-"""
+"""Number of new objects that triggers garbage collection: the imports of a command create more than 100 000. With
+Python's default of 700, collections took a tenth of a small run (measured)."""
 
 
 def main() -> None:
@@ -75,10 +73,8 @@ def main() -> None:
 
         if not is_numerical(error):
             raise
-        problem = f"the computation failed: {error}"
-        _fail(
-            FileError("numbers", problem, "check the values in the rig file and in the runs", code="computation.failed")
-        )
+        problem, remedy = f"the computation failed: {error}", "check the values in the rig file and in the runs"
+        _fail(FileError("numbers", problem, remedy, code="computation.failed"))
     except (MemoryError, OSError) as error:
         _out_of_room(error)
     finally:
@@ -87,20 +83,13 @@ def main() -> None:
 
 def _out_of_room(error: MemoryError | OSError) -> NoReturn:
     if isinstance(error, MemoryError) or error.errno == errno.ENOMEM:
-        _fail(
-            CellError(
-                "memory",
-                "the memory or disk is too small",
-                "close other programs, or give fewer or shorter runs",
-                code="computer.memory",
-            )
-        )
+        remedy = "close other programs, or give fewer or shorter runs"
+        _fail(CellError("memory", "the memory or disk is too small", remedy, code="computer.memory"))
     if error.errno not in _NO_ROOM or error.filename is not None:
         raise error
+    problem, remedy = error.strerror or str(error), "free some space, or choose a different --output"
+    full = CellError("output", problem, remedy, code="disk.full")
     # The remaining buffer would cause a second failure at exit.
-    full = CellError(
-        "output", error.strerror or str(error), "free some space, or choose a different --output", code="disk.full"
-    )
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     _fail(full)
 

@@ -1,6 +1,4 @@
-"""`rig example DIR`: copy the shipped rig files; `rig interfaces`: list the available interfaces; `rig check RIG` or
-`rig check RUN…`: check a rig file, or the labels of runs.
-"""
+"""`rig check`, `rig example` and `rig interfaces`."""
 
 from __future__ import annotations
 
@@ -89,52 +87,50 @@ def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
 
 
 def _check_rig(rig_file: str, calibration: str | None) -> None:
-    import datetime as dt
-
     from analysis.cli.several import end_with, with_controller, worst
     from analysis.robot.geometry.driven_programs import feasible_tests
-    from analysis.runs.noise.certificate import doubts_of
     from rigs.load import find, load
-    from rigs.readiness import readiness_lines, unmeasurable
-    from rigs.schema.feedback import NoFeedback
+    from rigs.readiness import unmeasurable
 
     rig, _ = load(with_controller(rig_file, calibration))
-    tests, errors = feasible_tests(rig, rig_file)
-    with_lacks = [
-        FileError(rig_file, missing.problem, missing.remedy, code="rig_file.not_ready") for missing in unmeasurable(rig)
-    ]
-    errors = [*with_lacks, *errors]
-    gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
+    tests, undrivable = feasible_tests(rig, rig_file)
+    lacks = [FileError(rig_file, lack.problem, lack.remedy, code="rig_file.not_ready") for lack in unmeasurable(rig)]
+    errors = [*lacks, *undrivable]
     say(f"{find(rig_file)}: {'valid, but not all tests can be driven' if errors else 'valid'}")
-    places = "touching sockets" if rig.tests.touch else "a tracker"
-    robot = "" if isinstance(rig.feedback, NoFeedback) else f"; robot by {rig.feedback.interface}"
-    say(f"  {rig.robot.name}; {gauges or f'no gauges; measured by {places}'}{robot}")
-    if line := controller_line(rig):
-        say(f"  {line}")
-    if rig.effects:
-        say(f"  the model already contains {initial_effects(rig.effects)}")
-    for line in calibration_lines(rig.calibrated) if rig.calibrated else ():
-        say(f"  {line}")
-    parts = [*(name for name, _ in rig.gauges), "ball", "link"]
-    for line in (
-        *_in_metres(rig.robot),
-        *_coupled(rig.robot),
-        *doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()),
-        *tests,
-    ):
-        say(f"  {line}")
     unreachable = {error.where.rpartition("tests.")[2] for error in errors if "tests." in error.where}
-    for line in readiness_lines(rig, unreachable):
+    for line in _rig_lines(rig, tests, unreachable):
         say(f"  {line}")
-    if rig.automatic:
-        say(f"  recorded automatically: {', '.join(rule.event for rule in rig.automatic.rules)}")
     for error in errors:
         say_error(error)
     end_with(worst(errors))
 
 
+def _rig_lines(rig: Rig, tests: Sequence[str], unreachable: set[str]) -> Iterator[str]:
+    """Instruments, model, doubts and tests of a rig."""
+    import datetime as dt
+
+    from analysis.runs.noise.certificate import doubts_of
+    from rigs.readiness import readiness_lines
+    from rigs.schema.feedback import NoFeedback
+
+    gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
+    places = "touching sockets" if rig.tests.touch else "a tracker"
+    robot = "" if isinstance(rig.feedback, NoFeedback) else f"; robot by {rig.feedback.interface}"
+    yield f"{rig.robot.name}; {gauges or f'no gauges; measured by {places}'}{robot}"
+    yield from filter(None, [controller_line(rig)])
+    if rig.effects:
+        yield f"the model already contains {initial_effects(rig.effects)}"
+    yield from calibration_lines(rig.calibrated) if rig.calibrated else ()
+    yield from _doubtful_geometry(rig.robot)
+    yield from doubts_of(rig, [*(name for name, _ in rig.gauges), "ball", "link"], dt.datetime.now(dt.UTC).date())
+    yield from tests
+    yield from readiness_lines(rig, unreachable)
+    if rig.automatic:
+        yield f"recorded automatically: {', '.join(rule.event for rule in rig.automatic.rules)}"
+
+
 def initial_effects(effects: Sequence[Effect]) -> str:
-    """Sentence on the effects that a model contains initially: `2 effects, written by hand: …`."""
+    """Effects that a model contains initially: `2 effects, written by hand: …`."""
     from rigs.effect_names import name_in_words
     from rigs.schema.effect import name_of
 
@@ -162,7 +158,6 @@ def controller_line(rig: Rig) -> str:
 
 
 def calibration_lines(model: CalibratedModel) -> list[str]:
-    """Terms of a calibrated model, the accuracy on the runs, and the covered joint ranges."""
     runs = first_of([run.name for run in model.runs], _MOST_NAMED)
     accuracy = f"error in its runs {model.before_um:.0f} µm rms, with the calibration {model.calibrated_um:.0f} µm"
     if model.held_out_um is not None:
@@ -178,21 +173,15 @@ def calibration_lines(model: CalibratedModel) -> list[str]:
     ]
 
 
-def _in_metres(robot: Robot) -> Iterator[str]:
-    """Yield a doubt for each length that may be in metres, unless an arm of the library has the same length."""
+def _doubtful_geometry(robot: Robot) -> Iterator[str]:
+    """Doubts about lengths that may be in metres and that no arm of the library has, and about coupled axes."""
     from rigs.arms import arm_files, load_arm
 
-    if not (lengths := list(robot.short_lengths())):
-        return
-    known = {value for name in arm_files() for *_, value in load_arm(name).robot.short_lengths()}
-    for axis, key, value in lengths:
-        if value not in known:
-            words = robot.axis_words(axis)
-            yield f"doubt: {words}: {key} is only {value:g}; if it is in metres, multiply it by 1000: {1000 * value:g}"
-
-
-def _coupled(robot: Robot) -> Iterator[str]:
-    """Yield a doubt if the default mechanics of coupled axes may be wrong."""
+    if lengths := list(robot.short_lengths()):
+        known = {value for name in arm_files() for *_, value in load_arm(name).robot.short_lengths()}
+        for axis, key, value in (one for one in lengths if one[2] not in known):
+            in_mm = f"if it is in metres, multiply it by 1000: {1000 * value:g}"
+            yield f"doubt: {robot.axis_words(axis)}: {key} is only {value:g}; {in_mm}"
     if robot.drives is None and robot.drive_ratios != robot.coupling:
         yield (
             "doubt: robot.coupling relates several axes, and robot.drives is missing: each drive is assumed to turn "

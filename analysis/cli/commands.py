@@ -1,7 +1,6 @@
 """The commands of `rig`, listed with a summary and imported on demand.
 
-Every command shows an example below the help. The type `<bool>`, which typer prints for flags, is hidden, since it
-suggests a value after the flag.
+The type `<bool>`, which typer prints for flags, is hidden, since it suggests a value after the flag.
 """
 
 from __future__ import annotations
@@ -159,9 +158,7 @@ class Command(TyperCommand):
 
 
 def taking_all(option: str) -> type[Command]:
-    """Command class with an `option` that takes all arguments up to the next option, as a shell expands
-    wildcards.
-    """
+    """Command class with an `option` that takes all arguments up to the next option, as a shell expands wildcards."""
 
     class TakingAll(Command):
         def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -179,10 +176,7 @@ def taking_all(option: str) -> type[Command]:
 
 
 class CommandGroup(TyperGroup):
-    """Group of commands with plain flags and, if NO_COLOR is set, plain messages.
-
-    rich respects NO_COLOR for tables and help; `echo` of typer follows the context instead.
-    """
+    """Group of commands with plain flags. rich respects NO_COLOR; `echo` of typer follows the context instead."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if os.environ.get("NO_COLOR"):

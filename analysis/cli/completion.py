@@ -1,7 +1,6 @@
 """Shell completion of arguments: runs, rig files, arms, robots, running daemons.
 
-Completion reads as little as possible, because the user waits. typer drops candidates with a different prefix; if none
-remains, the shell completes file names.
+typer drops candidates with a different prefix; if none remains, the shell completes file names.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import typer
 SERVED = Path("/etc/rig")
 """Directory of the rig files of services."""
 _LEVELS = 2
-"""Number of directory levels searched for runs: runs/NAME is at level one. It prevents the search of a large disk."""
+"""Number of directory levels searched for runs, not a whole disk."""
 
 
 def _quietly(offer: Callable[..., Iterator[str]]) -> Callable[..., list[str]]:
@@ -41,9 +40,7 @@ def runs(incomplete: str) -> Iterator[str]:
 
 
 def _runs_below(folder: str, begun: str, levels: int) -> Iterator[str]:
-    """Yield run directories below a folder with a given prefix. folder: with final slash, or empty for the current
-    directory.
-    """
+    """Run directories below a folder, whose name ends with a slash or is empty, with a given prefix."""
     for entry in sorted(Path(folder).iterdir()):
         if not entry.name.startswith(begun) or entry.name.startswith(".") or not entry.is_dir():
             continue

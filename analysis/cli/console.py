@@ -58,7 +58,7 @@ def say_interrupted() -> None:
 
 
 def say_json(value: Any) -> None:
-    """Print JSON. The encoder escapes control characters below space and non-ASCII text; DEL is escaped here."""
+    """Print JSON without control characters: the encoder escapes all except DEL."""
     typer.echo(json.dumps(value, indent=2).replace("\x7f", "\\u007f"))
 
 
@@ -68,11 +68,10 @@ _SILENT_S, _STEP_S = 1.0, 0.1
 
 @contextmanager
 def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show the current step on standard error, and yield a function to change it.
+    """Show the current step on a terminal, and yield a function to change it. Other output would share its line.
 
-    is_still: show a line without a timer. This is required if processes are forked meanwhile, because they must not
-    inherit the thread and the locks of a live display. Nothing is shown if standard error is not a terminal. Print all
-    other output after this context, since it would share the line.
+    is_still: show a line without a timer, for processes that are forked meanwhile and must not inherit the thread and
+    the locks of a live display.
     """
     if not sys.stderr.isatty():
         yield lambda doing: None
@@ -110,10 +109,7 @@ def rewrite_line(words: str) -> None:
 
 
 class CountedProgress:
-    """Counter of completed items on a terminal, shown after a second. Ctrl-C reports the count.
-
-    It replaces `progress_of` when processes are forked, since they must not inherit the thread and locks of a display.
-    """
+    """Counter of completed items on a terminal for forked processes, shown after a second; Ctrl-C reports the count."""
 
     def __init__(self) -> None:
         self._began_s = self._shown_s = time.monotonic()

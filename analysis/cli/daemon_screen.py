@@ -1,4 +1,4 @@
-"""The state of a daemon on the screen, once for `rig status` and ten times per second for `rig live`."""
+"""The state of a daemon on the screen."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _gauges(state: dict[str, Any]) -> Table:
 
 
 def _number(value: float, age_s: float, form: str, unit: str) -> Text:
-    """A number, dimmed and followed by the age if old: a frozen value must not look alive."""
+    """A number, with its age if old: a frozen value must not look alive."""
     if age_s > _OLD_S:
         return Text(f"{value:{form}} {unit} ({age_s:.0f} s old)", style="yellow dim")
     return Text(f"{value:{form}} {unit}".rstrip(), style="bold")

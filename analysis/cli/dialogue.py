@@ -25,22 +25,20 @@ class DialogueEnded(Exception):
 
 @dataclass(frozen=True)
 class Dialogue:
-    """Input and output of questions.
-
-    say: prints a line. busy: shows the current step. terminal: whether an operator can answer.
-    """
+    """Input and output of questions."""
 
     say: Callable[[str], None]
     busy: Busy
     terminal: bool
+    """Whether an operator can answer."""
     keyboard: TextIO
     screen: TextIO
 
     def ask(self, question: str, option: str, read: Callable[[str], T], usual: str | None = None) -> T:
-        """Ask a question until `read` accepts the answer.
+        """Ask a question until `read` accepts the answer; repetitions show only its last line.
 
-        Repetitions show only the last line of the question. option: the command-line option that answers the question
-        if there is no terminal. Raises UseError if neither a terminal nor the option is available, and DialogueEnded.
+        option: the command-line option that answers it without a terminal, where UseError names it if there is no usual
+        answer.
         """
         if not self.terminal:
             if usual is None:
@@ -61,7 +59,7 @@ class Dialogue:
                     self.say(f"error: {line}")
 
     def line(self, prompt: str) -> str:
-        """Typed line, stripped of blanks. Raises DialogueEnded."""
+        """Typed line, stripped of blanks."""
         self.screen.write(prompt)
         self.screen.flush()
         return self._typed()
@@ -78,7 +76,7 @@ class Dialogue:
                 return event
 
     def _has_typed(self) -> bool:
-        """Wait briefly for a line. Polling avoids an endless wait that misses a Ctrl-C just before it."""
+        """Wait briefly for a line: an endless wait would miss a Ctrl-C just before it."""
         return bool(select.select([self.keyboard], [], [], _EVERY_S)[0])
 
     def _typed(self) -> str:

@@ -1,6 +1,4 @@
-"""`rig import TABLE…`: runs from tables of other programs and from ROS 2 bags, with maps of foreign columns: proposal,
-questions to the operator, and storage in the run.
-"""
+"""`rig import TABLE…`: runs from tables of other programs and from ROS 2 bags, with maps of foreign columns."""
 
 from __future__ import annotations
 
@@ -43,18 +41,8 @@ if TYPE_CHECKING:
 
 
 def has_person() -> bool:
-    """True if an operator can answer. Questions go to standard error, because scripts read the run path from
-    standard output.
-    """
+    """True if an operator can answer. Questions go to standard error: scripts read the run from standard output."""
     return has_keyboard() and sys.stderr.isatty()
-
-
-def needs_map(table: Path, test: TestName, socket: str = "") -> bool:
-    """True if a file differs from the format of docs/tables.md but can be read with a proposed map.
-
-    socket: socket of all rows of a table of touches.
-    """
-    return needs_touch_map(table, test, socket) or (test == MAPPED and not is_plain(table, test))
 
 
 def mapped_run(
@@ -70,7 +58,7 @@ def mapped_run(
     topic: str,
     socket: str,
 ) -> Measured:
-    """Run of the files of a measurement, read with a given map or with a map proposed and completed here."""
+    """Run of the files of a measurement, read with a given map or with one that is proposed and completed here."""
     if map_file:
         table_map = load_map(map_file)
         if topic:
@@ -132,23 +120,16 @@ def _answer_of(question: Question) -> Callable[[str], TableReading]:
 
 
 def _refuse(proposal: MapProposal, run: Path, files: Sequence[Path]) -> None:
-    """Write the map, mark the open questions, and raise FileError: no terminal is available for answers."""
+    """Write the map with the open questions, and raise FileError: there is no terminal for answers."""
     path = Path(f"{run.name}.map.yaml")  # not next to the run, since every file in that directory counts as a run
     choices = {
-        question.key: [
-            question.asks,
-            *(f"{value_text(reading.value)}  # {reading.line()}" for reading in question.readings),
-        ]
-        for question in proposal.questions
+        one.key: [one.asks, *(f"{value_text(reading.value)}  # {reading.line()}" for reading in one.readings)]
+        for one in proposal.questions
     }
     write_new(path, holding(map_text(proposal.table_map, choices).encode()))
     problem = f"has open questions ({proposal.asks}), and rig cannot ask without a terminal"
-    raise FileError(
-        str(files[0]),
-        problem,
-        f"write the answer in place of the ? in {path}, and give it with --map",
-        code="map.questions",
-    )
+    remedy = f"write the answer in place of the ? in {path}, and give it with --map"
+    raise FileError(str(files[0]), problem, remedy, code="map.questions")
 
 
 @command(app, "rig import laps.csv --rig cell.yaml --test yaw -o runs/lap-acw", name="import")
@@ -222,7 +203,8 @@ def import_(
             say(f"{files[0]}: a {kind} table according to the columns; --test overrides this", err=True)
         _refuse_other_options(kind, direction, topic, socket)
         refuse_two_arms(files[0], kind)
-        if join or map_file or needs_map(files[0], kind, socket):
+        is_foreign = needs_touch_map(files[0], kind, socket) or (kind == MAPPED and not is_plain(files[0], kind))
+        if join or map_file or is_foreign:
             measured = mapped_run(
                 files, rig_file, kind, run, labels, map_file=map_file, join=join, yes=yes, topic=topic, socket=socket
             )
@@ -238,12 +220,11 @@ def import_(
 
 
 def _refuse_other_options(test: TestName, direction: Direction | None, topic: str, socket: str) -> None:
-    """Raise UseError for an option that does not apply to a test."""
-    if direction and test not in CIRCLES:
-        raise UseError(
-            "--direction", f"a {test} test does not have a direction", "remove it", code="import.option_unused"
-        )
-    if socket and SOCKET not in format_of(test).layout().required:
-        raise UseError("--socket", f"is of touches, and the test is {test}", "remove it", code="import.option_unused")
-    if topic and test != MAPPED:
-        raise UseError("--topic", f"is of poses, and the test is {test}", "remove it", code="import.option_unused")
+    has_sockets = SOCKET in format_of(test).layout().required
+    for option, unused, problem in (
+        ("--direction", direction and test not in CIRCLES, f"a {test} test does not have a direction"),
+        ("--socket", socket and not has_sockets, f"is of touches, and the test is {test}"),
+        ("--topic", topic and test != MAPPED, f"is of poses, and the test is {test}"),
+    ):
+        if unused:
+            raise UseError(option, problem, "remove it", code="import.option_unused")

@@ -14,7 +14,7 @@ from rigs.text import enumerated
 
 
 def location(text: str | Path) -> Path:
-    """Local path or a URL from user input or a default. Raises FileError for an unsupported URL."""
+    """Local path or a URL."""
     from analysis.runs import remote
 
     return remote.location(str(text))
@@ -49,7 +49,7 @@ RunsElsewhere = Annotated[
 
 
 def _processes(text: str | int) -> int:
-    """Number of processes; 0 means the number of cores. Raises typer.BadParameter."""
+    """Number of processes; 0 means the number of cores."""
     if text == "auto":
         return 0
     if str(text).isdecimal():
@@ -77,7 +77,6 @@ def _direction(text: str) -> Direction:
 
 
 def direction_option(meaning: str) -> Any:
-    """Option --direction with the meaning for a command."""
     return typer.Option(
         "--direction",
         metavar="<acw|cw>",
@@ -95,7 +94,6 @@ def _maker(text: str) -> MakerName:
 
 
 def maker_option(meaning: str, default: str = "") -> Any:
-    """Option --for with the meaning for a command, and the default."""
     help_text = f"{meaning}: {enumerated(list(MAKERS), 'or')}" + (f"; default: {default}." if default else ".")
     return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=lambda: list(MAKERS), help=help_text)
 
@@ -107,7 +105,6 @@ RigArgument = Annotated[
 
 
 def rig_option(meaning: str) -> Any:
-    """Option --rig, or --arm, with the meaning for a command."""
     return typer.Option("--rig", "--arm", autocompletion=completion.rig_files, help=meaning)
 
 

@@ -15,9 +15,7 @@ from rigs.text import plain_lines
 
 
 class PlainConsole(Console):
-    """Console of rich with markup disabled: `[/]` in a name is text. Control sequences for the cursor stay
-    unchanged. With `follows_window` it keeps to the size of the window, whatever COLUMNS and LINES say.
-    """
+    """Console of rich without markup: `[/]` in a name is text. follows_window: ignore COLUMNS and LINES."""
 
     def __init__(self, *, width: int | None = None, stderr: bool = False, follows_window: bool = False) -> None:
         fixed = ("COLUMNS", "LINES") if follows_window else ()
@@ -25,11 +23,11 @@ class PlainConsole(Console):
         super().__init__(width=width, stderr=stderr, markup=False, emoji=False, _environ=environ)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Text in the layout of rich. It is made plain before, so that the column widths fit."""
+        """Text in the layout of rich, made plain before, so that the column widths fit."""
         return super().render_str(plain_lines(text), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """Yield the segments to show. Text from `Text` objects of rich is made plain here."""
+        """Segments to show; here text of `Text` objects is made plain."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=plain_lines(segment.text))
 

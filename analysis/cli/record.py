@@ -1,6 +1,4 @@
-"""`rig record start|stop`, `rig status` and `rig metrics`: requests to the running daemon; `rig automatic RUN…`:
-rules to recognise recorded programs.
-"""
+"""`rig record start|stop`, `rig status`, `rig metrics` and `rig automatic`."""
 
 from __future__ import annotations
 
@@ -22,9 +20,7 @@ record = typer.Typer(cls=CommandGroup, no_args_is_help=True, help="Start and sto
 app.add_typer(record, name="record")
 
 _MOST_ROWS = 2_000_000
-"""Maximum number of rows of a run that is checked when the recording stops, which takes a second. The operator
-should not have to wait longer.
-"""
+"""Maximum number of rows of a run that is checked when the recording stops, which takes a second."""
 
 RigName = Annotated[
     str | None,
@@ -89,22 +85,16 @@ def stop(rig: RigName = None) -> None:
         rows = sum(counters.get("samples", 0) for counters in ended["counters"].values())
         if rows > _MOST_ROWS:
             return
-        fitness_of_run = fitness(Path(ended["run"]))
-        if fitness_of_run.still_driving:
+        found, remedy = fitness(Path(ended["run"])), "repeat the run"
+        if found.still_driving:
             say("the robot was still moving when the recording ended: the rest of the motion is not recorded", err=True)
-        if fitness_of_run.why:
-            remedy = (
-                "stop the next recording after the robot has been at rest for 3 s"
-                if fitness_of_run.still_driving
-                else "repeat the run"
-            )
-            if fitness_of_run.drove:
-                remedy = (
-                    f"correct the label: rig relabel {as_argument(ended['run'])} --direction {fitness_of_run.drove}"
-                )
-            say(f"cannot be analysed: {fitness_of_run.why}; {remedy}", err=True)
+            remedy = "stop the next recording after the robot has been at rest for 3 s"
+        if found.why:
+            if found.drove:
+                remedy = f"correct the label: rig relabel {as_argument(ended['run'])} --direction {found.drove}"
+            say(f"cannot be analysed: {found.why}; {remedy}", err=True)
             with suppress(RigError):  # the daemon is older or has stopped
-                client.ask("judged", run=ended["run"], said=fitness_of_run.why)
+                client.ask("judged", run=ended["run"], said=found.why)
 
 
 @command(app, "rig status")
@@ -157,14 +147,12 @@ def automatic(
     try:
         Automatic(rules=tuple(rules))
     except ValidationError as error:
-        problem = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
-        raise FileError(
-            ", ".join(map(str, paths)), problem, "give one run of each program", code="rule.invalid"
-        ) from None
+        where, problem = ", ".join(map(str, paths)), error.errors(include_url=False)[0]["msg"]
+        remedy = "give one run of each program"
+        raise FileError(where, problem.removeprefix("Value error, "), remedy, code="rule.invalid") from None
     say("automatic:")
     say("  rules:")
     for rule in rules:
-        line = yaml.safe_dump(
-            rule.model_dump(mode="json", exclude_none=True), default_flow_style=True, sort_keys=False, width=10_000
-        )
+        keys = rule.model_dump(mode="json", exclude_none=True)
+        line = yaml.safe_dump(keys, default_flow_style=True, sort_keys=False, width=10_000)
         say(f"    - {line.strip()}")

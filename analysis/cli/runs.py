@@ -106,12 +106,8 @@ def _recover(path: Path) -> None:
     if verdict.problems:
         for line in verdict.problems:
             say(line, err=True)
-        raise FileError(
-            str(path),
-            "is still incomplete, and the rest is unrecoverable",
-            "see the lines above",
-            code="run.not_recovered",
-        )
+        problem = "is still incomplete, and the rest is unrecoverable"
+        raise FileError(str(path), problem, "see the lines above", code="run.not_recovered")
     say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {as_argument(path)}")
 
 
@@ -145,7 +141,7 @@ def verify(
 
 
 def judged(path: Path) -> VerificationResult:
-    """Integrity verdict of a local or remote run. Raises RigError if a remote run cannot be fetched."""
+    """Integrity verdict of a local or remote run."""
     from dataclasses import replace
 
     from analysis.runs.remote import fetched, restore_run_path
@@ -153,9 +149,8 @@ def judged(path: Path) -> VerificationResult:
 
     with fetched(path) as directory:
         verdict = judge(directory)
-    return replace(
-        verdict, path=path, problems=tuple(restore_run_path(problem, directory, path) for problem in verdict.problems)
-    )
+    problems = tuple(restore_run_path(problem, directory, path) for problem in verdict.problems)
+    return replace(verdict, path=path, problems=problems)
 
 
 @command(app, "rig relabel runs/lap-3 --direction cw")

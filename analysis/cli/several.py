@@ -1,6 +1,4 @@
-"""Commands on several runs or files: duplicates are dropped, remarks on the data precede the results, and a failure
-affects only that item and the exit code.
-"""
+"""Commands on several runs or files: a failure affects only that item and the exit code."""
 
 from __future__ import annotations
 
@@ -26,10 +24,7 @@ _MOST_LISTED = 20
 
 
 def for_each(paths: Iterable[Path], work: Callable[[Path], None]) -> None:
-    """Do the work for each distinct path.
-
-    Errors are reported immediately, and the remaining paths continue. Raises typer.Exit with the highest exit code.
-    """
+    """Do the work for each distinct path, and end the command with the highest exit code."""
     codes = [0]
     for path in dict.fromkeys(paths):
         try:
@@ -52,9 +47,7 @@ def worst(errors: Iterable[RigError]) -> int:
 
 
 def end_with_errors(errors: Sequence[RigError], rest: str) -> None:
-    """Print the first errors, and end the command with the highest exit code. rest: words after the number of the
-    other errors.
-    """
+    """Print the first errors and the number of the `rest`, and end the command with the highest exit code."""
     for error in errors[:_MOST_LISTED]:
         say_error(error)
     if len(errors) > _MOST_LISTED:
@@ -73,8 +66,8 @@ def over_runs(
 ) -> list[RigError]:
     """Do the work for each run, possibly elsewhere, and use the values in the order of the runs as soon as possible.
 
-    doing: description for the terminal. Errors are reported immediately and returned; the remaining runs continue.
-    Raises StoreLost if a store stops responding, since all further runs would fail.
+    doing: description for the terminal. Errors are reported immediately and returned. Raises StoreLost if a store stops
+    responding, since all further runs would fail.
     """
     from analysis.cli.console import progress_of
     from analysis.runs.batch import FailedItem, each
@@ -115,22 +108,14 @@ def evaluated(
     """
     from analysis.procedures.results import borrowed_noise, evaluate_path
 
-    first: list[Result] = []
+    first, again = list[Result](), list[Result]()
     work = partial(evaluate_path, with_rows=with_rows)
     errors = over_runs(work, runs, first.append, doing="evaluating", jobs=jobs, scheduler=scheduler)
-    results = {result.measured.path: result for result in first}
     like = {first[place].measured.path: noise for place, noise in borrowed_noise(first).items()}
-    for run in like:
-        del results[run]
-    doing = "evaluating with the noise of other runs"
-    errors += over_runs(
-        partial(work, like=like),
-        list(like),
-        lambda result: results.update({result.measured.path: result}),
-        doing=doing,
-        jobs=jobs,
-        scheduler=scheduler,
-    )
+    doing, work = "evaluating with the noise of other runs", partial(work, like=like)
+    errors += over_runs(work, list(like), again.append, doing=doing, jobs=jobs, scheduler=scheduler)
+    results = {one.measured.path: one for one in first if one.measured.path not in like}
+    results |= {one.measured.path: one for one in again}
     return [results[run] for run in runs if run in results], errors
 
 
@@ -158,16 +143,11 @@ def is_table(path: Path) -> bool:
 
 
 def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
-    """Paths, with each table imported to a temporary run, which exists until the command ends.
-
-    Raises FileError, and UseError for the name of an arm in place of a run.
-    """
+    """Paths, with each table imported to a temporary run, which exists until the command ends."""
     from rigs.arms import arm_names
 
     paths = list(paths)
-    for path in paths:
-        if path.exists():
-            continue
+    for path in (path for path in paths if not path.exists()):
         if str(path) in arm_names():
             problem = "is an arm of the library, not a run"
             raise UseError(str(path), problem, f"give runs or tables, and the arm as --rig {path}", code="run.arm_name")
@@ -182,10 +162,7 @@ def with_controller(rig_file: str, calibration: str | None) -> str: ...
 @overload
 def with_controller(rig_file: str | None, calibration: str | None) -> str | None: ...
 def with_controller(rig_file: str | None, calibration: str | None) -> str | None:
-    """Rig file with the constants of the controller, which exists until the command ends.
-
-    Without --calibration, return the rig file itself. Raises FileError, and UseError without a rig file.
-    """
+    """Rig file with the constants of the controller, which exists until the command ends, if any are given."""
     if calibration is None:
         return rig_file
     if rig_file is None:
@@ -231,10 +208,8 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
         remedy = "give --rig CELL.yaml, or --arm NAME (listed by rig arms)"
         raise FileError(str(table), problem, remedy, code="table.no_arm")
     measured = read_table(table, rig_file)
-    say(
-        f"{table}: read as a {measured.run.manifest.test} table of {Path(rig_file).name}, according to the columns",
-        err=True,
-    )
+    kind = f"a {measured.run.manifest.test} table of {Path(rig_file).name}"
+    say(f"{table}: read as {kind}, according to the columns", err=True)
     _imported.append(TemporaryDirectory(prefix="rig-"))
     return ImportedRun.of(table, save_run(measured, Path(_imported[-1].name) / table.stem))
 
@@ -242,7 +217,7 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
 def load_runs(
     paths: Iterable[Path], *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[list[Measured], list[RigError]]:
-    """Load the readable runs, print remarks on them to standard error, and return them with the errors of the others.
+    """Load the readable runs, print remarks on them, and give them with the errors of the others.
 
     The caller reports the runs that it refuses or ignores, so that no remark appears twice.
     """

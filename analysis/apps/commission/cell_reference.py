@@ -34,10 +34,9 @@ class CellReference:
 
 
 def references_of(directories: Iterable[Path], rig_name: str | None = None) -> list[CellReference]:
-    """Touches and poses, newest first, then days with circles in both directions.
+    """Touches and poses of a rig (None: of all rigs), newest first, then days with circles in both directions.
 
-    Complete runs of a rig (None: of all rigs) with enough readings, without those of a corrected robot and checks of
-    movement.
+    Excludes incomplete runs, those of a corrected robot, and checks of movement.
     """
     touched: list[CellReference] = []
     days: dict[tuple[str, TestName, str], list[tuple[Path, str | None]]] = {}

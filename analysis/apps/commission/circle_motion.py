@@ -22,12 +22,10 @@ from analysis.runs.stands import Stand, stands_of
 from rigs.errors import FileError
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Search for the circular part of a path among approaches, returns and stops, with an unknown circle.
+# Search for the circular part of a path among approaches, returns and stops.
 #
-# The path is resampled at equal distances, so stops have no weight. Circles through triples of points, close together
-# and far apart, are compared with the entire path. The circle that the path follows over the largest angle wins.
-# A straight line stays within the tolerance of a circle for at most 23°. An arm that swings a single joint seldom
-# turns as far as a programmed circle. If it does, the motion contains a second circle and the user has to decide.
+# The path is resampled at equal distances, so stops have no weight. Among circles through triples of points, the one
+# that the path follows over the largest angle wins. A straight line stays within the tolerance for at most 23°.
 
 _POINTS = 600
 """Points along the path: a tenth of it still has sixty."""
@@ -114,13 +112,10 @@ def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCirc
 def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Tolerance) -> tuple[Mask, float]:
     """Mask (k,) of the points in stretches that follow a circle, and the sum of their angles in rad."""
     away = deviations(circle, points)
-    on = away.largest < tolerance.at(circle.radius)
-    rows = np.flatnonzero(on)
+    rows = np.flatnonzero(away.largest < tolerance.at(circle.radius))
     kept, turned = np.zeros(len(points), dtype=bool), 0.0
-    if not len(rows):
-        return kept, turned
     breaks = np.flatnonzero((np.diff(rows) > 1 + _HOLES) | (np.diff(run[rows]) != 0)) + 1
-    for stretch in np.split(rows, breaks):
+    for stretch in np.split(rows, breaks) if len(rows) else ():
         turned_here = float(np.ptp(np.unwrap(away.phi[stretch])))
         if turned_here >= tolerance.least_rad and len(stretch) >= _FEWEST_OF_A_STRETCH:
             kept[stretch] = True
@@ -131,16 +126,11 @@ def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Toler
 # ----------------------------------------------------------------------------------------------------------------------
 # Regression with slow noise: the uncertainty of each coefficient if the errors of neighbouring readings correlate.
 #
-# The noise is a sum of white and slow noise. The covariance of two readings is s² (white + r k(|t - t'| / tau)). The
-# kernel k decays exponentially (rough) or is a Matérn kernel of order 3/2 (smooth). The share of slow noise (r), the
-# correlation time (tau) and the scale (s) are unknown. Each combination on a grid is weighted by the restricted
-# likelihood, with the coefficients and s integrated out. The result is the mean over all combinations, each with a
-# Student t distribution. A short record cannot distinguish slow noise from the motion itself and therefore has a large
-# uncertainty.
-#
-# Noise that a record cannot reveal could have any size. The standard deviation therefore has a half-Cauchy prior as
-# wide as the residual of the regression (Gelman, Bayesian Analysis 1, 2006). The correlation time of smooth noise is
-# limited to a quarter of the record.
+# The covariance of two readings is s² (white + r k(|t - t'| / tau)). The kernel k decays exponentially (rough) or is a
+# Matérn kernel of order 3/2 (smooth). Each combination of r and tau on a grid is weighted by the restricted likelihood,
+# with the coefficients and s integrated out; the result is the mean over all, each with a Student t distribution. Noise
+# that a record cannot reveal could have any size, so its standard deviation has a half-Cauchy prior as wide as the
+# residual (Gelman, Bayesian Analysis 1, 2006), and smooth noise correlates over at most a quarter of the record.
 
 _TIMES = 7
 """Correlation times tried, from a step to the longest; a factor below three apart for 100 steps."""
@@ -282,9 +272,7 @@ class Binned:
 
 
 def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
-    times: list[Array] = []
-    angles, runs, counts = [], [], []
-    stands: list[Stand] = []
+    parts, counts, stands, first = [], list[int](), list[Stand](), 0
     for number, motion in enumerate(motions):
         count = max(1, int(np.ceil(_BIN_S / max(float(np.median(np.diff(motion.t_s))), 1e-6) - 0.1)))
         whole = len(motion.t_s) // count * count
@@ -293,17 +281,13 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
             raise FileError(motion.where, problem, "record the full circle at a lower speed", code="circle.few_rows")
         t_s = np.median(motion.t_s[:whole].reshape(-1, count), axis=1)
         q = np.median(motion.q[:whole].reshape(-1, count, 6), axis=1)
-        first = sum(len(earlier) for earlier in times)
-        stands += [
-            replace(stand, begin=first + stand.begin, end=first + stand.end)
-            for stand in stands_of(t_s, q, np.empty((len(t_s), 0)))
-        ]
-        times.append(t_s)
-        angles.append(q)
-        runs.append(np.full(len(t_s), number))
+        here = stands_of(t_s, q, np.empty((len(t_s), 0)))
+        stands += [replace(stand, begin=first + stand.begin, end=first + stand.end) for stand in here]
+        parts.append((t_s, q, np.full(len(t_s), number)))
         counts.append(count)
-    q = np.concatenate(angles)
-    return Binned(np.concatenate(times), q, forward(arm, q), np.concatenate(runs), tuple(stands), tuple(counts))
+        first += len(t_s)
+    t_s, q, run = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Binned(t_s, q, forward(arm, q), run, tuple(stands), tuple(counts))
 
 
 def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: str) -> tuple[Mask, CircleFrame]:
@@ -347,8 +331,8 @@ class CircleFit:
 
 def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, circle: CircleFrame) -> CircleFit:
     """Fit a circle to all rows of the selected bins (n,), allowing for slow noise."""
-    # Mask (n,) of bins off the circle with neighbours on it. Their rows are tested individually, because an outlier or
-    # a reversing joint spoils the median of a small bin.
+    # Rows of bins off the circle with neighbours on it are tested individually: an outlier or a reversing joint spoils
+    # the median of a small bin.
     before, after = np.zeros_like(on), np.zeros_like(on)
     for off in (1, 2):
         before[off:] |= on[:-off] & (bins.run[:-off] == bins.run[off:])

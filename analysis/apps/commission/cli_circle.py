@@ -15,7 +15,7 @@ from analysis.cli.options import AsJson
 from rigs.errors import FileError, RigPlace, UseError
 
 if TYPE_CHECKING:
-    from analysis.apps.commission.cli_fitted_test import RigFile
+    from analysis.apps.commission.cli_fitted_test import FittedTest, RigFile
     from analysis.runs.loading import RobotMotion
     from daq.store import Run
     from rigs.edit import Values
@@ -77,7 +77,7 @@ def fit(
     driven = driven_circle(motions, to.rig)
     u = {
         "centre_mm": driven.u_centre_mm.tolist(),
-        "normal": [float(np.degrees(driven.u_normal))],
+        "normal": [float(np.degrees(np.sqrt(np.linalg.eigvalsh(driven.normal_cov)[-1])))],
         "radius_mm": [driven.u_radius_mm],
         "zero": [float(np.degrees(driven.u_zero))],
     }
@@ -104,10 +104,8 @@ def fit_ball(
     ball as the centre of its circle.
     """
     from analysis.apps.commission.cli_fitted_test import FittedTest, print_or_write, rig_file_to_write
-    from analysis.apps.commission.driven_circle import driven_circle
     from analysis.apps.commission.touched_ball import touched_ball
     from analysis.cli.several import distinct
-    from analysis.runs.loading import motion_in
     from rigs.schema.vocabulary import CIRCLES
 
     recorded, to = _of_one_robot(distinct(runs), rig_file_to_write(rig_file, write))
@@ -117,19 +115,27 @@ def fit_ball(
         problem = "circle runs and hemisphere runs are mixed"
         raise FileError(where, problem, "give runs of the same kind", code="ball.mixed_runs")
     if all(circles):
-        of_circle = driven_circle([motion_in(run) for run in recorded], to.rig)
-        centre, u_mm, used = of_circle.circle.centre, of_circle.u_centre_mm, f"the circle's centre: {of_circle.used}"
-        values: Values = {"centre_mm": [round(float(x), 3) for x in centre]}
-        doubts = of_circle.doubts
-        if to.rig.tests.hemisphere is None:
-            problem = "the rig file lacks tests.hemisphere, and a circle does not show the posture at the pole"
-            remedy = "add tests.hemisphere with posture_deg, or give a radial run"
-            raise FileError(RigPlace.of(to.rig.name), problem, remedy, code="ball.no_hemisphere")
+        fitted = _ball_of_circle(recorded, to.rig)
     else:
-        touched = touched_ball(recorded, to.rig)
-        values, u_mm, used, doubts = touched.values, touched.u_centre_mm, touched.used, touched.doubts
-    fitted = FittedTest("hemisphere", values, {"centre_mm": u_mm.tolist()}, used, doubts)
+        ball = touched_ball(recorded, to.rig)
+        fitted = FittedTest("hemisphere", ball.values, {"centre_mm": ball.u_centre_mm.tolist()}, ball.used, ball.doubts)
     print_or_write(fitted, to, write=write, as_json=as_json)
+
+
+def _ball_of_circle(runs: Iterable[Run], rig: Rig) -> FittedTest:
+    """The ball at the centre of a circle."""
+    from analysis.apps.commission.cli_fitted_test import FittedTest
+    from analysis.apps.commission.driven_circle import driven_circle
+    from analysis.runs.loading import motion_in
+
+    driven = driven_circle([motion_in(run) for run in runs], rig)
+    if rig.tests.hemisphere is None:
+        problem = "the rig file lacks tests.hemisphere, and a circle does not show the posture at the pole"
+        remedy = "add tests.hemisphere with posture_deg, or give a radial run"
+        raise FileError(RigPlace.of(rig.name), problem, remedy, code="ball.no_hemisphere")
+    values: Values = {"centre_mm": [round(float(x), 3) for x in driven.circle.centre]}
+    u, used = {"centre_mm": driven.u_centre_mm.tolist()}, f"the circle's centre: {driven.used}"
+    return FittedTest("hemisphere", values, u, used, driven.doubts)
 
 
 def _of_one_robot(paths: Iterable[Path], named: RigFile | None) -> tuple[list[Run], RigFile]:

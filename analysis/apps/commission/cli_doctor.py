@@ -53,12 +53,13 @@ def doctor(
     if scan and is_shipped(path):
         problem = f"queries the ports of the rig file, and {rig_file} is a shipped example"
         raise UseError("--scan", problem, "give the rig file of your cell", code="doctor.scan")
-    unit = f"rigd@{path.stem}" if path.parent == SERVED else None
     findings = []
-    # The service records in a separate directory.
-    where = runs or (Path("/var/lib") / unit.replace("@", "-") / "runs" if unit else Path("runs"))
-    examined = partial(examine, rig, where.absolute(), unit, example=is_shipped(path))
-    made = scan_modbus(rig, partial(say, err=True)) if scan else examined()
+    if scan:
+        made = scan_modbus(rig, partial(say, err=True))
+    else:
+        unit = f"rigd@{path.stem}" if path.parent == SERVED else None
+        where = runs or Path(f"/var/lib/{unit.replace('@', '-')}/runs" if unit else "runs")  # the service has its own
+        made = examine(rig, where.absolute(), unit, example=is_shipped(path))
     for finding in made:
         findings.append(finding)
         if not as_json:
@@ -67,8 +68,7 @@ def doctor(
             say(f" {finding.about}: {finding.what}{remedy}", mark=verdict)
     wrong = sum(finding.verdict is FindingVerdict.WRONG for finding in findings)
     if as_json:
-        finding_objects = [dataclasses.asdict(finding) for finding in findings]
-        say_json({"rig": rig.name, "wrong": wrong, "findings": finding_objects})
+        say_json({"rig": rig.name, "wrong": wrong, "findings": [dataclasses.asdict(finding) for finding in findings]})
     raise typer.Exit(1 if wrong else 0)
 
 
@@ -105,14 +105,10 @@ def line(entry: JournalEntry, *, named: bool) -> str:
     """Log entry with time, severity if relevant, and text; `named` with the rig."""
     from daq.service.journal import ERROR, INFO, WARNING
 
-    if entry.severity <= ERROR:
-        word, colour = "error", "red"
-    elif entry.severity == WARNING:
-        word, colour = "warning", "yellow"
-    else:
-        word, colour = "", None
+    word, colour = "", None
+    if entry.severity <= WARNING:
+        word, colour = ("error", "red") if entry.severity <= ERROR else ("warning", "yellow")
     who = f"{plain(entry.rig):10} " if named else ""
     text = plain(f"systemd: {entry.text}" if entry.by_systemd else entry.text)
-    return f"{entry.at:%Y-%m-%d %H:%M:%S} {who}" + typer.style(
-        f"{word:8}{text}", fg=colour, dim=entry.severity >= INFO and entry.by_systemd
-    )
+    styled = typer.style(f"{word:8}{text}", fg=colour, dim=entry.severity >= INFO and entry.by_systemd)
+    return f"{entry.at:%Y-%m-%d %H:%M:%S} {who}{styled}"

@@ -45,7 +45,7 @@ class FittedTest:
 
 
 def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
-    """Rig file of the option --rig; None if not given. A shipped rig is not written."""
+    """Rig file of the option --rig; None if not given."""
     if name is None:
         if write:
             remedy = "give the rig file with --rig FILE"
@@ -75,12 +75,10 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
     for doubt in doubts:
         say(doubt, err=True)
     if as_json:
-        # Two digits each; a single number is not written as a list.
-        rounded = {key: [float(f"{value:.2g}") for value in values] for key, values in fitted.u.items()}
-        u = {
-            f"{key}_deg" if key in _DIRECTIONS else key: values if len(values) > 1 else values[0]
-            for key, values in rounded.items()
-        }
+        u = dict[str, float | list[float]]()
+        for key, values in fitted.u.items():
+            rounded = [float(f"{value:.2g}") for value in values]
+            u[f"{key}_deg" if key in _DIRECTIONS else key] = rounded if len(rounded) > 1 else rounded[0]
         say_json({"test": fitted.test, **fitted.values, "u": u, "used": fitted.used, "doubts": doubts})
     else:
         say("tests:")
@@ -129,7 +127,7 @@ def _drivable_posture(rig: Rig) -> list[float] | None:
 
 
 def _replace(path: Path, old: str, new: str) -> Path:
-    """Replace a file durably and return the name of the copy with the old content."""
+    """Replace a file durably, and give the copy with the old content."""
     from daq.store import durable
 
     path = path.resolve()  # keep a symbolic link

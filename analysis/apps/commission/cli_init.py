@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from analysis.cli.check import check
 from analysis.cli.commands import app, command
-from analysis.cli.console import progress_of, say, say_json
+from analysis.cli.console import INTERRUPTED, progress_of, say, say_json
 from analysis.cli.options import Calibration
 from rigs.schema.vocabulary import Build, MeasuredBy
 
 if TYPE_CHECKING:
     from analysis.apps.commission.init_answers import Options
-
-_INTERRUPTED = 130
 
 
 @command(app, "rig init cell.yaml --robot 192.168.1.20 --arm ur10e")
@@ -102,36 +101,21 @@ def init(
     continue. Without a terminal, answer each question with an option.
     """
     from analysis.apps.commission.init_answers import Options, keys_of, places_of
-    from analysis.cli.check import check
 
     keys = keys_of(key or ())
     answered = {"baseline_mm": baseline_mm, "arm": arm, "build": build, "tool": tool, "tolerance_mm": tolerance_mm}
+    given = {key: value for key, value in answered.items() if value is not None}
+    name = name or re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell"
     options = Options(
-        path=rig_file,
-        name=name or re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell",
-        measured_by=measured_by,
-        robot=robot,
-        ports=tuple(port or ()),
-        places=places_of(g1, g2, keys),
-        keys=keys,
-        given={key: value for key, value in answered.items() if value is not None},
-        circle_here=circle_here,
-        radius_mm=radius_mm,
-        listen_s=listen_s,
-        modbus_units=tuple(modbus_unit or (1,)),
-    )
+        rig_file, name, measured_by, robot, tuple(port or ()), places_of(g1, g2, keys), keys, given, circle_here,
+        radius_mm, listen_s, tuple(modbus_unit or (1,)),
+    )  # fmt: skip
     if as_json:
         _say_devices(options)
         return
     _make(options)
     if calibration:
-        from analysis.intake.controller_arm import rig_with_controller
-        from analysis.runs.written_files import holding, write_all_over
-        from rigs.load import load
-
-        _, text, read = rig_with_controller(*load(rig_file), calibration)
-        write_all_over(rig_file.parent, {rig_file.name: holding(text.encode())})
-        say(read.words)
+        _add_calibration(rig_file, calibration)
     check([str(rig_file)])
     say("next:")
     for line in next_steps(rig_file, measured_by):
@@ -159,12 +143,22 @@ def _make(options: Options) -> None:
         make_rig_file(options, at_terminal(say, progress_of))
     except (KeyboardInterrupt, DialogueEnded):
         say("")
-        kept = kept_in(options.path)
-        outcome = (
-            f"repeat the command to continue with the answers in {kept}" if kept.exists() else "no file was written"
-        )
+        kept, outcome = kept_in(options.path), "no file was written"
+        if kept.exists():
+            outcome = f"repeat the command to continue with the answers in {kept}"
         say(f"stopped; {outcome}", err=True)
-        raise typer.Exit(_INTERRUPTED) from None
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _add_calibration(rig_file: Path, calibration: str) -> None:
+    """Put the constants of the controller into the new rig file."""
+    from analysis.intake.controller_arm import rig_with_controller
+    from analysis.runs.written_files import holding, write_all_over
+    from rigs.load import load
+
+    _, text, read = rig_with_controller(*load(rig_file), calibration)
+    write_all_over(rig_file.parent, {rig_file.name: holding(text.encode())})
+    say(read.words)
 
 
 def next_steps(rig_file: Path, measured_by: MeasuredBy) -> list[str]:

@@ -69,19 +69,14 @@ def moved(
     if output:
         check_page_file(output)
     if live:
-        for option, is_given in (("--new", bool(new)), ("--plan", plan), ("--mark", mark)):
+        for option, is_given in (("--new", new), ("--plan", plan), ("--mark", mark)):
             if is_given:
-                raise UseError(
-                    option,
-                    "has no effect with --live, because --live takes and saves the touches",
-                    "leave it out",
-                    code="moved.option",
-                )
+                problem = "has no effect with --live, because --live takes and saves the touches"
+                raise UseError(option, problem, "leave it out", code="moved.option")
         found, title = _check_live(runs, rig_file, save, is_quiet=as_json)
     elif save:
-        raise UseError(
-            "--save", "is the run of the touches that --live takes", "add --live, or leave it out", code="moved.option"
-        )
+        problem = "is the run of the touches that --live takes"
+        raise UseError("--save", problem, "add --live, or leave it out", code="moved.option")
     else:
         found, title = _find_movement(runs, new or [], rig_file, plan=plan, mark=mark)
     if as_json:
@@ -94,7 +89,6 @@ def moved(
 
 
 def _read(paths: Sequence[Path], rig_file: str | None) -> list[Measured]:
-    """Runs at or below paths, and tables as runs. Exits if a run cannot be read."""
     from analysis.cli.several import distinct, end_with, load_runs, runs_below, with_tables, worst
 
     runs, errors = load_runs(distinct(runs_below(with_tables(paths, rig_file))))
@@ -111,12 +105,8 @@ def _find_movement(
 
     if not new and not plan:
         if len(runs) < 2:
-            raise UseError(
-                "rig moved",
-                "needs a reference and a new run",
-                "give RUN… --new RUN…, --plan or --live",
-                code="moved.reference",
-            )
+            remedy = "give RUN… --new RUN…, --plan or --live"
+            raise UseError("rig moved", "needs a reference and a new run", remedy, code="moved.reference")
         runs, new = runs[:-1], runs[-1:]
     reference, after = _read(runs, rig_file), _read(new, rig_file)
     rig = load(rig_file)[0] if rig_file else reference[0].rig
@@ -134,12 +124,8 @@ def _mark(
     from daq.store import mark_moved
 
     if not after or any(path.is_file() for path in paths):
-        raise UseError(
-            "--mark",
-            "needs new runs; tables are not stored as runs",
-            "import the table first: rig import",
-            code="moved.mark",
-        )
+        problem = "needs new runs; tables are not stored as runs"
+        raise UseError("--mark", problem, "import the table first: rig import", code="moved.mark")
     names = [run.run.manifest.name for run in reference]
     for run in after:
         mark_moved(run.run.path, mark_of(result, names))
@@ -164,12 +150,8 @@ def _check_live(
     with Client(find_socket(check.rig.name)) as client:
         check = follow_touches(client, check, lambda line: say(line, err=is_quiet))
     if not check.touches:
-        raise FileError(
-            str(place),
-            "no touch was taken",
-            "seat the ball in a socket of the reference, then let go",
-            code="moved.no_touch",
-        )
+        remedy = "seat the ball in a socket of the reference, then let go"
+        raise FileError(str(place), "no touch was taken", remedy, code="moved.no_touch")
     check.save(place, operator_or_user(""))
     say(f"saved {place}", err=True)
     say(f"next: rig history {as_argument(check.rig.name)} --runs {as_argument(place.parent)}", err=True)

@@ -1,4 +1,4 @@
-"""Circle that a robot drove, or around which it was jogged or guided by hand, with its start."""
+"""Circle that a robot drove, or around which it was jogged or guided by hand."""
 
 from __future__ import annotations
 
@@ -63,9 +63,8 @@ _SAME_TOOL_DEG = 2.0
 def start_of(
     fit: CircleFit, direction: Direction | None, declared: Circle | None
 ) -> tuple[CircleFrame, Array, Array, float, bool, list[str]]:
-    """Start of a fitted circle: the circle with sign and zero direction, the unit vector (3,) to the start, the joint
-    angles (6,) there in rad, the driven angle, whether the zero direction of the rig file stays, and doubts.
-    """
+    """Circle with sign and zero direction, the unit vector (3,) to the start, the joint angles (6,) there in rad, the
+    driven angle, whether the zero direction of the rig file stays, and doubts."""
     circle, T = fit.circle, fit.T
     phi = circle.angle(T[:, :3, 3])
     doubts: list[str] = []
@@ -129,12 +128,11 @@ def _unit(vector: tuple[float, float, float]) -> Array:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Circle that a robot drove, or around which it was jogged or guided by hand, as the block `tests.circle` of a rig file.
+# The circle as the block `tests.circle` of a rig file.
 #
 # The places follow from the reported joint angles and the nominal arm. If the robot followed a circle, all rows on it
-# are used. If it stood at three or more points with straight motion in between, only these points are used. The
-# uncertainty u covers the scatter about the circle and the ambiguity of the arc. It does not cover errors common to the
-# entire run, such as a wrong zero of a joint.
+# are used; if it stood at three or more points with straight motion in between, only these points. The uncertainty u
+# covers the scatter about the circle, but no errors common to the run, such as a wrong zero of a joint.
 
 _SECOND = 1 / 3
 """Minimum angle of a second circle relative to the first. Such a circle was driven on purpose."""
@@ -166,11 +164,6 @@ class DrivenCircle:
     def u_centre_mm(self) -> Array:
         """Standard uncertainty (3,) of the centre in mm."""
         return np.sqrt(np.diag(self.centre_cov))
-
-    @property
-    def u_normal(self) -> float:
-        """Standard uncertainty of the normal in rad, in the least certain direction."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.normal_cov)[-1]))
 
     def values(self) -> Values:
         """Keys of tests.circle, rounded to a micrometre and a hundredth of a degree."""
@@ -281,10 +274,7 @@ _LINE = 0.01
 
 
 def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
-    """True if the robot was jogged from point to point of a circle instead of driving it.
-
-    Between jogged points the path leaves the circle. Other stops are the home position and turning points of a program.
-    """
+    """True if the robot was jogged from point to point of a circle: between them the path leaves it."""
     places = distinct(bins.places[bins.stand_rows])
     if len(places) < 3 or path_circle is None:
         return len(places) > 2

@@ -41,11 +41,15 @@ _SIDES = {"g1": "+", "g2": "-"}
 
 
 def ask_gauges(_: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Find the gauges and identify g1 and g2."""
-    chosen = _chosen(_find_gauges(options, dialogue), options, dialogue)
-    return {
-        "gauges": tuple(_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False))
-    }
+    """Find the gauges, identify g1 and g2, and ask for the keys that only their owner knows."""
+    gauges = []
+    for name, found in zip(_NAMES, _chosen(_find_gauges(options, dialogue), options, dialogue), strict=False):
+        keys = dict(options.keys[name])
+        for key in (key for key in found.lacks if key not in keys):
+            question = f"{key} of {name} ({found.gauge.origin.instruments})"
+            keys[key] = dialogue.ask(question, f"--key {name}.{key}", partial(_key, name, key, found.gauge))
+        gauges.append(with_keys(Gauge, found.gauge, keys, name))
+    return {"gauges": tuple(gauges)}
 
 
 def describe_gauge(name: str, gauge: Gauge) -> str:
@@ -62,14 +66,13 @@ def ask_baseline(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
 
     def read(text: str) -> float:
         remedy = f"type a number from {_NEAREST_MM:g} in mm, such as 50"
-        smallest = math.ulp(0.0)  # a distance is positive
-        return check_baseline_mm(read_number(text, smallest, _FURTHEST_MM, "a distance in mm", remedy), repr(text))
+        positive = math.ulp(0.0)
+        return check_baseline_mm(read_number(text, positive, _FURTHEST_MM, "a distance in mm", remedy), repr(text))
 
     return {"baseline_mm": dialogue.ask(texts_of("en")("ask_baseline"), "--baseline-mm", read, "50")}
 
 
 def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], None]) -> list[PortReport]:
-    """Search ports for gauges, each with the options given for this port."""
     named = {}
     for name, place in zip(_NAMES, options.places, strict=False):
         if "interface" in options.keys[name]:
@@ -97,9 +100,9 @@ def _selected(ports: Sequence[str], typed: str) -> list[str]:
 
 def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
     """Lines about a port. numbers: number of each gauge in the list, by place."""
-    head = f"{report.port}{f' ({report.description})' if report.description else ''}"
     if not report.gauges:
-        return [f"  - {head}: {report.problem}", f"      {report.remedy}"]
+        described = f" ({report.description})" if report.description else ""
+        return [f"  - {report.port}{described}: {report.problem}", f"      {report.remedy}"]
     lines = []
     for gauge in report.gauges:
         unit = "% of the range" if gauge.lacks else "mm"
@@ -150,9 +153,8 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
     with PortWatch(gauges) as watch:
         remaining = {str(number): gauge for number, gauge in enumerate(gauges, 1)}
         first = _pushed("g1", remaining, watch, dialogue)
-        if not remaining or (
-            len(remaining) == 1 and "counts" not in first.gauge.model_fields_set
-        ):  # the number was typed, so the user is not pushing any gauge
+        is_typed = "counts" not in first.gauge.model_fields_set  # then the user pushes no gauge
+        if not remaining or (len(remaining) == 1 and is_typed):
             return [first, *remaining.values()]
         return [first, _pushed("g2", remaining, watch, dialogue)]
 
@@ -171,14 +173,20 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
 def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialogue: Dialogue) -> FoundGauge:
     """Gauge that is pushed or selected by number.
 
-    A push also reveals the counting direction: the plunger goes in as the tool approaches the ball.
+    A push shows the counting direction: the plunger goes in as the tool approaches the ball.
     """
     numbers = {gauge.place: number for number, gauge in remaining.items()}
+
+    def prompt() -> str:
+        now_mm = watch.readings_mm()
+        shown = [f"{number} {now_mm[place]:+z.4f}" for place, number in numbers.items() if place in now_mm]
+        return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
+
     while True:
         watch.measure_rest()
         otherwise = "press Enter" if len(remaining) == 1 else "type the number"
         dialogue.say(f"Push gauge {name[1]} in, on the {_SIDES[name]} side of the baseline, or {otherwise}:")
-        answer = dialogue.line_or(partial(_readings, watch, numbers), partial(watch.pushed, [*numbers]))
+        answer = dialogue.line_or(prompt, partial(watch.pushed, [*numbers]))
         number = numbers.get(answer, answer) or (next(iter(remaining)) if len(remaining) == 1 else "")
         if answer in numbers:
             counts: Counts = "towards" if watch.grows(answer) else "away"
@@ -189,27 +197,8 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialo
         if number in remaining:
             dialogue.say(f"{name}: {remaining[number].place}, not pushed")
             return remaining.pop(number)
-        dialogue.say(
-            f"error: {answer!r}: is not a remaining gauge; type one of {', '.join(remaining)}, or push the gauge"
-        )
-
-
-def _readings(watch: PortWatch, numbers: dict[str, str]) -> str:
-    """Prompt with the current readings."""
-    now_mm = watch.readings_mm()
-    shown = [f"{number} {now_mm[place]:+z.4f}" for place, number in numbers.items() if place in now_mm]
-    return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
-
-
-def _completed(answering: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:
-    keys = dict(options.keys[name])
-    for key in answering.lacks:
-        if key not in keys:
-            read = partial(_key, name, key, answering.gauge)
-            question = f"{key} of {name} ({answering.gauge.origin.instruments})"
-            keys[key] = dialogue.ask(question, f"--key {name}.{key}", read)
-    gauge: Gauge = with_keys(Gauge, answering.gauge, keys, name)
-    return gauge
+        known = ", ".join(remaining)
+        dialogue.say(f"error: {answer!r}: is not a remaining gauge; type one of {known}, or push the gauge")
 
 
 def _key(name: str, key: str, gauge: Part, typed: str) -> Any:
@@ -219,12 +208,11 @@ def _key(name: str, key: str, gauge: Part, typed: str) -> Any:
 
 
 def check_baseline_mm(value: float, where: str) -> float:
-    """Distance between two gauges in mm. Refuses one that is impossibly small."""
+    """The distance between two gauges, unless it is impossibly small."""
     if value < _NEAREST_MM:
-        turned_mm = value * 1e-3
         problem = (
             f"is too small for two gauges with bodies of {_BODY_MM:g} mm, and at {value:g} mm an angle of 1 mrad would "
-            f"change their difference by only {turned_mm:.2g} mm"
+            f"change their difference by only {value * 1e-3:.2g} mm"
         )
         remedy = f"give the distance between the gauge axes in mm (not cm), at least {_NEAREST_MM:g}"
         raise FileError(where, problem, remedy, code="gauge.baseline")

@@ -1,7 +1,4 @@
-"""Guided movement check: propose a touch, take it, and update the odds until a cause is named.
-
-`rig moved --live` and `rig window` supply the joint angles at rest.
-"""
+"""Guided movement check: propose a touch, take it, and update the odds until a cause is named."""
 
 from __future__ import annotations
 
@@ -45,10 +42,7 @@ class GuidedCheck:
 
     @classmethod
     def of_runs(cls, runs: Sequence[Measured], rig: Rig | None = None) -> GuidedCheck:
-        """Begin with reference runs, whose touches have one placement.
-
-        rig: model of the arm; default: that of the first run.
-        """
+        """Begin with reference runs, whose touches have one placement. rig: default: that of the first run."""
         touched = [run for run in runs if run.table.test == "touch"]
         names = tuple(run.run.manifest.name for run in runs)
         placements = {run.run.manifest.placement for run in touched}
@@ -109,9 +103,7 @@ class GuidedCheck:
 
 
 def mark_of(result: MovementResult, names: Sequence[str]) -> MovementCheck:
-    """The answer as a mark of the new run."""
-    likeliest = result.causes[0]
-    named = result.named
+    likeliest, named = result.causes[0], result.named
     return MovementCheck(
         at=clock.wall_time().isoformat(timespec="seconds"), reference=tuple(names), what=named.what if named else "",
         axis=named.cause.axis if named else None, name=named.name if named else "", probability=likeliest.posterior,

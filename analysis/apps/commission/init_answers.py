@@ -1,7 +1,4 @@
-"""Answers from the command line and from an interrupted `rig init`, which can therefore resume.
-
-They are stored next to the rig file. The user could have edited them, so the schema validates them.
-"""
+"""Answers from the command line and, stored next to the rig file, of an interrupted `rig init`, which can resume."""
 
 from __future__ import annotations
 
@@ -48,12 +45,10 @@ class Answers(Part):
 
 
 def kept_in(rig_file: Path) -> Path:
-    """File with the answers for a rig file."""
     return rig_file.with_name(rig_file.name + _ENDING)
 
 
 def load_answers(rig_file: Path) -> Answers:
-    """Stored answers; empty if the file is missing."""
     path = kept_in(rig_file)
     try:
         return Answers.model_validate_json(read_bytes(path, _MAX_BYTES))
@@ -109,7 +104,6 @@ class Options:
 
 
 def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Group keys such as `g1.range_mm=10` by section."""
     keys: dict[str, dict[str, Any]] = {section: {} for section in _SECTIONS}
     for text in texts:
         place, equals, value = text.partition("=")
@@ -122,7 +116,7 @@ def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
-    """Ports of g1 and g2, if given. Refuses g2 alone, and an interface without a port."""
+    """Ports of g1 and g2, if given."""
     if g2 is not None and g1 is None:
         raise UseError("--g2", "needs --g1", "give both, or neither", code="init.gauge_unnamed")
     for gauge, place in (("g1", g1), ("g2", g2)):
@@ -143,7 +137,6 @@ def read_number(text: str, low: float, high: float, what: str, remedy: str) -> f
 
 
 def checked(schema: Any, fields: Any, section: str) -> Any:
-    """Validate a part of a rig file. Raises FileError for the first error."""
     try:
         return TypeAdapter(schema).validate_python(fields)
     except ValidationError as error:

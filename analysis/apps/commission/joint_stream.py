@@ -27,7 +27,7 @@ class SampleSource(Protocol):
 def joint_samples(daemon: SampleSource, axes: int, after: Mapping[str, int]) -> Iterator[tuple[Array, Array]]:
     """Timestamps (n,) in s and joint angles (n, axes) in degrees of new complete samples, without end.
 
-    after: number of the newest known sample by stream. Raises CellError if the robot is silent.
+    after: number of the newest known sample by stream.
     """
     names, heard_s = joint_columns(axes), clock.now_s()
     while True:

@@ -1,8 +1,7 @@
 """Selection of the next touch: the posture expected to separate the remaining causes best.
 
-In each posture, each cause of each size predicts a reading, so the reading is a mixture of normal distributions. Draws
-from it show how much of the uncertainty about the cause a touch removes, and how often it would name a cause. The sum
-of both ranks the postures. The draws are the same for all postures, so the choice is reproducible.
+In each posture, each cause of each size predicts a reading, so the reading is a mixture of normal distributions. The
+uncertainty about the cause that it removes, plus its probability to name one, ranks the postures.
 """
 
 from __future__ import annotations
@@ -30,10 +29,11 @@ _DRAWS = 16
 
 @dataclass(frozen=True)
 class ReferencePosture:
-    """A reading of the reference to repeat: set-up, row in the file, and joint angles (axes,) rad."""
+    """A reading of the reference to repeat."""
 
     setup: str
     row: int
+    """Row in the file."""
     angles: Array
 
     @property
@@ -155,7 +155,7 @@ def _predicted(prediction: Prediction, spread: Array, known: int, count: int) ->
 
 
 def _usefulness(weights: Array, causes: Integers, means: Array, covs: Array) -> float:
-    """Share of the uncertainty that a reading removes plus its probability to name a cause if one moved, 0 to 2.
+    """Share of the uncertainty that a reading removes plus its probability to name a cause if one moved.
 
     The reading is a mixture with weights (m,), causes (m,) from 0 (nothing), means (m, k) and covs (m, k, k).
     """

@@ -1,7 +1,4 @@
-"""Questionnaire of `rig init`: each question is answered by an option, an earlier answer or the operator.
-
-Each answer is stored immediately, and the rig file is written atomically.
-"""
+"""Questionnaire of `rig init`: each question is answered by an option, an earlier answer or the operator."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import datetime as dt
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from textwrap import fill
 from typing import Annotated, Any, get_args
 
@@ -80,10 +78,11 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     try:
         durable.replace(path, text.encode())  # atomic, even after a power failure
     except OSError as error:
-        problem = f"cannot be written: {error.strerror or error}"
-        raise CellError(
-            str(path), problem, "free some space; then repeat the command here", code="disk.write"
-        ) from None
+        problem, remedy = (
+            f"cannot be written: {error.strerror or error}",
+            "free some space; then repeat the command here",
+        )
+        raise CellError(str(path), problem, remedy, code="disk.write") from None
     forget_answers(path)
 
 
@@ -94,10 +93,12 @@ def _check_options(options: Options) -> None:
         raise FileError(str(path.parent), "is not a directory", remedy, code="init.no_directory")
     _check_new(path)
     _check_robot(options.robot, by)
-    gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": given.get("baseline_mm")}
-    gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
-    gauges |= {"--radius-mm": options.radius_mm}
-    for option in (name for name, value in gauges.items() if value and by != "gauges"):
+    of_gauges = {
+        "--port": options.ports, "--g1, --g2": options.places, "--baseline-mm": given.get("baseline_mm"),
+        "--key": options.keys["g1"] or options.keys["g2"], "--circle-here": options.circle_here,
+        "--radius-mm": options.radius_mm,
+    }  # fmt: skip
+    for option in (name for name, value in of_gauges.items() if value and by != "gauges"):
         problem = f"applies only to gauges, and --measured-by {by} uses none"
         raise UseError(option, problem, "remove it", code="init.option_unused")
     if "baseline_mm" in given:
@@ -108,7 +109,6 @@ def _check_options(options: Options) -> None:
 
 
 def _check_robot(address: str | None, by: MeasuredBy) -> None:
-    """Raise UseError if the address of a robot, or none, does not fit the instrument."""
     if by in ("tracker", "arm") and address not in (None, NO_ROBOT):
         problem = f"is not used with --measured-by {by}: the table contains the joints"
         raise UseError("--robot", problem, "remove it", code="init.option_unused")
@@ -118,16 +118,15 @@ def _check_robot(address: str | None, by: MeasuredBy) -> None:
         raise UseError("--robot", problem, remedy, code="init.option_unused")
 
 
-def _check_new(path: Any) -> None:
+def _check_new(path: Path) -> None:
     if path.exists() or path.is_symlink():
         remedy = f"choose a different name, or edit the file and run rig check {as_argument(path)}"
         raise FileError(str(path), "exists already", remedy, code="file.exists")
 
 
 def _with_options(stored: Answers, options: Options) -> Answers:
-    """Stored answers, replaced by options. A question is open again if its answer contradicts an option, or if it did
-    not apply to the previous arm or gauges.
-    """
+    """Stored answers, replaced by options. A question is open again if its answer contradicts an option, or did not
+    apply to the previous arm or gauges."""
     given, keys, dropped = dict(options.given), options.keys, set[str]()
     if "tool" in given:
         given["tool"] = _pose(given["tool"])
@@ -153,9 +152,9 @@ def _with_options(stored: Answers, options: Options) -> Answers:
 
 
 def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Find the robot, read the joint angles and have the user confirm the unit.
+    """Find the robot, read the joint angles and have the user confirm their unit.
 
-    With sockets a robot only guides touches. Without one, the joint angles will be typed into a table.
+    With sockets a robot only guides touches; without one, the joint angles are typed into a table.
     """
     address = options.robot
     if options.measured_by == "sockets":
@@ -190,7 +189,6 @@ def _choice(offered: Sequence[str], answer: str) -> str:
 
 
 def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
-    """Search for a robot at an address. keys: feedback keys given by the user."""
     named = checked(Feedback, {"port": address, **keys}, "feedback") if "interface" in keys else None
     report = search_robot(address, named)
     if report.feedback is None:
@@ -217,9 +215,8 @@ def _write_controller_files(options: Options, dialogue: Dialogue, port: str) -> 
     files = linuxcnc_files(number[1])
     if not all((directory / name).exists() for name in files):
         write_all_over(directory, {name: holding(content) for name, content in files.items()})
-    dialogue.say(
-        f"  {directory}: copy {' and '.join(files)} to the INI file of LinuxCNC, and add to its section [HAL]:"
-    )
+    copy = f"copy {' and '.join(files)} to the INI file of LinuxCNC, and add to its section [HAL]:"
+    dialogue.say(f"  {directory}: {copy}")
     dialogue.say("      HALFILE = rig.hal")
 
 
@@ -239,10 +236,7 @@ def _ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
 
 
 def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Ask for the build of an arm if neither the library nor the arm file states it.
-
-    By the standards of an industrial arm, the play of a hobby arm would be a fault.
-    """
+    """Ask for the build of an arm if neither the library nor the arm file states it."""
     arm = chosen_arm(answers.arm or "", options.measured_by)
     if arm.robot.build is not None or arm.in_library:
         return {"build": None}
@@ -253,7 +247,6 @@ def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Change
 
 
 def _ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Ask for the ball on the flange. The default is the tool of the arm, if it has one."""
     tool = chosen_arm(answers.arm or "", options.measured_by).robot.tool
     usual = None if tool == Pose() else ",".join(f"{value:g}" for value in (*tool.xyz_mm, *tool.rpy_deg))
     thing = "ball or socket" if options.measured_by == "arm" else "ball"
@@ -273,7 +266,6 @@ def _pose(text: str) -> Pose:
 
 
 def _ask_tolerance(answers: Answers, _: Options, dialogue: Dialogue) -> Changes:
-    """Ask for the allowed error, from which limits follow. The default follows from the repeatability."""
     rp_mm = chosen_arm(answers.arm or "").repeatability_mm
     whose = "from the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is unknown"
 
@@ -306,10 +298,8 @@ def _ask_circle(answers: Answers, options: Options, dialogue: Dialogue) -> Chang
 
 
 def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
-    """Circle that starts at these joint angles, by the nominal arm.
-
-    The z axis of the tool points at the centre and the x axis along the normal (docs/conventions.md).
-    """
+    """Circle from a start, where the tool points with z at the centre and with x along the normal
+    (docs/conventions.md)."""
     T = forward(arm_of(robot), np.radians([joints_deg]))[0]
     towards, normal = T[:3, 2], T[:3, 0]
     rounded = {"centre_mm": (T[:3, 3] + radius_mm * towards).round(3), "normal": normal.round(6)}

@@ -37,10 +37,7 @@ def record_touches(
     touches: int | None,
     say: Callable[[str], None],
 ) -> Path:
-    """Guide the user through the touches and write a run to `output`.
-
-    If the robot falls silent, six or more touches are saved before CellError is raised.
-    """
+    """Guide the user through the touches and write a run. If the robot falls silent, six or more touches are saved."""
     refuse_existing(output)
     text = "\n".join(daemon.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
     rig = parse(text, "the rig file of rigd")

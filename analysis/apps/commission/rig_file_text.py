@@ -30,11 +30,11 @@ _MAX_BYTES = 1_000_000
 
 @dataclass(frozen=True)
 class ChosenArm:
-    """An arm. repeatability_mm: RP from the data sheet; None if unknown. source: origin of the constants."""
-
     robot: Robot
     repeatability_mm: float | None
+    """RP from the data sheet; None if unknown."""
     source: str
+    """Origin of the constants."""
     in_library: bool = False
 
 
@@ -43,10 +43,7 @@ class _ArmFile(Part):
 
 
 def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
-    """Arm from the library or from a file with a `robot` section.
-
-    Raises FileError if there is none, and for an arm that cannot drive the circles required by gauges.
-    """
+    """Arm from the library or from a file with a `robot` section; for gauges one that can drive circles."""
     arm = _of_library(name) if the_same(name, arm_names()) else _of_file(name)
     if measured_by == "gauges" and (axes := len(arm.robot.axes)) != DRIVEN_AXES:
         problem = f"has {axes} axes, but the ball link's programs need six"
@@ -90,7 +87,6 @@ _BASELINE_MM = 50.0
 
 
 def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measured_by: MeasuredBy = "gauges") -> str:
-    """Text of a rig file for the answers. Effects and certificates are added later."""
     half_mm, circle = (answers.baseline_mm or _BASELINE_MM) / 2, answers.circle
     placed = zip(answers.gauges or (), (half_mm, -half_mm), strict=False)
     tool = Pose() if measured_by in ("sockets", "arm") else answers.tool or arm.robot.tool
@@ -115,14 +111,14 @@ def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measur
 
 
 def _keys(part: Part, first: Sequence[str], indent: int) -> str:
-    """Keys of a part: first the most important, then all others that differ from the default."""
+    """Keys of a part: the most important first, then all others that differ from the default."""
     whole = part.model_dump(mode="json")
     fields = {key: whole[key] for key in first if key in whole} | part.model_dump(mode="json", exclude_defaults=True)
     return "\n".join(f"{' ' * indent}{key}: {flow(value)}" for key, value in fields.items())
 
 
 def rendered(template: str, /, **values: Any) -> str:
-    """A plain text from a template of this package. The values are not escaped."""
+    """A plain text from a template, without escapes."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow to import, needed here only
 
     loader = PackageLoader("analysis")

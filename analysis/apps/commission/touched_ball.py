@@ -1,8 +1,7 @@
 """Location of a fixed ball through stops of the robot, and detection of touches.
 
-Detection uses neither a clock nor a daemon. A robot at rest after a motion has seated the ball in the socket if the
-nominal arm agrees within the usual errors of arms; otherwise it just rests. The last turning point of each joint gives
-the direction of approach and therefore the side of the play.
+A robot at rest after a motion has seated the ball in the socket if the nominal arm agrees within the usual errors of
+arms; otherwise it just rests. The last turning point of each joint gives the side of its play.
 """
 
 from __future__ import annotations
@@ -35,26 +34,21 @@ def distinct(places: Array) -> Array:
 
 
 def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[str, ...]]:
-    """Scatter in mm of a coordinate, and a warning without degrees of freedom.
+    """Scatter in mm of a coordinate, widened by Student's t factor so that 2 u covers 95 % for few points.
 
-    Few points determine it poorly. It is therefore widened by Student's t factor to make 2 u cover 95 % for any number
-    of points. Without degrees of freedom (three points of a circle, four of a sphere), only the scatter of the joints
-    within each stop is known.
+    Without degrees of freedom it is the scatter within the stops, with a warning.
     """
     if free <= 0:
-        return within_mm, (
-            "a fit to so few points has no residual: u includes only the scatter within the stops; add a point",
-        )
+        warning = "a fit to so few points has no residual: u includes only the scatter within the stops; add a point"
+        return within_mm, (warning,)
     from scipy.special import stdtrit  # noqa: PLC0415 - slow to import, needed here only
 
     return float(np.sqrt(squares / free) * stdtrit(free, 0.975) / 1.96), ()
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Location of a fixed ball from places of the tool in contact with the ball or at a constant distance on a link.
-#
-# The tool is held at four or more places on a sphere of unknown radius about the ball. If a gauge on the link was read,
-# each distance is corrected by the reading.
+# Location of a fixed ball from places of the tool on a sphere of unknown radius about it. If a gauge on the link was
+# read, each distance is corrected by the reading.
 
 _ROUNDS = 20
 """Gauss-Newton steps after the algebraic fit. A short cap of a sphere needs most of them."""
@@ -145,10 +139,8 @@ def _read_stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[
     except FileError as error:
         t_s, q, alone_doubts = robot_only(path, run)
         g_mm = np.zeros((len(t_s), 1))
-        doubts = (
-            *alone_doubts,
-            f"gauge g1 is missing ({error.what}), so all distances from the ball are assumed equal",
-        )
+        missing = f"gauge g1 is missing ({error.what}), so all distances from the ball are assumed equal"
+        doubts = (*alone_doubts, missing)
     stands = stands_of(t_s, q, g_mm)
     arm = arm_of(rig.robot)
     within = [forward(arm, q[stand.settled])[:, :3, 3].std(axis=0).mean() for stand in stands]
@@ -226,7 +218,7 @@ class Touching:
     """Records the same number of touches for each socket in turn."""
 
     def __init__(self, arm: Arm, sockets: Sequence[str], touches: int) -> None:
-        """arm: arm with the ball as the tool. touches: total number for all sockets."""
+        """arm: with the ball as the tool. touches: total number for all sockets."""
         self._arm, self._sockets = arm, tuple(sockets)
         self.each = -(-touches // len(sockets))
         """Number of touches per socket."""
@@ -256,7 +248,7 @@ class Touching:
         return TouchTable(np.array(self._names), np.radians(self._q), np.radians(self._came))
 
     def take(self, q: Array, came: Array) -> Seen:
-        """Process a standstill at joint angles (axes,) in degrees, with those that each joint came from."""
+        """Judge a standstill at joint angles (axes,) in degrees, with those that each joint came from."""
         if self._q and is_same_posture(q, self._q[-1]):
             return "same posture"
         ball = forward(self._arm, np.radians(q)[None])[0, :3, 3]

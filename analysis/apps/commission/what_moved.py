@@ -42,17 +42,16 @@ from rigs.text import counted
 
 @dataclass(frozen=True)
 class MovementResult:
-    """Movement between a reference and new readings.
-
-    cannot_separate: causes between which the readings do not decide. next_posture: posture to touch next, None if a
-    cause is named or no posture helps. hidden: causes not visible in any posture of the reference.
-    """
+    """Movement between a reference and new readings."""
 
     causes: tuple[CauseOdds, ...]
     named: CauseOdds | None
     cannot_separate: tuple[CauseOdds, ...]
+    """Causes between which the readings do not decide."""
     next_posture: ReferencePosture | None
+    """None if a cause is named or no posture helps."""
     hidden: tuple[Lever, ...]
+    """Causes not visible in any posture of the reference."""
     readings: int
     reference_readings: int
     scatter_mm: float
@@ -97,10 +96,7 @@ class MovementResult:
 
 
 def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = False) -> MovementResult:
-    """Movement between a reference and new runs, with the next posture if `plan` is set or no cause is named.
-
-    Raises FileError if the new readings share no set-up with the reference.
-    """
+    """Movement between a reference and new runs, with the next posture if `plan` is set or no cause is named."""
     known = {run.setup for run in reference.runs}
     shared = [run for run in new if run.setup in known]
     if new and not shared:
@@ -151,33 +147,24 @@ def moved_of(
 
 
 def study_runs(rig: Rig, runs: Sequence[Measured]) -> Reference:
-    """Reference of runs before a possible movement: their latest state, if they show several.
-
-    rig: model of the arm.
-    """
+    """Reference of runs before a possible movement: their latest state, if they show several."""
     kept, movements, doubts = without_moved(rig, runs, latest=True)
     before = observed(rig, kept)
     names = tuple(run.run.manifest.name for run in kept)
     where = ", ".join(names)
     if not before:
-        raise FileError(
-            where, "has no joint angles", "give runs of touches, poses or circles", code="movement.no_joints"
-        )
+        remedy = "give runs of touches, poses or circles"
+        raise FileError(where, "has no joint angles", remedy, code="movement.no_joints")
     count = sum(len(run.rows) for run in before)
     if count < FEWEST_OF_REFERENCE:
         since = f" since {movements[-1].to}, where a part moved," if movements else ""
         problem = f"has only {count} readings{since} but a reference needs at least {FEWEST_OF_REFERENCE}"
-        raise FileError(
-            where,
-            problem,
-            "touch more postures while the cell is in order, or give more runs",
-            code="movement.few_readings",
-        )
+        remedy = "touch more postures while the cell is in order, or give more runs"
+        raise FileError(where, problem, remedy, code="movement.few_readings")
     return replace(study(before), names=names, movements=tuple(movements), doubts=tuple(doubts))
 
 
 def what_moved_in(
     rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False
 ) -> MovementResult:
-    """Movement between reference runs and new runs."""
     return what_moved(study_runs(rig, reference), observed(rig, new), plan=plan)

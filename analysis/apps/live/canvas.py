@@ -1,7 +1,6 @@
 """Drawing with characters: dots in braille patterns, and large digits.
 
-Braille patterns provide two by four dots per cell for finer drawing. Colours are pairs of the sixteen terminal colours
-that colour-blind users can distinguish.
+Colours are pairs of the sixteen terminal colours that colour-blind users can distinguish.
 """
 
 from __future__ import annotations
@@ -45,10 +44,7 @@ _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 
 
 class DotGrid:
-    """Dots and characters on cells. x increases to the right from 0 to width_dots, y downwards from 0 to height_dots.
-
-    What lies outside is dropped.
-    """
+    """Dots and characters on cells, two by four dots in each; x increases to the right and y downwards."""
 
     def __init__(self, width: int, height: int) -> None:
         self.width, self.height = width, height
@@ -67,10 +63,7 @@ class DotGrid:
                 self._cells[row][place] = (character, style)
 
     def polyline(self, x: Array, y: Array, style: str, every: int = 1) -> None:
-        """Draw a line through points (n,) in dots.
-
-        every: spacing of the dots, which distinguishes lines of equal colour.
-        """
+        """Draw a line through points (n,) in dots. every: spacing that distinguishes lines of equal colour."""
         if len(x) < 2:
             return
         steps = np.maximum(np.abs(np.diff(x)), np.abs(np.diff(y)))

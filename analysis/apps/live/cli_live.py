@@ -13,7 +13,7 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
-from analysis.cli.record import RigName
+from analysis.cli.record import RigName, status
 
 
 @command(app, "rig live --run runs/lap-acw --speed 4")
@@ -50,36 +50,31 @@ def live(
         raise UseError("--plain and --json", "exclude each other", "give one of them", code="live.option")
     if speed is not None and not run:
         raise UseError("--speed", "is allowed only with --run", "give the run to play", code="live.option")
-    in_lines = plain or as_json
+    in_lines, fills_screen = plain or as_json, is_terminal() and not (plain or as_json)
     if run:
-        from analysis.apps.live.loop import RunPlayer, print_lines, watch
-        from analysis.apps.live.played_run import played_run
+        _play(run, speed or 1.0, as_json=as_json, fills_screen=fills_screen)
+    elif not in_lines and not fills_screen:
+        status(rig)
+    else:
+        from analysis.apps.live.daemon_source import DaemonSource
+        from analysis.apps.live.loop import print_lines, watch
+        from analysis.apps.live.view import LiveView
+        from daq.service.client import find_socket
 
-        runs = [played_run(path, speed or 1.0) for path in run]
-        player, view = RunPlayer(runs), runs[0].begun()
-        if in_lines or not is_terminal():
-            print_lines(player, view, say, as_json=as_json)
-        else:
-            watch(player, view, runs[0].zero_mm)
-        return
+        with DaemonSource(find_socket(rig)) as source:
+            if fills_screen:
+                watch(source, LiveView())
+            else:
+                print_lines(source, LiveView(), say, as_json=as_json)
 
-    from daq.service.client import Client, find_socket
 
-    socket = find_socket(rig)
-    if not in_lines and not is_terminal():
-        from analysis.cli.daemon_screen import screen
-        from analysis.cli.plain_console import PlainConsole
+def _play(paths: list[Path], speed: float, *, as_json: bool, fills_screen: bool) -> None:
+    from analysis.apps.live.loop import RunPlayer, print_lines, watch
+    from analysis.apps.live.played_run import played_run
 
-        with Client(socket) as client:
-            PlainConsole().print(screen(client.ask("status")))
-        return
-
-    from analysis.apps.live.daemon_source import DaemonSource
-    from analysis.apps.live.loop import print_lines, watch
-    from analysis.apps.live.view import LiveView
-
-    with DaemonSource(socket) as source:
-        if in_lines:
-            print_lines(source, LiveView(), say, as_json=as_json)
-        else:
-            watch(source, LiveView())
+    runs = [played_run(path, speed) for path in paths]
+    player, view = RunPlayer(runs), runs[0].begun()
+    if fills_screen:
+        watch(player, view, runs[0].zero_mm)
+    else:
+        print_lines(player, view, say, as_json=as_json)

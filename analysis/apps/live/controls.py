@@ -49,7 +49,7 @@ class RecordingLabel:
 
     @classmethod
     def typed(cls, text: str) -> RecordingLabel:
-        """Parse a typed label. The daemon checks the name."""
+        """Parse a typed label, except the name, which the daemon checks."""
         name, test, direction, *more = [*text.split(), "", "", ""]
         if not test or test not in _TESTS:
             raise UseError("label", f"{text!r} is not NAME TEST [acw or cw]", _REMEDY, code="live.label")
@@ -116,11 +116,8 @@ class LiveControls:
         return controls, _ACTIONS.get(key)
 
     def with_notice(self, notice: str, before: LiveView, view: LiveView) -> LiveControls:
-        """Controls with a notice as the message.
-
-        Without a notice, an outdated message is dropped: when the daemon disappears or returns, or a recording starts
-        or stops.
-        """
+        """Controls with a notice as the message; without one, drop a message that a change of daemon or recording
+        outdates."""
         if notice:
             return replace(self, message=notice)
         changed = (bool(before.lost), before.name) != (bool(view.lost), view.name)

@@ -1,7 +1,7 @@
-"""Poll a running daemon ten times a second in a thread, so that keys and screen never wait.
+"""Polls a running daemon ten times a second in a thread, so that keys and screen never wait, also while it is lost.
 
-A lost daemon is polled until it returns. Polling hardly affects the readers: responses are limited in size
-(`daq.service.daemon`), and the full status is requested only twice a second.
+Polling hardly affects the readers: responses are limited in size (`daq.service.daemon`), and the full status is
+requested only twice a second.
 """
 
 from __future__ import annotations
@@ -46,7 +46,6 @@ class Asking:
         self._state_due_s = 0.0
 
     def update(self, now_s: float) -> Update:
-        """Poll once. Raises CellError if the daemon does not respond."""
         answer = self._client.ask("samples", after=self._after, rig=not self._knows_rig)
         self._after = {name: stream["newest"] for name, stream in answer["streams"].items()}
         cell, notice = None, ""
@@ -162,10 +161,7 @@ class DaemonSource:
 
 
 def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict[str, LiveTrack]:
-    """Samples of a `samples` response by instrument, in mm and rad.
-
-    signs: signs that make the gauge readings increase with the distance from the ball.
-    """
+    """Samples of a `samples` response by instrument, in mm and rad. signs: of the readings of each gauge."""
     tracks = {}
     for stream in streams.values():
         if not stream["rows"]:

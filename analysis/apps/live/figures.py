@@ -1,4 +1,4 @@
-"""Current figures of a view as plain values, and as a line for `--json` and `--plain`."""
+"""Current figures of a view, for the screen, `--json` and `--plain`."""
 
 from __future__ import annotations
 
@@ -41,10 +41,11 @@ def lap_share(view: LiveView) -> float | None:
 
 @dataclass(frozen=True)
 class LapState:
-    """Position in the laps: `lap` and `lead_in` with the lap number, from 1, and the completed share."""
+    """Position in the laps."""
 
     place: Literal["no_circle", "off", "stands", "way_back", "lead_in", "lap", "lead_out"]
     number: int = 0
+    """Number of the lap, from 1, and its completed share; only of `lap` and `lead_in`."""
     share: float = 0.0
 
 

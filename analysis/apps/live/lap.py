@@ -1,11 +1,7 @@
 """Lap in progress: sense of motion, completed share, number of laps, joint reversals and the growing error curve.
 
-A lap starts at the start angle after the lead-in, as in `analysis.runs.laps`. The sense is known 2° after the start of
-a motion or a reversal, more than the noise of any feedback. Few wrists have two spare turns, so a motion back over a
-complete lap is a return, not a lap in the opposite direction.
-
-The error over 720 circle angles is the angle (or the distance, for a single gauge) minus a least-squares sine, as in
-`analysis.procedures.circle`. Below half a lap the sine would absorb the error, so only the mean is removed.
+A lap starts at the start angle after the lead-in, as in `analysis.runs.laps`. Few wrists have two spare turns, so a
+motion back over a complete lap is a return, not a lap in the opposite direction.
 """
 
 from __future__ import annotations
@@ -23,6 +19,7 @@ from analysis.robot.kinematics.arm import Array, Mask
 from analysis.runs.noise.spectrum import NODES
 
 _TURNS_BACK_RAD = math.radians(2.0)
+"""Motion after which its sense is known, more than the noise of any feedback."""
 _EARLY_RAD = math.radians(20.0)
 """Allowed start of a program before the lead-in, as in `analysis.runs.laps`."""
 _TURN = 2 * math.pi
@@ -53,11 +50,8 @@ class LapProgress:
         return unwinds and self.forward * (self.phi_rad - self.origin_rad) > 0
 
     def after(self, phi: Array, start_rad: float, lead_rad: float) -> tuple[LapProgress, Array, Array]:
-        """Process rows at circle angles phi (n,).
-
-        Returns the progress, the sense (n,) and the completed share (n,) of the lap, nan without motion along the
-        circle.
-        """
+        """Progress after rows at circle angles phi (n,), with the sense (n,) and the completed share (n,) of the lap,
+        nan without motion along the circle."""
         state, senses, shares = self, [], []
         for angle in phi.tolist():
             state = state._moved(angle)
@@ -67,10 +61,8 @@ class LapProgress:
         return state, np.array(senses, dtype=float), np.array(shares)
 
     def share(self, start_rad: float, lead_rad: float) -> float | None:
-        """Completed share of the current lap, below 0 in the lead-in and above 1 after the lap.
-
-        None during a return, or without motion along the circle.
-        """
+        """Completed share of the current lap, below 0 in the lead-in and above 1 after it; None during a return, or
+        without motion along the circle."""
         if self.sense == 0 or math.isnan(self.phi_rad) or self.goes_back:
             return None
         ahead = self.sense * (self.phi_rad - start_rad)
@@ -142,7 +134,7 @@ class JointMotion:
     extreme_phi: Array = field(default_factory=lambda: np.full(6, np.nan))
 
     def after(self, rows: LiveRows, phi: Array, senses: Array) -> tuple[JointMotion, list[LiveReversal]]:
-        """Process rows at circle angles phi (n,) and lap senses (n,)."""
+        """Motion after rows at circle angles phi (n,) and lap senses (n,), and the reversals in them."""
         sense, extreme = self.sense.copy(), self.extreme.copy()
         at_t_s, at_phi = self.extreme_t_s.copy(), self.extreme_phi.copy()
         reversals: list[LiveReversal] = []
@@ -209,7 +201,7 @@ class Sweep:
     last: Array = field(default_factory=lambda: np.full(NODES, np.nan))
 
     def after(self, phi: Array, values: Array) -> Sweep:
-        """Sweep with newer values (n,) at circle angles phi (n,), which replace older values."""
+        """Replace older values by those (n,) at circle angles phi (n,)."""
         good: Mask = np.isfinite(phi) & np.isfinite(values)
         if not good.any():
             return self
@@ -218,6 +210,7 @@ class Sweep:
         return replace(self, last=last)
 
     def curve(self) -> ErrorCurve:
+        """Values minus a least-squares sine, below half a lap minus their mean: a sine would absorb the error."""
         measured = np.isfinite(self.last)
         if measured.sum() < 2:
             return NO_CURVE
@@ -235,7 +228,7 @@ class Sweep:
 
 
 def pieces(curve: ErrorCurve) -> list[slice]:
-    """Continuous sections of a curve in order. A section across phi = 0 is split."""
+    """Continuous sections of a curve; one across phi = 0 is split."""
     ends = [*(np.flatnonzero(np.diff(curve.phi) > _WIDEST_RAD) + 1).tolist(), len(curve.phi)]
     begins = [0, *ends[:-1]]
     return [slice(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1]

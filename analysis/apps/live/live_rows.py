@@ -1,7 +1,6 @@
 """Rows of a live view: gauges and joints at the times of gauge 1, joined from several streams on arrival.
 
-`analysis.runs.align` does the same for a complete run with fitted clocks. Here the time of a sample is the arrival of
-its first byte. The view does not wait for silent streams; their values are nan.
+`analysis.runs.align` does the same for a complete run with fitted clocks; here the time of a sample is its arrival.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ class LiveRows:
         return LiveRows(self.t_s[rows], self.g_mm[rows], self.q[rows])
 
     def followed_by(self, newer: LiveRows, most: int) -> LiveRows:
-        """Rows followed by newer rows, limited to the last `most`."""
+        """The last `most` of these and newer rows."""
         if not len(newer):
             return self
         parts = ((self.t_s, newer.t_s), (self.g_mm, newer.g_mm), (self.q, newer.q))
@@ -59,13 +58,14 @@ class LiveTrack:
 
 @dataclass(frozen=True)
 class Joiner:
-    """Samples of each instrument that wait for the others. until_s: time of the last joined row."""
+    """Samples of each instrument that wait for the others; silent ones are not waited for, and are nan."""
 
     tracks: Mapping[str, LiveTrack]
     until_s: float = -np.inf
+    """Time of the last joined row."""
 
     def joined(self, new: Mapping[str, LiveTrack]) -> tuple[Joiner, LiveRows]:
-        """Add new samples. Returns the joiner and the completed rows."""
+        """Joiner after new samples, and the completed rows."""
         tracks = {**self.tracks, **new}
         for name, newer in new.items():
             if (track := self.tracks.get(name)) is not None and len(track.t_s):

@@ -1,4 +1,4 @@
-"""Main loop of `rig live`: moves data to the view, the view to the terminal, and keys to the controls."""
+"""Main loop of `rig live`: data to the view, the view to the terminal, and keys to the controls."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LINE_S = 1.0
 class LiveSource(Protocol):
     def updates(self) -> Sequence[Update]: ...
     def handle_action(self, action: Action) -> str:
-        """Execute the action of a key. Returns a notice."""
+        """Execute the action of a key, and give a notice."""
 
     @property
     def ended(self) -> bool: ...

@@ -49,10 +49,8 @@ class PlayedRun:
         """Switch to another run at the same time, speed and pause."""
         begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
         cell = following.cell if following.rig_sha256 != self.rig_sha256 else None
-        label = (following.name, following.test, following.direction)
-        return replace(following, begins_s=begins_s, speed=self.speed, paused=self.paused), Update(
-            cell=cell, label=label
-        )
+        begun = Update(cell=cell, label=(following.name, following.test, following.direction))
+        return replace(following, begins_s=begins_s, speed=self.speed, paused=self.paused), begun
 
     def begun(self) -> LiveView:
         return LiveView(self.cell).labelled(self.name, self.test, self.direction)
@@ -71,7 +69,6 @@ class PlayedRun:
 
 
 def played_run(path: Path, speed: float) -> PlayedRun:
-    """Read a run for playback. Refuses a run without motion."""
     run = read_run(path)
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
     if run.table is None:
@@ -89,7 +86,8 @@ def played_run(path: Path, speed: float) -> PlayedRun:
     step = max(1, int(np.ceil(len(rows) / max(float(np.ptp(rows.t_s)), 1e-9) / _MOST_HZ)))
     rows = rows.select_rows(slice(None, None, step))
     rows = replace(rows, t_s=rows.t_s - rows.t_s[0])
-    manifest = run.manifest
-    zero_mm = manifest.view_zero_mm or (0.0, 0.0)
-    label = (manifest.name, manifest.test, manifest.direction)
-    return PlayedRun(*label, cell_of(rig), manifest.rig_sha256, rows, speed, zero_mm)
+    manifest, cell = run.manifest, cell_of(rig)
+    return PlayedRun(
+        manifest.name, manifest.test, manifest.direction, cell, manifest.rig_sha256, rows, speed,
+        manifest.view_zero_mm or (0.0, 0.0),
+    )  # fmt: skip

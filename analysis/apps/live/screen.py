@@ -44,12 +44,9 @@ _LARGEST_SCALE = 4
 _ANGLE_TEXT = "-00.0000"
 
 
-def scale_for(view: LiveView, controls: LiveControls, width: int) -> int:
-    """Largest scale at which both gauges fit, at least 1."""
-    text = max((_text(view, controls, k, _widest(view, controls, k)) for k in range(2)), key=len)
-    text = "".join("0" if character.isdigit() else character for character in text)
-    fits = [scale for scale in range(1, _LARGEST_SCALE + 1) if width_of(text, scale) <= width - 2]
-    return max(fits, default=1)
+def _largest_scale(text: str, width: int, most: int) -> int:
+    """Largest scale up to `most` at which a number fits, at least 1."""
+    return max((scale for scale in range(1, most + 1) if width_of(text, scale) <= width - 2), default=1)
 
 
 def gauge_rows(scale: int) -> int:
@@ -89,14 +86,14 @@ def angle_panel(view: LiveView, controls: LiveControls, scale: int, width: int) 
     if degrees is None:
         rows = [row_of(name, (" needs two gauges", "dim"))]
     else:
-        fits = [candidate for candidate in range(1, scale + 1) if width_of(_ANGLE_TEXT, candidate) <= width - 2]
-        rows = [row_of(name, " °"), *large(f"{degrees:z8.4f}", max(fits, default=1), f"bold {ANGLE_COLOUR}")]
+        scale_here = _largest_scale(_ANGLE_TEXT, width, scale)
+        rows = [row_of(name, " °"), *large(f"{degrees:z8.4f}", scale_here, f"bold {ANGLE_COLOUR}")]
     rows += [Text()] * (gauge_rows(scale) - 1 - len(rows))
     return below_each_other(*rows, lap_row(view, width))
 
 
 def lap_row(view: LiveView, width: int) -> Text:
-    """Circle angle and progress of the lap in a row, or why they are missing."""
+    """Circle angle and progress of the lap, or why they are missing."""
     phi, lap, sense = phi_deg(view), lap_state(view), view.lap.sense
     if view.cell is None or lap.place == "no_circle":
         return row_of(("the rig file has no circle test" if view.cell else "", "dim"))
@@ -131,7 +128,7 @@ def _widest(view: LiveView, controls: LiveControls, k: int) -> float:
 
 
 def _range_row(view: LiveView, controls: LiveControls, k: int, width: int) -> Text:
-    """Bar of the calibrated range if known, otherwise of the observed range, with the reading."""
+    """Bar of the calibrated or else the observed range, with the reading."""
     if view.extremes_mm is None or not np.isfinite(view.extremes_mm[k]).all():
         return Text()
     low, high = (float(mm) for mm in view.extremes_mm[k])
@@ -159,11 +156,6 @@ _LITTLE_DISK = 0.05
 """Share of free disk space below which a warning is shown."""
 _LATE_DRIFT_PPM = 500.0
 """Drift from which a clock is marked: instrument clocks are within about 100 ppm of the host."""
-
-
-def head_row(view: LiveView) -> Text:
-    name = view.cell.name if view.cell else (view.state or {}).get("rig", "rig live")
-    return row_of((f"{name}  ", "bold"), *_state_of(view))
 
 
 def _state_of(view: LiveView) -> Iterator[tuple[str, str]]:
@@ -274,11 +266,6 @@ def foot_rows(view: LiveView, controls: LiveControls, width: int) -> list[Text]:
     return [*message, row_of((f"{keys}  r restart  ? help  q quit", "dim"))]
 
 
-def help_panel() -> Panel:
-    rows = (row_of((f"{key:<7}", "bold"), words) for key, words in KEYS)
-    return Panel(below_each_other(*rows), title="keys", title_align="left", expand=False)
-
-
 def event_words(event: LiveEvent, view: LiveView) -> str:
     if event.reversal is None:
         return event.words
@@ -288,10 +275,9 @@ def event_words(event: LiveEvent, view: LiveView) -> str:
 
 
 def _place(reversal: LiveReversal) -> str:
-    """Position and direction of a joint reversal; upper is from rising to falling."""
-    return (f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else "") + (
-        "▲▼" if reversal.upper else "▼▲"
-    )
+    """Position and direction of a joint reversal."""
+    phi = f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else ""
+    return f"{phi}{'▲▼' if reversal.upper else '▼▲'}"
 
 
 _LEAST_WIDTH, _LEAST_HEIGHT = 60, 18
@@ -311,20 +297,24 @@ class LiveScreen:
         foot = below_each_other(*foot_rows(self.view, self.controls, width)[-max(1, height - 1) :])
         rows = foot.plain.count("\n") + 1
         if self.controls.shows_help:
-            body: RenderableType = Align.center(help_panel(), vertical="middle")
+            keys = below_each_other(*(row_of((f"{key:<7}", "bold"), words) for key, words in KEYS))
+            panel = Panel(keys, title="keys", title_align="left", expand=False)
+            body: RenderableType = Align.center(panel, vertical="middle")
         elif width < _LEAST_WIDTH or height < _LEAST_HEIGHT:
             line = plain_line(self.view, self.controls.units, self.controls.zero_mm)
             body = below_each_other(*(row_of(part.strip()) for part in line.split(";")))
         else:
             panels = _panels(self.view, self.controls, width, height - rows - 1)
             shown = Styled(panels, "dim") if self.view.lost else panels  # the last known state
-            body = _column([(head_row(self.view), 1), (shown, None)])
+            name = self.view.cell.name if self.view.cell else (self.view.state or {}).get("rig", "rig live")
+            body = _column([(row_of((f"{name}  ", "bold"), *_state_of(self.view)), 1), (shown, None)])
         yield from console.render(_column([(body, None), (foot, rows)]), options)  # `yield` would drop the height
 
 
 def _panels(view: LiveView, controls: LiveControls, width: int, height: int) -> Layout:
     figures = 3 if width >= _THREE_WIDE else 2
-    scale = min(1 if height < 28 else 4, scale_for(view, controls, width // figures))
+    widest = max((_text(view, controls, k, _widest(view, controls, k)) for k in range(2)), key=len)
+    scale = _largest_scale(widest, width // figures, 1 if height < 28 else _LARGEST_SCALE)
     links = 1 + len(view.state["streams"]) if view.state else 0 if view.played else 4
     links = min(links, max(4, height // 6))
     gauges: list[RenderableType] = [gauge_panel(view, controls, k, scale, width // figures) for k in range(2)]

@@ -1,7 +1,8 @@
-"""Model of the live view: converts samples and states to displayed values. It uses no terminal, clock or socket."""
+"""Model of the live view: samples and states as displayed values, without terminal, clock or socket."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -23,8 +24,6 @@ _LEAST_TREND = 4
 
 @dataclass(frozen=True)
 class GaugeReading:
-    """Last reading of a gauge in mm, and its age."""
-
     mm: float
     age_s: float
 
@@ -55,7 +54,7 @@ class Update:
 
 @dataclass(frozen=True)
 class LiveEvent:
-    """A joint reversal, or a message about a fault, a recording or the daemon."""
+    """A joint reversal, or a message."""
 
     t_s: float
     words: str
@@ -64,7 +63,7 @@ class LiveEvent:
 
 @dataclass(frozen=True)
 class LiveView:
-    """The complete displayed state. Name, test and direction are those of the recording or the played run."""
+    """The complete displayed state."""
 
     cell: LiveCell | None = None
     rows: LiveRows = NO_ROWS
@@ -85,6 +84,7 @@ class LiveView:
     """Message about a recording interrupted by the loss of the daemon, until the next recording starts."""
     played: Played | None = None
     name: str | None = None
+    """Name, test and direction of the recording or the played run."""
     test: str | None = None
     direction: Direction | None = None
     shown_test: str | None = None
@@ -112,10 +112,7 @@ class LiveView:
         return view._with_rows(update.rows) if len(update.rows) else view
 
     def labelled(self, name: str | None, test: str | None, direction: Direction | None) -> LiveView:
-        """View of a new recording.
-
-        Laps are counted from now, and the new curve replaces the last in this direction.
-        """
+        """View of a new recording: laps are counted from now, and its curve replaces the last in this direction."""
         if (name, test, direction) == (self.name, self.test, self.direction):
             return self
         view = replace(self, name=name, test=test, direction=direction)
@@ -176,29 +173,27 @@ class LiveView:
         phi = self.cell.phi(rows.q)
         lap, sense, share = self.lap.after(phi, self.cell.start_rad, self.cell.lead_rad)
         joints, turned = self.joints.after(rows, phi, sense)
-        # Mask of the rows at shares (n,) of a lap that belong to it. A lead-in or lead-out does not belong to it:
-        # joints reverse there that do not reverse at the same position of the lap.
+        # Lead-in and lead-out do not belong to a lap: joints reverse there that do not reverse there in the lap.
         lead = self.cell.lead_rad / (2 * np.pi)
         inside: Mask = (share >= 0) & ((share < 1) | (share % 1 > lead))
         values = np.where(inside, self.cell.error_source(rows.g_mm), np.nan)
-        counts = tuple(
-            count + sum(reversal.axis == axis for reversal in turned)
-            for axis, count in enumerate(self.reversal_counts, start=1)
-        )
+
+        def swept(sweep: Sweep, direction: Direction, sign: int) -> Sweep:
+            if self.direction not in (None, direction):  # a return between laps measures nothing
+                return sweep
+            return sweep.after(phi, np.where(sign * sense > 0, values, np.nan))
+
+        counts = Counter(reversal.axis for reversal in turned)
         return replace(
             view._with_events(LiveEvent(reversal.t_s, "", reversal) for reversal in turned),
-            reversal_counts=counts,
+            reversal_counts=tuple(count + counts[axis] for axis, count in enumerate(self.reversal_counts, start=1)),
             last_reversals={**self.last_reversals, **{reversal.axis: reversal for reversal in turned}},
             lap=lap,
             joints=joints,
             phi=np.concatenate([self.phi, phi])[-_KEPT_ROWS:],
-            acw=self._swept(self.acw, "acw", phi, np.where(sense > 0, values, np.nan)),
-            cw=self._swept(self.cw, "cw", phi, np.where(sense < 0, values, np.nan)),
+            acw=swept(self.acw, "acw", 1),
+            cw=swept(self.cw, "cw", -1),
         )
-
-    def _swept(self, sweep: Sweep, direction: Direction, phi: Array, values: Array) -> Sweep:
-        """Add rows to a sweep. A return between laps is not a measurement in the opposite direction."""
-        return sweep if self.direction not in (None, direction) else sweep.after(phi, values)
 
 
 def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
@@ -214,32 +209,25 @@ def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> 
 
 
 def _cut(before: dict[str, Any] | None, state: dict[str, Any]) -> str:
-    """A recording lost with the daemon: a new daemon that does not know it was started later."""
+    """Message about a recording lost with the daemon: a new daemon does not know it."""
     if before is None or not before["recording"] or state["recording"] or state["last_end"]:
         return ""
     return f"recording {before['recording']} was interrupted: rigd was restarted"
 
 
 def _run_of(state: dict[str, Any]) -> str | None:
-    """Directory of the recording, which differs for recordings of the same name."""
     run: str | None = state.get("run", state["recording"])
     return run
 
 
 def _new_faults(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
-    """Faults counted since the last state."""
-    if before is None:
-        return []
+    """Faults since the last state, and connections that were made or lost."""
     words = []
     for name, stream in state["streams"].items():
-        old = before["streams"].get(name)
-        if old is None:
+        if before is None or (old := before["streams"].get(name)) is None:
             continue
-        gained = {
-            kind: count - old["counters"].get(kind, 0)
-            for kind, count in stream["counters"].items()
-            if kind != "samples" and count > old["counters"].get(kind, 0)
-        }
+        gained = Counter(stream["counters"]) - Counter(old["counters"])
+        del gained["samples"]
         if gained:
             listed = ", ".join(f"{count} {kind}" for kind, count in gained.items())
             words.append(f"{name}: {listed}: {stream['last_fault']}")

@@ -1,4 +1,4 @@
-"""Routes of the web pages in the languages of the report. Messages of the analysis stay in English."""
+"""Routes of the window, in the languages of the report."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ class _Pages:
         )
 
     def table(self, request: Request) -> Response:
-        """A run as a file. It is not marked as exported: a download may be lost, and rigd may delete exported runs."""
+        """A run as a file, not marked as exported: a download may be lost, and rigd may delete exported runs."""
         kind = request.path_params["kind"]
         if kind not in _WRITERS:
             raise HTTPException(404)

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Mapping
 from pathlib import Path
 
-from analysis.apps.live.controls import RecordingLabel
+from analysis.apps.live.controls import RecordingLabel, StartRecording
 from analysis.apps.session.child_processes import Child
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.watcher import Watcher
@@ -31,24 +31,26 @@ class WindowControls:
         self._lock = threading.Lock()
 
     def do(self, action: str, form: Mapping[str, str]) -> str | None:
-        """Execute the action of a form. Returns a message; None for an unknown action."""
+        """Execute the action of a form. Gives a message; None for an unknown action."""
         watcher = self._watcher
         match action:
             case "start":
                 typed = " ".join(form.get(key, "") for key in ("name", "test", "direction"))
                 label = RecordingLabel.typed(typed)
                 watcher.board.post("label", label.fields())
-                return watcher.start(label.name, label.test, label.direction)
+                return str(watcher.ask("record_start", **StartRecording(label, watcher.zero_mm).request())["run"])
             case "stop":
-                return watcher.stop()
+                return str(watcher.ask("record_stop")["run"])
             case "zero":
-                watcher.zero()
+                readings = watcher.view.readings
+                g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
+                watcher.zero_mm = (g1, g2)
             case "unzero":
-                watcher.restart(zero=True)
+                watcher.zero_mm = (0.0, 0.0)
             case "restart":
-                watcher.restart()
+                watcher.view = watcher.view.restarted()
             case "session":
-                maker = next((known_maker for known_maker in makers() if known_maker == form.get("maker")), None)
+                maker = next((known for known in makers() if known == form.get("maker")), None)
                 return self._go_on(maker, entered=bool(form.get("entered")))
             case _:
                 kind, _, step = action.partition("-")
@@ -77,9 +79,8 @@ class WindowControls:
     def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
         """Start or resume the session, as in `rig session`. maker: for a new session."""
         if self._place is None or self._log is None:
-            raise CellError(
-                "rig window", "was started without a cell", "start rig window CELL --control", code="window.no_cell"
-            )
+            remedy = "start rig window CELL --control"
+            raise CellError("rig window", "was started without a cell", remedy, code="window.no_cell")
         with self._lock:
             if self._session is not None and self._session.runs:
                 problem, remedy = "this session is already running", "see the messages of the session"

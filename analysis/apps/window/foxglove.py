@@ -1,7 +1,6 @@
 """Live data over the WebSocket protocol of Foxglove: joint angles with the URDF of the arm, gauges and angle.
 
-The server listens only on this computer and accepts every client there: the data are not secret, and a client can
-change nothing.
+The server listens only on this computer: the data are not secret, and a client can change nothing.
 """
 
 from __future__ import annotations

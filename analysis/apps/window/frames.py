@@ -1,7 +1,4 @@
-"""Data of the live cell and the session for pages, by kind: only changed kinds are sent.
-
-The figures are those of `rig live --json`. Curves are integers in units of the last digit, which halves the size.
-"""
+"""Data of the live cell and the session for pages, by kind. Curves are integers of the last digit: half the size."""
 
 from __future__ import annotations
 
@@ -101,10 +98,7 @@ def curves(view: LiveView) -> dict[str, dict[str, Any]]:
 
 
 def trace(view: LiveView) -> dict[str, Any]:
-    """Readings of the last seconds.
-
-    Ages are in hundredths of a second, deviations from the mean in tenths of a micrometre. Missing values are null.
-    """
+    """Readings of the last seconds: ages in hundredths of a second, deviations from the mean in tenths of a µm."""
     recent = view.since(TRACE_S)
     recent = recent.select_rows(slice(None, None, max(1, math.ceil(len(recent) / _TRACE_POINTS))))
     if not len(recent):

@@ -40,8 +40,8 @@ class OutputStore:
     def get(self, words: Sequence[str], runs: Iterable[Path]) -> Path | None:
         """Directory with the output of a command; None until it is ready.
 
-        words: command and arguments, in which `{out}` is the directory. runs: input; a change makes a new result. The
-        error of the command is raised once, and CellError if the queue is full.
+        words: command and arguments, in which `{out}` is the directory. runs: input; a change makes a new result.
+        Raises the error of the command once, and CellError if the queue is full.
         """
         key = _key(words, runs)
         with self._lock:

@@ -43,11 +43,10 @@ class WindowServer(uvicorn.Server):
 
     def __init__(self, app: ASGIApp, ends: Callable[[], None]) -> None:
         logging.getLogger("uvicorn.error").setLevel(logging.ERROR)  # warnings are about requests of others
-        super().__init__(
-            uvicorn.Config(
-                app, lifespan="on", log_config=None, access_log=False, server_header=False, timeout_graceful_shutdown=1
-            )
+        config = uvicorn.Config(
+            app, lifespan="on", log_config=None, access_log=False, server_header=False, timeout_graceful_shutdown=1
         )
+        super().__init__(config)
         self._ends = ends
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
@@ -94,14 +93,11 @@ def run_window(asked: WindowOptions, say: Callable[[str], object]) -> None:
             stream = Foxglove(asked.foxglove, rig)
             ends.callback(stream.close)
             say(f"ws://127.0.0.1:{stream.port} for Foxglove; every program and page on this computer can read it")
-        begin = place.command(rig_file) if place and rig_file else ""
+        begin, file = (place.command(rig_file), str(find(rig_file).resolve())) if place and rig_file else ("", "")
         daemon = partial(find_socket, rig.name if rig else None)
         watcher = Watcher(daemon, place, stream.show if stream else None, begin=begin)
-        controls = None
-        if asked.control:
-            controls = WindowControls(
-                watcher, place, str(find(rig_file).resolve()) if rig_file else "", shelf.directory
-            )
+        controls = WindowControls(watcher, place, file, shelf.directory) if asked.control else None
+        if controls:
             ends.callback(controls.close)
         ends.callback(signal.signal, signal.SIGINT, signal.SIG_IGN)
         say(f"http://{host}:{sock.getsockname()[1]}{' with control' if controls else ''}; stop with Ctrl-C")

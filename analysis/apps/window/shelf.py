@@ -121,10 +121,7 @@ def limits_of(rig_text: str) -> Limits:
 
 
 def metrics_of(runs: Iterable[ShelfRun], *, daemon_is_up: bool) -> str:
-    """State of the daemon, and the main and limited figures of the newest run per rig, test and direction.
-
-    runs: newest first.
-    """
+    """State of the daemon, and the main and limited figures of the newest run per rig, test and direction."""
     newest: set[tuple[str, ...]] = set()
     shown: list[tuple[dict[str, str], Figure]] = []
     for run in runs:

@@ -1,7 +1,6 @@
-"""Watch the cell ten times a second, publish the state as server-sent events, and forward requests to rigd.
+"""Watches the cell ten times a second, and publishes its state as server-sent events.
 
-A single client of rigd serves all browsers, so additional browsers do not affect the recorder. The board keeps only the
-newest message of each kind: a slow browser skips older ones and needs no queue.
+A single client of rigd serves all browsers, so additional browsers do not affect the recorder.
 """
 
 from __future__ import annotations
@@ -26,6 +25,8 @@ from rigs.text import plain_values
 
 
 class Board:
+    """The newest message of each kind: a slow browser skips older ones and needs no queue."""
+
     def __init__(self) -> None:
         self._news: dict[str, tuple[int, bytes]] = {}
         self._changed = asyncio.Event()
@@ -82,10 +83,8 @@ class Watcher:
         source: UpdateSource | None = None,
         begin: str = "",
     ) -> None:
-        """Watch the daemon at the socket that `find` returns, or another source of updates.
-
-        place: directory of the session, which the command `begin` starts. shows: called with each view.
-        """
+        """find: gives the socket of the daemon, unless there is another source of updates. place: directory of the
+        session, which the command `begin` starts. shows: called with each view."""
         self.board = Board()
         self.view = LiveView()
         self.zero_mm = (0.0, 0.0)
@@ -141,23 +140,3 @@ class Watcher:
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         with Client(self._find()) as client:
             return client.ask(command, **fields)
-
-    def start(self, name: str, test: str, direction: str | None) -> str:
-        """Start a recording. Returns its directory."""
-        zero = {"view_zero_mm": list(self.zero_mm)} if any(self.zero_mm) else {}
-        return str(self.ask("record_start", name=name, test=test, direction=direction, **zero)["run"])
-
-    def stop(self) -> str:
-        return str(self.ask("record_stop")["run"])
-
-    def zero(self) -> None:
-        """Zero both gauges at the current readings."""
-        readings = self.view.readings
-        g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
-        self.zero_mm = (g1, g2)
-
-    def restart(self, *, zero: bool = False) -> None:
-        if zero:
-            self.zero_mm = (0.0, 0.0)
-        else:
-            self.view = self.view.restarted()

@@ -40,7 +40,7 @@ class WindowCheck:
         self.check: GuidedCheck | None = None
 
     def do(self, action: str, form: Mapping[str, str]) -> str | None:
-        """Execute `begin`, `touch`, `undo`, `save` or `cancel`. Returns a message; None for an unknown action."""
+        """Execute `begin`, `touch`, `undo`, `save` or `cancel`. Gives a message; None for an unknown action."""
         with self._lock:
             if action == "begin":
                 self.check = self._begun(form.get("run", ""))
