@@ -106,7 +106,6 @@ def _check_rig(rig_file: str, calibration: str | None) -> None:
 
 
 def _rig_lines(rig: Rig, tests: Sequence[str], unreachable: set[str]) -> Iterator[str]:
-    """Instruments, model, doubts and tests of a rig."""
     import datetime as dt
 
     from analysis.runs.noise.certificate import doubts_of

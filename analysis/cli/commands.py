@@ -250,7 +250,6 @@ def _options(
 
 
 def imported(name: str) -> TyperCommand | TyperGroup:
-    """Command or group of `rig` as declared in its module. name: a listed command."""
     file = _FILES.get(name, name.replace("-", "_"))
     import_module(f"analysis.apps.{_APPS[file]}.cli_{file}" if file in _APPS else f"analysis.cli.{file}")
     if name in _ADDED:

@@ -57,7 +57,6 @@ def _is_run(path: Path) -> bool:
 
 @_quietly
 def rig_files(incomplete: str) -> Iterator[str]:
-    """Complete rig files in the given directory, and names of shipped rig files."""
     from rigs.load import shipped
 
     folder = "".join(incomplete.rpartition("/")[:2])
@@ -74,7 +73,6 @@ def arms() -> Iterator[str]:
 
 @_quietly
 def robots(ctx: typer.Context) -> Iterator[str]:
-    """Complete rigs of the runs below --runs."""
     directory = Path(ctx.params.get("runs") or "runs")
     names = (json.loads((run / "manifest.json").read_bytes()) for run in directory.iterdir() if _is_run(run))
     yield from sorted({str(manifest["rig_name"]) for manifest in names})
@@ -82,7 +80,6 @@ def robots(ctx: typer.Context) -> Iterator[str]:
 
 @_quietly
 def daemons() -> Iterator[str]:
-    """Complete rigs with a running daemon."""
     from daq.service.client import sockets
 
     yield from (path.stem for path in sockets())
@@ -90,5 +87,4 @@ def daemons() -> Iterator[str]:
 
 @_quietly
 def services() -> Iterator[str]:
-    """Complete rigs with an installed service."""
     yield from sorted(file.stem for file in SERVED.glob("*.yaml"))

@@ -49,7 +49,6 @@ _MOST_WRITTEN = 3
 
 
 def say_interrupted() -> None:
-    """Report the files and directories that the command completed before Ctrl-C, on standard error."""
     hidden, temporary = f".tmp{os.sep}", f"{tempfile.gettempdir()}{os.sep}rig-"
     paths = [path for path in dict.fromkeys(map(str, COMPLETED)) if not path.startswith(temporary)]
     paths = [path for path in paths if hidden not in path and os.path.lexists(path)]

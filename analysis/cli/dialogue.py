@@ -25,8 +25,6 @@ class DialogueEnded(Exception):
 
 @dataclass(frozen=True)
 class Dialogue:
-    """Input and output of questions."""
-
     say: Callable[[str], None]
     busy: Busy
     terminal: bool
@@ -59,7 +57,6 @@ class Dialogue:
                     self.say(f"error: {line}")
 
     def line(self, prompt: str) -> str:
-        """Typed line, stripped of blanks."""
         self.screen.write(prompt)
         self.screen.flush()
         return self._typed()

@@ -14,7 +14,6 @@ from rigs.text import enumerated
 
 
 def location(text: str | Path) -> Path:
-    """Local path or a URL."""
     from analysis.runs import remote
 
     return remote.location(str(text))

@@ -141,7 +141,6 @@ def verify(
 
 
 def judged(path: Path) -> VerificationResult:
-    """Integrity verdict of a local or remote run."""
     from dataclasses import replace
 
     from analysis.runs.remote import fetched, restore_run_path

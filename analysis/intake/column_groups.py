@@ -73,8 +73,6 @@ class TurnReading:
 
 @dataclass(frozen=True)
 class ColumnGroup:
-    """Columns that belong together."""
-
     columns: tuple[str, ...]
     role: Role
     unit: Unit = ""
@@ -95,8 +93,6 @@ class PlaceColumns:
 
 @dataclass(frozen=True)
 class Groups:
-    """Candidate columns of a table."""
-
     joints: tuple[ColumnGroup, ...]
     seen: tuple[PlaceColumns, ...]
     residuals: tuple[ColumnGroup, ...]

@@ -92,7 +92,6 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
 
 
 def _raw_table(data: bytes, where: str) -> tuple[RawTable, FileLayout]:
-    """Table of a text file with the detected layout."""
     lines, text_layout = text_of(data, where)
     layout = layout_of(lines, text_layout.encoding, where)
     return read_raw(lines, layout, where), layout

@@ -89,8 +89,6 @@ of the lever.
 
 @dataclass(frozen=True)
 class MapProposal:
-    """A map and its open questions."""
-
     table_map: TableMap
     """The map, with the likeliest value of open keys."""
     questions: tuple[Question, ...]

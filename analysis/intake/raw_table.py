@@ -54,8 +54,6 @@ _FEWEST = 3
 
 @dataclass(frozen=True)
 class RawTable:
-    """A table as written."""
-
     where: str
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -397,7 +395,6 @@ def _index(table: RawTable, join: str) -> dict[str, int]:
 
 
 def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[FileLayout], join: str) -> tuple[RawTable, int]:
-    """Joined table of the files of a measurement, and the number of unmatched rows."""
     tables = []
     for (path, data), layout in zip(files, layouts, strict=True):
         if is_workbook(data):

@@ -56,8 +56,6 @@ _SHOWN, _LINES = 20, 6
 
 @dataclass(frozen=True, order=True)
 class TableProblem:
-    """A mistake in one or more rows of a table."""
-
     line: int
     column: str
     """Column, "" for the complete row."""
@@ -88,8 +86,6 @@ def _without_repeats(problems: Iterable[TableProblem]) -> list[TableProblem]:
 
 @dataclass
 class Problems:
-    """Mistakes of a table: all are counted and the first are kept, since a bad file may have millions."""
-
     count: int = 0
     _kept: list[TableProblem] = field(default_factory=list)
 
@@ -105,14 +101,11 @@ class Problems:
         return _without_repeats(self._kept)[:_SHOWN]
 
     def refuse(self, where: str) -> None:
-        """Raise TableFileError if there are mistakes."""
         if self.count:
             raise TableFileError(where, self.first, count=self.count)
 
 
 class TableFileError(FileError):
-    """A table with mistakes."""
-
     def __init__(
         self, path: str, problems: list[TableProblem], remedy: str = "correct the file", count: int | None = None
     ) -> None:
@@ -453,8 +446,6 @@ million cells.
 
 @dataclass(frozen=True)
 class TableFile:
-    """A table as read."""
-
     sha256: str
     """Hash of the file."""
     direction: Direction | None
@@ -493,7 +484,6 @@ def parse_csv(
     direction: Direction | None = None,
     joints: JointSource = "measured",
 ) -> pa.Table:
-    """Parse the bytes of a table file; see `read_file`."""
     if direction and "direction" not in format_of(test).layout().required:
         raise FileError(
             where,
@@ -575,7 +565,6 @@ _HEAD_BYTES = 100_000
 
 
 def read_head(path: Path) -> bytes:
-    """First 100 kB of a table file."""
     try:
         return read_from(path, 0, _HEAD_BYTES)[0]
     except (OSError, FileError):

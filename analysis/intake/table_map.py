@@ -108,8 +108,6 @@ class Residual(Lengths):
 
 
 class TurnColumns(Part):
-    """Orientation of the tool."""
-
     columns: Names
     """A quaternion x, y, z, w; a matrix by rows; or angles in the order of their axes."""
     form: TurnForm

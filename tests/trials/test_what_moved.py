@@ -12,9 +12,8 @@ from typer.testing import CliRunner
 
 from analysis import load_run
 from analysis.api import diagnose
-from analysis.apps.commission.movement_report import what_to_do
 from analysis.apps.commission.next_touch import candidates_of, hidden_causes, next_posture
-from analysis.apps.commission.what_moved import moved_of, what_moved
+from analysis.apps.commission.what_moved import moved_of, what_moved, what_to_do
 from analysis.apps.report.movement_words import movement_sentence
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import keys_of, texts_of

@@ -67,8 +67,6 @@ GUIDED = Tolerance(5.0, 5.0, float(np.radians(120.0)))
 
 @dataclass(frozen=True)
 class FoundCircle:
-    """A circle, and the angle in rad over which the path follows it."""
-
     circle: CircleFrame
     turned_rad: float
 

@@ -123,7 +123,6 @@ def fit_ball(
 
 
 def _ball_of_circle(runs: Iterable[Run], rig: Rig) -> FittedTest:
-    """The ball at the centre of a circle."""
     from analysis.apps.commission.cli_fitted_test import FittedTest
     from analysis.apps.commission.driven_circle import driven_circle
     from analysis.runs.loading import motion_in
@@ -168,7 +167,7 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """Motion until Ctrl-C, and the named rig or else that of the daemon."""
     from analysis.apps.commission.cli_fitted_test import RigFile, u_written
     from analysis.apps.commission.driven_circle import driven_circle
-    from analysis.apps.commission.joint_stream import watched_motion
+    from analysis.apps.commission.record_touches import watched_motion
     from daq.service.client import Client, find_socket
     from rigs.load import parse
 

@@ -151,7 +151,6 @@ def _make(options: Options) -> None:
 
 
 def _add_calibration(rig_file: Path, calibration: str) -> None:
-    """Put the constants of the controller into the new rig file."""
     from analysis.intake.controller_arm import rig_with_controller
     from analysis.runs.written_files import holding, write_all_over
     from rigs.load import load
@@ -162,7 +161,7 @@ def _add_calibration(rig_file: Path, calibration: str) -> None:
 
 
 def next_steps(rig_file: Path, measured_by: MeasuredBy) -> list[str]:
-    from analysis.apps.commission.rig_file_text import rendered
+    from analysis.apps.commission.questionnaire import rendered
     from rigs.load import load
     from rigs.schema.feedback import NoFeedback
 

@@ -301,7 +301,6 @@ def on_one_circle(places: Array) -> Mask:
 
 
 def fit_stops(arm: Arm, bins: Binned, where: str) -> CircleFit:
-    """Fit a circle to the stops, except a few stops elsewhere."""
     q = np.array([stand.q for stand in bins.stands])
     T = forward(arm, q)
     together = on_one_circle(T[:, :3, 3])

@@ -116,7 +116,6 @@ def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
-    """Ports of g1 and g2, if given."""
     if g2 is not None and g1 is None:
         raise UseError("--g2", "needs --g1", "give both, or neither", code="init.gauge_unnamed")
     for gauge, place in (("g1", g1), ("g2", g2)):

@@ -29,8 +29,6 @@ _DRAWS = 16
 
 @dataclass(frozen=True)
 class ReferencePosture:
-    """A reading of the reference to repeat."""
-
     setup: str
     row: int
     """Row in the file."""

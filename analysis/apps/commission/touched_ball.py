@@ -62,8 +62,6 @@ GAUGE_MM = 5.0
 
 @dataclass(frozen=True)
 class TouchedBall:
-    """A ball located by stops of the robot on a sphere about it."""
-
     centre: Array
     u_centre_mm: Array
     """Standard uncertainty (3,) of the centre."""
@@ -215,8 +213,6 @@ class RestDetector:
 
 
 class Touching:
-    """Records the same number of touches for each socket in turn."""
-
     def __init__(self, arm: Arm, sockets: Sequence[str], touches: int) -> None:
         """arm: with the ball as the tool. touches: total number for all sockets."""
         self._arm, self._sockets = arm, tuple(sockets)

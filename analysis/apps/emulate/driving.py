@@ -65,7 +65,6 @@ class ControllerState:
         return replace(self.arm, T_world_base=np.eye(4), T_flange_tool=T_flange_tool)
 
     def entered(self, corrections: Any, where: str) -> ControllerState:
-        """Enter the parameters of `rig correct` (corrections.yaml or JSON)."""
         section = corrections.get("controller") if isinstance(corrections, Mapping) else None
         entries = section.get("entries") if isinstance(section, Mapping) else None
         if not isinstance(section, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):

@@ -31,7 +31,6 @@ _SHORTEST = 8
 
 
 def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> None:
-    """Execute a program given as texts by file name."""
     maker = maker_by(name)
     text = next(text for file, text in texts.items() if Path(file).suffix.lower() in maker.files.suffixes)
     data = [text for file, text in texts.items() if Path(file).suffix.lower() == maker.files.data]

@@ -43,7 +43,7 @@ def live(
     daemon restarts. Without a terminal, the state of the daemon is printed
     once, unless --plain or --json is given.
     """
-    from analysis.apps.live.terminal import is_terminal
+    from analysis.apps.live.loop import is_terminal
     from rigs.errors import UseError
 
     if plain and as_json:
@@ -69,8 +69,7 @@ def live(
 
 
 def _play(paths: list[Path], speed: float, *, as_json: bool, fills_screen: bool) -> None:
-    from analysis.apps.live.loop import RunPlayer, print_lines, watch
-    from analysis.apps.live.played_run import played_run
+    from analysis.apps.live.loop import RunPlayer, played_run, print_lines, watch
 
     runs = [played_run(path, speed) for path in paths]
     player, view = RunPlayer(runs), runs[0].begun()

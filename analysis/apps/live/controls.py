@@ -95,7 +95,6 @@ class LiveControls:
     message: str = ""
 
     def pressed(self, key: str, readings: Mapping[str, GaugeReading]) -> tuple[LiveControls, Action | None]:
-        """Controls after a key, and the action."""
         if self.prompt is not None:
             return self._typed(key, self.prompt)
         controls = replace(self, message="", shows_help=False)

@@ -33,8 +33,6 @@ _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 
 class Asking:
-    """Connection to a daemon that converts responses to updates."""
-
     def __init__(self, client: Client, rig_lines: list[str] | None = None, signs: Sequence[int] = (1, 1)) -> None:
         """rig_lines, signs: rig file and signs of the gauges of the previous connection, reused if equal."""
         self._client, self.rig_lines, self.signs = client, rig_lines, signs
@@ -121,7 +119,6 @@ class DaemonSource:
         return updates
 
     def handle_action(self, action: Action) -> str:
-        """Start or stop a recording. The response or error follows as a notice."""
         if isinstance(action, StartRecording):
             self._request("record_start", action.request(), "recording to {run}")
             return f"starting {action.label}"

@@ -41,8 +41,6 @@ def lap_share(view: LiveView) -> float | None:
 
 @dataclass(frozen=True)
 class LapState:
-    """Position in the laps."""
-
     place: Literal["no_circle", "off", "stands", "way_back", "lead_in", "lap", "lead_out"]
     number: int = 0
     """Number of the lap, from 1, and its completed share; only of `lap` and `lead_in`."""
@@ -76,7 +74,6 @@ def shown_curves(view: LiveView) -> tuple[ErrorCurve, ErrorCurve]:
 
 
 def figures(view: LiveView) -> dict[str, Any]:
-    """Current figures; None for unavailable ones."""
     state, gauges = view.state, {}
     for k, name in enumerate(("g1", "g2")):
         if name in view.readings:

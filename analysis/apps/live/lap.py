@@ -112,8 +112,6 @@ _SPEED_S = 0.35
 
 @dataclass(frozen=True)
 class LiveReversal:
-    """Reversal of a joint (1 … 6)."""
-
     axis: int
     t_s: float
     phi_rad: float

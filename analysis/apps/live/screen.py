@@ -24,13 +24,15 @@ from analysis.apps.live.canvas import (
     Plot,
     below_each_other,
     direction_colour,
+    draw_circle,
+    draw_straight,
+    draw_trace,
     height_of,
     large,
     row_of,
     width_of,
 )
 from analysis.apps.live.controls import KEYS, LiveControls
-from analysis.apps.live.error_panels import draw_circle, draw_straight, draw_trace
 from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, lap_state, phi_deg, plain_line, shown_curves
 from analysis.apps.live.lap import LiveReversal, moves, speeds
 from analysis.apps.live.view import LiveEvent, LiveView
@@ -275,7 +277,6 @@ def event_words(event: LiveEvent, view: LiveView) -> str:
 
 
 def _place(reversal: LiveReversal) -> str:
-    """Position and direction of a joint reversal."""
     phi = f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else ""
     return f"{phi}{'▲▼' if reversal.upper else '▼▲'}"
 

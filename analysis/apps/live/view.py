@@ -54,8 +54,6 @@ class Update:
 
 @dataclass(frozen=True)
 class LiveEvent:
-    """A joint reversal, or a message."""
-
     t_s: float
     words: str
     reversal: LiveReversal | None = None
@@ -63,8 +61,6 @@ class LiveEvent:
 
 @dataclass(frozen=True)
 class LiveView:
-    """The complete displayed state."""
-
     cell: LiveCell | None = None
     rows: LiveRows = NO_ROWS
     phi: Array = field(default_factory=lambda: np.empty(0))

@@ -52,8 +52,6 @@ def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class SeparatingTest:
-    """A further test with its reason."""
-
     test: str
     sigma: float
     """Separation of the two closest rivals with this and the existing tests."""
@@ -78,8 +76,6 @@ _NOTHING = 1e-3
 
 @dataclass(frozen=True)
 class Detectability:
-    """Detectability of an effect."""
-
     name: str
     effect: Effect
     """The effect at a healthy size."""
@@ -156,7 +152,6 @@ class ClosePair:
 
     @property
     def effects(self) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
-        """Both forms at their sizes."""
         first, second = (
             tuple(scaled(healthy(effect), size) for effect in candidate.effects)
             for candidate, size in zip(self.candidates, self.sizes, strict=True)
@@ -172,8 +167,6 @@ class ClosePair:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Capability of runs."""
-
     detectabilities: tuple[Detectability, ...]
     pairs: tuple[ClosePair, ...]
     """Pairs that look alike, closest first."""
@@ -189,12 +182,10 @@ class Judgement:
 
     @property
     def undetectable(self) -> tuple[str, ...]:
-        """Effects never detected, at any gear order."""
         return tuple(name for name, forms in self.names.items() if all(form.hidden for form in forms))
 
     @property
     def groups(self) -> list[list[str]]:
-        """Effects connected by pairs."""
         groups: list[list[str]] = []
         for names in [pair.names for pair in self.pairs]:
             joined = [group for group in groups if set(group) & set(names)]
@@ -231,8 +222,6 @@ def separation_sigma(expected: ExpectedPosterior, pair: ClosePair) -> float:
 
 @dataclass(frozen=True)
 class Gain:
-    """Benefit of a further test."""
-
     test: str
     why: str
     parts: int
@@ -243,8 +232,6 @@ class Gain:
 
 @dataclass(frozen=True, kw_only=True)
 class CapabilityOfTests(Judgement):
-    """Capability of a set of tests."""
-
     tests: tuple[TestName, ...]
     runs: int
     gains: tuple[Gain, ...]

@@ -40,7 +40,6 @@ _MOST_PAIRS = 6
 
 
 def answer_of(plan: CapabilityOfTests) -> list[Block]:
-    """Detectable, indistinguishable and undetectable errors, and the most useful further test."""
     level = f"{plan.level:g} times their usual size."
     if plan.level == 1:
         level = "their usual size. Use --level for the level that a diagnosis found, or for an emulated arm."

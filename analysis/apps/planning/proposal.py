@@ -128,7 +128,6 @@ class Reached:
         return float(np.log(then / now).sum())
 
     def newly(self, before: Reached) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
-        """Names and pairs that became testable."""
         new, count = (self.share >= 1) & (before.share < 1), len(self.names)
         return (
             tuple(name for name, is_new in zip(self.names, new[:count], strict=True) if is_new),
@@ -182,8 +181,6 @@ class ProposedCircle:
 
 @dataclass(frozen=True)
 class CircleProposal:
-    """Circles to drive in addition to `tests`, best first."""
-
     rig: Rig
     tests: tuple[TestName, ...]
     runs: int

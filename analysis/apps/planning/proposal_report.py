@@ -21,7 +21,6 @@ _MOST_DIGITS = 2
 
 
 def answer_of(proposal: CircleProposal) -> list[Block]:
-    """The proposed circles, their benefit, and the errors that stay undetectable."""
     head = (
         f"Circles within {proposal.minutes:g} min, in addition to {proposal.runs} runs of {', '.join(proposal.tests)}"
     )

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from analysis.apps.postures.candidates import NO_BRANCH, Candidates, branch_of, find_candidates
+from analysis.apps.postures.candidates import LEAST_CONDITIONING, NO_BRANCH, Candidates, branch_of, find_candidates
 from analysis.apps.postures.expected_error import Knowledge, PostureErrors, expected_errors, knowledge_of
-from analysis.apps.postures.sequence import CHANGE, Sequence, best_sequence, sequence_of
-from analysis.apps.postures.work_map import WorkMap, work_map
 from analysis.correction.pose_uncertainty import pose_uncertainty
 from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import FEWEST_TAUGHT, work_or_spread
-from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of
+from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask, arm_of
 from analysis.robot.kinematics.newton import conditioning
 from rigs.rig import Rig
 
+CHANGE = 0.5
+"""Cost of a change of branch, in errors of a mean target. Chosen: a change is worthwhile if it halves the error of
+one target, or reduces the error of ten targets by a twentieth.
+"""
+TRAVEL = 0.1
+"""Cost of a radian of the joint that moves most, in errors of a mean target. Chosen: half a turn costs a third."""
+_SINGULAR = 1e3
+"""Cost of a singular posture, the last choice. Only the table of an existing program can contain one."""
+_STAYS_RAD = 1e-9
+"""Smallest motion that determines the side of approach of a joint."""
 _SAME_RAD = np.radians(0.5)
 """Largest difference between a candidate and the posture in a table of joint angles."""
 
@@ -60,7 +69,6 @@ class Postures:
         return np.asarray((moves > 0) & (self.knowledge == "calibrated"))
 
     def ranked(self, rows: slice) -> list[int]:
-        """Postures of a target in order of increasing expected error."""
         order = np.argsort(self.errors.expected_mm[rows], kind="stable")
         return [rows.start + k for k in order.tolist()]
 
@@ -193,3 +201,150 @@ def _row_of(candidates: Candidates, q: Array, target: int) -> int | None:
     away = np.abs(candidates.q[rows] - q).max(axis=1)
     nearest = int(away.argmin())
     return int(rows[nearest]) if away[nearest] < _SAME_RAD else None
+
+
+_NODES = 21
+"""Nodes along each side of the map. Chosen: one every 130 mm for an arm with a reach of 1.3 m."""
+
+
+@dataclass(frozen=True)
+class WorkMap:
+    """Expected error of a part by the place of its centre in the world."""
+
+    x_mm: Array
+    y_mm: Array
+    z_mm: float
+    part_mm: Array
+    expected_mm: Array
+    """Rms error (y, x), NaN where the part cannot be processed."""
+
+    @property
+    def best_mm(self) -> tuple[float, float] | None:
+        """Centre x, y of the best place; None if the part fits nowhere."""
+        if not np.isfinite(self.expected_mm).any():
+            return None
+        row, column = np.unravel_index(int(np.nanargmin(self.expected_mm)), self.expected_mm.shape)
+        return float(self.x_mm[column]), float(self.y_mm[row])
+
+    def at(self, x_mm: float, y_mm: float) -> float:
+        """Expected error in mm at the node nearest to a place, NaN if there is none."""
+        column, row = int(np.abs(self.x_mm - x_mm).argmin()), int(np.abs(self.y_mm - y_mm).argmin())
+        step = self.x_mm[1] - self.x_mm[0]
+        near = abs(self.x_mm[column] - x_mm) <= step and abs(self.y_mm[row] - y_mm) <= step
+        return float(self.expected_mm[row, column]) if near else float("nan")
+
+
+def work_map(rig: Rig, part_mm: Array, pose: Array, near: Array, taught: Array | None = None) -> WorkMap:
+    """Map a part (3,) mm processed with the orientation and at the height of a tool pose (4, 4).
+
+    near: reference posture (axes,) rad for full turns. taught: postures at which frame and tool are taught.
+    """
+    arm = arm_of(rig.robot)
+    # An upper bound of the distance of the tool from axis 1
+    reach = float(np.hypot(arm.a, arm.d)[1:].sum() + np.linalg.norm(arm.T_flange_tool[:3, 3]))
+    step = 2 * reach / (_NODES - 1)
+    side = np.linspace(-reach, reach, _NODES)
+    x_mm, y_mm = arm.T_world_base[0, 3] + side, arm.T_world_base[1, 3] + side
+    heights = np.unique(pose[2, 3] + np.array([-0.5, 0.5]) * part_mm[2])
+    layers = [_node_errors(rig, np.stack(np.meshgrid(x_mm, y_mm), axis=-1), z, pose, near, taught) for z in heights]
+    square = np.stack(layers)
+    half = [max(0, round(size / 2 / step)) for size in part_mm[:2]]
+    return WorkMap(x_mm, y_mm, float(pose[2, 3]), part_mm, np.sqrt(_of_parts(square, half[0], half[1])))
+
+
+def _node_errors(rig: Rig, xy: Array, z: float, pose: Array, near: Array, taught: Array | None) -> Array:
+    """Square of the expected error (y, x, branch) mm² at nodes xy (y, x, 2) mm, infinite out of reach."""
+    nodes = xy.reshape(-1, 2)
+    poses = np.tile(pose, (len(nodes), 1, 1))
+    poses[:, :2, 3], poses[:, 2, 3] = nodes, z
+    candidates = _nearest_turns(find_candidates(arm_of(rig.robot), poses, near), near)
+    expected = expected_errors(rig, candidates.q, taught).expected_mm if len(candidates.q) else np.zeros(0)
+    square = np.full((len(nodes), 8), np.inf)
+    np.minimum.at(square, (candidates.target, np.maximum(candidates.branch, 0)), expected**2)
+    return square.reshape(*xy.shape[:2], 8)
+
+
+def _nearest_turns(candidates: Candidates, near: Array) -> Candidates:
+    """A single posture of each solution, with the turns nearest to a reference posture."""
+    away = np.abs(candidates.q[:, : len(near)] - near).max(axis=1)
+    order = np.lexsort((away, candidates.solution))
+    _, first = np.unique(candidates.solution[order], return_index=True)
+    return candidates.of(np.sort(order[first]))
+
+
+def _of_parts(square: Array, half_x: int, half_y: int) -> Array:
+    """Mean square error (y, x) of parts that extend over half_x and half_y nodes to each side, in the best branch.
+
+    square: (layer, y, x, branch).
+    """
+    padding = ((half_y, half_y), (half_x, half_x), (0, 0))
+    padded = np.pad(square.mean(axis=0), padding, constant_values=np.inf)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * half_y + 1, 2 * half_x + 1), axis=(0, 1))
+    best = windows.mean(axis=(3, 4)).min(axis=2)
+    return np.where(np.isfinite(best), best, np.nan)
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """A posture for each target in program order."""
+
+    rows: Integers
+    expected_mm: Array
+    """Expected error (t,), with the side of approach given by the program."""
+    changes: int
+    travel_rad: float
+    """Sum over all moves of the largest joint motion."""
+
+    @property
+    def rms_mm(self) -> float:
+        return float(np.sqrt(np.mean(self.expected_mm**2))) if len(self.rows) else float("nan")
+
+
+def best_sequence(
+    candidates: Candidates, errors: PostureErrors, *, change: float = CHANGE, travel: float = TRAVEL, error: float = 1.0
+) -> Sequence:
+    """Sequence with the smallest sum of errors and costs, all in errors of a mean target, by dynamic programming.
+
+    error: weight of the errors; 0 gives the sequence that a user would choose without knowing them.
+    """
+    groups = [slice_ for _, slice_ in candidates.groups()]
+    if not groups:
+        return Sequence(np.zeros(0, dtype=np.int64), np.zeros(0), 0, 0.0)
+    smallest = [errors.expected_mm[rows].min() for rows in groups]
+    unit = max(float(np.sqrt(np.mean(np.square(smallest)))), 1e-12)
+    singular = _SINGULAR * (candidates.conditioning <= LEAST_CONDITIONING)
+    cost = singular[groups[0]] + error * errors.expected_mm[groups[0]] / unit
+    came_from = []
+    for before, rows in pairwise(groups):
+        away = candidates.q[None, rows] - candidates.q[before, None]
+        moves = np.abs(away).max(axis=2)
+        repeated = errors.of(np.tile(np.arange(rows.start, rows.stop), len(away)))
+        approached = _after(repeated, away.reshape(-1, away.shape[2])).reshape(len(away), -1)
+        price = error * approached / unit + travel * moves
+        price += singular[rows] + change * _changed(candidates.branch[before, None], candidates.branch[None, rows])
+        whole = cost[:, None] + price
+        came_from.append(whole.argmin(axis=0))
+        cost = whole.min(axis=0)
+    chosen = [int(cost.argmin())]
+    for back in reversed(came_from):
+        chosen.append(int(back[chosen[-1]]))
+    picked = np.array([rows.start + k for rows, k in zip(groups, reversed(chosen), strict=True)], dtype=np.int64)
+    return sequence_of(candidates, errors, picked)
+
+
+def sequence_of(candidates: Candidates, errors: PostureErrors, rows: Integers) -> Sequence:
+    q, branch = candidates.q[rows], candidates.branch[rows]
+    expected = errors.expected_mm[rows].copy()
+    away = np.diff(q, axis=0)
+    expected[1:] = _after(errors.of(rows[1:]), away)
+    return Sequence(rows, expected, int(_changed(branch[:-1], branch[1:]).sum()), float(np.abs(away).max(axis=1).sum()))
+
+
+def _changed(before: Integers, after: Integers) -> Mask:
+    return np.asarray((before != after) & (before != NO_BRANCH) & (after != NO_BRANCH))
+
+
+def _after(errors: PostureErrors, away: Array) -> Array:
+    """Expected errors (m,) mm after motions (m, axes) rad; the side of a joint at rest is unknown."""
+    moved = away[:, : errors.rising_mm.shape[1]]
+    return errors.from_sides(np.where(np.abs(moved) > _STAYS_RAD, np.sign(moved), 0.0))

@@ -67,8 +67,6 @@ def covariance_of(moves: Array) -> Array:
 
 @dataclass(frozen=True)
 class Work:
-    """Targets of a program."""
-
     q: Array
     wanted: Array
     came_from: Array

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.live.error_panels import scale_of
+from analysis.apps.live.canvas import scale_of
 from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, figures, lap_state, shown_curves
 from analysis.apps.live.lap import ErrorCurve, pieces
 from analysis.apps.live.screen import event_words
@@ -79,7 +79,6 @@ def curve(error_curve: ErrorCurve) -> dict[str, Any]:
 
 
 def curves(view: LiveView) -> dict[str, dict[str, Any]]:
-    """Both curves by direction, and the circle with scale and joint reversals."""
     both = shown_curves(view)
     turned: list[list[float]] = []
     for reversal in reversed(view.reversals[-_REVERSALS:]):
@@ -114,7 +113,6 @@ def trace(view: LiveView) -> dict[str, Any]:
 
 
 def links(view: LiveView) -> dict[str, Any]:
-    """Streams, disk and events, newest first."""
     state = view.state or {}
     streams = [
         {
@@ -141,7 +139,6 @@ def _rounded(values: Array) -> list[int]:
 
 
 def summary(session: Session) -> dict[str, Any]:
-    """Session as plain values with unmodified texts."""
     answer, correction, after = session.answer, session.correction, before_after(session, Path())
     now = now_sentence(after, texts_of("en")) if after else ""
     return {
@@ -182,7 +179,6 @@ def summary(session: Session) -> dict[str, Any]:
 
 
 def shown_summary(session: Session) -> dict[str, Any] | None:
-    """Headline and tiles as plain values; None if there is no answer."""
     if (summary := session.summary) is None:
         return None
     error = summary.error
@@ -191,7 +187,6 @@ def shown_summary(session: Session) -> dict[str, Any] | None:
 
 
 def _next(session: Session) -> dict[str, Any]:
-    """Next step as a text key with parameters."""
     match following := next_of(session):
         case Drive(number):
             step = session.steps[number]

@@ -70,7 +70,6 @@ class Gate:
         return self.token is None or is_equal(bearer, self.token) or self.is_own(request.cookies.get(COOKIE, ""))
 
     def is_own(self, secret: str) -> bool:
-        """True if a form or cookie was created by this process."""
         return is_equal(secret, self.secret)
 
     def middleware(self) -> list[Middleware]:

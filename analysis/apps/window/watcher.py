@@ -73,8 +73,6 @@ class UpdateSource(Protocol):
 
 
 class Watcher:
-    """Watches the daemon and the session of a cell."""
-
     def __init__(
         self,
         find: Callable[[], Path],
@@ -95,7 +93,6 @@ class Watcher:
         """State of the session file at the last check; None if the file did not exist."""
 
     async def run(self) -> None:
-        """Watch until cancelled."""
         self._source.begun()
         due_s, tick = time.monotonic(), 0
         try:
@@ -120,7 +117,6 @@ class Watcher:
             self._source.end()
 
     def _look_at_session(self) -> None:
-        """Publish the session if the file has changed."""
         if self._place is None:
             return
         seen: object = None

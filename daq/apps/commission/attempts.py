@@ -95,7 +95,6 @@ def missing_keys(interface: str) -> list[str]:
 
 
 def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge, ...]]:
-    """Possible gauges; those of the same instrument together."""
     for model in models(Gauge):
         assert issubclass(model, Probe)  # noqa: S101 - every gauge is one
         if model.origin.standing != "confirmed":
@@ -198,7 +197,6 @@ class FoundGauge:
 
     @property
     def place(self) -> str:
-        """Port, with the channel if the instrument has several."""
         return f"{self.gauge.port}#{self.gauge.channel}" if self.gauge.shares else self.gauge.port
 
     @property
@@ -220,8 +218,6 @@ class FoundGauge:
 
 @dataclass(frozen=True)
 class PortReport:
-    """Gauges on a port, or the reason for finding none with a remedy."""
-
     port: str
     description: str = ""
     gauges: tuple[FoundGauge, ...] = ()
@@ -234,8 +230,6 @@ class PortReport:
 
 @dataclass(frozen=True)
 class RobotReport:
-    """Interface and joint angles at an address, or the reason for finding none."""
-
     address: str
     feedback: Feedback | None = None
     joints_deg: tuple[float, ...] = ()

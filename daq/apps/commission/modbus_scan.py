@@ -53,8 +53,6 @@ Seen = Mapping[int, Sequence[int]]
 
 @dataclass(frozen=True)
 class ValueDecoding:
-    """A decoding of the value."""
-
     changed: dict[str, Any]
     """Keys that differ from the rig file."""
     readings_mm: NDArray[np.float64]
@@ -79,7 +77,6 @@ class ValueDecoding:
 
 
 def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[ValueDecoding]:
-    """Decodings with moving readings, the likeliest first."""
     of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
     moving = {str(way): way for way in of_pieces}.values()
     whole = [way for way in moving if not any(way.is_part_of(wider) for wider in moving)]
@@ -143,8 +140,6 @@ _SILENCE_S = 0.004
 
 @dataclass
 class Asker:
-    """Sends requests over a link, one after the other."""
-
     link: Link
     wire: Wire
     heard: set[int] = field(default_factory=set)
@@ -185,7 +180,6 @@ def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[CellFinding]:
 
 
 def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str], None]) -> CellFinding:
-    """Search for a gauge, with the line settings of the rig file or others."""
     say(f"{name}: querying all unit addresses on {stream.port}, for up to half a minute")
     lines = [stream.line]
     if stream.port.startswith("/"):
@@ -210,7 +204,6 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
 
 
 def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
-    """Contents of the registers around the configured one in each pass."""
     pieces = [(place, piece) for unit in sorted(asker.heard) for place, piece in _readable(asker, gauge, unit)]
     seen: dict[tuple[Place, Piece], list[tuple[int, ...]]] = {piece: [] for piece in pieces}
     for _ in range(_PASSES):

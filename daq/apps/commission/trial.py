@@ -43,8 +43,6 @@ USUAL_LINES = tuple(map(Line.model_validate, _USUAL.split(", ")))
 
 @dataclass(frozen=True)
 class Trial:
-    """Result of a short conversation."""
-
     items: Sequence[Item] = ()
     seconds: float = 0.0
     received: int = 0
@@ -155,7 +153,6 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
 
 
 def examine_conversation(stream: Stream, timeout_s: float) -> Iterator[CellFinding]:
-    """Check the responses, rate and clock of an instrument, and the condition of a robot."""
     patience_s, serial = _TALK_S + min(_LONGEST_WAIT_S, 2 * timeout_s), stream.port.startswith("/")
     trial = try_line(stream, stream.line, patience_s, _LISTEN_S)
 

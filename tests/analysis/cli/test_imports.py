@@ -90,7 +90,7 @@ def test_plant_commands_import_no_evaluation(run, tmp_path):
 
 
 def test_who_asks_the_daemon_imports_nothing_that_computes():
-    code = "import sys, daq.service.client, analysis.cli.daemon_screen; print(*sys.modules)"
+    code = "import sys, daq.service.client, analysis.cli.listings; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     modules = done.stdout.split()
     assert "numpy" not in packages(modules)

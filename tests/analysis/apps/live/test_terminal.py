@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from analysis.apps.live.controls import LiveControls
+from analysis.apps.live.loop import ChangingPicture
 from analysis.apps.live.screen import LiveScreen
-from analysis.apps.live.terminal import ChangingPicture
 from analysis.apps.live.view import LiveView
 from tests.support.bench import BIN
 from tests.support.live_terminal import Terminal, lines_of

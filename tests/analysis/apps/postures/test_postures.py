@@ -15,9 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis.apps.postures.candidates import LEAST_CONDITIONING, NO_BRANCH, Candidates, find_candidates
 from analysis.apps.postures.expected_error import PostureErrors, expected_errors
-from analysis.apps.postures.result import choose_postures
-from analysis.apps.postures.sequence import best_sequence
-from analysis.apps.postures.work_map import work_map
+from analysis.apps.postures.result import best_sequence, choose_postures, work_map
 from analysis.robot.kinematics.arm import Array, arm_of, forward
 from rigs.arms import load_arm
 from rigs.calibration import TIMES, CovarianceParameter, Term, packed_factor

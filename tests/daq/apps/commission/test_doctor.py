@@ -16,7 +16,8 @@ import pytest
 import yaml
 
 from daq.acquisition.streams import Stream, streams_of
-from daq.apps.commission import computer, trial
+from daq.apps.commission import examine as examined
+from daq.apps.commission import trial
 from daq.apps.commission.cell_finding import FindingVerdict
 from daq.apps.commission.examine import examine, of_daemon
 from daq.apps.emulate.instruments import emulated
@@ -43,42 +44,42 @@ def system(tmp_path: Path) -> Path:
 
 
 def test_a_port_that_is_not_there(system):
-    (finding,) = computer.examine_port("g1", "/dev/ttyUSB1", system, served=False)
+    (finding,) = examined.examine_port("g1", "/dev/ttyUSB1", system, served=False)
     assert finding.verdict is WRONG and finding.remedy.endswith(f"available ports: {FTDI}")
     (system / FTDI[1:]).unlink()
     (system / "dev/ttyUSB0").unlink()
-    assert computer.present("g1", FTDI, system).remedy.endswith("available ports: none")
+    assert examined.present("g1", FTDI, system).remedy.endswith("available ports: none")
 
 
 def test_a_name_that_changes_with_the_order_of_plugging_in(system):
-    assert computer.lasting("g1", FTDI, system) is None
-    finding = computer.lasting("g1", "/dev/ttyUSB0", system)
+    assert examined.lasting("g1", FTDI, system) is None
+    finding = examined.lasting("g1", "/dev/ttyUSB0", system)
     assert finding and finding.verdict is DOUBTFUL and finding.remedy == f"write port: {FTDI}"
     (system / "dev/rig").mkdir()
     (system / "dev/rig/A900XYZ-00").symlink_to("../ttyUSB0")
-    finding = computer.lasting("g1", "/dev/ttyUSB0", system)
+    finding = examined.lasting("g1", "/dev/ttyUSB0", system)
     assert finding and finding.remedy == "write port: /dev/rig/A900XYZ-00"
 
 
 def test_a_port_that_another_program_holds(system):
-    assert computer.free("g1", FTDI, system) is None
+    assert examined.free("g1", FTDI, system) is None
     (system / "proc/77/fd/6").symlink_to("/dev/ttyUSB0")
-    finding = computer.free("g1", FTDI, system)
+    finding = examined.free("g1", FTDI, system)
     assert finding and finding.verdict is WRONG and "ModemManager (process 77)" in finding.what
     assert finding.remedy.endswith("sudo systemctl disable --now ModemManager")
     (system / "proc/77/comm").write_text("picocom\n")
-    finding = computer.free("g1", FTDI, system)
+    finding = examined.free("g1", FTDI, system)
     assert finding and finding.remedy == "end it: sudo kill 77"
-    assert WRONG not in {f.verdict for f in computer.examine_port("g1", FTDI, system, served=True)}  # rigd may hold it
+    assert WRONG not in {f.verdict for f in examined.examine_port("g1", FTDI, system, served=True)}  # rigd may hold it
 
 
 def test_the_permissions_of_a_port(system, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
-    finding = computer.allowed("g1", FTDI, system)
+    finding = examined.allowed("g1", FTDI, system)
     assert finding and finding.verdict is WRONG and "usermod -aG" in finding.remedy
     monkeypatch.setattr(os, "access", lambda *_: True)
     group = grp.getgrgid((system / "dev/ttyUSB0").stat().st_gid).gr_name
-    finding = computer.allowed("g1", FTDI, system)
+    finding = examined.allowed("g1", FTDI, system)
     if group != "dialout":
         assert finding and finding.verdict is DOUBTFUL and f"group {group} " in finding.what
 
@@ -86,21 +87,21 @@ def test_the_permissions_of_a_port(system, monkeypatch):
 @pytest.mark.parametrize(("ms", "verdict"), [("16", DOUBTFUL), ("2", DOUBTFUL), ("1", OK), ("?", None)])
 def test_the_latency_timer(system, ms, verdict):
     (system / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer").write_text(f"{ms}\n")
-    finding = computer.quick("g1", FTDI, system)
+    finding = examined.quick("g1", FTDI, system)
     assert (finding and finding.verdict) == verdict
 
 
 @pytest.mark.parametrize(
     ("finding", "verdict"),
     [
-        (computer.room(Path("runs"), 80.0), OK),
-        (computer.room(Path("runs"), 3.0), DOUBTFUL),
-        (computer.room(Path("runs"), 0.2), WRONG),
-        (computer.sync_time(Path("runs"), 0.004), OK),
-        (computer.sync_time(Path("runs"), 0.3), DOUBTFUL),
-        (computer.sync_time(Path("runs"), 7.0), WRONG),
-        (computer.wall_clock(0), OK),
-        (computer.wall_clock(5), DOUBTFUL),
+        (examined.room(Path("runs"), 80.0), OK),
+        (examined.room(Path("runs"), 3.0), DOUBTFUL),
+        (examined.room(Path("runs"), 0.2), WRONG),
+        (examined.sync_time(Path("runs"), 0.004), OK),
+        (examined.sync_time(Path("runs"), 0.3), DOUBTFUL),
+        (examined.sync_time(Path("runs"), 7.0), WRONG),
+        (examined.wall_clock(0), OK),
+        (examined.wall_clock(5), DOUBTFUL),
     ],
 )
 def test_figures_of_the_computer_are_judged(finding, verdict):
@@ -124,7 +125,7 @@ def test_figures_of_the_computer_are_judged(finding, verdict):
     ],
 )
 def test_states_of_the_service_are_judged(shown, verdict, says):
-    finding = computer.service("rigd@cell", dict(part.split("=") for part in shown.split()))
+    finding = examined.service("rigd@cell", dict(part.split("=") for part in shown.split()))
     assert finding.verdict is verdict and says in finding.what
 
 
@@ -235,8 +236,8 @@ def test_a_disk_that_this_user_may_not_use(tmp_path, monkeypatch):
     def refused(_: Path) -> float:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(computer, "slowest_sync_s", refused)
-    findings = list(computer.examine_computer(tmp_path / "runs", None))
+    monkeypatch.setattr(examined, "slowest_sync_s", refused)
+    findings = list(examined.examine_computer(tmp_path / "runs", None))
     assert [finding.verdict for finding in findings[:2]] == [OK, DOUBTFUL] and "permission" in findings[1].what
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+from daq.apps.commission.port_search import pushed
 from daq.apps.commission.trial import Trial
-from daq.apps.commission.watched_ports import pushed
 from daq.protocol.conversation import Fault, FaultKind, Sample
 
 GOOD = Sample((1.0,), -1, 0, 0, 8)

@@ -20,9 +20,8 @@ import pytest
 from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.streams import Stream, streams_of
 from daq.apps.commission.attempts import Attempt, PortReport, attempts, named_attempts
-from daq.apps.commission.port_search import SearchOptions, ports_here, search
+from daq.apps.commission.port_search import PortWatch, SearchOptions, ports_here, search
 from daq.apps.commission.trial import Trial, try_line
-from daq.apps.commission.watched_ports import PortWatch
 from daq.apps.emulate.instruments import instruments_of
 from daq.apps.emulate.pty_line import PtyLine, heard
 from daq.apps.emulate.simulated_cell import SimulatedLine
