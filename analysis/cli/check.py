@@ -61,14 +61,14 @@ def check(
 
 
 def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
-    from analysis.cli.several import end_with, over_runs, runs_below, worst
+    from analysis.cli.several import end_with, over_runs, runs_below, worst_code
     from analysis.procedures.checks.check_runs import check_runs
     from analysis.runs.loading import load_measured
 
     runs: list[Measured] = []
     errors = over_runs(load_measured, runs_below(paths), runs.append, doing="reading")
     if not runs:
-        end_with(worst(errors))
+        end_with(worst_code(errors))
     checked = check_runs(runs)
     if as_json:
         names = [run.run.manifest.name for run in runs]
@@ -83,11 +83,11 @@ def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
                 nothing = f"no problem found ({convention.convention.asks})"
                 say(f"{name:14}{f'cannot be checked: {convention.cannot}' if convention.cannot else nothing}")
     contradicted = any(convention.findings for convention in checked)
-    end_with(max(worst(errors), FileError.exit_code if contradicted else 0))
+    end_with(max(worst_code(errors), FileError.exit_code if contradicted else 0))
 
 
 def _check_rig(rig_file: str, calibration: str | None) -> None:
-    from analysis.cli.several import end_with, with_controller, worst
+    from analysis.cli.several import end_with, with_controller, worst_code
     from analysis.robot.geometry.driven_programs import feasible_tests
     from rigs.load import find, load
     from rigs.readiness import unmeasurable
@@ -102,7 +102,7 @@ def _check_rig(rig_file: str, calibration: str | None) -> None:
         say(f"  {line}")
     for error in errors:
         say_error(error)
-    end_with(worst(errors))
+    end_with(worst_code(errors))
 
 
 def _rig_lines(rig: Rig, tests: Sequence[str], unreachable: set[str]) -> Iterator[str]:

@@ -222,7 +222,7 @@ class _RigCommands(CommandGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         name, listed, remaining = super().resolve_command(ctx, args)
-        return name, listed and imported(str(name)), remaining
+        return name, listed and import_command(str(name)), remaining
 
 
 app = typer.Typer(
@@ -249,7 +249,7 @@ def _options(
     """Robot metrology with a ball link and two digital probes: record, analyse, compare."""
 
 
-def imported(name: str) -> TyperCommand | TyperGroup:
+def import_command(name: str) -> TyperCommand | TyperGroup:
     file = _FILES.get(name, name.replace("-", "_"))
     import_module(f"analysis.apps.{_APPS[file]}.cli_{file}" if file in _APPS else f"analysis.cli.{file}")
     if name in _ADDED:

@@ -11,7 +11,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import Jobs, Runs, RunsBelow, Scheduler, direction_option
-from analysis.cli.several import end_with, for_each, over_runs, worst
+from analysis.cli.several import end_with, for_each, over_runs, worst_code
 from rigs.schema.vocabulary import Direction, DrivenTest
 
 if TYPE_CHECKING:
@@ -136,11 +136,13 @@ def verify(
         if verdict.lines:
             not_whole.append(verdict.path)
 
-    errors = over_runs(judged, runs_below(paths, scheduler), show, doing="verifying", jobs=jobs, scheduler=scheduler)
-    end_with(max(worst(errors), 3 if not_whole else 0))
+    errors = over_runs(
+        verify_run, runs_below(paths, scheduler), show, doing="verifying", jobs=jobs, scheduler=scheduler
+    )
+    end_with(max(worst_code(errors), 3 if not_whole else 0))
 
 
-def judged(path: Path) -> VerificationResult:
+def verify_run(path: Path) -> VerificationResult:
     from dataclasses import replace
 
     from analysis.runs.remote import fetched, restore_run_path

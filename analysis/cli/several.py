@@ -42,7 +42,7 @@ def end_with(code: int) -> None:
         raise typer.Exit(code)
 
 
-def worst(errors: Iterable[RigError]) -> int:
+def worst_code(errors: Iterable[RigError]) -> int:
     return max((error.exit_code for error in errors), default=0)
 
 
@@ -52,7 +52,7 @@ def end_with_errors(errors: Sequence[RigError], rest: str) -> None:
         say_error(error)
     if len(errors) > _MOST_LISTED:
         say(f"      and {len(errors) - _MOST_LISTED} more{rest}", err=True)
-    end_with(worst(errors))
+    end_with(worst_code(errors))
 
 
 def over_runs(
@@ -99,7 +99,7 @@ def over_runs(
     return errors
 
 
-def evaluated(
+def evaluate_paths(
     runs: Sequence[Path], *, jobs: int = 1, scheduler: str | None = None, with_rows: bool = True
 ) -> tuple[list[Result], list[RigError]]:
     """Results of evaluable runs, as from `evaluate_runs`, and the errors of the others.

@@ -87,7 +87,7 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
     columns = {name: MappedColumn(column=name) for name in optional}
     if column and not socket:
         return TableMap(files=(layout,), joints=joints, columns={SOCKET: MappedColumn(column=column), **columns})
-    constants = {SOCKET: socket or _only(rig, raw.where)}
+    constants = {SOCKET: socket or _only_socket(rig, raw.where)}
     return TableMap(files=(layout,), joints=joints, columns=columns, constants=constants)
 
 
@@ -113,7 +113,7 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
     return likely_angles(raw, group)
 
 
-def _only(rig: Rig, where: str) -> str:
+def _only_socket(rig: Rig, where: str) -> str:
     sockets = rig.tests.touch.sockets if rig.tests.touch else ()
     if len(sockets) == 1:
         return sockets[0]
@@ -178,12 +178,12 @@ def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", top
 
     topic: topic of the poses in a bag, if it has several. Raises FileError if the files do not fit the arm.
     """
-    return _proposed(files, load(rig_file)[0], join, topic)[0]
+    return _propose(files, load(rig_file)[0], join, topic)[0]
 
 
 def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
     """Poses that the controller computed, also if the table has measured poses next to them."""
-    proposal, raw = _proposed(files, rig, "", "")
+    proposal, raw = _propose(files, rig, "", "")
     for question in [question for question in proposal.questions if question.key == "place"]:
         proposal = proposal.answered(question, question.readings[-1])
     if proposal.questions:
@@ -195,11 +195,11 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
     return replace(poses, xyz_mm=poses.controller_mm, turn=poses.controller_turn)
 
 
-def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[MapProposal, RawTable]:
+def _propose(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[MapProposal, RawTable]:
     _refuse_rail(rig, str(files[0]))
     tables, layouts = [], []
     for path in files:
-        data, chosen, _ = _stands_in(read_whole(path), str(path), rig, topic)
+        data, chosen, _ = _text_of_bag(read_whole(path), str(path), rig, topic)
         sheet = ""
         if is_workbook(data):
             sheets = sheets_of(data, str(path))
@@ -215,7 +215,7 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[M
     return propose(raw, layouts, join, rig), raw
 
 
-def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
+def _text_of_bag(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
     """Table of the stationary poses in a bag, the topic and the doubts; other files unchanged."""
     if reader := reader_of(data):
         stands = reader.stands_of(data, where, rig, topic)
@@ -251,7 +251,7 @@ def read_mapped(
     _refuse_rail(rig, where)
     texts, doubts = list[tuple[Path, bytes]](), list[str]()
     for path, content, layout in zip(files, data, table_map.files, strict=True):
-        text, _, of_file = _stands_in(content, str(path), rig, layout.topic)
+        text, _, of_file = _text_of_bag(content, str(path), rig, layout.topic)
         texts.append((path, text))
         doubts += of_file
     raw, left_out = read_files(texts, table_map.files, table_map.join)

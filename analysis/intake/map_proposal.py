@@ -42,10 +42,10 @@ from analysis.intake.table_reading import (
     PlaceRoles,
     Question,
     TableReading,
+    alternative_readings,
     fits_in_parts,
     in_each_unit,
     likely_angles,
-    meant,
     place_roles,
     plausibility,
     possible_units,
@@ -145,9 +145,9 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     joints, commanded = _joints_to_read(groups)
     for group in joints[:1]:
         require_postures(radians(judge.raw, likely_angles(judge.raw, group)), raw.where)
-    seen, residual = _places(groups)
+    seen, residual = _places_to_read(groups)
     roles = PlaceRoles(tuple(seen)) if residual else place_roles(judge, joints, groups, seen)
-    table_map, chosen = _placed(judge, joints, roles.seen, residual)
+    table_map, chosen = _map_places(judge, joints, roles.seen, residual)
     only_commanded = all(group.role == "commanded" for group in joints)
     table_map = table_map.model_copy(update={"only_commanded": only_commanded})
     if commanded and table_map.joints and len(commanded) == 1:
@@ -158,7 +158,7 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     of_controller = table_map.controller_turn.columns if table_map.controller_turn else ()
     turns = tuple(turn for turn in chosen.turns if not set(turn.columns) & set(of_controller))
     if turns and table_map.turn is None:
-        table_map = _turned(judge, table_map, replace(chosen, turns=turns))
+        table_map = _map_turn(judge, table_map, replace(chosen, turns=turns))
     if table_map.residual:
         judge.questions.append(_sign_question(table_map.residual))
     if judge.assumed:
@@ -253,7 +253,7 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
         raise FileError(raw.where, f"{lacks}; {has}", "name the measured ones in a map (--map)", code="table.frame")
 
 
-def _places(groups: Groups) -> tuple[list[PlaceColumns], ColumnGroup | None]:
+def _places_to_read(groups: Groups) -> tuple[list[PlaceColumns], ColumnGroup | None]:
     """Places to read, and the residual columns to add if no column contains measured places."""
     apart = [pose for pose in groups.seen if not pose.place.of_controller and pose.place.role != "commanded"]
     seen = apart or groups.seen  # poses reported by the robot only if nothing else was measured
@@ -267,22 +267,22 @@ def _places(groups: Groups) -> tuple[list[PlaceColumns], ColumnGroup | None]:
     return unsaid, None
 
 
-def _placed(
+def _map_places(
     judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns], residual: ColumnGroup | None
 ) -> tuple[TableMap, PlaceColumns]:
     """Map of joints and place, and the selected place. Open points become questions of the judge."""
-    candidates = _readings(judge, joints, seen, residual, stated=True)
+    candidates = _unit_readings(judge, joints, seen, residual, stated=True)
     overruled = None
     if not candidates[0][0].fits:
-        unstated = _readings(judge, joints, seen, residual, stated=False)
+        unstated = _unit_readings(judge, joints, seen, residual, stated=False)
         if unstated[0][0].fits:
             overruled, candidates = candidates[0], unstated
         else:
             candidates = sorted(
-                [*_from_tool(judge, joints, seen), *candidates], key=lambda candidate: candidate[0].share
+                [*_seen_from_tool(judge, joints, seen), *candidates], key=lambda candidate: candidate[0].share
             )
             if not candidates[0][0].fits and residual is None:
-                overruled, candidates = _otherwise(judge, joints, seen, candidates)
+                overruled, candidates = _with_alternatives(judge, joints, seen, candidates)
     (best, chosen), *others = candidates
     judge.checked.append(best.line(others[0][0] if others else None))
     if not best.fits:
@@ -292,10 +292,10 @@ def _placed(
     disagrees = "the header or the order of the columns disagrees with the arm; which is correct?"
     fit = "more than one reading fits the arm; which is correct?"
     stated = [overruled] if overruled else []
-    _ask(judge, [candidates[0], *rivals, *stated], disagrees if overruled else fit)
+    _ask_keys(judge, [candidates[0], *rivals, *stated], disagrees if overruled else fit)
     named = next((layout.topic for layout in judge.layouts if is_of_controller(layout.topic)), "")
     if residual is None and candidates[0][0] is best and best.left < _SMALL_MM * best.share:
-        best = _hardly_moved(judge, candidates[0])
+        best = _check_small_motion(judge, candidates[0])
     if chosen.place.of_controller or named:
         words = f"the robot computed the poses, so they are not a measurement: do not import; {OF_CONTROLLER}"
         by_robot = TableReading(None, np.nan, "mm", words)
@@ -343,21 +343,21 @@ def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
     return fitted.spare < SPARE or max(fitted.rms_mm, NO_INSTRUMENT_MM) > _SHARE_OF_CONSTANTS * nominal_mm
 
 
-def _hardly_moved(judge: Judge, taken: tuple[TableReading, PlaceColumns]) -> TableReading:
+def _check_small_motion(judge: Judge, taken: tuple[TableReading, PlaceColumns]) -> TableReading:
     """Likeliest interpretation of poses with small joint motion.
 
     Another one that fits clearly better becomes a question. If both fit equally, the column names are trusted and the
     assumption is recorded.
     """
     best, seen = taken
-    ways = meant(judge.raw, judge.bare, best.value)
+    ways = alternative_readings(judge.raw, judge.bare, best.value)
     if not ways:
         return best
     first = ways[0]
     if CLEARLY * max(first.left, _FLOOR_MM) < best.left and not first.remedy:
         second = replace(first, words=f"{best.words}, with {first.words}")
         asks = "the joints hardly move, and a different reading fits better; which is correct?"
-        _ask(judge, [(second, seen), taken], asks)
+        _ask_keys(judge, [(second, seen), taken], asks)
         return second
     if first.left < CLEARLY * max(best.left, _FLOOR_MM):
         judge.assumed.append(
@@ -367,7 +367,7 @@ def _hardly_moved(judge: Judge, taken: tuple[TableReading, PlaceColumns]) -> Tab
     return best
 
 
-def _ask(judge: Judge, candidates: Sequence[tuple[TableReading, PlaceColumns]], asks: str) -> None:
+def _ask_keys(judge: Judge, candidates: Sequence[tuple[TableReading, PlaceColumns]], asks: str) -> None:
     maps = tuple(reading.value for reading, _ in candidates)
     for key in ("joints", "place", "turn", "sees"):
         values: dict[str, TableReading] = {}
@@ -379,7 +379,7 @@ def _ask(judge: Judge, candidates: Sequence[tuple[TableReading, PlaceColumns]], 
             judge.questions.append(Question(key, asks, readings, maps))
 
 
-def _readings(
+def _unit_readings(
     judge: Judge,
     joints: Sequence[ColumnGroup],
     seen: Sequence[PlaceColumns],
@@ -394,10 +394,10 @@ def _readings(
             (unit, *_) = possible_units(residual.unit if stated else "", TO_MM, (lengths.unit,))
             of_residual = Residual(columns=residual.columns, unit=unit, meaning="target - measured")
         candidates.append((judge.reading(judge.map_of(angles, lengths, of_residual), words), pose))
-    return _judged(judge, candidates)
+    return _ranked(judge, candidates)
 
 
-def _judged(
+def _ranked(
     judge: Judge, candidates: list[tuple[TableReading, PlaceColumns]]
 ) -> list[tuple[TableReading, PlaceColumns]]:
     candidates.sort(key=lambda candidate: candidate[0].share)
@@ -405,7 +405,7 @@ def _judged(
     return sorted(best, key=lambda candidate: candidate[0].share) + candidates[_SHOWN:]
 
 
-def _from_tool(
+def _seen_from_tool(
     judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns]
 ) -> list[tuple[TableReading, PlaceColumns]]:
     """Interpretations for an instrument on the tool, such as the camera of hand-eye pairs."""
@@ -415,10 +415,10 @@ def _from_tool(
             table_map = judge.map_of(angles, lengths, turn=turn, sees="from the tool")
             with_turn = f"seen from the tool: {words}, turn as {_turn_words(turn)}"
             candidates.append((judge.reading(table_map, with_turn), pose))
-    return _judged(judge, candidates)
+    return _ranked(judge, candidates)
 
 
-def _otherwise(
+def _with_alternatives(
     judge: Judge,
     joints: Sequence[ColumnGroup],
     seen: Sequence[PlaceColumns],
@@ -432,7 +432,7 @@ def _otherwise(
     ways = []
     for pose, angles, lengths, named in in_each_unit(joints, seen):
         base = judge.map_of(angles, lengths)
-        ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
+        ways += [(way, base, named, pose) for way in alternative_readings(judge.raw, judge.bare, base)]
     closest = min((way[0].share for way in ways), default=0.0)
     ways.sort(key=lambda way: plausibility(way[0], closest))
     # A zero wrong by 180° is equivalent to a reversed next axis; a map can state the latter.
@@ -510,7 +510,7 @@ def _rivals(readings: Sequence[TableReading]) -> list[TableReading]:
     return [reading for reading in readings[1:] if reading.left < CLEARLY * max(readings[0].left, _FLOOR_DEG)]
 
 
-def _turned(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
+def _map_turn(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
     """Map with the orientation that fits; a question if none or several do."""
     readings = _turn_readings(judge, table_map, seen)
     if not readings:

@@ -275,10 +275,10 @@ def check_sequence(
                 fact = f"{socket!r} is not a socket of the rig file: {', '.join(declared)}"
                 yield TableProblem(int(line), SOCKET, fact)
     if "direction" in columns_of_test:
-        yield from _of_circle(columns, lines, rig, direction)
+        yield from _check_circle(columns, lines, rig, direction)
 
 
-def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Direction | None) -> Iterator[TableProblem]:
+def _check_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Direction | None) -> Iterator[TableProblem]:
     words = columns["direction"]
     named = pc.unique(words.drop_null()).to_pylist()
     if direction and named == ["acw" if direction == "cw" else "cw"]:
@@ -492,7 +492,7 @@ def parse_csv(
             code="request.direction",
         )
     _require_text(where, data)
-    rows = _rows(data, where)
+    rows = _csv_rows(data, where)
     _, header = next(rows, (1, []))
     if header and header[0].startswith("#"):
         refuse_comments(where, data, test)
@@ -593,7 +593,7 @@ def _require_text(where: str, data: bytes) -> None:
         )
 
 
-def _rows(data: bytes, where: str) -> Iterator[Row]:
+def _csv_rows(data: bytes, where: str) -> Iterator[Row]:
     reader = csv.reader(io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline=""), strict=True)
     begin = 1
     try:

@@ -136,7 +136,7 @@ def plausibility(way: TableReading, closest: float) -> tuple[float, float]:
     return (way.mistakes if way.share <= AS_WELL * closest else np.inf, way.share)
 
 
-def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[TableReading]:
+def alternative_readings(raw: RawTable, bare: Arm, base: TableMap) -> list[TableReading]:
     """Alternative interpretations of the joints and places of a map, best first.
 
     Empty if the units do not suit the arm or hardly any row has a place.
@@ -160,7 +160,7 @@ def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[TableReading]:
         mistakes = meaning.mistakes if meaning else 1
         return TableReading(table_map, rms_mm, "mm", words, rms_mm / apart, mistakes, remedy)
 
-    ways = list(_ways(base, bare.axes))
+    ways = list(_alternatives(base, bare.axes))
     order = np.argsort([judged(way, _FIRST_STEPS).left for way in ways])[:_BEST]
     best = [judged(ways[k], _ALL_STEPS) for k in order.tolist()]
     closest = min(way.share for way in best)
@@ -187,7 +187,7 @@ def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
     return next((f"{words}, which leave {mm:.2g} mm" for words, mm in left.items() if np.isfinite(mm)), "")
 
 
-def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:
+def _alternatives(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:
     """Alternatives: map, meaning (None for a mirror), words, and the remedy if a map cannot express it."""
     if base.joints is None or base.place is None:
         return

@@ -20,7 +20,7 @@ import typer.main
 from typer.core import TyperGroup
 
 from analysis import cli
-from analysis.cli.commands import app, imported
+from analysis.cli.commands import app, import_command
 
 # evaluated again for every command line
 typer.main.get_params_from_function = cache(typer.main.get_params_from_function)
@@ -29,7 +29,7 @@ typer.main.get_params_from_function = cache(typer.main.get_params_from_function)
 def all_imported() -> TyperGroup:
     """Group `rig` with every command and group as declared in its module."""
     program = typer.main.get_group(app)
-    program.commands = {name: imported(name) for name in program.commands}
+    program.commands = {name: import_command(name) for name in program.commands}
     return program
 
 

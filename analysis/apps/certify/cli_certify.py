@@ -91,7 +91,7 @@ def certify(
     from analysis.apps.correct.stated_frames import frames_of, start_of
     from analysis.apps.report.html_page import check_page_file
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, with_controller, worst
+    from analysis.cli.several import end_with, with_controller, worst_code
     from rigs.load import load, named_by
 
     if output:
@@ -113,7 +113,7 @@ def certify(
     _say_next(rig, rig_file, program, judged)
     for error in errors:
         say_error(error)
-    end_with(worst(errors) or int(any(one.now.verdict != "accept" for one in judged)))
+    end_with(worst_code(errors) or int(any(one.now.verdict != "accept" for one in judged)))
 
 
 def _drifts(runs: Path, rig: Rig) -> Sequence[Drift]:

@@ -96,7 +96,7 @@ def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCirc
     for k in np.argsort(-turned)[:_BEST]:
         circle, turned_rad = circle_frame(centre[k], normal[k], points[rows[k, 0]] - centre[k], radius[k]), 0.0
         for _ in range(_REFINED):
-            on, turned_rad = followed(circle, points, run, tolerance)
+            on, turned_rad = follow_circle(circle, points, run, tolerance)
             nearest = nearest_circle(points[on]) if on.sum() > 3 else None
             if nearest is None or not _RADIUS_MM[0] < nearest.radius < _RADIUS_MM[1]:
                 break
@@ -107,7 +107,7 @@ def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCirc
     return best
 
 
-def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Tolerance) -> tuple[Mask, float]:
+def follow_circle(circle: CircleFrame, points: Array, run: Integers, tolerance: Tolerance) -> tuple[Mask, float]:
     """Mask (k,) of the points in stretches that follow a circle, and the sum of their angles in rad."""
     away = deviations(circle, points)
     rows = np.flatnonzero(away.largest < tolerance.at(circle.radius))
@@ -269,7 +269,7 @@ class Binned:
         return moves
 
 
-def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
+def bin_motions(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
     parts, counts, stands, first = [], list[int](), list[Stand](), 0
     for number, motion in enumerate(motions):
         count = max(1, int(np.ceil(_BIN_S / max(float(np.median(np.diff(motion.t_s))), 1e-6) - 0.1)))
@@ -290,7 +290,7 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
 
 def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: str) -> tuple[Mask, CircleFrame]:
     """Bins (n,) in which the tool moved along the circle, and the circle nearest to them."""
-    on, _ = followed(circle, bins.places, bins.run, tolerance)
+    on, _ = follow_circle(circle, bins.places, bins.run, tolerance)
     way = np.gradient(bins.places, axis=0)
     radial = np.cross(circle.n, bins.places - circle.centre)
     along = np.abs(np.einsum("ni,ni->n", way, radial))
@@ -335,7 +335,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     for off in (1, 2):
         before[off:] |= on[:-off] & (bins.run[:-off] == bins.run[off:])
         after[:-off] |= on[off:] & (bins.run[off:] == bins.run[:-off])
-    t_s, places, stretch = _rows(motions, arm, bins, on | (before & after))
+    t_s, places, stretch = _rows_of_bins(motions, arm, bins, on | (before & after))
     largest = deviations(circle, places).largest
     sound = largest < _outlier_from_mm(largest)
     if sound.mean() < 1 - _MOST_OUTLYING:
@@ -388,7 +388,7 @@ def _outlier_from_mm(largest: Array) -> float:
     return max(_OUTLYING * float(np.median(largest)), _SMALLEST_MM)
 
 
-def _rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask) -> tuple[Array, Array, Integers]:
+def _rows_of_bins(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask) -> tuple[Array, Array, Integers]:
     """Timestamps (m,), places (m, 3) in mm and stretch numbers (m,) of the rows in the selected bins."""
     stretches = np.cumsum(np.diff(on, prepend=False) | (np.diff(bins.run, prepend=0) != 0))
     times, angles, numbers = [], [], []

@@ -17,13 +17,13 @@ from analysis.apps.commission.circle_motion import (
     CircleFit,
     FoundCircle,
     Tolerance,
-    binned,
+    bin_motions,
     even_path,
     find_circle,
     fit_rows,
     on_circle,
 )
-from analysis.apps.commission.touched_ball import GAUGE_MM, distinct, scatter
+from analysis.apps.commission.touched_ball import GAUGE_MM, distinct_places, scatter
 from analysis.robot.geometry.circle import (
     CircleFrame,
     circle_frame,
@@ -60,7 +60,7 @@ _SAME_TOOL_DEG = 2.0
 """Largest deviation of the tool from its orientation in a circle test."""
 
 
-def start_of(
+def find_start(
     fit: CircleFit, direction: Direction | None, declared: Circle | None
 ) -> tuple[CircleFrame, Array, Array, float, bool, list[str]]:
     """Circle with sign and zero direction, the unit vector (3,) to the start, the joint angles (6,) there in rad, the
@@ -68,7 +68,7 @@ def start_of(
     circle, T = fit.circle, fit.T
     phi = circle.angle(T[:, :3, 3])
     doubts: list[str] = []
-    if _sense(circle, T, phi, direction, declared, doubts) < 0:
+    if _normal_sign(circle, T, phi, direction, declared, doubts) < 0:
         circle, phi = circle_frame(circle.centre, -circle.n, circle.u, circle.radius), -phi
     arc = float(np.ptp(phi))
     laps = int(arc / (2 * np.pi) + _MISSING_SHARE)
@@ -86,7 +86,7 @@ def start_of(
     return circle, at, posture, arc, keeps_zero, [*doubts, *_tool_doubts(circle, T)]
 
 
-def _sense(
+def _normal_sign(
     circle: CircleFrame, T: Array, phi: Array, direction: Direction | None, declared: Circle | None, doubts: list[str]
 ) -> float:
     """Sign of the normal: -1 if it must be reversed."""
@@ -189,7 +189,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
             remedy = "move the tool about the ball during the recording"
             raise FileError(motion.where, "the robot stood still", remedy, code="circle.stood_still")
     where = ", ".join(motion.where for motion in motions)
-    bins = binned(motions, arm)
+    bins = bin_motions(motions, arm)
     path = bins.moving
     path[bins.stand_rows] = True  # a stop is a single point of the path
     points, run = even_path(bins.places[path], bins.run[path])
@@ -199,25 +199,25 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
         found, tolerance = bent, BENT
     if is_jogged(bins, found):
-        return _started(fit_stops(arm, bins, where), motions, rig, where)
+        return _with_start(fit_stops(arm, bins, where), motions, rig, where)
     if found is None:
         found, tolerance = find_circle(points, run, GUIDED), GUIDED
     if found is None:
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         problem = (
             f"the motion of {length:.0f} mm contains no arc of a circle that is long enough, and the robot stopped at "
-            f"{len(distinct(bins.places[bins.stand_rows]))} points; three are needed"
+            f"{len(distinct_places(bins.places[bins.stand_rows]))} points; three are needed"
         )
         raise FileError(where, problem, _LONGER, code="circle.none")
     _check_one_circle(found, tolerance, points, run, where)
     on, circle = on_circle(bins, found.circle, tolerance, where)
-    return _started(fit_rows(motions, arm, bins, on, circle), motions, rig, where)
+    return _with_start(fit_rows(motions, arm, bins, on, circle), motions, rig, where)
 
 
-def _started(fit: CircleFit, motions: Sequence[RobotMotion], rig: Rig, where: str) -> DrivenCircle:
+def _with_start(fit: CircleFit, motions: Sequence[RobotMotion], rig: Rig, where: str) -> DrivenCircle:
     """Circle with its start, and with the covariances in world coordinates."""
     direction = motions[fit.motion].direction
-    circle, at, posture, arc, keeps_zero, of_start = start_of(fit, direction, rig.tests.circle)
+    circle, at, posture, arc, keeps_zero, of_start = find_start(fit, direction, rig.tests.circle)
     plane, normal = np.stack([fit.circle.u, fit.circle.v], axis=1), fit.circle.n
     centre_cov = plane @ fit.radial[1:, 1:] @ plane.T + fit.axial[0, 0] * np.outer(normal, normal)
     normal_cov = plane @ fit.axial[1:, 1:] @ plane.T / fit.circle.radius**2
@@ -275,7 +275,7 @@ _LINE = 0.01
 
 def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
     """True if the robot was jogged from point to point of a circle: between them the path leaves it."""
-    places = distinct(bins.places[bins.stand_rows])
+    places = distinct_places(bins.places[bins.stand_rows])
     if len(places) < 3 or path_circle is None:
         return len(places) > 2
     if len(places) == 3:  # three points always lie on a circle

@@ -42,7 +42,7 @@ _SIDES = {"g1": "+", "g2": "-"}
 def ask_gauges(_: Answers, options: Options, dialogue: Dialogue) -> Changes:
     """Find the gauges, identify g1 and g2, and ask for the keys that only their owner knows."""
     gauges = []
-    for name, found in zip(_NAMES, _chosen(_find_gauges(options, dialogue), options, dialogue), strict=False):
+    for name, found in zip(_NAMES, _identify_gauges(_find_gauges(options, dialogue), options, dialogue), strict=False):
         keys = dict(options.keys[name])
         for key in (key for key in found.lacks if key not in keys):
             question = f"{key} of {name} ({found.gauge.origin.instruments})"
@@ -87,7 +87,7 @@ def ports_of(options: Options) -> list[str]:
     return list(dict.fromkeys([*options.ports, *(place.partition("#")[0] for place in options.places)]))
 
 
-def _selected(ports: Sequence[str], typed: str) -> list[str]:
+def _selected_ports(ports: Sequence[str], typed: str) -> list[str]:
     if typed.lower() == "all":
         return list(ports)
     numbers = typed.replace(",", " ").split()
@@ -119,7 +119,7 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
         if not ports and (here or not dialogue.terminal):  # the user has to approve each port
             for number, (port, description) in enumerate(here.items(), 1):
                 dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
-            ports = dialogue.ask(texts_of("en")("ask_ports"), "--port", partial(_selected, list(here)))
+            ports = dialogue.ask(texts_of("en")("ask_ports"), "--port", partial(_selected_ports, list(here)))
         with dialogue.busy("looking at the ports") as doing:
             reports = reports_of(ports, options, doing)
         gauges = [gauge for report in reports for gauge in report.gauges]
@@ -139,11 +139,11 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
             return gauges
 
 
-def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
+def _identify_gauges(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
     """Gauge 1 and, if present, gauge 2. A pushed gauge also reveals its counting direction."""
     by_place = {gauge.place: gauge for gauge in gauges}
     if options.places:
-        return [_at(place, by_place) for place in options.places]
+        return [_gauge_at(place, by_place) for place in options.places]
     if not dialogue.terminal and len(gauges) == 1:
         return list(gauges)
     if not dialogue.terminal:
@@ -151,14 +151,14 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
         raise FileError("gauges", problem, "name the gauges: --g1 PORT --g2 PORT", code="gauge.ambiguous")
     with PortWatch(gauges) as watch:
         remaining = {str(number): gauge for number, gauge in enumerate(gauges, 1)}
-        first = _pushed("g1", remaining, watch, dialogue)
+        first = _wait_for_push("g1", remaining, watch, dialogue)
         is_typed = "counts" not in first.gauge.model_fields_set  # then the user pushes no gauge
         if not remaining or (len(remaining) == 1 and is_typed):
             return [first, *remaining.values()]
-        return [first, _pushed("g2", remaining, watch, dialogue)]
+        return [first, _wait_for_push("g2", remaining, watch, dialogue)]
 
 
-def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
+def _gauge_at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
     matching = [gauge for name, gauge in by_place.items() if place in (name, gauge.gauge.port)]
     if len(matching) == 1:
         return matching[0]
@@ -169,7 +169,7 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
     raise FileError(place, f"has {len(matching)} gauges", remedy, code="gauge.ambiguous")
 
 
-def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialogue: Dialogue) -> FoundGauge:
+def _wait_for_push(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialogue: Dialogue) -> FoundGauge:
     """Gauge that is pushed or selected by number.
 
     A push shows the counting direction: the plunger goes in as the tool approaches the ball.
@@ -185,7 +185,7 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: PortWatch, dialo
         watch.measure_rest()
         otherwise = "press Enter" if len(remaining) == 1 else "type the number"
         dialogue.say(f"Push gauge {name[1]} in, on the {_SIDES[name]} side of the baseline, or {otherwise}:")
-        answer = dialogue.line_or(prompt, partial(watch.pushed, [*numbers]))
+        answer = dialogue.line_or(prompt, partial(watch.pushed_gauge, [*numbers]))
         number = numbers.get(answer, answer) or (next(iter(remaining)) if len(remaining) == 1 else "")
         if answer in numbers:
             counts: Counts = "towards" if watch.grows(answer) else "away"

@@ -86,14 +86,14 @@ def next_posture(
     probability = compared.posterior.probability if compared else prior_of([NOTHING, *reference.causes, OTHER])
     floor = _REMAINING * (1 - probability.get(NOTHING, 0.0))
     causes = [NOTHING, *(cause for cause, value in probability.items() if cause != NOTHING and value > floor)]
-    joint, day, known = _joined(candidates, compared)
+    joint, day, known = _all_readings(candidates, compared)
     prediction = likeliest(reference.conditioned.predict(joint, day))
     outcomes: list[tuple[float, int, Array, Array]] = []
     for number, cause in enumerate(causes):
         spread = _spread(cause, candidates, compared, joint, prediction.scatter)
         for level, share in zip(*_levels(cause, compared), strict=True):
             if (weight := probability.get(cause, 0.0) * share) > floor:
-                outcomes.append((weight, number, *_predicted(prediction, level**2 * spread, known, count)))
+                outcomes.append((weight, number, *_predict_readings(prediction, level**2 * spread, known, count)))
     weights, numbers = (np.array(column) for column in list(zip(*outcomes, strict=True))[:2])
     means, covs = (np.stack(column, axis=1) for column in list(zip(*outcomes, strict=True))[2:])
     gains = np.array([_usefulness(weights, numbers, mean, cov) for mean, cov in zip(means, covs, strict=True)])
@@ -104,7 +104,7 @@ def next_posture(
     return candidates.postures[int(np.argmax(gains))]
 
 
-def _joined(candidates: Candidates, compared: ReferenceComparison | None) -> tuple[LinearReadings, Array, int]:
+def _all_readings(candidates: Candidates, compared: ReferenceComparison | None) -> tuple[LinearReadings, Array, int]:
     """Readings taken and those of all candidates, their changes between days, and the number of known entries."""
     new = compared.readings if compared else candidates.readings.rows(np.zeros(len(candidates.readings.sd_mm), bool))
     joint = LinearReadings.together([new, candidates.readings])
@@ -135,7 +135,7 @@ def _levels(cause: Cause, compared: ReferenceComparison | None) -> tuple[Array, 
     return levels, np.full(len(levels), 1 / len(levels))
 
 
-def _predicted(prediction: Prediction, spread: Array, known: int, count: int) -> tuple[Array, Array]:
+def _predict_readings(prediction: Prediction, spread: Array, known: int, count: int) -> tuple[Array, Array]:
     """Mean (c, k) and covariance (c, k, k) of the reading at each candidate, given the readings taken.
 
     spread (n, n): covariance that a cause adds.

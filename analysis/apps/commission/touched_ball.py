@@ -25,7 +25,7 @@ _APART_MM = 5.0
 """Largest distance of two stops at the same place."""
 
 
-def distinct(places: Array) -> Array:
+def distinct_places(places: Array) -> Array:
     apart: list[Array] = []
     for place in places:
         if all(np.linalg.norm(place - earlier) > _APART_MM for earlier in apart):
@@ -78,7 +78,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     stands, run_doubts = zip(*(_read_stands(run, rig) for run in runs), strict=True)
     q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
     places = forward(arm_of(rig.robot), q)[:, :3, 3]
-    if (apart := len(distinct(places))) < 4:
+    if (apart := len(distinct_places(places))) < 4:
         problem = f"the robot was at rest at {apart} places, but a ball needs four that are not in a plane"
         remedy = "stop at more places all over the hemisphere, for a second at each"
         raise FileError(where, problem, remedy, code="ball.few_places")

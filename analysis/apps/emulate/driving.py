@@ -202,7 +202,7 @@ class _Driver:
     def move_joints(self, event: PointToPointMove) -> None:
         arm = self.controller.with_tool(_frame(event.tool))
         at = self.q[-1][-1] if self.q else None
-        end = event.q if event.q is not None else _standing(arm, event.pose, self.near if at is None else at)
+        end = event.q if event.q is not None else _solve_pose(arm, event.pose, self.near if at is None else at)
         outside = np.flatnonzero((end < arm.limits[:, 0] - _SMALLEST_STEP) | (end > arm.limits[:, 1] + _SMALLEST_STEP))
         if len(outside):
             axis = int(outside[0])
@@ -284,7 +284,7 @@ def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(2 * np.diff(way) / (v[1:] + v[:-1]))])
 
 
-def _standing(arm: Arm, pose: ToolPose, near: Array) -> Array:
+def _solve_pose(arm: Arm, pose: ToolPose, near: Array) -> Array:
     """Joint angles (6,) in rad at a pose in the stated configuration, preferring those closest to `near`."""
     solutions = inverse(arm, _frame(pose)[None])
     allowed, _ = within_limits(arm, solutions.q[solutions.found])

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from analysis.apps.live.controls import Units
-from analysis.apps.live.lap import ErrorCurve, moves, speeds
+from analysis.apps.live.lap import ErrorCurve, motion_sense, speeds
 from analysis.apps.live.view import LiveView
 from analysis.robot.geometry.circle import link_angle
 from rigs.schema.vocabulary import CIRCLES
@@ -107,7 +107,7 @@ def figures(view: LiveView) -> dict[str, Any]:
             for name, curve in zip(("acw", "cw"), shown_curves(view), strict=True)
         },
         "joints_deg": [_finite_or_none(float(np.degrees(q))) for q in view.rows.q[-1]] if len(view.rows) else [],
-        "joints_sense": [moves(float(speed)) for speed in speeds(view.rows)],
+        "joints_sense": [motion_sense(float(speed)) for speed in speeds(view.rows)],
         "reversals": sum(view.reversal_counts),
         "joints_reversals": list(view.reversal_counts),
         "connected": {name: stream["connected"] for name, stream in state["streams"].items()} if state else {},

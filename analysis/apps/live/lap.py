@@ -165,7 +165,7 @@ def speeds(rows: LiveRows) -> Array:
     return speed
 
 
-def moves(speed_rad_s: float) -> int:
+def motion_sense(speed_rad_s: float) -> int:
     """1 for a rising joint, -1 for a falling joint, 0 at rest."""
     return 0 if not abs(speed_rad_s) > _MOVES_RAD_S else int(math.copysign(1, speed_rad_s))
 

@@ -34,7 +34,7 @@ from analysis.apps.live.canvas import (
 )
 from analysis.apps.live.controls import KEYS, LiveControls
 from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, lap_state, phi_deg, plain_line, shown_curves
-from analysis.apps.live.lap import LiveReversal, moves, speeds
+from analysis.apps.live.lap import LiveReversal, motion_sense, speeds
 from analysis.apps.live.view import LiveEvent, LiveView
 from rigs.schema.condition import CONDITION, condition_words
 from rigs.schema.vocabulary import FURTHER
@@ -194,7 +194,7 @@ def joints_panel(view: LiveView) -> Text:
     names = view.cell.axes if view.cell else tuple(f"axis {axis}" for axis in range(1, 7))
     rows, speed = [], speeds(view.rows)
     for k, (name, angle) in enumerate(zip(names, np.degrees(view.rows.q[-1]).tolist(), strict=True)):
-        sense, last = moves(float(speed[k])), view.last_reversals.get(k + 1)
+        sense, last = motion_sense(float(speed[k])), view.last_reversals.get(k + 1)
         pace = f" {math.degrees(speed[k]):+z6.1f}°/s" if sense else "    stands"
         turned = f"{view.reversal_counts[k]} rev, last {_place(last)}" if last else ""
         rows.append(

@@ -44,7 +44,7 @@ ASSUMED_JOINT_DEG = JOINT_DEG.rms
 """Assumed scatter of each joint between planned runs, from the range of real cells."""
 
 
-def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
+def assumed_noise_um(tests: Sequence[TestName]) -> dict[str, float]:
     if set(tests) <= set(WITHOUT_GAUGES):
         return {"a touch, each coordinate": 1e3 * TARGET_MM.rms}
     return _ASSUMED_UM
@@ -194,7 +194,7 @@ class Judgement:
         return groups
 
 
-def judged(expected: ExpectedPosterior) -> Judgement:
+def judge_posterior(expected: ExpectedPosterior) -> Judgement:
     chosen, detectabilities = detectabilities_of(expected)
     pairs = zip(chosen, detectabilities, strict=True)
     seen = [(candidate, one) for candidate, one in pairs if not one.hidden]
@@ -253,7 +253,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
     the arm found (`Diagnosis.levels`). Raises FileError if the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)
-    judgement = judged(expected_posterior(blocks, setups, Level(level)))
+    judgement = judge_posterior(expected_posterior(blocks, setups, Level(level)))
     possible, impossible = possible_tests(rig, tests, blocks, setups, Level(level), runs=runs)
     further, gains = _further_tests(possible, judgement)
     return CapabilityOfTests(

@@ -12,7 +12,7 @@ from analysis.apps.planning.detectability import (
     CapabilityOfTests,
     Detectability,
     SeparatingTest,
-    assumed_um,
+    assumed_noise_um,
 )
 from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
 from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS
@@ -75,7 +75,7 @@ def answer_of(plan: CapabilityOfTests) -> list[Block]:
 
 
 def noise_in_words(tests: Sequence[TestName]) -> str:
-    um = [f"{_NOISE.get(name, name)} {um:.1f} µm" for name, um in assumed_um(tests).items()]
+    um = [f"{_NOISE.get(name, name)} {um:.1f} µm" for name, um in assumed_noise_um(tests).items()]
     return f"Assumed noise of one run (rms): {'; '.join(um)}; each joint, between runs {ASSUMED_JOINT_DEG:.4f}°"
 
 
@@ -188,7 +188,7 @@ def as_object(plan: CapabilityOfTests) -> dict[str, Any]:
     return {
         "tests": list(plan.tests),
         "runs": plan.runs,
-        "noise": {"source": "assumed", "um": assumed_um(plan.tests), "joint_deg": ASSUMED_JOINT_DEG},
+        "noise": {"source": "assumed", "um": assumed_noise_um(plan.tests), "joint_deg": ASSUMED_JOINT_DEG},
         "alike_below_sigma": SEPARABLE,
         "effects": [
             {

@@ -160,7 +160,7 @@ def pool_of_readings(rig: Rig, readings: Sequence[Reading], q: Array, taught: Ar
     taught (m, axes) rad: postures at which the frame and tool of the targets are taught.
     """
     arm = arm_of(rig.robot)
-    blocks, setups, owners = _simulated(rig, readings)
+    blocks, setups, owners = _simulate_readings(rig, readings)
     frame = block_of(rig, pose_table(rig, np.concatenate([taught, q])), "targets")
     linear = linearise(without_bands([*blocks, frame[0]]), setups | {frame[0].setup: frame[1]})
     of_frame = linear.rows[-1]
@@ -175,14 +175,13 @@ def pool_of_readings(rig: Rig, readings: Sequence[Reading], q: Array, taught: Ar
     motions = taught_frame.motions(displaced[:, : len(taught)])
     targets = taught_frame.remove_motions(displaced[:, len(taught) :], poses, motions)
     owner, entries = np.concatenate(owners), rows[: of_frame.start]
-    pool = ReadingPool(
-        as_readings([_compact(entries[owner == k]) for k in range(len(readings))]), targets.reshape(len(targets), -1).T,
-        np.array([reading.minutes for reading in readings]),
-    )  # fmt: skip
+    possible = as_readings([_compressed(entries[owner == k]) for k in range(len(readings))])
+    minutes = np.array([reading.minutes for reading in readings])
+    pool = ReadingPool(possible, targets.reshape(len(targets), -1).T, minutes)
     return pool.after(rows[linear.of_distances])
 
 
-def _simulated(rig: Rig, readings: Sequence[Reading]) -> tuple[list[Block], dict[str, SetUp], list[Integers]]:
+def _simulate_readings(rig: Rig, readings: Sequence[Reading]) -> tuple[list[Block], dict[str, SetUp], list[Integers]]:
     """Blocks of readings, their set-ups, and the index (N,) of the reading to which each entry of a block belongs."""
     found = list[tuple[Block, SetUp, Integers]]()
     at_angles = [(reading.kind != "pose", reading.socket) for reading in readings if reading.circle is None]
@@ -238,7 +237,7 @@ def _calibrated_rows(linear: Linearisation, calibrated: CalibratedModel) -> Arra
 
     What the known set-up of further readings absorbs is no information.
     """
-    rows = _by_parameters(linear, calibrated)
+    rows = _parameter_rows(linear, calibrated)
     read = slice(0, linear.rows[-1].start)
     placed = linear.U[read]
     rows[read] -= placed @ (np.linalg.pinv(placed, _INDISTINCT) @ rows[read])
@@ -251,7 +250,7 @@ def _calibrated_rows(linear: Linearisation, calibrated: CalibratedModel) -> Arra
     return rows
 
 
-def _by_parameters(linear: Linearisation, calibrated: CalibratedModel) -> Array:
+def _parameter_rows(linear: Linearisation, calibrated: CalibratedModel) -> Array:
     """Change (N, P) of the whitened readings by the independent unknowns of a calibration, without backlash."""
     terms = [calibrated.terms[parameter.term].effect for parameter in calibrated.parameters]
     kept = [k for k, effect in enumerate(terms) if not is_play(effect)]
@@ -267,7 +266,7 @@ def _by_parameters(linear: Linearisation, calibrated: CalibratedModel) -> Array:
     return np.asarray(slopes @ calibrated.root[kept])
 
 
-def _compact(entries: Array) -> Array:
+def _compressed(entries: Array) -> Array:
     """Combinations of the entries (e, k) of a circle that show most (Halko, Martinsson and Tropp, SIAM Review 53,
     2011)."""
     if len(entries) <= _MOST_ENTRIES:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.apps.planning.detectability import Judgement, judged
+from analysis.apps.planning.detectability import Judgement, judge_posterior
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
@@ -221,7 +221,7 @@ def propose(
     progress("simulating the tests")
     blocks, setups = planned_blocks(rig, tests, runs)
     expected = expected_posterior(blocks, setups)
-    before = judged(expected)
+    before = judge_posterior(expected)
     forms = FormInformation(expected.candidates)
     affordable = [candidate for candidate in found if candidate.minutes <= minutes]
     simulated = []
@@ -230,15 +230,17 @@ def propose(
         driven, places = planned_blocks(candidate.rig, circle_tests, runs, f" circle {k}")
         simulated.append(_Simulated(candidate, driven, places, forms.of(driven, places)))
     circles = []
-    for chosen, testable, separated in _chosen(Aims(forms, before), forms.of(blocks, setups), simulated, minutes):
+    for chosen, testable, separated in _choose_circles(
+        Aims(forms, before), forms.of(blocks, setups), simulated, minutes
+    ):
         blocks, setups = [*blocks, *chosen.blocks], {**setups, **chosen.setups}
         circles.append(ProposedCircle(chosen.candidate, testable, separated))
     progress("judging the tests with the proposed circles")
-    after = judged(expected_posterior(blocks, setups)) if circles else before
+    after = judge_posterior(expected_posterior(blocks, setups)) if circles else before
     return CircleProposal(rig, tuple(tests), runs, minutes, tuple(circles), before, after, len(found), refused)
 
 
-def _chosen(
+def _choose_circles(
     aims: Aims, information: Array, simulated: Sequence[_Simulated], minutes: float
 ) -> list[tuple[_Simulated, tuple[str, ...], tuple[tuple[str, str], ...]]]:
     """Circles besides tests with an information (p, p), best first, each with newly testable effects and pairs."""

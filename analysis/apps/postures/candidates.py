@@ -82,7 +82,7 @@ def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, fl
             T = arm.T_world_base.copy()
             T[:3, 3] += RAIL_MM * stand * arm.rail
             at_stand = replace(arm, T_world_base=T, rail=None)
-        find = _branches if arm.axes == DRIVEN_AXES else _sampled
+        find = _branch_postures if arm.axes == DRIVEN_AXES else _sampled_postures
         q, target, solution, reached = find(at_stand, poses, near)
         in_reach |= reached
         q = q if stand is None else np.column_stack([q, np.full(len(q), stand)])
@@ -110,7 +110,7 @@ def branch_of(arm: Arm, poses: Array, q: Array) -> Integers:
     return np.asarray(np.abs(wrapped(theta - turned)).max(axis=1).argmin(axis=0), dtype=np.int64)
 
 
-def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
+def _branch_postures(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
     """Postures (m, 6) rad of six axes, their targets (m,), solution numbers (m,) and a mask (n,) of poses in reach."""
     solutions = inverse(arm, poses)
     target, slot = np.nonzero(solutions.found)
@@ -123,7 +123,7 @@ def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Int
     return q[kept], target[row[kept]].astype(np.int64), row[kept].astype(np.int64), reached
 
 
-def _sampled(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
+def _sampled_postures(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
     """The same as `_branches` for an arm without a closed form.
 
     All poses have the same start values, so that neighbouring poses have neighbouring postures.
@@ -131,25 +131,25 @@ def _sampled(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Inte
     low, high = arm.limits.T
     starts = np.vstack([near, np.random.default_rng(0).uniform(low, high, (_STARTS, arm.axes))])
     target = np.repeat(np.arange(len(poses)), len(starts))
-    solve = _in_part if arm.axes < DRIVEN_AXES else newton
+    solve = _newton_in_part if arm.axes < DRIVEN_AXES else newton
     q, converged = solve(arm, poses[target], np.tile(starts, (len(poses), 1)))
     in_reach: Mask = np.zeros(len(poses), dtype=bool)
     in_reach[target[converged]] = True
     q = low + np.mod(q - low, 2 * np.pi)  # the first turn above the lower limit
     inside = converged & (q <= high).all(axis=1)
     q = np.where(inside[:, None], q, np.nan).reshape(len(poses), len(starts), arm.axes)
-    q, target = _thinned(q)
+    q, target = _distinct_postures(q)
     return q, target, np.arange(len(q)), in_reach
 
 
-def _in_part(arm: Arm, poses: Array, q: Array) -> tuple[Array, Mask]:
+def _newton_in_part(arm: Arm, poses: Array, q: Array) -> tuple[Array, Mask]:
     """Newton's method for four or five axes, up to nearly the requested orientation."""
     q, reached = newton_in_part(arm, poses, q)
     turned = turned_rad(forward(arm, np.where(reached[:, None], q, 0.0)), poses)
     return q, reached & (turned < _LARGEST_TURN_RAD)
 
 
-def _thinned(q: Array) -> tuple[Array, Integers]:
+def _distinct_postures(q: Array) -> tuple[Array, Integers]:
     """Distinct postures (m, axes) of q (n, k, axes), without NaN, and their targets (m,)."""
     kept: Mask = np.asarray(np.isfinite(q).all(axis=2))
     for slot in range(1, q.shape[1]):

@@ -158,7 +158,7 @@ def expected_errors(
     square = np.zeros(len(q))
     if knowledge != "typical":
         square += _model_square(uncertainty, frame, taught, q[first], at_postures[first])[of_all]
-        square *= _growth(uncertainty, q) ** 2
+        square *= _growth_outside(uncertainty, q) ** 2
     if knowledge != "calibrated":
         moves = typical_displacements(rig, np.concatenate([taught, q[first]]))
         remaining = frame.remove_motions(
@@ -201,7 +201,7 @@ def _rest_square(
     return square
 
 
-def _growth(uncertainty: PoseUncertainty, q: Array) -> Array:
+def _growth_outside(uncertainty: PoseUncertainty, q: Array) -> Array:
     """Factor (m,) by which u grows outside the measured joint range, 1 inside or if that is unknown."""
     joints = uncertainty.joints_rad
     if joints is None:

@@ -146,7 +146,7 @@ def choose_postures(
         near = np.asarray((current.min(axis=0) + current.max(axis=0))[: arm.axes] / 2)
     travel_m = None if rail is None else (rail.limits_mm[0] / RAIL_MM, rail.limits_mm[1] / RAIL_MM)
     candidates = _with_given(arm, poses, find_candidates(arm, poses, near, travel_m), current)
-    taught = _taught(rig, candidates, measured)
+    taught = _taught_postures(rig, candidates, measured)
     errors = expected_errors(rig, candidates.q, taught, solution=candidates.solution)
     best = best_sequence(candidates, errors, change=change)
     if current is None:
@@ -165,7 +165,7 @@ def choose_postures(
     )  # fmt: skip
 
 
-def _taught(rig: Rig, candidates: Candidates, measured: Array | None) -> Array:
+def _taught_postures(rig: Rig, candidates: Candidates, measured: Array | None) -> Array:
     """Postures at which frame and tool are taught: over the measured region or, without one, all postures of the
     targets, which prefers none. Few postures would absorb their own errors: then over the joint ranges."""
     _, first = np.unique(candidates.solution, return_index=True)
@@ -319,9 +319,11 @@ def best_sequence(
         away = candidates.q[None, rows] - candidates.q[before, None]
         moves = np.abs(away).max(axis=2)
         repeated = errors.of(np.tile(np.arange(rows.start, rows.stop), len(away)))
-        approached = _after(repeated, away.reshape(-1, away.shape[2])).reshape(len(away), -1)
+        approached = _approached_errors(repeated, away.reshape(-1, away.shape[2])).reshape(len(away), -1)
         price = error * approached / unit + travel * moves
-        price += singular[rows] + change * _changed(candidates.branch[before, None], candidates.branch[None, rows])
+        price += singular[rows] + change * _branch_changes(
+            candidates.branch[before, None], candidates.branch[None, rows]
+        )
         whole = cost[:, None] + price
         came_from.append(whole.argmin(axis=0))
         cost = whole.min(axis=0)
@@ -336,15 +338,17 @@ def sequence_of(candidates: Candidates, errors: PostureErrors, rows: Integers) -
     q, branch = candidates.q[rows], candidates.branch[rows]
     expected = errors.expected_mm[rows].copy()
     away = np.diff(q, axis=0)
-    expected[1:] = _after(errors.of(rows[1:]), away)
-    return Sequence(rows, expected, int(_changed(branch[:-1], branch[1:]).sum()), float(np.abs(away).max(axis=1).sum()))
+    expected[1:] = _approached_errors(errors.of(rows[1:]), away)
+    return Sequence(
+        rows, expected, int(_branch_changes(branch[:-1], branch[1:]).sum()), float(np.abs(away).max(axis=1).sum())
+    )
 
 
-def _changed(before: Integers, after: Integers) -> Mask:
+def _branch_changes(before: Integers, after: Integers) -> Mask:
     return np.asarray((before != after) & (before != NO_BRANCH) & (after != NO_BRANCH))
 
 
-def _after(errors: PostureErrors, away: Array) -> Array:
+def _approached_errors(errors: PostureErrors, away: Array) -> Array:
     """Expected errors (m,) mm after motions (m, axes) rad; the side of a joint at rest is unknown."""
     moved = away[:, : errors.rising_mm.shape[1]]
     return errors.from_sides(np.where(np.abs(moved) > _STAYS_RAD, np.sign(moved), 0.0))

@@ -41,19 +41,27 @@ def analyse(
     scheduler: Scheduler = None,
 ) -> None:
     """Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty."""
-    from analysis.cli.several import end_with, evaluated, over_runs, runs_below, with_controller, with_tables, worst
+    from analysis.cli.several import (
+        end_with,
+        evaluate_paths,
+        over_runs,
+        runs_below,
+        with_controller,
+        with_tables,
+        worst_code,
+    )
 
     paths = runs_below(with_tables(runs, with_controller(rig_file, calibration)), scheduler)
     if as_lines:
         if as_json or plot or each or truth:
             problem = "prints a line for each run, and cannot be combined with --json, --plot, --each or --truth"
             raise UseError("--lines", problem, "leave those options out", code="analyse.option")
-        end_with(worst(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
+        end_with(worst_code(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
         return
     drawn = plot is not None or truth is not None
-    results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler, with_rows=drawn)
+    results, errors = evaluate_paths(paths, jobs=jobs, scheduler=scheduler, with_rows=drawn)
     if not results:
-        end_with(worst(errors))
+        end_with(worst_code(errors))
         return
     truths = []
     if truth:
@@ -76,7 +84,7 @@ def analyse(
         from analysis.apps.report.run_answer import answer_of
 
         say_answer(answer_of(results, truths, each=each))
-    end_with(worst(errors))
+    end_with(worst_code(errors))
 
 
 def _as_line(run: Path) -> str:

@@ -51,14 +51,14 @@ def calibrate(
     from analysis.apps.report.diagnosis_answer import answer_of, plain_object
     from analysis.apps.report.diagnosis_report import refuse_existing_rig, write_model
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, worst
+    from analysis.cli.several import end_with, worst_code
 
     if output:
         refuse_existing_rig(output)
     (measured, judges, elsewhere), rig, text, errors = load_uses(
         (runs, hold_out or (), unseen or ()), rig_file, calibration
     )
-    end_with(worst(errors))
+    end_with(worst_code(errors))
     with progress_of() as progress:
         diagnosis = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, unseen=elsewhere, progress=progress)
     if as_json:

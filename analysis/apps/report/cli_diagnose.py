@@ -82,7 +82,7 @@ def diagnose(
         return
     import analysis
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, worst
+    from analysis.cli.several import end_with, worst_code
 
     # check before any computation; the import of the picture module takes half a second and happens only here
     if output:
@@ -108,7 +108,7 @@ def diagnose(
         say_answer(answer_of(with_commands_here(diagnosis, output)))
     if output:
         _write(diagnosis, uses, text, output, errors)
-    end_with(worst(errors))
+    end_with(worst_code(errors))
 
 
 def is_two_arm_table(runs: Sequence[Path], second: str | None) -> bool:
@@ -130,7 +130,7 @@ def two_arms_diagnosed(
     table: Path, first: str | None, second: str | None, output: Path | None, *, is_alone: bool, as_json: bool
 ) -> None:
     """Calibrate both arms of a table, as `rig pair` does."""
-    from analysis.cli.commands import imported
+    from analysis.cli.commands import import_command
 
     if first is None or second is None:
         problem = "has p1_deg …, the joints of a second arm, which holds the socket"
@@ -141,7 +141,7 @@ def two_arms_diagnosed(
             "--hold-out and --unseen", "are not used for touches of two arms", "leave them out", code="diagnose.second"
         )
     say(f"{table}: touches of two arms, according to the columns; the result is that of rig pair", err=True)
-    pair = cast("Callable[..., None]", imported("pair").callback)
+    pair = cast("Callable[..., None]", import_command("pair").callback)
     pair(first_file=first, second_file=second, table=table, output=output, as_json=as_json)
 
 
@@ -164,7 +164,7 @@ def load_uses(
         with_controller,
         with_recorded_controller,
         with_tables,
-        worst,
+        worst_code,
     )
     from rigs.load import load
 
@@ -178,7 +178,7 @@ def load_uses(
     loaded = [load_runs(group, jobs=jobs, scheduler=scheduler) for group in (used, judges, elsewhere)]
     uses, errors = [runs for runs, _ in loaded], [error for _, bad in loaded for error in bad]
     if not uses[0]:
-        end_with(worst(errors))
+        end_with(worst_code(errors))
     rig, text = rig_and_text or (uses[0][0].rig, uses[0][0].run.manifest.rig_text)
     return uses, *with_recorded_controller(rig, text, uses[0]), errors
 

@@ -45,7 +45,15 @@ def report(
     from analysis.apps.report.html_page import check_page_file, check_pdf_output, is_pdf
     from analysis.apps.report.page.write_page import PageHead, gather, write_page
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, with_controller, with_tables, worst
+    from analysis.cli.several import (
+        end_with,
+        evaluate_paths,
+        runs_below,
+        say_doubts,
+        with_controller,
+        with_tables,
+        worst_code,
+    )
     from rigs.load import load
 
     heading = PageHead(serial, customer, order)
@@ -54,7 +62,7 @@ def report(
     own_file = with_controller(rig_file, calibration)
     model = load(own_file)[0] if own_file else None
     paths = [run.resolve() for run in runs_below(with_tables(runs, own_file))]
-    results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)
+    results, errors = evaluate_paths(paths, jobs=jobs, scheduler=scheduler)
     if results:
         say_doubts(result.measured for result in results)
         with progress_of() as progress:
@@ -66,4 +74,4 @@ def report(
             progress("drawing the pictures")
             written = write_page(gathered, output, lang, heading)
         say_written([written])
-    end_with(worst(errors))
+    end_with(worst_code(errors))

@@ -55,12 +55,12 @@ def condition_in(columns: Sequence[str], sample: Sample) -> dict[str, float]:
     return {name: value for name, value in zip(columns, sample.values, strict=True) if name in CONDITION}
 
 
-def stopped_by(shown: Mapping[str, float]) -> str:
+def stop_reason(shown: Mapping[str, float]) -> str:
     """Reason and remedy for a robot that cannot run programs; empty if it can or if unknown."""
     return "; ".join(STOPS.get(shown.get(SAFETY), ()))  # type: ignore[call-overload] # nan is no state
 
 
-def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[CellFinding]:
+def check_condition(about: str, shown: Mapping[str, float]) -> Iterator[CellFinding]:
     """Problems to solve before a recording. shown: columns of the condition; missing columns are not checked."""
     if shown.get(SAFETY) in STOPS:
         state, remedy = STOPS[SafetyState(int(shown[SAFETY]))]

@@ -17,7 +17,7 @@ from typing import Any
 
 from daq import clock
 from daq.acquisition.streams import Stream, streams_of
-from daq.apps.commission.cell_finding import CellFinding, FindingVerdict, doubtful, of_condition, ok, wrong
+from daq.apps.commission.cell_finding import CellFinding, FindingVerdict, check_condition, doubtful, ok, wrong
 from daq.apps.commission.trial import examine_conversation
 from daq.service.client import Client, find_socket
 from daq.wire.serial_port import port_names
@@ -38,12 +38,12 @@ def examine(
     """
     yield from examine_computer(runs, unit)
     try:
-        status = ask(rig.name)
+        status = ask_daemon(rig.name)
     except CellError as error:
         yield wrong("rigd", f"{error.where}: {error.what}", error.remedy)
         return
     if status is not None:
-        yield from of_daemon(status, streams_of(rig))
+        yield from check_daemon(status, streams_of(rig))
     if example and status is None:
         why = "its ports and addresses do not belong to your cell and were not tried"
         remedy = "create the rig file of your cell with rig init cell.yaml, and give that file"
@@ -59,7 +59,7 @@ def examine(
             yield from examine_conversation(stream, (gauge.timeout_s if gauge else rig.feedback.timeout_s))
 
 
-def ask(rig: str) -> dict[str, Any] | None:
+def ask_daemon(rig: str) -> dict[str, Any] | None:
     """Status of the daemon of this rig; None if it is not running."""
     try:
         path = find_socket(rig)
@@ -73,7 +73,7 @@ def ask(rig: str) -> dict[str, Any] | None:
         return client.ask("status")
 
 
-def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[CellFinding]:
+def check_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[CellFinding]:
     """Findings from the status of a daemon that has opened the ports. streams: streams of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
     yield ok("rigd", f"serves {status['rig']} and {recording}; queried through the daemon")
@@ -85,13 +85,13 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Cel
         remedy = "restart rigd, or give the matching rig file"
         yield wrong("rigd", f"reads {ports}: different from the rig file", remedy)
     for name, stream in status["streams"].items():
-        yield _stream(name, stream)
+        yield _check_stream(name, stream)
         if stream["connected"]:
             now = {column: stream["last"][column] for column, age_s in stream["age_s"].items() if age_s <= _FRESH_S}
-            yield from of_condition(name, now)
+            yield from check_condition(name, now)
 
 
-def _stream(name: str, stream: dict[str, Any]) -> CellFinding:
+def _check_stream(name: str, stream: dict[str, Any]) -> CellFinding:
     if not stream["connected"]:
         return wrong(name, "the port is not open", stream["last_fault"] or "see rig logs")
     ages_s = {column: age_s for column, age_s in stream["age_s"].items() if column not in CONDITION}
@@ -123,20 +123,20 @@ _UNIT_PROPERTIES = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileStat
 def examine_computer(runs: Path, unit: str | None) -> Iterator[CellFinding]:
     try:
         place = next(path for path in (runs, *runs.parents) if path.is_dir())
-        yield room(runs, shutil.disk_usage(place).free / _GB)
-        yield sync_time(runs, slowest_sync_s(place))
+        yield check_free_space(runs, shutil.disk_usage(place).free / _GB)
+        yield check_sync_time(runs, slowest_sync_s(place))
     except PermissionError:
         remedy = "run the command as the owner: sudo -u rig rig doctor …"
         yield doubtful("disk", f"{runs}: this user has no write permission", remedy)
     except OSError as error:
         yield wrong("disk", f"{runs}: {error.strerror or error}", "repair the disk, or choose a different --runs")
     timex = ctypes.create_string_buffer(256)  # larger than struct timex; a zero in the first member requests no change
-    yield wall_clock(int(ctypes.CDLL(None).adjtimex(timex)))
+    yield check_wall_clock(int(ctypes.CDLL(None).adjtimex(timex)))
     if unit and (properties := unit_properties(unit)):
-        yield service(unit, properties)
+        yield check_service(unit, properties)
 
 
-def room(runs: Path, free_gb: float) -> CellFinding:
+def check_free_space(runs: Path, free_gb: float) -> CellFinding:
     observation = f"{free_gb:.1f} GB free for {runs}"
     if free_gb < _TOO_LITTLE_GB:
         return wrong("disk", observation, "free some space; a full disk ends a recording")
@@ -145,7 +145,7 @@ def room(runs: Path, free_gb: float) -> CellFinding:
     return ok("disk", observation)
 
 
-def sync_time(runs: Path, slowest_s: float) -> CellFinding:
+def check_sync_time(runs: Path, slowest_s: float) -> CellFinding:
     observation = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
     if slowest_s > _TOO_SLOW_S:
         return wrong("disk", observation, f"put {runs} on a separate disk, not on a memory card or a network drive")
@@ -154,14 +154,14 @@ def sync_time(runs: Path, slowest_s: float) -> CellFinding:
     return ok("disk", observation)
 
 
-def wall_clock(state: int) -> CellFinding:
+def check_wall_clock(state: int) -> CellFinding:
     if state != _TIME_ERROR:
         return ok("clock", "synchronised by NTP")
     observation = "not synchronised by NTP: the start time of a run may be wrong (readings use a different clock)"
     return doubtful("clock", observation, "run: sudo timedatectl set-ntp true")
 
 
-def service(unit: str, properties: Mapping[str, str]) -> CellFinding:
+def check_service(unit: str, properties: Mapping[str, str]) -> CellFinding:
     if properties.get("LoadState") != "loaded":
         return doubtful(unit, "not installed", "run: sudo scripts/install")
     active, sub = properties.get("ActiveState", ""), properties.get("SubState", "")
@@ -214,7 +214,7 @@ _LONG_MS = 2
 
 def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator[CellFinding]:
     """Findings about a serial port up to the first defect. served: rigd may have opened the port."""
-    checks = (present, lasting, quick) if served else (present, lasting, allowed, free, quick)
+    checks = (check_exists, check_name, *(() if served else (check_access, check_use)), check_latency)
     for check in checks:
         if finding := check(about, port, root):
             yield finding
@@ -222,7 +222,7 @@ def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator
                 return
 
 
-def present(about: str, port: str, root: Path) -> CellFinding:
+def check_exists(about: str, port: str, root: Path) -> CellFinding:
     if _at(port, root).exists():
         return ok(about, f"{port} exists")
     ports = ", ".join(port_names(root)) or "none"
@@ -230,7 +230,7 @@ def present(about: str, port: str, root: Path) -> CellFinding:
     return wrong(about, f"{port}: the port does not exist", remedy)
 
 
-def lasting(about: str, port: str, root: Path) -> CellFinding | None:
+def check_name(about: str, port: str, root: Path) -> CellFinding | None:
     """Check that the name of a port belongs permanently to the adapter."""
     if not _BY_PLUGGING_ORDER.fullmatch(port):
         return None
@@ -240,7 +240,7 @@ def lasting(about: str, port: str, root: Path) -> CellFinding | None:
     return doubtful(about, f"{port} depends on the order in which adapters are connected", remedy)
 
 
-def allowed(about: str, port: str, root: Path) -> CellFinding | None:
+def check_access(about: str, port: str, root: Path) -> CellFinding | None:
     """Check that this user and the user of the service may read and write the port."""
     device = _at(port, root)
     status = device.stat()
@@ -260,7 +260,7 @@ def allowed(about: str, port: str, root: Path) -> CellFinding | None:
     return None
 
 
-def free(about: str, port: str, root: Path) -> CellFinding | None:
+def check_use(about: str, port: str, root: Path) -> CellFinding | None:
     """Check for other processes using the port, as far as this user sees them."""
     real, dev = _at(port, root).resolve(), (root / "dev").resolve()
     device = f"/dev/{real.relative_to(dev) if real.is_relative_to(dev) else real.name}"
@@ -276,7 +276,7 @@ def free(about: str, port: str, root: Path) -> CellFinding | None:
     return None
 
 
-def quick(about: str, port: str, root: Path) -> CellFinding | None:
+def check_latency(about: str, port: str, root: Path) -> CellFinding | None:
     timer = root / "sys/bus/usb-serial/devices" / _at(port, root).resolve().name / "latency_timer"
     try:
         ms = int(timer.read_text())

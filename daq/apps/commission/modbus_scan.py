@@ -76,14 +76,14 @@ class ValueDecoding:
         return ", ".join(f"{key}: {value}" for key, value in self.changed.items())
 
 
-def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[ValueDecoding]:
-    of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
+def likely_decodings(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[ValueDecoding]:
+    of_pieces = [way for (place, _), registers in seen.items() for way in _decodings_of(gauge, *place, registers)]
     moving = {str(way): way for way in of_pieces}.values()
     whole = [way for way in moving if not any(way.is_part_of(wider) for wider in moving)]
     return sorted(whole, key=lambda way: way.effort)
 
 
-def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[ValueDecoding]:
+def _decodings_of(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[ValueDecoding]:
     orders = product(get_args(Order), repeat=2)
     for address, kind, (word_order, byte_order) in product(seen, get_args(Number), list(orders)):
         register = Register(address=address, type=kind)
@@ -197,13 +197,14 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
                 if clock.now_s() < until and unit not in asker.heard:
                     asker.read((unit, gauge.function), (gauge.value.address, gauge.value.count), SWEEP_S)
             if asker.heard:
-                say(f"{name}: move the probe to and fro now, about once a second, and no other; units: {_list(asker)}")
-                moving = ways(gauge, _watch(asker, gauge))
-                return _finding(name, gauge, {} if line == stream.line else {"line": line}, moving, asker)
+                move = "move the probe to and fro now, about once a second, and no other"
+                say(f"{name}: {move}; units: {_listed_units(asker)}")
+                moving = likely_decodings(gauge, _read_passes(asker, gauge))
+                return _judge_decodings(name, gauge, {} if line == stream.line else {"line": line}, moving, asker)
     return wrong(name, f"{stream.port}: no Modbus unit answers", "check the cable, A and B exchanged, and the supply")
 
 
-def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
+def _read_passes(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
     pieces = [(place, piece) for unit in sorted(asker.heard) for place, piece in _readable(asker, gauge, unit)]
     seen: dict[tuple[Place, Piece], list[tuple[int, ...]]] = {piece: [] for piece in pieces}
     for _ in range(_PASSES):
@@ -233,12 +234,12 @@ def _readable(asker: Asker, gauge: ModbusMap, unit: int) -> Iterator[tuple[Place
                 yield from ((place, (address, n)) for n in sizes if asker.read(place, (address, n), gauge.timeout_s))
 
 
-def _finding(
+def _judge_decodings(
     name: str, gauge: ModbusMap, line: dict[str, object], moving: list[ValueDecoding], asker: Asker
 ) -> CellFinding:
     if not moving:
         around = f"registers {gauge.value.address} ± {_AROUND}"
-        observation = f"units {_list(asker)} answer, but no value in {around} moves like a probe"
+        observation = f"units {_listed_units(asker)} answer, but no value in {around} moves like a probe"
         remedy = "move the probe during the scan; check `range_mm`, and the address in the manual"
         return doubtful(name, observation, remedy)
     best, *others = moving
@@ -253,5 +254,5 @@ def _finding(
     return wrong(name, f"moves from {span} with {words}, which differs from the rig file", f"write {words}")
 
 
-def _list(asker: Asker) -> str:
+def _listed_units(asker: Asker) -> str:
     return ", ".join(map(str, sorted(asker.heard)))

@@ -106,19 +106,21 @@ def search_port(report: PortReport, options: SearchOptions, progress: Progress, 
     try:
         _PORT.validate_python(port)
     except ValidationError:
-        return _failed(report, "is not a port", "write a port such as /dev/serial/by-id/… or tcp://host:502")
+        return _failed_report(report, "is not a port", "write a port such as /dev/serial/by-id/… or tcp://host:502")
     if port.startswith("/"):
         for finding in examine_port(port, port, _ROOT, served=False):
             if finding.verdict is FindingVerdict.WRONG:
-                return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
+                return _failed_report(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
     tried = options.named.get(port) or attempts(port, options.modbus_units)
     stalls = StallWatch(_STALL_NS)
     stalls.start()
     try:
-        with _as_it_was(port):
-            return _tried(report, tried, partial(_trial, port, stalls, options.listen_s), progress, stop)
+        with _restored_settings(port):
+            return _search_attempts(
+                report, tried, partial(_try_attempt, port, stalls, options.listen_s), progress, stop
+            )
     except (OSError, termios.error) as error:
-        return _failed(report, f"is not a serial port ({error.args[-1]})", "give the path of a serial port")
+        return _failed_report(report, f"is not a serial port ({error.args[-1]})", "give the path of a serial port")
     finally:
         stalls.stop()
 
@@ -129,7 +131,7 @@ def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: i
     return Probing(gauges.host(limited), sends, silences)
 
 
-def _tried(
+def _search_attempts(
     report: PortReport,
     tried: Sequence[Attempt],
     trial_of: Callable[[Attempt], Trial],
@@ -143,7 +145,7 @@ def _tried(
     until_s = clock.now_s() + (_SILENT_S if is_built_in(report.port) else math.inf)
     for number, attempt in enumerate(tried, 1):
         if not received and clock.now_s() > until_s:
-            return _nothing(report, 0, number - 1, len(tried))
+            return _silent_report(report, 0, number - 1, len(tried))
         answered = best[0] if best else own_error
         if stop.is_set() or (answered and attempt.line != answered[0].line):
             break
@@ -153,10 +155,10 @@ def _tried(
         progress(f"{number} of {len(tried)}: {attempt.interface} at {attempt.line} on {report.port}")
         trial = trial_of(attempt)
         if trial.error is not None:
-            return _failed(report, trial.error.what, trial.error.remedy)
+            return _failed_report(report, trial.error.what, trial.error.remedy)
         kinds = {fault.kind for fault in faults_of(trial.items)}
         if FaultKind.DISCONNECTED in kinds:
-            return _failed(report, f"disappeared during the search ({trial.last_fault})", "plug it in again")
+            return _failed_report(report, f"disappeared during the search ({trial.last_fault})", "plug it in again")
         received += trial.received
         if attempt.sends == "requests" and not trial.received:
             unanswered.add(asked)
@@ -171,8 +173,8 @@ def _tried(
     if own_error:
         attempt, trial = own_error
         problem = f"{attempt.interface} at {attempt.line}: the device answers with an error"
-        return _failed(report, problem, trial.last_fault)
-    return _nothing(report, received, len(tried), len(tried))
+        return _failed_report(report, problem, trial.last_fault)
+    return _silent_report(report, received, len(tried), len(tried))
 
 
 def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
@@ -184,7 +186,7 @@ def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
     return enough, understood, candidate[0].interface not in _FORGIVING, readings
 
 
-def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:
+def _try_attempt(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:
     """Make an attempt, and repeat it if the computer stalled before the first reading."""
     host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
     stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
@@ -207,10 +209,10 @@ def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple
     return replace(report, gauges=tuple(found))
 
 
-def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> PortReport:
+def _silent_report(report: PortReport, received: int, attempts_made: int, of: int) -> PortReport:
     if received:
         problem = f"{received} bytes arrived, but none of the {attempts_made} attempts can decode them"
-        return _failed(report, problem, "see rig interfaces; give the interface: --key g1.interface=… --g1 PORT")
+        return _failed_report(report, problem, "see rig interfaces; give the interface: --key g1.interface=… --g1 PORT")
     problem = f"silent in {attempts_made} attempt{'s' * (attempts_made != 1)}"
     if attempts_made < of:
         problem += f" of {of}; a built-in port is tried for at most {_SILENT_S:.0f} s"
@@ -218,15 +220,15 @@ def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> 
         "switch it on and check the cable; if it sends only when a button is pressed, press it during a longer "
         "--listen-s; if it sends only after a command, give the interface: --g1 PORT --key g1.interface=…"
     )
-    return _failed(report, problem, remedy)
+    return _failed_report(report, problem, remedy)
 
 
-def _failed(report: PortReport, problem: str, remedy: str) -> PortReport:
+def _failed_report(report: PortReport, problem: str, remedy: str) -> PortReport:
     return replace(report, problem=problem, remedy=remedy)
 
 
 @contextlib.contextmanager
-def _as_it_was(port: str) -> Iterator[None]:
+def _restored_settings(port: str) -> Iterator[None]:
     """Keep a serial port open, so that its control lines stay unchanged, and restore its settings."""
     if not port.startswith("/"):
         yield
@@ -256,7 +258,7 @@ _SETTLE_S = 5.0
 """Time for measuring the rest positions. The slowest gauges deliver a few readings per second."""
 
 
-def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) -> str | None:
+def pushed_gauge(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) -> str | None:
     """Place of the only gauge that moved, by the readings at rest and now by place."""
     resting = {place: readings for place, readings in rest_mm.items() if len(readings) >= _AT_REST and place in now_mm}
     moved = {place: abs(now_mm[place] - sorted(readings)[len(readings) // 2]) for place, readings in resting.items()}
@@ -315,9 +317,9 @@ class PortWatch:
             self._rest = {place: list(values) for place, values in self._latest.items()}
         self.readings_mm()
 
-    def pushed(self, places: Sequence[str]) -> str | None:
+    def pushed_gauge(self, places: Sequence[str]) -> str | None:
         now_mm = self.readings_mm()
-        return pushed({place: self._rest[place] for place in places}, now_mm)
+        return pushed_gauge({place: self._rest[place] for place in places}, now_mm)
 
     def grows(self, place: str) -> bool:
         with self._changed:

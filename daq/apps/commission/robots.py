@@ -22,7 +22,7 @@ from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import ROBOT, robot_stream
 from daq.apps.commission import rigfeed
 from daq.apps.commission.attempts import Probing, RobotReport, Sends
-from daq.apps.commission.cell_finding import condition_in, stopped_by
+from daq.apps.commission.cell_finding import condition_in, stop_reason
 from daq.apps.commission.trial import ACCEPTED, OF_THE_INSTRUMENT, Trial, describe_silence, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind
 from daq.protocol.framing import DelimitedLines, Message
@@ -132,11 +132,11 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
     failed: list[str] = []
     answers = False
     try:
-        for tried in _tries(address) if named is None else [_try(named)]:
+        for tried in _try_interfaces(address) if named is None else [_try(named)]:
             trial = tried.trial
             if trial.evidence[0] or (named and trial.samples):
                 last = trial.samples[-1]
-                stopped = stopped_by(condition_in(robot_stream(tried.feedback).columns, last))
+                stopped = stop_reason(condition_in(robot_stream(tried.feedback).columns, last))
                 reported = stopped or _own_report(trial)
                 return RobotReport(address, tried.feedback, last.values[:6], trial.rate_hz, tried.sure, reported)
             quiet = describe_silence(tried.feedback.port, trial)
@@ -162,7 +162,7 @@ def joints_of(robot: Feedback) -> tuple[float, ...]:
     return trial.samples[-1].values[:6]
 
 
-def _tries(address: str) -> Iterator[_Tried]:
+def _try_interfaces(address: str) -> Iterator[_Tried]:
     tcp, udp = tcp_address(address), udp_address(address)
     if port := linuxcnc_port(address):
         yield _try(LinuxCNC(interface="linuxcnc", port=port))
@@ -175,14 +175,14 @@ def _tries(address: str) -> Iterator[_Tried]:
     elif tcp and tcp[1] == _OPC_UA:
         yield _try(OPCUARobotics(interface="opc_ua_robotics", port=address))
     elif address.startswith("/") or (tcp and tcp[1] != _RTDE):
-        yield _line_feed(address)
+        yield _try_line_feed(address)
     else:
         port = address if tcp else f"tcp://{address}:{_RTDE}"
         for rate_hz in _RATES_HZ:
             yield _try(URRTDE(interface="ur_rtde", port=port, rate_hz=rate_hz))
 
 
-def _line_feed(address: str) -> _Tried:
+def _try_line_feed(address: str) -> _Tried:
     """Listen to lines and guess the layout, over a single connection, because some programs end with it."""
     plain = LineFeed(interface="line_feed", port=address)
     try:

@@ -12,7 +12,7 @@ import numpy as np
 from daq import clock
 from daq.acquisition.stream_buffer import faults_of, samples_of, size_of
 from daq.acquisition.streams import Stream
-from daq.apps.commission.cell_finding import CellFinding, condition_in, doubtful, of_condition, ok, wrong
+from daq.apps.commission.cell_finding import CellFinding, check_condition, condition_in, doubtful, ok, wrong
 from daq.protocol.bus import Bus
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.wire.conversation_loop import run_conversation
@@ -160,28 +160,30 @@ def examine_conversation(stream: Stream, timeout_s: float) -> Iterator[CellFindi
         others = (line for line in USUAL_LINES if serial and line != stream.line)
         return next((line for line in others if try_line(stream, line, patience_s, 0).understood), None)
 
-    yield answers(stream, trial, search)
+    yield check_answers(stream, trial, search)
     if trial.understood and trial.samples:
-        yield from filter(None, (pace(stream, trial) if serial else None, pace_of_clock(stream.name, trial.samples)))
-        yield from of_signs(stream, trial)
-        yield from of_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
+        yield from filter(
+            None, (check_rate(stream, trial) if serial else None, check_clock(stream.name, trial.samples))
+        )
+        yield from check_signs(stream, trial)
+        yield from check_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
 
 
-def of_signs(stream: Stream, trial: Trial) -> Iterator[CellFinding]:
+def check_signs(stream: Stream, trial: Trial) -> Iterator[CellFinding]:
     """Gauges of a link that report negative values as large positive values."""
     for name, column in zip(stream.columns, samples_of(trial.items).values.T, strict=True):
         if name.endswith("_mm") and (unsigned := unsigned_readings(column)):
             yield wrong(stream.name, f"{name}: {unsigned[0]}", unsigned[1])
 
 
-def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> CellFinding:
+def check_answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> CellFinding:
     """Check that the protocol works. search: finds the correct line settings."""
     if trial.error is not None:
         return wrong(stream.name, f"{stream.port}: {trial.error.what}", trial.error.remedy)
     how = f"{stream.port} at {stream.line}" if stream.port.startswith("/") else stream.port
     how += f" with {stream.modem}" if stream.modem else ""
     if trial.samples and trial.understood:
-        return _of_readings(stream, trial, how)
+        return _check_readings(stream, trial, how)
     if trial.understood:
         return wrong(stream.name, f"{how}: the device answers with an error", trial.last_fault)
     if line := search():
@@ -193,7 +195,7 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
     return wrong(stream.name, f"{how}: {observation}", trial.last_fault or remedy)
 
 
-def _of_readings(stream: Stream, trial: Trial, how: str) -> CellFinding:
+def _check_readings(stream: Stream, trial: Trial, how: str) -> CellFinding:
     """All gauges of a link must deliver readings, with few faults."""
     readings = samples_of(trial.items)
     observation = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
@@ -207,7 +209,7 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> CellFinding:
     return ok(stream.name, f"{observation}; not available: {', '.join(silent)}" if silent else observation)
 
 
-def pace(stream: Stream, trial: Trial) -> CellFinding | None:
+def check_rate(stream: Stream, trial: Trial) -> CellFinding | None:
     readings, reached_hz = len(trial.samples), trial.rate_hz
     if readings < _ENOUGH or not reached_hz:
         return None
@@ -221,7 +223,7 @@ def pace(stream: Stream, trial: Trial) -> CellFinding | None:
     return doubtful(stream.name, observation, remedy)
 
 
-def pace_of_clock(about: str, samples: Sequence[Sample]) -> CellFinding | None:
+def check_clock(about: str, samples: Sequence[Sample]) -> CellFinding | None:
     """Compare the rate of the instrument clock with the clock of this computer.
 
     The earliest arrivals of the first and last quarter are closest to the truth, because delays are always positive.

@@ -190,7 +190,7 @@ def test_interfaces_and_doctor_show_the_lines():
     text = (SHIPPED / "paper-fanuc.yaml").read_text()
     stream = streams_of(parse(text, "cell"))[0]
     assert stream.modem == ModemLines(dtr=True, rts=False)
-    finding = trial.answers(stream, trial.Trial(received=0), lambda: None)
+    finding = trial.check_answers(stream, trial.Trial(received=0), lambda: None)
     assert "with DTR on, RTS off" in finding.what
 
 

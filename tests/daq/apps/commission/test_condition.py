@@ -11,8 +11,8 @@ import pytest
 import daq.feedback
 from daq.acquisition.streams import Stream, robot_stream
 from daq.apps.commission import trial
-from daq.apps.commission.cell_finding import CellFinding, FindingVerdict, of_condition
-from daq.apps.commission.examine import of_daemon
+from daq.apps.commission.cell_finding import CellFinding, FindingVerdict, check_condition
+from daq.apps.commission.examine import check_daemon
 from daq.apps.emulate.network_ports import TcpPort
 from daq.protocol.conversation import Sample
 from rigs.schema.condition import UNDISTURBED, ProgramState, SafetyState
@@ -50,7 +50,7 @@ def test_robot_in_protective_stop_is_reported_with_program_and_speed():
 
 def test_missing_condition_fields_are_named_and_not_judged():
     readings = trial.Trial([Sample((*[1.0] * 6, math.nan, 0.0, *[math.nan] * 8), k, k, k, 9) for k in range(9)])
-    finding = trial.answers(robot_stream(rtde()), readings, lambda: None)
+    finding = trial.check_answers(robot_stream(rtde()), readings, lambda: None)
     assert (
         finding.verdict is FindingVerdict.OK
         and "not available: program_state, speed_percent, payload_kg" in finding.what
@@ -70,7 +70,7 @@ def test_missing_condition_fields_are_named_and_not_judged():
     ],
 )
 def test_each_condition_by_itself(shown, count):
-    assert len(list(of_condition("robot", shown))) == count
+    assert len(list(check_condition("robot", shown))) == count
 
 
 @pytest.mark.parametrize(
@@ -86,5 +86,5 @@ def test_daemon_shows_the_present_condition(connected, age_s, is_shown):
         "last_fault": "",
     }
     robot |= {"last": last, "age_s": {"q1_deg": 0.1, "safety_state": age_s, "temperature1_c": 100.0}}
-    found = of_daemon({"rig": "bench", "recording": None, "streams": {"robot": robot}}, [stream])
+    found = check_daemon({"rig": "bench", "recording": None, "streams": {"robot": robot}}, [stream])
     assert any("emergency stop" in finding.what for finding in found) == is_shown

@@ -19,7 +19,7 @@ from daq.acquisition.streams import Stream, streams_of
 from daq.apps.commission import examine as examined
 from daq.apps.commission import trial
 from daq.apps.commission.cell_finding import FindingVerdict
-from daq.apps.commission.examine import examine, of_daemon
+from daq.apps.commission.examine import check_daemon, examine
 from daq.apps.emulate.instruments import emulated
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.service.client import Client
@@ -48,38 +48,38 @@ def test_a_port_that_is_not_there(system):
     assert finding.verdict is WRONG and finding.remedy.endswith(f"available ports: {FTDI}")
     (system / FTDI[1:]).unlink()
     (system / "dev/ttyUSB0").unlink()
-    assert examined.present("g1", FTDI, system).remedy.endswith("available ports: none")
+    assert examined.check_exists("g1", FTDI, system).remedy.endswith("available ports: none")
 
 
 def test_a_name_that_changes_with_the_order_of_plugging_in(system):
-    assert examined.lasting("g1", FTDI, system) is None
-    finding = examined.lasting("g1", "/dev/ttyUSB0", system)
+    assert examined.check_name("g1", FTDI, system) is None
+    finding = examined.check_name("g1", "/dev/ttyUSB0", system)
     assert finding and finding.verdict is DOUBTFUL and finding.remedy == f"write port: {FTDI}"
     (system / "dev/rig").mkdir()
     (system / "dev/rig/A900XYZ-00").symlink_to("../ttyUSB0")
-    finding = examined.lasting("g1", "/dev/ttyUSB0", system)
+    finding = examined.check_name("g1", "/dev/ttyUSB0", system)
     assert finding and finding.remedy == "write port: /dev/rig/A900XYZ-00"
 
 
 def test_a_port_that_another_program_holds(system):
-    assert examined.free("g1", FTDI, system) is None
+    assert examined.check_use("g1", FTDI, system) is None
     (system / "proc/77/fd/6").symlink_to("/dev/ttyUSB0")
-    finding = examined.free("g1", FTDI, system)
+    finding = examined.check_use("g1", FTDI, system)
     assert finding and finding.verdict is WRONG and "ModemManager (process 77)" in finding.what
     assert finding.remedy.endswith("sudo systemctl disable --now ModemManager")
     (system / "proc/77/comm").write_text("picocom\n")
-    finding = examined.free("g1", FTDI, system)
+    finding = examined.check_use("g1", FTDI, system)
     assert finding and finding.remedy == "end it: sudo kill 77"
     assert WRONG not in {f.verdict for f in examined.examine_port("g1", FTDI, system, served=True)}  # rigd may hold it
 
 
 def test_the_permissions_of_a_port(system, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
-    finding = examined.allowed("g1", FTDI, system)
+    finding = examined.check_access("g1", FTDI, system)
     assert finding and finding.verdict is WRONG and "usermod -aG" in finding.remedy
     monkeypatch.setattr(os, "access", lambda *_: True)
     group = grp.getgrgid((system / "dev/ttyUSB0").stat().st_gid).gr_name
-    finding = examined.allowed("g1", FTDI, system)
+    finding = examined.check_access("g1", FTDI, system)
     if group != "dialout":
         assert finding and finding.verdict is DOUBTFUL and f"group {group} " in finding.what
 
@@ -87,21 +87,21 @@ def test_the_permissions_of_a_port(system, monkeypatch):
 @pytest.mark.parametrize(("ms", "verdict"), [("16", DOUBTFUL), ("2", DOUBTFUL), ("1", OK), ("?", None)])
 def test_the_latency_timer(system, ms, verdict):
     (system / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer").write_text(f"{ms}\n")
-    finding = examined.quick("g1", FTDI, system)
+    finding = examined.check_latency("g1", FTDI, system)
     assert (finding and finding.verdict) == verdict
 
 
 @pytest.mark.parametrize(
     ("finding", "verdict"),
     [
-        (examined.room(Path("runs"), 80.0), OK),
-        (examined.room(Path("runs"), 3.0), DOUBTFUL),
-        (examined.room(Path("runs"), 0.2), WRONG),
-        (examined.sync_time(Path("runs"), 0.004), OK),
-        (examined.sync_time(Path("runs"), 0.3), DOUBTFUL),
-        (examined.sync_time(Path("runs"), 7.0), WRONG),
-        (examined.wall_clock(0), OK),
-        (examined.wall_clock(5), DOUBTFUL),
+        (examined.check_free_space(Path("runs"), 80.0), OK),
+        (examined.check_free_space(Path("runs"), 3.0), DOUBTFUL),
+        (examined.check_free_space(Path("runs"), 0.2), WRONG),
+        (examined.check_sync_time(Path("runs"), 0.004), OK),
+        (examined.check_sync_time(Path("runs"), 0.3), DOUBTFUL),
+        (examined.check_sync_time(Path("runs"), 7.0), WRONG),
+        (examined.check_wall_clock(0), OK),
+        (examined.check_wall_clock(5), DOUBTFUL),
     ],
 )
 def test_figures_of_the_computer_are_judged(finding, verdict):
@@ -125,7 +125,7 @@ def test_figures_of_the_computer_are_judged(finding, verdict):
     ],
 )
 def test_states_of_the_service_are_judged(shown, verdict, says):
-    finding = examined.service("rigd@cell", dict(part.split("=") for part in shown.split()))
+    finding = examined.check_service("rigd@cell", dict(part.split("=") for part in shown.split()))
     assert finding.verdict is verdict and says in finding.what
 
 
@@ -141,18 +141,18 @@ def _samples(rate_hz: float, seconds: float, drift_ppm: float) -> list[Sample]:
 
 @pytest.mark.parametrize(("drift_ppm", "verdict"), [(30, OK), (-400, OK), (5000, DOUBTFUL), (-1e6 / 2, DOUBTFUL)])
 def test_the_clock_of_a_controller(drift_ppm, verdict):
-    finding = trial.pace_of_clock("robot", _samples(500, 3, drift_ppm))
+    finding = trial.check_clock("robot", _samples(500, 3, drift_ppm))
     assert finding and finding.verdict is verdict
     assert abs(int(finding.what.split()[3]) - drift_ppm) < max(100, abs(drift_ppm) * 0.01), finding.what
-    assert trial.pace_of_clock("g1", [replace(s, device_time_s=math.nan) for s in _samples(500, 3, 0)]) is None
+    assert trial.check_clock("g1", [replace(s, device_time_s=math.nan) for s in _samples(500, 3, 0)]) is None
 
 
 def test_gauge_far_below_the_rate_of_its_line():
     stream = streams_of(parse(rig_text(), "bench"))[0]
     samples = _samples(20, 2, 0)
-    finding = trial.pace(stream, trial.Trial(samples, 2.0, 360, 360))
+    finding = trial.check_rate(stream, trial.Trial(samples, 2.0, 360, 360))
     assert finding and finding.verdict is DOUBTFUL and "20.0 readings a second" in finding.what
-    finding = trial.pace(stream, trial.Trial(samples, 2.0, 6000, 6000))
+    finding = trial.check_rate(stream, trial.Trial(samples, 2.0, 6000, 6000))
     assert finding and finding.verdict is OK
 
 
@@ -161,11 +161,11 @@ def test_signed_readings_that_are_read_as_unsigned_are_wrong():
     values = [0.012, 65.517, 0.004, 65.531, 0.007]
     columns = len(stream.columns)
     samples = [replace(s, values=(v,) * columns) for s, v in zip(_samples(20, 2, 0), values, strict=False)]
-    found = list(trial.of_signs(stream, trial.Trial(samples, 2.0, 360, 360)))
+    found = list(trial.check_signs(stream, trial.Trial(samples, 2.0, 360, 360)))
     assert [one.verdict for one in found] == [FindingVerdict.WRONG] * columns
     assert "`type: int16`" in found[0].remedy
     sound = [replace(s, values=(0.01,) * columns) for s in samples]
-    assert not list(trial.of_signs(stream, trial.Trial(sound, 2.0, 360, 360)))
+    assert not list(trial.check_signs(stream, trial.Trial(sound, 2.0, 360, 360)))
 
 
 @contextmanager
@@ -266,12 +266,12 @@ GOOD = {
 def test_states_of_a_stream_are_judged(stream, verdict, says):
     status = {"rig": "bench", "recording": None, "streams": {"g1": GOOD | stream}}
     served = replace(streams_of(parse(rig_text("keyence"), "bench"))[-1], name="g1", port="/dev/g1")
-    rigd, finding = of_daemon(status, [served])
-    assert [f.verdict for f in of_daemon(status, [replace(served, port="/dev/g2")])][:2] == [OK, WRONG]
+    rigd, finding = check_daemon(status, [served])
+    assert [f.verdict for f in check_daemon(status, [replace(served, port="/dev/g2")])][:2] == [OK, WRONG]
     assert rigd.verdict is OK and (finding.about, finding.verdict) == ("g1", verdict) and says in finding.what
     assert bool(finding.remedy) == (verdict is not OK)
     del status["streams"]["g1"]["port"]
-    older = list(of_daemon(status, [served]))
+    older = list(check_daemon(status, [served]))
     assert older[1].verdict is DOUBTFUL and older[2].what == finding.what
 
 
@@ -304,7 +304,7 @@ def test_a_controller_that_sends_over_udp():
 def test_exceptions_every_second_answer_are_doubtful():
     stream = _streams(yaml.safe_load(rig_text("tcp")))["g1"]
     refusal = Fault(FaultKind.DEVICE_ERROR, 5, "exception 6")
-    finding = trial.answers(stream, trial.Trial([Sample((1.0,), 5, 5, 5, 9), refusal] * 10, 2.0), lambda: None)
+    finding = trial.check_answers(stream, trial.Trial([Sample((1.0,), 5, 5, 5, 9), refusal] * 10, 2.0), lambda: None)
     assert finding.verdict is DOUBTFUL and "10 device_error" in finding.what and finding.remedy == "exception 6"
 
 
@@ -343,7 +343,7 @@ def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named():
     stream = replace(_streams(yaml.safe_load(rig_text("tcp")))["g1"], name="g1_g2", columns=("g1_mm", "g2_mm"))
     readings = [Sample((1.0, math.nan), k, k, k, 9) for k in range(10)]
     silent = Fault(FaultKind.SILENT, 5, "unit 2, input register 0: silent for 0.1 s")
-    finding = trial.answers(stream, trial.Trial([*readings, silent], 2.0, 90, 170), lambda: None)
+    finding = trial.check_answers(stream, trial.Trial([*readings, silent], 2.0, 90, 170), lambda: None)
     assert finding.verdict is WRONG and "without g2_mm" in finding.what and finding.remedy.startswith("unit 2")
 
 
@@ -351,6 +351,8 @@ def test_silent_host_is_distinguished_from_a_silent_line():
     stream = _streams(yaml.safe_load(rig_text("tcp")))["g1"]
     silent = Fault(FaultKind.SILENT, 5, "silent for 0.1 s")
     lost = Fault(FaultKind.DISCONNECTED, 6, "lost")
-    accepted, gone = (trial.answers(stream, trial.Trial(items, 2.0), lambda: None) for items in ([silent], [lost]))
+    accepted, gone = (
+        trial.check_answers(stream, trial.Trial(items, 2.0), lambda: None) for items in ([silent], [lost])
+    )
     assert "tcp://" in accepted.what and "accepts" in accepted.what
     assert "nothing arrived" in gone.what and gone.remedy == "lost"

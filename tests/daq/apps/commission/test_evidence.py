@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from daq.apps.commission.port_search import pushed
+from daq.apps.commission.port_search import pushed_gauge
 from daq.apps.commission.trial import Trial
 from daq.protocol.conversation import Fault, FaultKind, Sample
 
@@ -58,10 +58,10 @@ REST = {"a": [0.0, 0.001, 0.0, 0.001, 0.0], "b": [5.0, 5.001, 5.0, 5.0, 5.0]}
     ],
 )
 def test_the_gauge_that_moved(now_mm, moved):
-    assert pushed(REST, now_mm) == moved
+    assert pushed_gauge(REST, now_mm) == moved
 
 
 def test_an_unrestful_gauge_has_to_move_further():
     rest = {"a": [0.0, 0.3, -0.3, 0.2, 0.0], "b": [0.0] * 5}
-    assert pushed(rest, {"a": 0.5, "b": 0.0}) is None
-    assert pushed(rest, {"a": 2.5, "b": 0.0}) == "a"
+    assert pushed_gauge(rest, {"a": 0.5, "b": 0.0}) is None
+    assert pushed_gauge(rest, {"a": 2.5, "b": 0.0}) == "a"

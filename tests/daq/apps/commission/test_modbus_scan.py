@@ -13,7 +13,7 @@ import daq.gauges
 from daq.acquisition.streams import streams_of
 from daq.apps.commission import modbus_scan
 from daq.apps.commission.cell_finding import CellFinding, FindingVerdict
-from daq.apps.commission.modbus_scan import ways
+from daq.apps.commission.modbus_scan import likely_decodings
 from daq.apps.emulate.simulated_cell import SimulatedLine
 from daq.apps.emulate.simulated_clock import SimulatedClock
 from daq.apps.gauge_drivers.modbus_map import registers_over_time
@@ -137,16 +137,16 @@ def _held(gauge: ModbusMap, path_mm: list[float]) -> list[list[int]]:
 
 
 def test_unmoved_probe_is_not_found():
-    assert ways(_gauge({}), _seen(_held(_gauge({}), [2.5] * 40))) == []
+    assert likely_decodings(_gauge({}), _seen(_held(_gauge({}), [2.5] * 40))) == []
 
 
 def test_numbers_at_random_are_no_motion():
 
     dice = random.Random(4)
     readings = [[dice.randrange(65536) for _ in range(10)] for _ in range(40)]
-    assert ways(_gauge({"value": {"address": 203, "type": "int16", "scale": 0.001}}), _seen(readings)) == []
+    assert likely_decodings(_gauge({"value": {"address": 203, "type": "int16", "scale": 0.001}}), _seen(readings)) == []
 
 
 def test_readings_out_of_the_stated_range_are_none():
     path_mm = [_moved_mm(k * 100_000_000) for k in range(40)]
-    assert ways(_gauge({"range_mm": (-1, 1)}), _seen(_held(_gauge({}), path_mm))) == []
+    assert likely_decodings(_gauge({"range_mm": (-1, 1)}), _seen(_held(_gauge({}), path_mm))) == []

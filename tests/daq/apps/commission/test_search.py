@@ -301,14 +301,14 @@ def test_the_gauge_that_is_pushed_is_seen():
             places, waited = list(watch.readings_mm()), threading.Event()
             for _ in range(20):
                 waited.wait(0.02)
-                assert watch.pushed(places) is None
+                assert watch.pushed_gauge(places) is None
             unknown.hand.mm["g2"] += 1.5
-            place = _awaited(lambda: watch.pushed(places))
+            place = _awaited(lambda: watch.pushed_gauge(places))
             assert watch.grows(place)
             watch.measure_rest()
             unknown.hand.mm["g2"] -= 1.5
             unknown.hand.mm["g1"] += 1.5
-            other = _awaited(lambda: watch.pushed(places[:1]))  # while the finger leaves the second one
+            other = _awaited(lambda: watch.pushed_gauge(places[:1]))  # while the finger leaves the second one
     assert other == places[0]
     assert place == report.gauges[1].place and place.endswith("#2")
 
