@@ -25,9 +25,8 @@ _OF_A_CELL = ("fcntl", "grp", "os", "resource", "termios", "tty")
 """Modules missing on Windows, or without their POSIX functions, used for serial lines and the socket of a daemon."""
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-"""Variables that the libraries of numpy and scipy read on import. Extra threads slow a diagnosis down because the
-matrices are small: two threads took 27.5 s of processor time, a single thread 9.8 s (two cores, measured).
-"""
+"""Variables that numpy and scipy read on import. The matrices are small: two threads took 27.5 s of processor time, one
+9.8 s."""
 
 _NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
 """Setting that stops pydantic from scanning all installed packages for plugins: a twentieth of a small run."""

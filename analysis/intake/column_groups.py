@@ -54,13 +54,13 @@ _UR_NAMES = (
     ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
 )
 _A_CALL = 3
-"""Minimum length of an axis name searched for inside column names; shorter names occur in ordinary words."""
+"""Minimum length of an axis name searched for: shorter ones occur in ordinary words."""
 _NAMELESS = re.compile(r"column \d+( \(.*\))?")
-"""Name given to a column without a header (`analysis.intake.raw_table`). The number is the position only."""
+"""Name of a column without a header."""
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 _ZYZ = ("zyz", "zxz")
 _TRIPLES = 12
-"""Largest number of places tried among unnamed columns; each is compared with the arm in every unit."""
+"""Largest number of places tried among unnamed columns, each in every unit."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Runs from table files, checked against the rig.
 
-Tables in other formats than docs/tables.md are touches written by hand, with `J1 … J6` from the pendant and perhaps one
-socket for all rows, or poses, with a proposed map.
+Tables in other formats than docs/tables.md are touches written by hand, or poses with a proposed map.
 """
 
 from __future__ import annotations

@@ -67,24 +67,18 @@ _JUDGED = 200
 _STEPS = 100
 _KEPT = 0.8
 _RIGHT_DEG = 2.0
-"""Largest residual of an orientation. The tool orientation of a nominal arm is right within some tenths of a degree."""
+"""Largest residual of an orientation; that of a nominal arm is some tenths of a degree."""
 _SHARE_OF_CONSTANTS = 0.8
-"""Smallest share of the residual that fitted constants leave of places computed by a controller (COMPUTED_MM). The few
-real arms that are as close to nominal are improved further. For 25 poses this share means F = 3 (p = 0.001).
-"""
+"""Smallest share of the residual that fitted constants leave of computed places (F = 3, p = 0.001 for 25 poses)."""
 _FEW_POSTURES = 20
-"""With few postures, such as those of a cube, the fit of instrument and target already removes most of the error."""
+"""With few postures the fit of instrument and target removes most of the error."""
 _FLOOR_MM, _FLOOR_DEG = 0.05, 0.01
 """Residual below which a fit cannot improve: rounding and noise."""
 _SHOWN, _NAMED = 6, 30
 _SMALL_MM = 100.0
-"""Spread of places (rms) below which they contain little information about joints: a wrong interpretation may also
-fit within 10 mm.
-"""
+"""Spread of places (rms) below which a wrong interpretation may also fit within 10 mm."""
 _FAULTY_SHARE = 0.05
-"""Largest relative residual of a faulty arm; more means a different arm. A zero wrong by 2.5° moves places by 0.044
-of the lever.
-"""
+"""Largest relative residual of a faulty arm. A zero wrong by 2.5° moves places by 0.044 of the lever."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 _UNIT_WITHIN = 0.01
-"""Tolerance for the norm of a quaternion, and for a matrix times its transpose: rounding of digits only."""
+"""Tolerance for quaternions and matrices: rounding of digits only."""
 Columns = dict[str, pa.Array | pa.ChunkedArray]
 
 
@@ -216,7 +216,7 @@ def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: P
 
 
 _HEAP = 0.05
-"""Radius of a cluster in sides of the cube. Arms stop more accurately, and poses are sixteen times farther apart."""
+"""Radius of a cluster in sides of the cube; poses are sixteen times farther apart."""
 _FITS = 0.01
 """Tolerance for the clusters of the cube, as a share of the side."""
 _IN_ORDER = 0.6

@@ -33,11 +33,9 @@ from rigs.errors import FileError
 
 _WORKBOOK = b"PK\x03\x04"
 _MOST_UNPACKED = 40_000_000
-"""Maximum unpacked size of a workbook in bytes. A cell takes some 30 bytes, and the reader needs eight times as much
-memory.
-"""
+"""Maximum unpacked size of a workbook in bytes; the reader needs eight times as much memory."""
 _MOST_SHEET_CELLS = 500_000
-"""Maximum number of cells of a workbook, read in some ten seconds (30 000 per second on a busy computer, measured)."""
+"""Maximum number of cells of a workbook, read in some ten seconds (measured)."""
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
 _SAMPLED = 100
 """Number of lines at the start and at the end used to detect the layout."""

@@ -439,9 +439,7 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
 
 MOST_BYTES = 256_000_000
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
-"""Maximum size of a table, which takes some 0.5 GB while it is read. Half an hour at 1 kHz with 9 columns has 16
-million cells.
-"""
+"""Maximum size of a table, which takes some 0.5 GB: half an hour at 1 kHz has 16 million cells."""
 
 
 @dataclass(frozen=True)

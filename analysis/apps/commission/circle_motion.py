@@ -1,4 +1,4 @@
-"""Detection of circles in a path, selection of the rows on a circle, and a fit that allows for slow noise."""
+"""Circles in a path: their detection, the rows on them, and a fit that allows for slow noise."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from rigs.errors import FileError
 _POINTS = 600
 """Points along the path: a tenth of it still has sixty."""
 _TRIPLES = 1500
-"""Random triples. A few hundred lie on the circle, even if it is a tenth of the path."""
+"""Random triples; a few hundred lie on a circle that is a tenth of the path."""
 _BEST = 20
-"""Triples that are refined. They have the largest angles, and most belong to the same circle."""
+"""Triples that are refined."""
 _REFINED = 3
 """Fits to the points on a circle."""
 _RADIUS_MM = (1.0, 2000.0)
 """Radii allowed in a rig file (`rigs.schema.declared_tests.Circle`)."""
 _OF_RADIUS = 0.01
-"""Largest deviation relative to the radius. It prevents a small circle from absorbing a corner."""
+"""Largest deviation relative to the radius: a small circle must not absorb a corner."""
 _FEWEST_OF_A_STRETCH = 10
 """Fewer points are the corner between two lines."""
 _HOLES = 2
@@ -47,7 +47,7 @@ _HOLES = 2
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far a path may be off a circle that it follows, limited to `scale` hundredths of the radius."""
+    """Distance of a path from a circle that it follows, limited to `scale` hundredths of the radius."""
 
     mm: float
     scale: float
@@ -60,9 +60,9 @@ class Tolerance:
 DRIVEN = Tolerance(0.5, 1.0, float(np.radians(30.0)))
 """Circle driven by the robot. The constants of a healthy arm bend it by some tenths of a mm."""
 BENT = Tolerance(2.0, 3.0, float(np.radians(90.0)))
-"""Circle of a robot with other constants in the controller than in the rig file, such as zeros wrong by 0.5°."""
+"""Circle of a controller with other constants than the rig file, such as zeros wrong by 0.5°."""
 GUIDED = Tolerance(5.0, 5.0, float(np.radians(120.0)))
-"""Circle along which the user guided the robot by hand. A line stays within this tolerance for up to 52°."""
+"""Circle along which the robot was guided by hand. A line stays within this for up to 52°."""
 
 
 @dataclass(frozen=True)
@@ -131,13 +131,13 @@ def follow_circle(circle: CircleFrame, points: Array, run: Integers, tolerance: 
 # residual (Gelman, Bayesian Analysis 1, 2006), and smooth noise correlates over at most a quarter of the record.
 
 _TIMES = 7
-"""Correlation times tried, from a step to the longest; a factor below three apart for 100 steps."""
+"""Correlation times tried, from a step to the longest."""
 _LONGEST = (1.0, 0.25)
 """Longest correlation times of rough and smooth noise, relative to the record. Slower noise looks like motion."""
 _SHARES = np.concatenate([[0.0], np.geomspace(1e-2, 1e6, 9)])
 """Ratios of slow to white variance. White noise almost vanishes in the mean of some hundred readings."""
 _NONE = float(np.pi / np.log(_SHARES[2] / _SHARES[1]))
-"""Prior weight of the absence of slow noise: the total weight of all other cases, the sum of the half-Cauchy prior."""
+"""Prior weight of no slow noise: the total weight of all other cases."""
 _NOTHING = 1e-24
 """Squared deviation used for noise-free readings."""
 _DRAWS = 4000
@@ -220,17 +220,17 @@ _ALONG = 0.9
 _MOST_ROWS = 40_000
 """Maximum number of rows used, spread evenly. A lap of 18 s at 500 Hz has 9000."""
 _BLOCKS = 80
-"""Maximum number of block means in the regression. The run time grows with the third power."""
+"""Maximum number of block means: the run time grows with the third power."""
 _TRIMS = 3
 """Rounds of dropping outlying bins and refitting the circle. The second changes very little."""
 _ROUNDS = 4
 """Gauss-Newton steps: the start is accurate to 1 %, and each step squares the relative error."""
 _ROUND_MM = 0.3
-"""Largest deviation from a circle caused by a healthy arm, whose constants are wrong by some tenths of a mm."""
+"""Largest deviation from a circle caused by a healthy arm."""
 NEAR = 4.0
 """Tolerances from a circle within which a path still belongs to it."""
 _APART_S = 1e7
-"""Time between two runs that makes them uncorrelated. Noise common to both runs is ignored."""
+"""Time between two runs that makes them uncorrelated."""
 
 
 @dataclass(frozen=True)
@@ -375,7 +375,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
 
 
 def _longest_stretch(bins: Binned, on: Mask, circle: CircleFrame) -> Integers:
-    """Bins on a circle that follow each other over the largest angle. A pause at a turning point does not end them."""
+    """Bins that follow a circle over the largest angle, with pauses at turning points."""
     rows = np.flatnonzero(on)
     is_off = deviations(circle, bins.places).largest > DRIVEN.at(circle.radius) * NEAR
     number = np.cumsum(is_off | (np.diff(bins.run, prepend=0) != 0))[rows]

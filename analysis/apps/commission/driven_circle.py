@@ -135,9 +135,9 @@ def _unit(vector: tuple[float, float, float]) -> Array:
 # covers the scatter about the circle, but no errors common to the run, such as a wrong zero of a joint.
 
 _SECOND = 1 / 3
-"""Minimum angle of a second circle relative to the first. Such a circle was driven on purpose."""
+"""Minimum angle of a second circle, driven on purpose, relative to the first."""
 _FURTHER = 1.3
-"""Ratio of angles for preferring a bent circle. The path of a healthy arm follows both."""
+"""Ratio of angles for preferring a bent circle: the path of a healthy arm follows both."""
 _FEWEST_OFF = 10
 """Minimum number of points of a second circle, of some hundred."""
 _LONGER = "drive a longer arc, preferably a full lap, or rest for a second at three or more points of the circle"

@@ -42,7 +42,7 @@ class GuidedCheck:
 
     @classmethod
     def of_runs(cls, runs: Sequence[Measured], rig: Rig | None = None) -> GuidedCheck:
-        """Begin with reference runs, whose touches have one placement. rig: default: that of the first run."""
+        """Begin with reference runs, whose touches have one placement."""
         touched = [run for run in runs if run.table.test == "touch"]
         names = tuple(run.run.manifest.name for run in runs)
         placements = {run.run.manifest.placement for run in touched}
@@ -111,7 +111,7 @@ def mark_of(result: MovementResult, names: Sequence[str]) -> MovementCheck:
 
 
 def follow_touches(daemon: SampleSource, check: GuidedCheck, say: Callable[[str], None]) -> GuidedCheck:
-    """Take each touch of a hand-guided or driven robot until the check is decided, or Ctrl-C.
+    """Take each touch until the check is decided, or Ctrl-C.
 
     The posture at the start is no touch: the robot may have stood there since before the movement.
     """

@@ -24,7 +24,7 @@ _REMAINING = 1e-3
 _SAME_RAD = 0.02
 """Distance below which two postures are the same."""
 _DRAWS = 16
-"""Draws of each cause and size, and mirror images. Twice as many choose the same posture in nearly all cases."""
+"""Draws of each cause and size, and mirror images. Twice as many change hardly any choice."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ReferencePosture:
 
 @dataclass(frozen=True)
 class Lever:
-    """A cause that no posture reveals: its largest effect at its typical size, and the scatter that hides it."""
+    """A cause that no posture reveals, because its largest effect at typical size is hidden by the scatter."""
 
     cause: Cause
     moves_mm: float

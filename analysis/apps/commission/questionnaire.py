@@ -66,11 +66,11 @@ _TEXTS = texts_of("en")
 NO_ROBOT = "none"
 _MOST_TOLERANCE_MM = 1000.0
 _LEAST_TOOL_MM = 1.0
-"""Lower bound of the largest coordinate of a ball on the flange. Chosen: the longest tools have 1 m, 1.0 in metres."""
+"""Lower bound of the largest coordinate of a ball on the flange: the longest tools have 1 m."""
 
 
 def make_rig_file(options: Options, dialogue: Dialogue) -> None:
-    """Ask all open questions and write the rig file. If interrupted, the answers remain stored."""
+    """Ask all open questions and write the rig file."""
     _check_options(options)
     path, stored = options.path, load_answers(options.path)
     if stored.model_fields_set:
@@ -164,10 +164,8 @@ def _with_options(stored: Answers, options: Options) -> Answers:
 
 
 def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Find the robot, read the joint angles and have the user confirm their unit.
-
-    With sockets a robot only guides touches; without one, the joint angles are typed into a table.
-    """
+    """Find the robot, read the joint angles and have the user confirm their unit. With sockets it only guides
+    touches."""
     address = options.robot
     if options.measured_by == "sockets":
         axes = len(chosen_arm(answers.arm or "", "sockets").robot.axes)
@@ -220,7 +218,7 @@ def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport
 
 
 def _write_controller_files(options: Options, dialogue: Dialogue, port: str) -> None:
-    """Write the files for a LinuxCNC controller next to the rig file, unless they are there."""
+    """Files next to the rig file for a LinuxCNC controller."""
     directory = options.path.parent / "linuxcnc"
     number = tcp_address(port)
     assert number is not None  # noqa: S101 - formed from an address
@@ -248,7 +246,7 @@ def _ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
 
 
 def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Ask for the build of an arm if neither the library nor the arm file states it."""
+    """Ask for the build of an arm if nothing states it."""
     arm = chosen_arm(answers.arm or "", options.measured_by)
     if arm.robot.build is not None or arm.in_library:
         return {"build": None}

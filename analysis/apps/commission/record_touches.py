@@ -1,5 +1,3 @@
-"""`rig record touch`: the user seats the ball, the daemon delivers the joint angles, and a tone confirms each touch."""
-
 from __future__ import annotations
 
 import hashlib
@@ -89,7 +87,7 @@ def _take(guide: Touching, q_deg: Array, came_deg: Array, say: Callable[[str], N
 
 
 def _propose(rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
-    """Say the next posture at the socket, or that further touches are not worth their time."""
+    """Say the next posture, or that further touches are not worth their time."""
     from analysis.apps.planning.next_reading import next_touch  # noqa: PLC0415 - takes a second
 
     if step := next_touch(rig, guide.table, guide.socket):
@@ -97,10 +95,8 @@ def _propose(rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
 
 
 def guided_joints(daemon: SampleSource, axes: int) -> Iterator[tuple[Array, Array | None]]:
-    """Joint angles (axes,) in degrees of each new sample of the robot, without end.
-
-    Once at each standstill they come with the angles from which each joint came; otherwise with None.
-    """
+    """Joint angles (axes,) in degrees of each new sample and, once at each standstill, those that each joint came
+    from."""
     detector = RestDetector()
     for times_s, rows_deg in joint_samples(daemon, axes, {}):
         for t_s, q_deg in zip(times_s.tolist(), rows_deg, strict=True):
@@ -133,10 +129,8 @@ class SampleSource(Protocol):
 
 
 def joint_samples(daemon: SampleSource, axes: int, after: Mapping[str, int]) -> Iterator[tuple[Array, Array]]:
-    """Timestamps (n,) in s and joint angles (n, axes) in degrees of new complete samples, without end.
-
-    after: number of the newest known sample by stream.
-    """
+    """Timestamps (n,) in s and joint angles (n, axes) in degrees of new complete samples after those known by
+    stream."""
     names, heard_s = joint_columns(axes), clock.now_s()
     while True:
         robot = daemon.ask("samples", after=after)["streams"].get("robot")
@@ -154,7 +148,7 @@ def joint_samples(daemon: SampleSource, axes: int, after: Mapping[str, int]) -> 
 
 
 def watched_motion(daemon: SampleSource, where: str, show: Callable[[RobotMotion], None]) -> RobotMotion:
-    """Motion of a robot of six axes from now until Ctrl-C. show: called every two seconds with the data."""
+    """Motion of a robot of six axes from now until Ctrl-C, shown every two seconds."""
     streams = daemon.ask("samples", after={})["streams"]
     after = {name: stream["newest"] for name, stream in streams.items()}
     times: list[Array] = []

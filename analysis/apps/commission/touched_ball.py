@@ -51,7 +51,7 @@ def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[s
 # read, each distance is corrected by the reading.
 
 _ROUNDS = 20
-"""Gauss-Newton steps after the algebraic fit. A short cap of a sphere needs most of them."""
+"""Gauss-Newton steps after the algebraic fit; a short cap of a sphere needs most of them."""
 _OFF_BALL_MM = 10.0
 """Largest distance of a stop from the sphere: the errors of an arm bend a hemisphere by some mm."""
 _OTHERS_OF_BALL = 1 / 8
@@ -166,7 +166,7 @@ def _sphere(places: Array, g_mm: Array) -> tuple[Array, Array]:
 
 
 REST_S = 1.5
-"""Rest time before a touch is accepted: a hand-guided arm swings for some tenths of a second after release."""
+"""Rest time before a touch is accepted: a released arm swings for some tenths of a second."""
 _MOVED_DEG = 3.0
 """Minimum motion of a joint between touches: a repeated posture adds only scatter."""
 _TURNED_DEG = 0.02
@@ -179,12 +179,12 @@ Seen = Literal["seated", "elsewhere", "same posture"]
 
 
 def is_same_posture(q_deg: Array, other_deg: Array) -> bool:
-    """True if no joint differs between two postures (axes,) in degrees by more than a hand moves by accident."""
+    """True if no joint differs by more than a hand moves by accident."""
     return bool(np.abs(q_deg - other_deg).max() < _MOVED_DEG)
 
 
 class RestDetector:
-    """Detects each standstill of the robot once, and the angle from which each joint came in a constant direction."""
+    """Detects each standstill once, and the angle from which each joint came in a constant direction."""
 
     came_deg: Array
 
@@ -259,7 +259,7 @@ class Touching:
         return "seated"
 
     def _replaces_first(self, ball: Array, q: Array) -> bool:
-        """Replace the only touch of this socket if the last standstill and this one agree on a different place.
+        """Replace the first touch of this socket if the last standstill and this one agree on another place.
 
         The robot may stand anywhere at the start, or stop on its way to the next socket.
         """

@@ -179,13 +179,12 @@ def what_moved_in(
 
 _ENGLISH = texts_of("en")
 _WIDE_DEG = 0.03
-"""Smallest possible error of a joint zero that is reported: half a millimetre at a metre."""
+"""Smallest possible error of a joint zero that is reported: 0.5 mm at 1 m."""
 _MOST_CAUSES = 8
 """Number of causes listed; the JSON contains all."""
 
 
 def answer_of(moved: MovementResult, texts: Texts) -> list[Block]:
-    """The movement, the act, a row for each cause with the likeliest first, remarks, and readings."""
     is_unmoved = moved.named is not None and moved.named.what == "nothing"
     rows = []
     for cause in moved.causes[:_MOST_CAUSES]:
@@ -214,7 +213,7 @@ def write_page(moved: MovementResult, path: Path, name: str, language: Language 
 
 
 def headline(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
-    """The movement with size, direction and odds, and the reference it is compared with if its runs differ."""
+    """The movement with size, direction and odds."""
     answer = _movement(moved, texts)
     if not moved.reference_movements:
         return answer

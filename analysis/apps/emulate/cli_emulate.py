@@ -1,8 +1,4 @@
-"""Commands that need no hardware.
-
-`rig emulate` serves an emulated cell, `rig replay` plays a captured cell to the real daemon, and `rig simulate` writes
-simulated runs.
-"""
+"""`rig emulate`, `rig replay` and `rig simulate`."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """Emulated controller of a maker, and the joint motion of a program.
 
-The controller has joint zeros and a model of the arm, which initially equal the rig file; entered corrections change
-them, with the names and units of the maker. Consecutive moves are driven as a chain up to the next stop, each part at
-the programmed speed and acceleration, without corner rounding. Joint moves are interpolated in joint space, paths in
-pose space in the current configuration.
+Its zeros and its model of the arm equal the rig file until corrections are entered. Moves are driven as a chain up to
+the next stop at the programmed speed and acceleration, without corner rounding: joint moves in joint space, paths in
+pose space.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 
 _SAME_SIZE = 1e-3
-"""Tolerance in mm for identifying a length at the controller: it is written with six digits."""
+"""Tolerance in mm of a length at the controller, which is written with six digits."""
 
 
 @dataclass(frozen=True)

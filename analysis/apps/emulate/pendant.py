@@ -1,7 +1,5 @@
-"""Pendant of an emulated controller: selects programs, which the driver of their maker executes, and enters parameters.
-
-The controller commands joint angles by its model of the arm; the arm with the hidden effects moves to the true place.
-"""
+"""Pendant of an emulated controller, which commands joint angles by its model of the arm; the arm with the hidden
+effects moves to the true place."""
 
 from __future__ import annotations
 

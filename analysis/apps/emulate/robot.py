@@ -1,8 +1,7 @@
-"""Robot of an emulated cell: executes programs on command, with motor currents and joint temperatures.
+"""Robot of an emulated cell, with motor currents and joint temperatures.
 
-Between programs it jumps to the next start instantly. A motor carries gravity and joint friction, which is lower in a
-warm joint because of thinner grease; the losses of its winding heat the joint. The parameters describe no make: they
-suit arms of about 20 kg and are chosen for a warm-up of some degrees in half an hour.
+Between programs it jumps to the next start. Friction is lower in a warm joint. The parameters describe no make: they
+suit arms of about 20 kg and give a warm-up of some degrees in half an hour.
 """
 
 from __future__ import annotations
@@ -153,7 +152,7 @@ def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
 
 
 PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")
-"""Program names. acw and cw denote the yaw circle. The signal of the robot is the program number, counted from 1."""
+"""Program names, acw and cw of the yaw circle. The signal of the robot is the number, from 1."""
 
 
 class EmulatedRobot:
@@ -351,10 +350,8 @@ class EmulatedRobot:
 
 
 def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
-    """Results of an ideal measurement, and the hidden errors.
-
-    Because of backlash the circle actually driven, and so the eccentricity, differs slightly from the hidden one.
-    """
+    """Results of an ideal measurement, and the hidden errors. Backlash shifts the circle and so the eccentricity
+    slightly."""
     start = np.radians(circle_of(rig).start_deg)
     figures = {}
     for direction, trace in traces.items():

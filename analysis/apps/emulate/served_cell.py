@@ -1,8 +1,7 @@
 """An emulated or replayed cell in a directory, served until a signal or the end.
 
-The directory contains the rig file for a daemon and, to identify it as a cell, the ideal results or the marks of a
-replay. Lines typed at `rig emulate` are commands, and each response is an event. stop, pause, go on and show act
-immediately; all others wait for the running program, so lines can be typed ahead or piped.
+Typed commands and their responses are lines. stop, pause, go on and show act immediately; all others wait for the
+running program, so lines can be piped.
 """
 
 from __future__ import annotations

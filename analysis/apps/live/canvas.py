@@ -1,6 +1,6 @@
-"""Drawing with characters: dots in braille patterns, and large digits.
+"""Drawing with characters: dots in braille patterns, large digits, and the curves of the live view.
 
-Colours are pairs of the sixteen terminal colours that colour-blind users can distinguish.
+Colours are pairs that colour-blind users can distinguish.
 """
 
 from __future__ import annotations

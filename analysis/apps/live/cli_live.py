@@ -1,7 +1,4 @@
-"""`rig live` displays the readings of the daemon ten times a second, or plays a recorded run.
-
-It is a separate process, because rendering in the daemon would delay the readers by milliseconds.
-"""
+"""`rig live`: a separate process, because rendering in the daemon would delay the readers by milliseconds."""
 
 from __future__ import annotations
 

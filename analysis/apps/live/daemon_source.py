@@ -1,7 +1,6 @@
-"""Polls a running daemon ten times a second in a thread, so that keys and screen never wait, also while it is lost.
+"""Polls a daemon ten times a second in a thread, so that keys and screen never wait, also while it is lost.
 
-Polling hardly affects the readers: responses are limited in size (`daq.service.daemon`), and the full status is
-requested only twice a second.
+Responses are limited in size (`daq.service.daemon`), so the readers hardly notice.
 """
 
 from __future__ import annotations

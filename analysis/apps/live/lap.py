@@ -1,7 +1,7 @@
-"""Lap in progress: sense of motion, completed share, number of laps, joint reversals and the growing error curve.
+"""Lap in progress: sense, share, number, joint reversals and error curve.
 
 A lap starts at the start angle after the lead-in, as in `analysis.runs.laps`. Few wrists have two spare turns, so a
-motion back over a complete lap is a return, not a lap in the opposite direction.
+motion back over a complete lap is a return.
 """
 
 from __future__ import annotations

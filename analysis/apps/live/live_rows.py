@@ -1,7 +1,5 @@
-"""Rows of a live view: gauges and joints at the times of gauge 1, joined from several streams on arrival.
-
-`analysis.runs.align` does the same for a complete run with fitted clocks; here the time of a sample is its arrival.
-"""
+"""Rows of a live view: gauges and joints at the times of gauge 1, joined by their arrival (`analysis.runs.align`: by
+fitted clocks)."""
 
 from __future__ import annotations
 

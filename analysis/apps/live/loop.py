@@ -141,11 +141,11 @@ def _ends_in_order() -> Iterator[None]:
 
 
 _NO_CHARACTER = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")
-"""Sequences of arrow and similar keys: control sequences of ECMA-48, section 5.4, and of the keypad."""
+"""Sequences of arrow and similar keys (ECMA-48, section 5.4, and the keypad)."""
 
 
 class ChangingPicture:
-    """A picture on the whole screen of a console. Only changed rows are sent, to save bandwidth over ssh."""
+    """Picture on the whole screen; only changed rows are sent, to save bandwidth over ssh."""
 
     def __init__(self, console: Console) -> None:
         self._console = console

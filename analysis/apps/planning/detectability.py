@@ -62,16 +62,13 @@ class SeparatingTest:
 # Detectability of one name in planned runs: expected uncertainty of its size, or the reason against detection.
 
 _ON_AXIS = 0.02
-"""Share of the largest response of a joint's zero below which the axis passes through the ball. Chosen: a ball
-within 2 % of the reach.
-"""
+"""Share of the largest response of a joint's zero below which the axis passes through the ball. Chosen."""
 _NUDGE_DEG = 0.02
 """Joint rotation for comparing responses; only ratios matter."""
 _OWN_SHARE = 0.02
-"""Share of a response not absorbed by the set-up, below which the set-up is the reason. Smaller shares are within the
-error of the linear approximation."""
+"""Share of a response below which the set-up absorbs it: the error of the linear approximation."""
 _NOTHING = 1e-3
-"""Sigmas below which a response counts as zero: well below any detection, and above rounding errors."""
+"""Sigmas below which a response counts as zero, above rounding errors."""
 
 
 @dataclass(frozen=True)

@@ -38,11 +38,11 @@ _LINEARISED, _STEP_MM = 30, 1e-3
 MANY = 20
 """Largest number of further readings that are weighed."""
 PRICE = 0.1 / 30
-"""Price of a minute, relative to the error now. Chosen: half an hour must remove a tenth of the error."""
+"""Price of a minute, relative to the error now: half an hour must remove a tenth of it. Chosen."""
 CORRECT_MIN, _REPAIR_MIN = 30.0, 120.0
 """Minutes to load and check corrected programs, and to repair a joint. Chosen."""
 _WORTHWHILE = 0.02
-"""Smallest relative reduction of u by a reading that is proposed. Chosen: a tenth needs about five readings."""
+"""Smallest relative reduction of u by a proposed reading: a tenth needs about five. Chosen."""
 _MOST_TARGETS = 60
 """Number of targets that are weighed. Chosen: their mean hardly changes with more."""
 
@@ -136,7 +136,6 @@ class NextStep:
 
     @property
     def words(self) -> str:
-        """The next reading with its worth, or that further ones are not worth their time."""
         if self.act != "measure":
             change_mm = self.corrected_mm - self.many_mm
             decided = f"These {self.taken} {self.reading.noun} decide" if self.taken > 1 else "The readings decide"
@@ -156,7 +155,7 @@ _ACTS = {
 
 @dataclass(frozen=True)
 class _Known:
-    """Errors in mm rms at targets by a calibration: now, the part that no target corrects, and the unexplained part."""
+    """Errors in mm rms at targets: now, those that no target corrects, and the unexplained part."""
 
     now: float
     stays: float

@@ -82,10 +82,7 @@ class PlannedPoses:
 
 
 def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis: bool = False) -> PlannedPoses:
-    """Plan poses of a rig's arm, reachable, collision-free and visible to a tracker.
-
-    The poses are spread over the workspace, or with one_axis move a single axis at a time down, up and back.
-    """
+    """Plan poses, reachable, collision-free and visible to a tracker, over the workspace or axis by axis."""
     if rig.robot.rail:
         problem = "has a rail, but poses can be planned only for a fixed base"
         remedy = "leave out robot.rail, and add e1_mm, spread over the rail, by hand"

@@ -15,7 +15,7 @@ _HALF_TURN = np.pi
 _SIGHT_CLEARANCE_MM = 120.0
 """Distance between arm and line of sight."""
 _AT_TOOL = 0.9
-"""Share of the line of sight, from the tracker, that must be free of the arm, which carries the target."""
+"""Share of the line of sight, from the tracker, that must be free of the arm."""
 _FACING = float(np.cos(np.radians(30.0)))
 """Largest viewing angle: a corner cube in a ball is visible within 30° of its axis."""
 _STEP_RAD = np.radians(5.0)
@@ -51,10 +51,8 @@ def joint_ranges(arm: Arm) -> tuple[Array, Array]:
 
 
 def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
-    """At most `count` poses (n, axes) rad that move one axis at a time down, up and back through its range.
-
-    The other axes stay in one posture, chosen for the largest collision-free and visible ranges.
-    """
+    """At most `count` poses (n, axes) rad that move one axis at a time down, up and back through its range, the others
+    in the posture with the largest ranges."""
     postures = drawn_poses(arm, _POSTURES, sight, rng)
     if not len(postures):
         return np.empty((0, arm.axes))

@@ -1,7 +1,7 @@
-"""Readings that a cell can take, and their pool: simulated responses to everything unknown about the arm.
+"""Readings that a cell can take, and their simulated responses to everything unknown about the arm.
 
-Without a usable calibration that is the typical size of every effect, and the place of every instrument. After a
-calibration it is the covariance of its parameters, and the set-up of further readings is the known one.
+Without a usable calibration that is the typical size of every effect, and the place of every instrument; then the
+covariance of its parameters, with a known set-up.
 """
 
 from __future__ import annotations
@@ -39,25 +39,23 @@ from rigs.schema.vocabulary import CIRCLES
 _POSES, _TOUCHES, _DRAWN, _SEED = 150, 60, 5, 0
 """Number of possible poses, of possible touches of each socket, and of postures drawn for each of these."""
 _POSE_MIN, TOUCH_MIN, _CIRCLE_RUNS = 1.5, 0.5, 1
-"""Minutes of a pose and of a touch, and runs of each circle in each direction. Chosen: a tracker needs a minute or two
-for a pose, and forty touches take twenty minutes."""
+"""Minutes of a pose and of a touch, and runs of each circle in each direction. Chosen."""
 _ABOVE_MM = 50.0
 """Least height of elbow and wrist above the mounting plane at a touch: sockets stand on the table."""
 _LEVEL = 5.0
-"""Size of unknown errors, in healthy sizes: the angle errors of a real UR10 are five to eight times the usual
-(docs/trials.md)."""
+"""Size of unknown errors, in healthy sizes, by the angles of a real UR10 (docs/trials.md)."""
 _SET_UP_SIGMA = 30.0
-"""Prior of instrument and target: their influence on a reading, in noise standard deviations. They are practically
-unknown; a larger value would only add rounding errors to the covariance of all positions."""
+"""Prior of instrument and target, in noise standard deviations of a reading: practically unknown, without rounding
+errors."""
 _SMALL = 1e-3
 """Step of a parameter: share of a healthy size, or of a shape."""
 _MOST_ENTRIES = 60
-"""Number of combinations of the entries of a circle that are weighed. Chosen: the others show little."""
+"""Number of combinations of the entries of a circle that are weighed. Chosen."""
 _INDISTINCT = 1e-6
 """Relative singular value below which readings do not determine a term of a set-up."""
 _SMOOTH = 5.0
-"""Standard deviation of an order of a circle, relative to that of an unexplained error at one angle: the error is
-smooth, so about 16 low orders contain the power of 360 angles."""
+"""Unexplained error of an order of a circle, relative to that at an angle: about 16 orders hold the power of 360
+angles."""
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ _MOST_ROBOTS = 3
 """Maximum number of robots evaluated for a list of runs."""
 _PAGE = "page.html"
 _SCRAPE_S, _POLL_S = 8.0, 0.2
-"""Time that a metrics request waits for evaluations; Prometheus has a limit of 10 s. And polling interval."""
+"""Time that a metrics request waits for evaluations (Prometheus has a limit of 10 s), and polling interval."""
 _SCRIPTED = "sandbox allow-scripts allow-downloads; frame-ancestors 'none'"
 """Policy for pages of `rig report`: their scripts are allowed by hash, isolated from the window."""
 _PLAIN = (

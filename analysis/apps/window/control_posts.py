@@ -103,7 +103,7 @@ class WindowControls:
 
 
 _REST_S = 0.5
-"""Time over which the joints must be at rest when a touch is taken; the user states that the ball is seated."""
+"""Time over which the joints must be at rest when a touch is taken."""
 _MOST_DEG = 1e4
 """Largest angle that is plausible, in degrees."""
 

@@ -1,7 +1,5 @@
-"""Live data over the WebSocket protocol of Foxglove: joint angles with the URDF of the arm, gauges and angle.
-
-The server listens only on this computer: the data are not secret, and a client can change nothing.
-"""
+"""Live data over the WebSocket protocol of Foxglove, on this computer only: joints with the URDF of the arm, gauges,
+angle."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Access to the window: permitted host names, an optional token, and the headers that restrict a page.
-
-docs/decisions/0046-threats.md states the threats and what is not defended.
-"""
+"""Access to the window: host names, token and headers (docs/decisions/0046-threats.md)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
-"""Pages and pictures made for a browser by `rig` commands in separate processes, one after the other.
-
-A long diagnosis delays neither the live page nor the recorder, and a page shows exactly the output of the command.
-"""
+"""Pages and pictures made by `rig` commands in separate processes, which delay neither the live page nor the
+recorder."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ _NICE = 10
 
 
 class OutputStore:
-    """Results of commands in a temporary directory of this process, as futures of a queue with one worker."""
+    """Results of commands in a temporary directory, as futures of a queue with one worker."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory

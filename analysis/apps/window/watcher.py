@@ -1,7 +1,4 @@
-"""Watches the cell ten times a second, and publishes its state as server-sent events.
-
-A single client of rigd serves all browsers, so additional browsers do not affect the recorder.
-"""
+"""Publishes the state of the cell ten times a second; a single client of rigd serves all browsers."""
 
 from __future__ import annotations
 
@@ -81,8 +78,8 @@ class Watcher:
         source: UpdateSource | None = None,
         begin: str = "",
     ) -> None:
-        """find: gives the socket of the daemon, unless there is another source of updates. place: directory of the
-        session, which the command `begin` starts. shows: called with each view."""
+        """find: socket of the daemon. place: directory of the session, which the command `begin` starts. shows: gets
+        each view."""
         self.board = Board()
         self.view = LiveView()
         self.zero_mm = (0.0, 0.0)

@@ -1,9 +1,8 @@
 """Search for the unit, registers and byte order of a Modbus gauge with a wrong rig file.
 
 While the user moves the probe, every unit is polled, then the registers around the configured address, also in manual
-notation (30203, 40203), with the read functions 3 and 4. A value that moves steadily within the range of a gauge is
-the reading, or its upper part; a wrong decoding jumps over the range of the type or does not move. The candidates with
-the fewest changes to the rig file are chosen.
+notation (30203, 40203). A value that moves steadily within the range of a gauge is the reading or its upper part. The
+candidates with the fewest changes to the rig file are chosen.
 """
 
 from __future__ import annotations
@@ -35,13 +34,13 @@ LIKELY_MM = 100.0
 _FEW = 5
 """Minimum number of different readings."""
 _RANDOM = 0.5
-"""Limit of the mean square step over twice the variance (von Neumann): 1 for random numbers, 0.2 for a motion to and
-fro observed ten times."""
+"""Limit of the mean square step over twice the variance (von Neumann): 1 for random numbers, 0.2 for ten readings of a
+motion."""
 _CUT = 2**-4
-"""The first register contains four bits of the fraction in double precision, and seven in single precision."""
+"""Part of a number in its first register: four bits of the fraction in double precision."""
 _LEVELS = np.linspace(0, 1, 9)
 _SELDOM = {"value.type": 3}
-"""Weight of a change of a key in the rig file: such a key is wrong less often than other keys."""
+"""Weight of a change of a key that is seldom wrong."""
 
 Place = tuple[int, int]
 """Unit and function."""

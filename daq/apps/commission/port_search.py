@@ -37,8 +37,7 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line, Port
 
 _ANSWER_S = 0.3
-"""Time limit for a response: 9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain
-ND 281 B takes up to 50 ms."""
+"""Time limit for a response: 21 ms of characters at 4800 baud, 16 ms of an adapter, up to 50 ms of an instrument."""
 _STALL_NS = 250_000_000
 """Stall of the computer after which an attempt is repeated: a response may have been missed."""
 _MOST_REPEATS = 3
@@ -248,12 +247,12 @@ def _restored_settings(port: str) -> Iterator[None]:
 PUSH_MM = 0.2
 """Motion that counts as a push. A ball link at rest and gauge noise move a plunger less."""
 _MORE = 3.0
-"""Minimum ratio of the push to the motion of every other gauge, and to the scatter of the same gauge at rest."""
+"""Minimum ratio of the push to the motion of the others, and to the scatter at rest."""
 _AT_REST = 5
 """Readings that define the rest position."""
 _KEPT = 200
 _SILENCES = 10
-"""Time-outs before the first reading after which a gauge counts as lost, although it responded earlier."""
+"""Time-outs before the first reading after which a gauge counts as lost."""
 _SETTLE_S = 5.0
 """Time for measuring the rest positions. The slowest gauges deliver a few readings per second."""
 

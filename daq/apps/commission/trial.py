@@ -224,10 +224,7 @@ def check_rate(stream: Stream, trial: Trial) -> CellFinding | None:
 
 
 def check_clock(about: str, samples: Sequence[Sample]) -> CellFinding | None:
-    """Compare the rate of the instrument clock with the clock of this computer.
-
-    The earliest arrivals of the first and last quarter are closest to the truth, because delays are always positive.
-    """
+    """Compare the rate of the instrument clock with this computer's, by the earliest arrivals: delays are positive."""
     quarter = len(samples) // 4
     if quarter < _ENOUGH or math.isnan(samples[0].device_time_s):
         return None
