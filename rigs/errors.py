@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copyreg
 import re
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from rigs.text import plain
 
@@ -59,6 +59,11 @@ class RigError(Exception):
         self.where, self.what, self.remedy = where, what, remedy
         if code:
             self.code = code
+
+    @classmethod
+    def of_os(cls, where: object, error: OSError, remedy: str, code: str) -> Self:
+        """A failure in the words of the operating system."""
+        return cls(str(where), error.strerror or str(error), remedy, code)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Constructors of subclasses have arguments other than those stored by `Exception`.

@@ -116,6 +116,11 @@ class Rig(Part):
         rig._calibrated = content
         return rig
 
+    @property
+    def nominal(self) -> Rig:
+        """The rig without effects and calibration."""
+        return self.model_copy(update={"effects": ()}).with_calibration(None, None)
+
     def calibrated_as(self, rig: Rig) -> Rig:
         """Rig with its calibration content, if another rig has loaded the same calibration."""
         return self.with_calibration(rig.calibration, rig._calibrated) if self.calibration == rig.calibration else self

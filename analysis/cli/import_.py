@@ -220,11 +220,10 @@ def import_(
 
 
 def _refuse_other_options(test: TestName, direction: Direction | None, topic: str, socket: str) -> None:
-    has_sockets = SOCKET in format_of(test).layout().required
-    for option, unused, problem in (
-        ("--direction", direction and test not in CIRCLES, f"a {test} test does not have a direction"),
-        ("--socket", socket and not has_sockets, f"is of touches, and the test is {test}"),
-        ("--topic", topic and test != MAPPED, f"is of poses, and the test is {test}"),
-    ):
-        if unused:
-            raise UseError(option, problem, "remove it", code="import.option_unused")
+    if direction and test not in CIRCLES:
+        problem = f"a {test} test does not have a direction"
+        raise UseError("--direction", problem, "remove it", code="import.option_unused")
+    if socket and SOCKET not in format_of(test).layout().required:
+        raise UseError("--socket", f"is of touches, and the test is {test}", "remove it", code="import.option_unused")
+    if topic and test != MAPPED:
+        raise UseError("--topic", f"is of poses, and the test is {test}", "remove it", code="import.option_unused")

@@ -56,7 +56,7 @@ def read_controller(robot: Robot, source: Path | str) -> ControllerConstants:
     try:
         text = read_text(path, _MOST_BYTES) if path.suffix.lower() not in (".xlsx", ".ods") else ""
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path", code="file.unreadable") from None
+        raise FileError.of_os(path, error, "check the path", code="file.unreadable") from None
     if path.suffix.lower() == ".ini":
         return _from_pins(robot, path)
     if not is_ur_calibration(text) and path.suffix.lower() in (".yaml", ".yml", ".conf"):

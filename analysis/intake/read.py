@@ -545,9 +545,7 @@ def read_whole(path: Path) -> bytes:
             str(path), "is a directory", "give a file; of a bag the .mcap or .db3 file in it", code="file.is_directory"
         ) from None
     except OSError as error:
-        raise FileError(
-            str(path), error.strerror or str(error), "check the path and the permissions", code="file.unreadable"
-        ) from None
+        raise FileError.of_os(path, error, "check the path and the permissions", code="file.unreadable") from None
     except FileError:
         if path.is_file() and path.stat().st_size > MOST_BYTES:
             head = read_from(path, 0, _HEAD_BYTES)[0]

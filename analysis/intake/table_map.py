@@ -172,9 +172,7 @@ def load_map(path: Path) -> TableMap:
     try:
         text = read_bytes(path, _MOST_BYTES).decode("utf-8")
     except OSError as error:
-        raise FileError(
-            str(path), error.strerror or str(error), "check the path of the map", code="file.unreadable"
-        ) from None
+        raise FileError.of_os(path, error, "check the path of the map", code="file.unreadable") from None
     except UnicodeDecodeError:
         raise FileError(str(path), "is not UTF-8", "save the map as UTF-8", code="map.not_utf8") from None
     return parse_map(text, str(path))

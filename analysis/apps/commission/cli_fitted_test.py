@@ -146,5 +146,5 @@ def _replace(path: Path, old: str, new: str) -> Path:
             file.chmod(mode & 0o777)
     except OSError as error:
         remedy = "check the permissions and the free space of the directory"
-        raise CellError(str(path), error.strerror or str(error), remedy, code="disk.write") from None
+        raise CellError.of_os(path, error, remedy, code="disk.write") from None
     return kept

@@ -100,9 +100,7 @@ def replay(
             durable.replace(directory / name, content)
         durable.replace(path, played.rig_text(text).encode())
     except OSError as error:
-        raise FileError(
-            str(directory), error.strerror or str(error), "choose a different --output", code="output.not_writable"
-        ) from None
+        raise FileError.of_os(directory, error, "choose a different --output", code="output.not_writable") from None
 
     def attend(ends: SimpleQueue[int]) -> int:
         for name, port in played.cell.ports.items():

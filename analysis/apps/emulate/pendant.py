@@ -46,8 +46,7 @@ def _path_of(directory: Path, name: str) -> Path:
     try:
         files = sorted(path for path in directory.iterdir() if maker_of_file(path))
     except OSError as error:
-        problem = error.strerror or str(error)
-        raise FileError(str(directory), problem, "give a directory of programs", code="emulated.programs") from None
+        raise FileError.of_os(directory, error, "give a directory of programs", code="emulated.programs") from None
     full = _plain(named.stem if maker_of_file(named) else name)
     shortened = [
         path for path in files if any(len(stem) >= _SHORTEST and full.startswith(stem) for stem in _names(path))
@@ -125,8 +124,7 @@ class Pendant:
         try:
             _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))
         except OSError as error:
-            problem = error.strerror or str(error)
-            raise FileError(str(path), problem, "check the path and the permissions", code="file.unreadable") from None
+            raise FileError.of_os(path, error, "check the path and the permissions", code="file.unreadable") from None
         section = corrections.get("controller") if isinstance(corrections, dict) else None
         name = section.get("name") if isinstance(section, dict) else None
         before = self._of(next((candidate for candidate in makers() if candidate == name), None), str(path))

@@ -381,6 +381,5 @@ def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str)
             durable.replace(directory / name, content)
         durable.replace(path, text.encode())  # last, because the other files identify an emulated cell
     except OSError as error:
-        problem = error.strerror or str(error)
-        raise FileError(str(directory), problem, "choose a different --output", code="output.not_writable") from None
+        raise FileError.of_os(directory, error, "choose a different --output", code="output.not_writable") from None
     return path

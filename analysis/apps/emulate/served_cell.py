@@ -165,8 +165,7 @@ def locked_cell(directory: Path) -> int:
         directory.mkdir(parents=True, exist_ok=True)
         lock = durable.try_lock(directory)
     except OSError as error:
-        problem = error.strerror or str(error)
-        raise FileError(str(directory), problem, "choose a different --output", code="output.not_writable") from None
+        raise FileError.of_os(directory, error, "choose a different --output", code="output.not_writable") from None
     if lock is None:
         problem = "a different rig emulate or rig replay serves a cell in this directory"
         remedy = "stop that one, or choose a different --output"

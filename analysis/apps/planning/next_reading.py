@@ -184,7 +184,7 @@ def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None
         stays = float(np.sqrt(max(error.after_um**2 - error.u_um**2, 0.0))) / 1e3
         is_validated = rig.calibrated is not None and rig.calibrated.held_out_um is not None
         known = _Known(error.before_um / 1e3, stays, unexplained, is_validated)
-    measured = rig if is_usable else _uncalibrated(rig)
+    measured = rig if is_usable else rig.nominal
     readings = possible_readings(rig, sight)
     taught = q if len(q) >= FEWEST_TAUGHT else spread_angles(rig, joints)
     pool = pool_of_readings(measured, readings, q, taught)
@@ -193,7 +193,7 @@ def next_step(rig: Rig, targets: tuple[Array, Array] | None, sight: Sight | None
 
 def next_touch(rig: Rig, touches: TouchTable, socket: str) -> NextStep | None:
     """Weigh another touch of a known socket for the work area of an arm with typical errors; None without a posture."""
-    touch, nominal = touch_of(rig), _uncalibrated(rig)
+    touch, nominal = touch_of(rig), rig.nominal
     balls = forward(with_ball(arm_of(rig.robot), touch), touches.q[touches.socket == socket])[:, :3, 3]
     if not (possible := touches_at(rig, {socket: balls[0]})):
         return None
@@ -201,10 +201,6 @@ def next_touch(rig: Rig, touches: TouchTable, socket: str) -> NextStep | None:
     work = work_or_spread(nominal, None)
     readings = [*taken, *possible]
     return decide(pool_of_readings(nominal, readings, work, work), readings, taken=len(taken))
-
-
-def _uncalibrated(rig: Rig) -> Rig:
-    return rig.model_copy(update={"effects": ()}).with_calibration(None, None)
 
 
 def decide(pool: ReadingPool, readings: Sequence[Reading], known: _Known | None = None, *, taken: int = 0) -> NextStep:

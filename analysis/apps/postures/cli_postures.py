@@ -117,14 +117,12 @@ def _size_of(part: str | None) -> Array | None:
 
     if part is None:
         return None
-    size, problem = np.array(numbers_in(part)), ""
+    size, remedy = np.array(numbers_in(part)), "give X,Y,Z in mm, such as 300,200,100"
     if size.shape != (3,) or (size < 0).any():
-        problem = "is not a size"
-    elif 0 < size.max() < _LEAST_PART_MM:
-        problem = f"has no side of {_LEAST_PART_MM:g} mm or more: the size looks like metres"
-    if problem:
-        remedy = "give X,Y,Z in mm, such as 300,200,100"
-        raise UseError("--part", f"{part!r} {problem}", remedy, code="postures.part")
+        raise UseError("--part", f"{part!r} is not a size", remedy, code="postures.part")
+    if 0 < size.max() < _LEAST_PART_MM:
+        problem = f"{part!r} has no side of {_LEAST_PART_MM:g} mm or more: the size looks like metres"
+        raise UseError("--part", problem, remedy, code="postures.part")
     return size
 
 

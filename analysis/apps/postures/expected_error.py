@@ -142,7 +142,7 @@ def expected_errors(
     """
     knowledge = knowledge_of(rig)
     if knowledge == "typical":
-        rig = rig.model_copy(update={"effects": ()}).with_calibration(None, None)
+        rig = rig.nominal
     supported = supports(rig)
     uncertainty = pose_uncertainty(rig, supported)
     if taught is None:
@@ -215,7 +215,7 @@ def _growth_outside(uncertainty: PoseUncertainty, q: Array) -> Array:
 
 def typical_displacements(rig: Rig, q: Array) -> Array:
     """Tool displacements (k, n, 3) mm by one standard deviation of each typical effect, except backlash."""
-    columns, sd_mm = pose_columns(rig.model_copy(update={"effects": ()}).with_calibration(None, None), q)
+    columns, sd_mm = pose_columns(rig.nominal, q)
     variance = columns.variance(Level(_LEVEL))
     variance[columns.fixed > 0] = 0.0  # set-ups and scatter
     moves = columns.X * np.sqrt(variance) * sd_mm.reshape(-1, 1)

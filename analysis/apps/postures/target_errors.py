@@ -90,7 +90,7 @@ def causes_of(rig: Rig, work: Work, taught: tuple[Array, Array], rp_mm: float | 
     """
     knowledge, supported = knowledge_of(rig), supports(rig)
     if knowledge == "typical":
-        rig, supported = rig.model_copy(update={"effects": ()}).with_calibration(None, None), []
+        rig, supported = rig.nominal, []
     count = len(work.q)
     nothing = np.zeros((count, 3))
 

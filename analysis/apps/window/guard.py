@@ -36,8 +36,7 @@ def token_of(file: Path) -> str:
     try:
         token = read_text(file, _MOST_TOKEN).strip()
     except OSError as error:
-        problem = error.strerror or str(error)
-        raise FileError(str(file), problem, "give a file with the token", code="window.token") from None
+        raise FileError.of_os(file, error, "give a file with the token", code="window.token") from None
     if len(token) < _LEAST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
         problem = f"contains no token: one is a word of at least {_LEAST_TOKEN} letters, digits and signs"
         remedy = "create a token: openssl rand -hex 24 > FILE, and chmod 600 FILE"
