@@ -43,13 +43,13 @@ from analysis.intake.table_reading import (
     Question,
     TableReading,
     alternative_readings,
+    column_span,
     fits_in_parts,
     in_each_unit,
     likely_angles,
     place_roles,
-    plausibility,
+    plausibility_key,
     possible_units,
-    short,
 )
 from analysis.procedures.checks.columns import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest
 from analysis.procedures.checks.places import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
@@ -170,10 +170,9 @@ def _joints_to_read(groups: Groups) -> tuple[list[ColumnGroup], list[ColumnGroup
 
 def _sign_question(residual: Residual) -> Question:
     """Both signs of a residual fit equally well: a wrong sign mirrors the errors."""
+    span = column_span(residual.columns)
     readings = (
-        TableReading(
-            residual.model_copy(update={"meaning": meaning}), np.nan, "mm", f"{short(residual.columns)} is {meaning}"
-        )
+        TableReading(residual.model_copy(update={"meaning": meaning}), np.nan, "mm", f"{span} is {meaning}")
         for meaning in ("target - measured", "measured - target")
     )
     return Question("residual", "the file does not define the residual, and both readings fit the arm", tuple(readings))
@@ -216,7 +215,7 @@ def _without_spots(raw: RawTable, groups: Groups) -> Groups:
     """Groups except places of touched spots. Raises FileError if a table has only such places."""
     seen = tuple(pose for pose in groups.seen if not all(map(is_of_spot, pose.place.columns)))
     if groups.seen and not seen:
-        spots = short(groups.seen[0].place.columns)
+        spots = column_span(groups.seen[0].place.columns)
         problem = f"has only positions of spots ({spots}) touched by the tool, but none measured by an instrument"
         remedy = "name the spot of each row in a column socket, and import the table with --test touch"
         raise FileError(raw.where, problem, remedy, code="table.not_measured")
@@ -294,7 +293,9 @@ def _map_places(
         words = f"the robot computed the poses, so they are not a measurement: do not import; {OF_CONTROLLER}"
         by_robot = TableReading(None, np.nan, "mm", words)
         measured = TableReading(best.value.place, best.left, "mm", "an instrument measured the poses")
-        asks = f"{named or short(chosen.place.columns)} looks like poses reported by the robot; who measured them?"
+        asks = (
+            f"{named or column_span(chosen.place.columns)} looks like poses reported by the robot; who measured them?"
+        )
         judge.questions.append(Question("place", asks, (by_robot, measured)))
     elif residual is None and best.left < COMPUTED_MM and _is_nominal(judge.bare, poses_of(judge.raw, best.value)):
         judge.assumed.append(
@@ -428,7 +429,7 @@ def _with_alternatives(
         base = judge.map_of(angles, lengths)
         ways += [(way, base, named, pose) for way in alternative_readings(judge.raw, judge.bare, base)]
     closest = min((way[0].share for way in ways), default=0.0)
-    ways.sort(key=lambda way: plausibility(way[0], closest))
+    ways.sort(key=lambda way: plausibility_key(way[0], closest))
     # A zero wrong by 180° is equivalent to a reversed next axis; a map can state the latter.
     if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):
         ways = [way for way in ways if not way[0].remedy]
@@ -454,7 +455,7 @@ def _turns(seen: PlaceColumns) -> list[TurnColumns]:
 
 
 def _turn_words(turn: TurnColumns) -> str:
-    words = f"{turn.form} {short(turn.columns)}"
+    words = f"{turn.form} {column_span(turn.columns)}"
     return f"{words} in {turn.unit}" if turn.unit else words
 
 
@@ -463,7 +464,7 @@ def _with_controller(judge: Judge, table_map: TableMap, computed: FittingPlace) 
     place = computed.reading.value.place
     readings = _turn_readings(judge, computed.reading.value, computed.pose)
     turn = readings[0].value if readings and readings[0].left <= _RIGHT_DEG and not _rivals(readings) else None
-    columns = f"{short(place.columns)}{f' and {short(turn.columns)}' if turn else ''}"
+    columns = f"{column_span(place.columns)}{f' and {column_span(turn.columns)}' if turn else ''}"
     judge.checked.append(f"{columns}: computed by the controller, kept as controller_x_mm …, and not used as measured")
     return table_map.model_copy(update={"controller": place, "controller_turn": turn})
 

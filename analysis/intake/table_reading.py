@@ -131,7 +131,7 @@ _MIRROR = "y"
 """Mirrored axis; any axis works because the frame is fitted."""
 
 
-def plausibility(way: TableReading, closest: float) -> tuple[float, float]:
+def plausibility_key(way: TableReading, closest: float) -> tuple[float, float]:
     """Sort key: mistakes first if the fit is as good as that with the smallest share (`closest`), then the fit."""
     return (way.mistakes if way.share <= AS_WELL * closest else np.inf, way.share)
 
@@ -164,7 +164,7 @@ def alternative_readings(raw: RawTable, bare: Arm, base: TableMap) -> list[Table
     order = np.argsort([judged(way, _FIRST_STEPS).left for way in ways])[:_BEST]
     best = [judged(ways[k], _ALL_STEPS) for k in order.tolist()]
     closest = min(way.share for way in best)
-    return sorted(best, key=lambda way: plausibility(way, closest))
+    return sorted(best, key=lambda way: plausibility_key(way, closest))
 
 
 def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
@@ -218,8 +218,8 @@ def in_each_unit(
             continue
         angles = possible_units(group.unit if stated else "", TO_DEG, TO_DEG)
         for angle, length in product(angles, possible_units(pose.place.unit if stated else "", TO_MM, units)):
-            joint_words = f"joints {short(group.columns)} in {unit_words(angle)}"
-            words = f"{joint_words}, place {short(pose.place.columns)} in {unit_words(length)}"
+            joint_words = f"joints {column_span(group.columns)} in {unit_words(angle)}"
+            words = f"{joint_words}, place {column_span(pose.place.columns)} in {unit_words(length)}"
             place = Lengths(columns=pose.place.columns, unit=length)
             yield pose, Angles(columns=group.columns, unit=angle), place, words
 
@@ -240,7 +240,7 @@ def unit_words(unit: Unit) -> str:
     return ", ".join("inches" if name == "in" else name for name in ((unit,) if isinstance(unit, str) else unit))
 
 
-def short(columns: Sequence[str]) -> str:
+def column_span(columns: Sequence[str]) -> str:
     return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"
 
 
@@ -302,7 +302,7 @@ def place_roles(
     if named and not measured:  # all of them were computed
         measured = [place for place in real if not place.is_robots]
         if measured:
-            _ask_source(judge, measured[0], named[0])
+            _ask_who_measured(judge, measured[0], named[0])
     if len(measured) > 1:
         closest = min(measured, key=lambda place: place.source.fitted.rms_mm)
         measured = [place for place in measured if place is not closest or not place.source.in_base]
@@ -333,8 +333,8 @@ def _fitting_places(judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[
     return fitting
 
 
-def _ask_source(judge: Judge, measured: FittingPlace, computed: FittingPlace) -> None:
-    names = [short(place.pose.place.columns) for place in (measured, computed)]
+def _ask_who_measured(judge: Judge, measured: FittingPlace, computed: FittingPlace) -> None:
+    names = [column_span(place.pose.place.columns) for place in (measured, computed)]
     asks = f"{names[1]} is named as measured, but follows a data sheet too closely; which places were measured?"
     readings = (
         TableReading(place.reading.value.place, place.reading.left, "mm", name, place.reading.share)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from analysis.apps.emulate.robot import EmulatedRobot, truth
+from analysis.apps.emulate.robot import EmulatedRobot, ideal_results
 from daq.store import read_run
 from rigs.load import load, load_hidden, parse
 from tests.support.bench import Bench, rig_text
@@ -31,7 +31,7 @@ def test_laps_are_recorded_analysed_and_agree_with_the_truth(tmp_path, gauges, d
     text = _quick(gauges, laps)
     rig = load_hidden("ur10e").apply_to(parse(text, "quick"))
     robot = EmulatedRobot.of_rig(rig, seed=7)
-    (tmp_path / "truth.json").write_text(json.dumps(truth(rig, robot.traces)))
+    (tmp_path / "truth.json").write_text(json.dumps(ideal_results(rig, robot.traces)))
     with SimulatedBench(tmp_path, text, robot) as bench:
         bench.start().all_reading()
         path = bench.record("lap", direction)

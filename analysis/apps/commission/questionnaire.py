@@ -141,7 +141,7 @@ def _with_options(stored: Answers, options: Options) -> Answers:
     apply to the previous arm or gauges."""
     given, keys, dropped = dict(options.given), options.keys, set[str]()
     if "tool" in given:
-        given["tool"] = _pose(given["tool"])
+        given["tool"] = _read_pose(given["tool"])
     robot, gauges = stored.feedback, stored.gauges
     if options.robot not in (None, stored.robot_address) or (robot and not has_keys(Feedback, robot, keys["feedback"])):
         dropped |= {"robot_address", "feedback"}
@@ -177,7 +177,7 @@ def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Change
             address = address or dialogue.ask(_TEXTS("ask_robot_or_none"), "--robot", str, NO_ROBOT)
         if address in (None, NO_ROBOT):
             return {"robot_address": address, "feedback": None}
-    read = partial(_reported, options, dialogue)
+    read = partial(_find_robot, options, dialogue)
     report = read(address) if address is not None else dialogue.ask(_TEXTS("ask_robot"), "--robot", read)
     feedback = report.feedback
     assert feedback is not None  # noqa: S101 - of a robot that was found
@@ -186,13 +186,13 @@ def _ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Change
     if report.reported:
         dialogue.say(f"      the controller reports: {report.reported}")
     if not report.units_sure and not options.keys["feedback"]:
-        unit = dialogue.ask(_TEXTS("ask_unit"), "--key feedback.fields", partial(_choice, ("deg", "rad")), "deg")
+        unit = dialogue.ask(_TEXTS("ask_unit"), "--key feedback.fields", partial(_read_choice, ("deg", "rad")), "deg")
         fields = tuple(name.replace("_deg", f"_{unit}") for name in getattr(feedback, "fields", ()))
         feedback = feedback.model_copy(update={"fields": fields})
     return {"robot_address": report.address, "feedback": feedback}
 
 
-def _choice(offered: Sequence[str], answer: str) -> str:
+def _read_choice(offered: Sequence[str], answer: str) -> str:
     if answer.lower() not in offered:
         raise FileError(repr(answer), "is not a choice", f"type {', '.join(offered)}", code="answer.choice")
     return answer.lower()
@@ -206,7 +206,7 @@ def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
     return replace(report, feedback=with_keys(Feedback, report.feedback, keys, "feedback"))
 
 
-def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
+def _find_robot(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
     _check_robot(address, options.measured_by)
     if port := linuxcnc_port(address):
         _write_controller_files(options, dialogue, port)
@@ -250,7 +250,7 @@ def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Change
     arm = chosen_arm(answers.arm or "", options.measured_by)
     if arm.robot.build is not None or arm.in_library:
         return {"build": None}
-    build = dialogue.ask(_TEXTS("ask_build"), "--build", partial(_choice, _BUILDS), arm.robot.design)
+    build = dialogue.ask(_TEXTS("ask_build"), "--build", partial(_read_choice, _BUILDS), arm.robot.design)
     if not dialogue.terminal:
         dialogue.say(f"{arm.robot.name} is taken to be {build}; to change: --build {', '.join(_BUILDS)}")
     return {"build": build}
@@ -260,10 +260,10 @@ def _ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Changes
     tool = chosen_arm(answers.arm or "", options.measured_by).robot.tool
     usual = None if tool == Pose() else ",".join(f"{value:g}" for value in (*tool.xyz_mm, *tool.rpy_deg))
     thing = "ball or socket" if options.measured_by == "arm" else "ball"
-    return {"tool": dialogue.ask(_TEXTS("ask_tool", thing=thing), "--tool", _pose, usual)}
+    return {"tool": dialogue.ask(_TEXTS("ask_tool", thing=thing), "--tool", _read_pose, usual)}
 
 
-def _pose(text: str) -> Pose:
+def _read_pose(text: str) -> Pose:
     values = numbers_in(text)
     if len(values) not in (3, 6):
         remedy = "write for example 0,0,150 or 0,0,150,0,90,0"
@@ -297,7 +297,7 @@ def _ask_circle(answers: Answers, options: Options, dialogue: Dialogue) -> Chang
     assert feedback is not None  # noqa: S101 - asked before
 
     def read(answer: str) -> Changes:
-        if _choice(("y", "n", "yes", "no"), answer).startswith("n"):
+        if _read_choice(("y", "n", "yes", "no"), answer).startswith("n"):
             return {"circle": None}
         held = robot.model_copy(update={"tool": answers.tool})
         return {"circle": circle_from_start(held, joints_of(feedback), radius_mm)}

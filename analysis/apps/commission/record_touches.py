@@ -57,7 +57,7 @@ def record_touches(
     try:
         with suppress(KeyboardInterrupt):
             for q_deg, came_deg in guided_joints(daemon, len(rig.robot.axes)):
-                if came_deg is not None and _take(guide, q_deg, came_deg, say) and guide.number > 1:
+                if came_deg is not None and _handle_standstill(guide, q_deg, came_deg, say) and guide.number > 1:
                     _propose(rig, guide, say)
                 if not guide.socket:
                     break
@@ -71,7 +71,7 @@ def record_touches(
     return save()
 
 
-def _take(guide: Touching, q_deg: Array, came_deg: Array, say: Callable[[str], None]) -> bool:
+def _handle_standstill(guide: Touching, q_deg: Array, came_deg: Array, say: Callable[[str], None]) -> bool:
     socket, number = guide.socket, guide.number
     seen = guide.take(q_deg, came_deg)
     match seen:

@@ -349,7 +349,7 @@ class EmulatedRobot:
         return row
 
 
-def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
+def ideal_results(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
     """Results of an ideal measurement, and the hidden errors. Backlash shifts the circle and so the eccentricity
     slightly."""
     start = np.radians(circle_of(rig).start_deg)
@@ -376,7 +376,7 @@ def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str)
     path = directory / RIG
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        durable.replace(directory / TRUTH, (json.dumps(truth(rig, robot.traces), indent=2) + "\n").encode())
+        durable.replace(directory / TRUTH, (json.dumps(ideal_results(rig, robot.traces), indent=2) + "\n").encode())
         for name, content in rig.companion_files.items():
             durable.replace(directory / name, content)
         durable.replace(path, text.encode())  # last, because the other files identify an emulated cell

@@ -64,11 +64,11 @@ def answer_of(plan: CapabilityOfTests) -> list[Block]:
         Sentence(f"Assumed arm: all other errors have {level}"),
         Sentence(detected),
         Heading(_title("Joints and links"), 3),
-        _joints(plan),
+        _joint_errors(plan),
         Heading(_title("Other errors"), 3),
-        _others(plan),
-        *_alike(plan),
-        *_hidden(plan),
+        _other_errors(plan),
+        *_similar_pairs(plan),
+        *_undetected(plan),
         *(Sentence(f"Not possible here: {test}: {reason}", "note") for test, reason in plan.impossible),
         Sentence(advice, "plain" if best is None else "strong"),
     ]
@@ -84,7 +84,7 @@ def _is_small(sight: Detectability) -> bool:
     return not sight.hidden and sight.limit <= FAULT * healthy_size(sight.effect)
 
 
-def _joints(plan: CapabilityOfTests) -> Table:
+def _joint_errors(plan: CapabilityOfTests) -> Table:
     kinds, rows = _by_seat(plan, joints=True), list[tuple[str | Cell, ...]]()
     axes = range(1, max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)]) + 1)
     for kind, by_axis in kinds.items():
@@ -97,7 +97,7 @@ def _joints(plan: CapabilityOfTests) -> Table:
     return Table(heads, tuple(rows), frozenset(range(1, len(heads))))
 
 
-def _others(plan: CapabilityOfTests) -> Table:
+def _other_errors(plan: CapabilityOfTests) -> Table:
     rows = [
         (name_in_words(f"{kind} {seat}".rstrip()), _unit(effect), f"{healthy_size(effect):g}", _limit(sights))
         for kind, seats in _by_seat(plan, joints=False).items()
@@ -135,7 +135,7 @@ def _limit(sights: Sequence[Detectability]) -> Cell:
     return Cell(seen[0], worst, tone="pass" if all(map(_is_small, sights)) else "watch")
 
 
-def _alike(plan: CapabilityOfTests) -> list[Block]:
+def _similar_pairs(plan: CapabilityOfTests) -> list[Block]:
     if not plan.pairs:
         return [Sentence("All detectable errors can be separated.", "pass")]
     symbols = {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
@@ -164,7 +164,7 @@ def _separating(further: Sequence[SeparatingTest]) -> Cell:
     return Cell("none of the further tests" if further else "the rig file declares no further test", tone="watch")
 
 
-def _hidden(plan: CapabilityOfTests) -> list[Block]:
+def _undetected(plan: CapabilityOfTests) -> list[Block]:
     if not plan.hidden:
         return [Sentence("Every error can be detected.", "pass")]
     together: dict[tuple[str, str], list[Detectability]] = {}

@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 
 from analysis.apps.makers.motion_plan import Comment, JointMove, MotionPlan, Step, demand_of
 from analysis.apps.makers.writing import encoded_programs, programs_of
-from analysis.apps.postures.report import POSTURE_COLUMNS, all_csv, chosen_csv, gain_words, limits, map_words
+from analysis.apps.postures.report import POSTURE_COLUMNS, all_csv, chosen_csv, doubt_lines, gain_words, map_words
 from analysis.apps.postures.result import Postures, Sequence, WorkMap
 from analysis.apps.postures.targets import labels_of
 from analysis.apps.programs.planned import targets_at, tracker_plan
@@ -65,7 +65,7 @@ _JOINTS: tuple[Role, ...] = ("acw", "cw", "measured", "after", "quiet", "fifth",
 def picture(postures: Postures) -> Figure:
     """Sheet with title, errors by target, joint angles along the program and, for a part, the map."""
     texts = texts_of("en")
-    title, parts = [gain_words(postures, texts), *limits(postures, texts)], list[Part]()
+    title, parts = [gain_words(postures, texts), *doubt_lines(postures, texts)], list[Part]()
     if postures.work_map is not None:
         title.append(map_words(postures, texts))
         parts.append((5.4, partial(_draw_map, postures.work_map, postures.reached[:, :2, 3])))

@@ -32,7 +32,7 @@ def answer_of(postures: Postures, labels: Sequence[str], language: Language = "e
     unlisted = len(postures.poses) - _MOST_ROWS
     below = [texts("postures_more", count=unlisted) if unlisted > 0 else "", play_words(postures, texts)]
     return [
-        *(Sentence(line, "doubt") for line in limits(postures, texts)),
+        *(Sentence(line, "doubt") for line in doubt_lines(postures, texts)),
         Sentence(gain_words(postures, texts), "strong"),
         Sentence(motion),
         *(Sentence(placed, "strong") for placed in [map_words(postures, texts)] if placed),
@@ -42,7 +42,7 @@ def answer_of(postures: Postures, labels: Sequence[str], language: Language = "e
     ]
 
 
-def limits(postures: Postures, texts: Texts) -> list[str]:
+def doubt_lines(postures: Postures, texts: Texts) -> list[str]:
     """Limits of the knowledge about the errors; printed first."""
     lines: list[str] = [texts("postures_verdict", why=postures.verdict)] if postures.verdict else []
     if postures.knowledge != "calibrated":
