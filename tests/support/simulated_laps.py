@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from analysis import save_run, simulate
-from analysis.apps.live.loop import PlayedRun, played_run
+from analysis.apps.live.played_run import PlayedRun, played_run
 from analysis.apps.live.view import LiveView
 from rigs.schema.vocabulary import Direction
 

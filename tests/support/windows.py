@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from analysis.apps.live.loop import RunPlayer, played_run
+from analysis.apps.live.played_run import RunPlayer, played_run
 from analysis.apps.live.view import Update
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.app import Window, app_of

@@ -1,4 +1,4 @@
 """Live view of `rig live`: a pure model and pure drawing.
 
-Only `terminal`, `loop` and `daemon_source` access the system.
+Only `loop` and `daemon_source` access the system.
 """

@@ -66,7 +66,8 @@ def live(
 
 
 def _play(paths: list[Path], speed: float, *, as_json: bool, fills_screen: bool) -> None:
-    from analysis.apps.live.loop import RunPlayer, played_run, print_lines, watch
+    from analysis.apps.live.loop import print_lines, watch
+    from analysis.apps.live.played_run import RunPlayer, played_run
 
     runs = [played_run(path, speed) for path in paths]
     player, view = RunPlayer(runs), runs[0].begun()

@@ -10,7 +10,7 @@ from analysis import evaluate, load_run
 from analysis.apps.live.controls import UNITS, LiveControls
 from analysis.apps.live.figures import angle_deg, figures, phi_deg, plain_line, shown_curves
 from analysis.apps.live.live_rows import LiveRows, cell_of
-from analysis.apps.live.loop import played_run
+from analysis.apps.live.played_run import played_run
 from analysis.apps.live.screen import LiveScreen
 from analysis.apps.live.view import GaugeReading, LiveEvent, LiveView, Update
 from analysis.procedures.shared.joint_reversals import turns
