@@ -1,4 +1,4 @@
-"""Lists on the screen and as JSON: interfaces and runs."""
+"""Tables on the screen and as JSON: interfaces, runs, and the state of a daemon."""
 
 from __future__ import annotations
 
@@ -101,6 +101,9 @@ def _age(seconds: float) -> str:
         return f"{seconds / _DAY_S:.0f} d"
     return f"{seconds / _HOUR_S:.1f} h" if seconds >= _HOUR_S else f"{seconds / _MINUTE_S:.0f} min"
 
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The state of a daemon.
 
 _OLD_S = 2.0
 

@@ -137,6 +137,10 @@ def follow_touches(daemon: SampleSource, check: GuidedCheck, say: Callable[[str]
     return check
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# Earlier runs of a cell that new readings can be compared with.
+
+
 @dataclass(frozen=True)
 class CellReference:
     """Runs of a healthy cell."""

@@ -336,6 +336,9 @@ _QUESTIONS: dict[MeasuredBy, Questions] = {
 """Questions in order, by the answer that each gives."""
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# Text of the rig file, with comments on devices, nominal values and open measurements.
+
 _MAX_BYTES = 1_000_000
 
 

@@ -117,6 +117,9 @@ def write_touches(directory: Path, table: TouchTable, rig: Rig, rig_text: str, *
     return directory
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# Joint angles that a running daemon receives from the robot, as they arrive.
+
 _POLL_S = 0.1
 _SILENT_S = 5.0
 """Time without a new joint angle after which the robot is silent."""

@@ -177,6 +177,9 @@ def what_moved_in(
     return what_moved(study_runs(rig, reference), observed(rig, new), plan=plan)
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# The answer: sentences and blocks for screen and page.
+
 _ENGLISH = texts_of("en")
 _WIDE_DEG = 0.03
 """Smallest possible error of a joint zero that is reported: 0.5 mm at 1 m."""

@@ -135,6 +135,11 @@ def large(text: str, scale: int, style: str) -> list[Text]:
     return [Text("".join(_HALVES[a == "#", b == "#"] for a, b in row), style) for row in halves]
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# Curves: the error around the circle and over its angle, and readings over time.
+#
+# The circle is viewed against its normal: phi = 0 is on the right and increases anticlockwise (docs/conventions.md).
+
 _MIDDLE, _REACH = 0.66, 0.3
 """Radius of the nominal circle and largest error, relative to half of the panel."""
 _OUTSIDE = 1.1

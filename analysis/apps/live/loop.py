@@ -99,6 +99,9 @@ def _ends_in_order() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# The terminal. Without POSIX there are no keys, and Ctrl-C ends the program.
+
 _NO_CHARACTER = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")
 """Sequences of arrow and similar keys (ECMA-48, section 5.4, and the keypad)."""
 

@@ -275,6 +275,15 @@ def _compressed(entries: Array) -> Array:
     return np.asarray(seen.T @ entries)
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# Choice of the readings that inform most about targets.
+#
+# Everything unknown about an arm and its set-ups is a vector of independent standard normal variables; readings and
+# targets are rows, their changes by each unknown. Readings are chosen one at a time, each with the largest reduction of
+# the variance of the targets per minute (V-optimal design; Atkinson, Donev and Tobias, Optimum Experimental Designs,
+# 2007, ch. 10). D-optimal readings would determine the constants best, but none of a thousand terms is of interest.
+
+
 @dataclass(frozen=True)
 class ReadingPool:
     """Possible readings and the targets that they inform about."""

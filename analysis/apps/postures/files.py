@@ -58,6 +58,9 @@ def posture_plan(postures: Postures, labels: list[str]) -> MotionPlan:
     return tracker_plan(postures.rig, f"postures {postures.rig.name}", steps)
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# The picture: errors by target, joint angles along the program and, for a part, the map.
+
 _BEST, _TARGETS = "#1f5fa8", "#d95f02"
 _JOINTS: tuple[Role, ...] = ("acw", "cw", "measured", "after", "quiet", "fifth", "sixth")
 

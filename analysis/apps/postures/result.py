@@ -203,6 +203,12 @@ def _row_of(candidates: Candidates, q: Array, target: int) -> int | None:
     return int(rows[nearest]) if away[nearest] < _SAME_RAD else None
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# Map of the work area: the expected error of a part at each possible place.
+#
+# The nodes of a horizontal grid are reached with a fixed orientation of the tool. A part covers several nodes and is
+# processed in one branch, so its error is the rms over its nodes in the best branch.
+
 _NODES = 21
 """Nodes along each side of the map. Chosen: one every 130 mm for an arm with a reach of 1.3 m."""
 
@@ -282,6 +288,12 @@ def _of_parts(square: Array, half_x: int, half_y: int) -> Array:
     windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * half_y + 1, 2 * half_x + 1), axis=(0, 1))
     best = windows.mean(axis=(3, 4)).min(axis=2)
     return np.where(np.isfinite(best), best, np.nan)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Best sequence along a program: small errors, few changes of branch, short joint travel.
+#
+# Each joint approaches from the previous posture, so the sign of its backlash is known.
 
 
 @dataclass(frozen=True)

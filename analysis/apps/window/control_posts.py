@@ -102,6 +102,9 @@ class WindowControls:
         return f"rig {' '.join(words)}"
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# The movement check of a window: a reference, one touch after the other, and the touches saved as a run.
+
 _REST_S = 0.5
 """Time over which the joints must be at rest when a touch is taken."""
 _MOST_DEG = 1e4

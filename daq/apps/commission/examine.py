@@ -108,6 +108,11 @@ def _check_stream(name: str, stream: dict[str, Any]) -> CellFinding:
     return ok(name, observation)
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# The computer: disk, clock, service manager and serial ports, of which none is opened.
+#
+# `root` is the root of the system tree, which a test can build.
+
 _GB = 1e9
 _LITTLE_GB, _TOO_LITTLE_GB = 5.0, 0.5
 _SLOW_S, _TOO_SLOW_S = 0.1, 5.0

@@ -244,6 +244,9 @@ def _restored_settings(port: str) -> Iterator[None]:
         os.close(fd)
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# Identification of a gauge: all gauges are read until the user pushes one of them.
+
 PUSH_MM = 0.2
 """Motion that counts as a push. A ball link at rest and gauge noise move a plunger less."""
 _MORE = 3.0

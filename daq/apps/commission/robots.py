@@ -247,6 +247,9 @@ def _remedy(address: str, named: Feedback | None, *, answers: bool) -> str:
     )
 
 
+# ----------------------------------------------------------------------------------------------------------------------
+# Files for a LinuxCNC controller, with which it sends the joints at the servo rate.
+
 _HAL = """\
 # Joints for rig at the servo rate; moves nothing. Written by rig init.
 # Copy this file and rigfeed.py next to the INI file, and add there:
