@@ -39,7 +39,6 @@ from analysis.intake.table_reading import (
     LENGTHS,
     FittingPlace,
     Judge,
-    PlaceRoles,
     Question,
     TableReading,
     alternative_readings,
@@ -47,9 +46,9 @@ from analysis.intake.table_reading import (
     fits_in_parts,
     in_each_unit,
     likely_angles,
-    place_roles,
     plausibility_key,
     possible_units,
+    separate_places,
 )
 from analysis.procedures.checks.columns import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest
 from analysis.procedures.checks.places import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
@@ -140,15 +139,15 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
     for group in joints[:1]:
         require_postures(radians(judge.raw, likely_angles(judge.raw, group)), raw.where)
     seen, residual = _places_to_read(groups)
-    roles = PlaceRoles(tuple(seen)) if residual else place_roles(judge, joints, groups, seen)
-    table_map, chosen = _map_places(judge, joints, roles.seen, residual)
+    measured, computed = (seen, None) if residual else separate_places(judge, joints, groups, seen)
+    table_map, chosen = _map_places(judge, joints, measured, residual)
     only_commanded = all(group.role == "commanded" for group in joints)
     table_map = table_map.model_copy(update={"only_commanded": only_commanded})
     if commanded and table_map.joints and len(commanded) == 1:
         (unit, *_) = possible_units(commanded[0].unit, TO_DEG, (table_map.joints.unit,))
         table_map = table_map.model_copy(update={"commanded": Angles(columns=commanded[0].columns, unit=unit)})
-    if roles.controller:
-        table_map = _with_controller(judge, table_map, roles.controller)
+    if computed:
+        table_map = _with_controller(judge, table_map, computed)
     of_controller = table_map.controller_turn.columns if table_map.controller_turn else ()
     turns = tuple(turn for turn in chosen.turns if not set(turn.columns) & set(of_controller))
     if turns and table_map.turn is None:

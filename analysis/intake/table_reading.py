@@ -276,20 +276,13 @@ class FittingPlace:
         return self.is_nominal(most_mm) or self.source.in_base or by_name
 
 
-@dataclass(frozen=True)
-class PlaceRoles:
-    """Places that an instrument may have measured, and the one that the controller computed, None if there is none."""
-
-    seen: tuple[PlaceColumns, ...]
-    controller: FittingPlace | None = None
-
-
-def place_roles(
+def separate_places(
     judge: Judge, joints: Sequence[ColumnGroup], groups: Groups, seen: Sequence[PlaceColumns]
-) -> PlaceRoles:
-    """Separate measured and computed places. seen: those that may be measured by their names.
+) -> tuple[Sequence[PlaceColumns], FittingPlace | None]:
+    """Places that an instrument may have measured, and the one that the controller computed, if any.
 
-    A contradiction between the name of an instrument and the places becomes a question of the judge.
+    seen: places that may be measured by their names. A contradiction between the name of an instrument and the places
+    becomes a question of the judge.
     """
     fitting = _fitting_places(judge, joints, groups.seen) if len({p.place.columns for p in groups.seen}) > 1 else []
     by_name = {pose.place.columns for pose in seen}
@@ -307,11 +300,11 @@ def place_roles(
         closest = min(measured, key=lambda place: place.source.fitted.rms_mm)
         measured = [place for place in measured if place is not closest or not place.source.in_base]
     if not measured:
-        return PlaceRoles(tuple(seen))
+        return seen, None
     computed = [place for place in fitting if place not in measured and place.is_computed(measured)]
     computed.sort(key=lambda place: (not place.pose.place.of_controller, place.pose.place.role == "commanded"))
     kept = {place.pose.place.columns for place in measured}
-    return PlaceRoles(tuple(pose for pose in groups.seen if pose.place.columns in kept), next(iter(computed), None))
+    return [pose for pose in groups.seen if pose.place.columns in kept], next(iter(computed), None)
 
 
 def _fitting_places(judge: Judge, joints: Sequence[ColumnGroup], seen: Sequence[PlaceColumns]) -> list[FittingPlace]:

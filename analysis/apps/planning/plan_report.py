@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -206,9 +207,7 @@ def as_object(plan: CapabilityOfTests) -> dict[str, Any]:
             {"names": list(pair.labels), "sigma": pair.sigma, "others": pair.others, "further": _partings(pair.further)}
             for pair in plan.pairs
         ],
-        "further": [
-            {"test": gain.test, "why": gain.why, "parts": gain.parts, "shows": gain.shows} for gain in plan.gains
-        ],
+        "further": [asdict(gain) for gain in plan.gains],
         "not_possible": [{"test": test, "reason": reason} for test, reason in plan.impossible],
     }
 
