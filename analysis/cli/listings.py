@@ -159,7 +159,6 @@ def _gauges(state: dict[str, Any]) -> Table:
 
 
 def _number(value: float, age_s: float, form: str, unit: str) -> Text:
-    """A number, with its age if old: a frozen value must not look alive."""
     if age_s > _OLD_S:
         return Text(f"{value:{form}} {unit} ({age_s:.0f} s old)", style="yellow dim")
     return Text(f"{value:{form}} {unit}".rstrip(), style="bold")

@@ -24,7 +24,6 @@ _MOST_LISTED = 20
 
 
 def for_each(paths: Iterable[Path], work: Callable[[Path], None]) -> None:
-    """Do the work for each distinct path, and end the command with the highest exit code."""
     codes = [0]
     for path in dict.fromkeys(paths):
         try:

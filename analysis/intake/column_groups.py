@@ -84,8 +84,6 @@ class ColumnGroup:
 
 @dataclass(frozen=True)
 class PlaceColumns:
-    """A place and the possible interpretations of its orientation."""
-
     place: ColumnGroup
     turns: tuple[TurnReading, ...] = ()
     turn_unit: str = ""
@@ -102,8 +100,6 @@ class Groups:
 
 @dataclass(frozen=True)
 class _Name:
-    """A column name split into parts, with the unit separated."""
-
     column: str
     words: tuple[str, ...]
     unit: str
@@ -220,7 +216,6 @@ def _group(names: Sequence[_Name]) -> ColumnGroup:
 
 
 def _templates(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[int, _Name]]:
-    """Group numbered columns by the rest of their names, ignoring the last number."""
     templates: dict[tuple[str, ...], dict[int, _Name]] = defaultdict(dict)
     for name in names:
         digits = [k for k, word in enumerate(name.words) if word.isdigit() and len(word) < 3]
@@ -336,7 +331,6 @@ def _angle_readings(columns: Sequence[str]) -> tuple[TurnReading, ...]:
 
 
 def _by_digits(names: Iterable[_Name]) -> dict[str, _Name]:
-    """Columns by row and column of a matrix, two digits in their names."""
     named = (("".join(word for word in name.words if word.isdigit()), name) for name in names)
     return {digits: name for digits, name in named if len(digits) == 2}
 
@@ -371,7 +365,6 @@ def _vectors(names: Sequence[_Name]) -> Iterator[PlaceColumns]:
 
 
 def _poses(columns: Sequence[str]) -> Iterator[PlaceColumns]:
-    """Columns as a place with an orientation, by their number."""
     c = tuple(columns)
 
     def pose(place: Sequence[str], *turns: TurnReading) -> PlaceColumns:

@@ -66,7 +66,6 @@ def has_two_arms(path: Path) -> bool:
 
 
 def refuse_two_arms(path: Path, test: TestName) -> None:
-    """Raise FileError for touches of two arms: they are no touches of a fixed socket."""
     if _is_of_touches(test) and has_two_arms(path):
         problem = "has p1_deg, the joints of a second arm that holds the socket"
         raise FileError(
@@ -281,7 +280,6 @@ def read_mapped(
 
 
 def _check_against_rig(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
-    """Check a run against the rig, and add reasons for a later rejection to the doubts."""
     measured = measured_of(run, rig)
     refuse_impossible(measured, where)
     refused, table = [], measured.table

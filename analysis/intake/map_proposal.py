@@ -160,7 +160,6 @@ def propose(raw: RawTable, layouts: Sequence[FileLayout], join: str, rig: Rig) -
 
 
 def _joints_to_read(groups: Groups) -> tuple[list[ColumnGroup], list[ColumnGroup]]:
-    """Joints to read, and the commanded joints next to them."""
     measured, unsaid, commanded = (
         [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
     )
@@ -211,7 +210,6 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
 
 
 def _without_spots(raw: RawTable, groups: Groups) -> Groups:
-    """Groups except places of touched spots. Raises FileError if a table has only such places."""
     seen = tuple(pose for pose in groups.seen if not all(map(is_of_spot, pose.place.columns)))
     if groups.seen and not seen:
         spots = column_span(groups.seen[0].place.columns)
@@ -500,12 +498,10 @@ def _turn_readings(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> lis
 
 
 def _rivals(readings: Sequence[TableReading]) -> list[TableReading]:
-    """Readings of an orientation that are not clearly worse than the first."""
     return [reading for reading in readings[1:] if reading.left < CLEARLY * max(readings[0].left, _FLOOR_DEG)]
 
 
 def _map_turn(judge: Judge, table_map: TableMap, seen: PlaceColumns) -> TableMap:
-    """Map with the orientation that fits; a question if none or several do."""
     readings = _turn_readings(judge, table_map, seen)
     if not readings:
         return table_map

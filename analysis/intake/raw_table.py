@@ -163,7 +163,6 @@ def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, byte
 
 
 def text_of(data: bytes, where: str, layout: FileLayout | None = None) -> tuple[list[str], FileLayout]:
-    """Lines of a file, and a layout with their encoding."""
     encoding = layout.encoding if layout else "utf-8"
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"

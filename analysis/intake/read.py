@@ -74,7 +74,6 @@ class TableProblem:
 
 
 def _without_repeats(problems: Iterable[TableProblem]) -> list[TableProblem]:
-    """Sorted problems, merged by column and message at the first line."""
     together: dict[tuple[str, str], TableProblem] = {}
     for problem in sorted(problems):
         first = together.setdefault((problem.column, problem.message), problem)
@@ -127,7 +126,6 @@ class TableFileError(FileError):
 
 
 def quoted(text: str) -> str:
-    """Text of a file, shortened and escaped for a message."""
     return repr(text if len(text) <= 40 else text[:37] + "…")
 
 
@@ -603,7 +601,6 @@ def _csv_rows(data: bytes, where: str) -> Iterator[Row]:
 
 
 def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Problems) -> Iterator[Row]:
-    """Rows with a field for each name; the others become problems."""
     count = 0
     for line, fields in rows:
         if len(fields) != len(names):

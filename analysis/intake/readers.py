@@ -27,8 +27,6 @@ class StandTable:
 
 
 class StreamReader(Protocol):
-    """Reader of one file format, loaded from a module."""
-
     def is_own(self, data: bytes) -> bool:
         """True if a file has the format of this reader, by its first bytes or all bytes."""
 

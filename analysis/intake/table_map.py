@@ -93,8 +93,6 @@ class Angles(ColumnsWithUnit):
 
 
 class Lengths(ColumnsWithUnit):
-    """Columns x, y and z of a place or a distance."""
-
     known_units = TO_MM
     columns: Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
     mirror: Literal["x", "y", "z"] | None = None

@@ -44,8 +44,6 @@ LENGTHS = ("mm", "m", "in", "cm")
 
 @dataclass(frozen=True)
 class TableReading:
-    """An interpretation of a part of the table, with the residual."""
-
     value: Any
     left: float
     """Residual, rms of the best four fifths, in mm or degrees."""
@@ -261,7 +259,6 @@ class FittingPlace:
 
     @property
     def is_robots(self) -> bool:
-        """True if the name is that of a place commanded or reported by the robot."""
         return self.pose.place.of_controller or self.pose.place.role == "commanded"
 
     def is_nominal(self, most_mm: float) -> bool:

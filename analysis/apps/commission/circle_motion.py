@@ -235,8 +235,6 @@ _APART_S = 1e7
 
 @dataclass(frozen=True)
 class Binned:
-    """Motions in bins, in order of time."""
-
     t_s: Array
     """Median timestamps (n,)."""
     q: Array
@@ -309,8 +307,6 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
 
 @dataclass(frozen=True)
 class CircleFit:
-    """A fitted circle, with the longest stretch of the robot on it."""
-
     circle: CircleFrame
     radial: Array
     """Covariance (3, 3) in mm² of the coefficients of the radial deviations."""

@@ -45,7 +45,6 @@ class FittedTest:
 
 
 def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
-    """Rig file of the option --rig; None if not given."""
     if name is None:
         if write:
             remedy = "give the rig file with --rig FILE"
@@ -60,7 +59,6 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
 
 
 def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None:
-    """Print the block of a test, write it on request, and warn if the robot cannot drive the circle."""
     where = str(to.path or to.rig.name)
     text = with_test(to.text, fitted.test, fitted.values, where)
     doubts = [*fitted.doubts, *_not_drivable(parse(text, where))] if fitted.test == "circle" else list(fitted.doubts)
@@ -127,7 +125,6 @@ def _drivable_posture(rig: Rig) -> list[float] | None:
 
 
 def _replace(path: Path, old: str, new: str) -> Path:
-    """Replace a file durably, and give the copy with the old content."""
     from daq.store import durable
 
     path = path.resolve()  # keep a symbolic link

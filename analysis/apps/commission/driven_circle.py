@@ -166,7 +166,6 @@ class DrivenCircle:
         return np.sqrt(np.diag(self.centre_cov))
 
     def values(self) -> Values:
-        """Keys of tests.circle, rounded to a micrometre and a hundredth of a degree."""
         values: dict[str, float | list[float]] = {
             "centre_mm": self.circle.centre.round(3).tolist(),
             "normal": self.circle.n.round(6).tolist(),
@@ -215,7 +214,6 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
 
 
 def _with_start(fit: CircleFit, motions: Sequence[RobotMotion], rig: Rig, where: str) -> DrivenCircle:
-    """Circle with its start, and with the covariances in world coordinates."""
     direction = motions[fit.motion].direction
     circle, at, posture, arc, keeps_zero, of_start = find_start(fit, direction, rig.tests.circle)
     plane, normal = np.stack([fit.circle.u, fit.circle.v], axis=1), fit.circle.n
@@ -237,7 +235,6 @@ def _with_start(fit: CircleFit, motions: Sequence[RobotMotion], rig: Rig, where:
 
 
 def _check_one_circle(path_circle: FoundCircle, tolerance: Tolerance, points: Array, run: Integers, where: str) -> None:
-    """Refuse a path (k, 3) in mm with a second circle."""
     first = path_circle.circle
     off_first = deviations(first, points).largest > NEAR * tolerance.at(first.radius)
     if off_first.sum() < _FEWEST_OFF:

@@ -113,7 +113,6 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
 
 
 def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
-    """Gauges that respond; at a terminal, at least one."""
     while True:
         ports, here = ports_of(options), ports_here()
         if not ports and (here or not dialogue.terminal):  # the user has to approve each port
@@ -140,7 +139,6 @@ def _find_gauges(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
 
 
 def _identify_gauges(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
-    """Gauge 1 and, if present, gauge 2."""
     by_place = {gauge.place: gauge for gauge in gauges}
     if options.places:
         return [_gauge_at(place, by_place) for place in options.places]

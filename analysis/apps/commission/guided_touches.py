@@ -79,7 +79,6 @@ class GuidedCheck:
 
     @cached_property
     def result(self) -> MovementResult:
-        """The answer so far, with the next posture unless a cause is named."""
         if not self.touches:
             return moved_of(self.reference, None, plan=True)
         runs = self._observed([socket for socket, _ in self.touches], np.array([q for _, q in self.touches]))

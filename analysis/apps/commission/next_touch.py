@@ -179,7 +179,6 @@ def _usefulness(weights: Array, causes: Integers, means: Array, covs: Array) -> 
 
 
 def hidden_causes(reference: Reference, candidates: Candidates) -> list[Lever]:
-    """Causes of typical size that touches in no posture of the reference could reveal."""
     if not candidates.postures:
         return []
     day = day_columns(candidates.runs, candidates.readings)

@@ -70,7 +70,6 @@ _LEAST_TOOL_MM = 1.0
 
 
 def make_rig_file(options: Options, dialogue: Dialogue) -> None:
-    """Ask all open questions and write the rig file."""
     _check_options(options)
     path, stored = options.path, load_answers(options.path)
     if stored.model_fields_set:
@@ -218,7 +217,6 @@ def _find_robot(options: Options, dialogue: Dialogue, address: str) -> RobotRepo
 
 
 def _write_controller_files(options: Options, dialogue: Dialogue, port: str) -> None:
-    """Files next to the rig file for a LinuxCNC controller."""
     directory = options.path.parent / "linuxcnc"
     number = tcp_address(port)
     assert number is not None  # noqa: S101 - formed from an address
@@ -246,7 +244,6 @@ def _ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
 
 
 def _ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Changes:
-    """Ask for the build of an arm if nothing states it."""
     arm = chosen_arm(answers.arm or "", options.measured_by)
     if arm.robot.build is not None or arm.in_library:
         return {"build": None}

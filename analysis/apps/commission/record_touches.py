@@ -87,7 +87,6 @@ def _handle_standstill(guide: Touching, q_deg: Array, came_deg: Array, say: Call
 
 
 def _propose(rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
-    """Say the next posture, or that further touches are not worth their time."""
     from analysis.apps.planning.next_reading import next_touch  # noqa: PLC0415 - takes a second
 
     if step := next_touch(rig, guide.table, guide.socket):

@@ -73,7 +73,6 @@ class TouchedBall:
 
 
 def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
-    """Locate the ball from the stops in all runs, four or more."""
     where = ", ".join(str(run.path) for run in runs)
     stands, run_doubts = zip(*(_read_stands(run, rig) for run in runs), strict=True)
     q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
@@ -226,13 +225,11 @@ class Touching:
 
     @property
     def socket(self) -> str:
-        """The current socket; empty after the last touch."""
         done = len(self._names) // self.each
         return self._sockets[done] if done < len(self._sockets) else ""
 
     @property
     def number(self) -> int:
-        """Number of the next touch at this socket, from 1."""
         return len(self._names) % self.each + 1
 
     @property

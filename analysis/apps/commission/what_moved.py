@@ -103,7 +103,6 @@ class MovementResult:
 
 
 def what_moved(reference: Reference, new: list[ObservedRun], *, plan: bool = False) -> MovementResult:
-    """Movement between a reference and new runs, with the next posture if `plan` is set or no cause is named."""
     known = {run.setup for run in reference.runs}
     shared = [run for run in new if run.setup in known]
     if new and not shared:
@@ -268,7 +267,6 @@ def what_to_do(moved: MovementResult, texts: Texts = _ENGLISH) -> str:
 
 
 def hidden_words(lever: Lever, texts: Texts = _ENGLISH) -> str:
-    """Why a cause is not observable, and the remedy."""
     is_zero = lever.cause.what == "zero"
     typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if is_zero else texts("check_typical_size")
     return texts(

@@ -70,7 +70,6 @@ def _plain(name: str) -> str:
 
 
 def _names(path: Path) -> tuple[str, ...]:
-    """Names of a program: the file name and the name in the text."""
     name, maker = _plain(path.stem), maker_of_file(path)
     return (name, name.removesuffix(maker.files.ending)) if maker and maker.files.ending else (name,)
 
@@ -79,15 +78,12 @@ _TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
 
 
 class Pendant:
-    """Executes the programs of a directory on the arm of a rig, without knowledge of its effects."""
-
     def __init__(self, rig: Rig, programs: Path, maker: MakerName | None = None) -> None:
         self._rig, self._programs = rig, programs
         self._maker = maker or maker_of(rig.feedback.interface)
         self.controller: ControllerState | None = None
 
     def trace(self, name: str) -> Trace:
-        """Motion of the robot and gauge readings for a program, given by file or program name."""
         path = _path_of(self._programs, name.strip())
         maker, texts = program_texts(path)
         controller = self._of(maker.name, str(path))

@@ -119,7 +119,6 @@ class _Pace:
     wanted: float
 
     def at(self, now_ns: int) -> tuple[float, float]:
-        """Program time in s and the current rate."""
         since_s = max(0.0, (now_ns - self.begin_ns) / 1e9)
         ramp_s = _RAMP_S * abs(self.wanted - self.rate)
         if since_s >= ramp_s:
@@ -317,7 +316,6 @@ class EmulatedRobot:
             self._trace = replace(self._trace, q=self._trace.q + more_rad)
 
     def _at_rate(self, new_rate: float, states: Sequence[State], *, stops: bool = False) -> bool:
-        """Change the rate of the program time if the program is in one of these states."""
         now_ns = clock.now_ns()
         state = self.state(now_ns)
         if state not in states:

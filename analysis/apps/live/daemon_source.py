@@ -75,8 +75,6 @@ class Asking:
 
 
 class DaemonSource:
-    """A daemon at a socket. It may disappear and return."""
-
     ended = False
 
     def __init__(self, socket: Path | Callable[[], Path]) -> None:
@@ -88,7 +86,6 @@ class DaemonSource:
         self._heard_s = time.monotonic()
 
     def __enter__(self) -> DaemonSource:
-        """Start polling, if the daemon responds now."""
         with Client(self._find()):
             pass
         return self.begun()

@@ -91,7 +91,6 @@ class LapProgress:
         return self.origin_rad if self.forward and self.sense == -self.forward else self.from_rad
 
     def counted(self) -> LapProgress:
-        """Progress including the complete laps of the motion that ends now."""
         driven_rad = max(0.0, self.sense * (self.extreme_rad - self._begun_rad)) if self.sense else 0.0
         laps = int((driven_rad + _TURN - _WHOLE_RAD) / _TURN)
         counted = replace(self, acw=self.acw + laps * (self.sense > 0), cw=self.cw + laps * (self.sense < 0))

@@ -63,7 +63,6 @@ class Joiner:
     """Time of the last joined row."""
 
     def joined(self, new: Mapping[str, LiveTrack]) -> tuple[Joiner, LiveRows]:
-        """Joiner after new samples, and the completed rows."""
         tracks = {**self.tracks, **new}
         for name, newer in new.items():
             if (track := self.tracks.get(name)) is not None and len(track.t_s):
@@ -106,8 +105,6 @@ def _at(t_s: Array, track: LiveTrack | None, count: int) -> Array:
 
 @dataclass(frozen=True)
 class LiveCell:
-    """The cell in the view, with its circle test, if any."""
-
     name: str
     arm: Arm
     axes: tuple[str, ...]

@@ -83,8 +83,6 @@ def _advanced(view: LiveView, source: LiveSource) -> tuple[LiveView, str]:
 
 @contextmanager
 def _ends_in_order() -> Iterator[None]:
-    """Restore the terminal even if a signal ends the program."""
-
     def end(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 

@@ -47,7 +47,6 @@ class PlayedRun:
         return self.shown >= len(self.rows)
 
     def followed_by(self, following: PlayedRun) -> tuple[PlayedRun, Update]:
-        """Switch to another run at the same time, speed and pause."""
         begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
         cell = following.cell if following.rig_sha256 != self.rig_sha256 else None
         begun = Update(cell=cell, label=(following.name, following.test, following.direction))

@@ -83,7 +83,6 @@ _ARROWS = {1: "▲", -1: "▼", 0: "■"}
 
 
 def angle_panel(view: LiveView, controls: LiveControls, scale: int, width: int) -> Text:
-    """Yaw or roll in large figures, with circle angle and lap below."""
     degrees, name = angle_deg(view, controls.zero_mm), (angle_name(view), f"bold {ANGLE_COLOUR}")
     if degrees is None:
         rows = [row_of(name, (" needs two gauges", "dim"))]
@@ -95,7 +94,6 @@ def angle_panel(view: LiveView, controls: LiveControls, scale: int, width: int) 
 
 
 def lap_row(view: LiveView, width: int) -> Text:
-    """Circle angle and progress of the lap, or why they are missing."""
     phi, lap, sense = phi_deg(view), lap_state(view), view.lap.sense
     if view.cell is None or lap.place == "no_circle":
         return row_of(("the rig file has no circle test" if view.cell else "", "dim"))
@@ -130,7 +128,6 @@ def _widest(view: LiveView, controls: LiveControls, k: int) -> float:
 
 
 def _range_row(view: LiveView, controls: LiveControls, k: int, width: int) -> Text:
-    """Bar of the calibrated or else the observed range, with the reading."""
     if view.extremes_mm is None or not np.isfinite(view.extremes_mm[k]).all():
         return Text()
     low, high = (float(mm) for mm in view.extremes_mm[k])
@@ -161,7 +158,6 @@ _LATE_DRIFT_PPM = 500.0
 
 
 def _state_of(view: LiveView) -> Iterator[tuple[str, str]]:
-    """What the daemon or the played run is doing, with styles."""
     if view.lost:
         yield view.lost, "bold red"
     elif played := view.played:
@@ -236,7 +232,6 @@ def links_panel(view: LiveView, height: int) -> Text:
 def _stream(
     name: str, stream: dict[str, Any], view: LiveView, clock: dict[str, Any] | None
 ) -> Iterator[tuple[str, str]]:
-    """Connection, rate, condition, further gauges, clock and faults of a stream, with styles."""
     words = ("connected ", "green") if stream["connected"] else ("lost      ", "bold red")
     yield f"{name:<6}"[:12] + " ", "bold"
     yield ("last known ", "") if view.lost else words
@@ -259,7 +254,6 @@ def _stream(
 
 
 def foot_rows(view: LiveView, controls: LiveControls, width: int) -> list[Text]:
-    """A message, if any, and the typed label or the keys in the last row."""
     message = [row_of((line, "yellow")) for line in wrap(plain(controls.message), max(1, width - 2))]
     if controls.prompt is not None:
         label = ("label (name test direction, Esc to leave): ", "bold")
@@ -350,7 +344,6 @@ def _middle(view: LiveView, controls: LiveControls, width: int, height: int, *, 
 
 
 def _column(parts: Sequence[tuple[RenderableType, int | None]]) -> Layout:
-    """Panels below each other, each with its height, or sharing what remains."""
     layout = Layout()
     layout.split_column(*(Layout(_indented(part), size=size) for part, size in parts if size != 0))
     return layout

@@ -125,7 +125,6 @@ class LiveView:
         )
 
     def restarted(self) -> LiveView:
-        """View with reset extremes, curves and counts; rows and state remain."""
         reset = ("extremes_mm", "lap", "acw", "cw", "joints", "events", "reversal_counts", "last_reversals")
         fresh = LiveView()
         return replace(self, **{name: getattr(fresh, name) for name in reset})

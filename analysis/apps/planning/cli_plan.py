@@ -283,7 +283,6 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
 
 
 def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: MakerName | None, dwell_s: float) -> list[Path]:
-    """Write the table of the poses, whose rows are those of the tracker, and the program."""
     from analysis.apps.makers.motion_plan import demand_of
     from analysis.apps.makers.writing import encoded_programs, programs_of
     from analysis.apps.programs.planned import poses_plan

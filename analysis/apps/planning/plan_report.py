@@ -117,7 +117,6 @@ def _title(of: str) -> str:
 
 
 def _by_seat(plan: CapabilityOfTests, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
-    """Group detectabilities by effect, for link constants by field, and by axis or gauge."""
     sights_by_kind: dict[str, dict[str, list[Detectability]]] = {}
     for sight in plan.detectabilities:
         kind, _, seat = name_of(sight.effect).partition(" ")
@@ -156,7 +155,6 @@ def _similar_pairs(plan: CapabilityOfTests) -> list[Block]:
 
 
 def _separating(further: Sequence[SeparatingTest]) -> Cell:
-    """The tests that separate two errors, or the best one if none does."""
     helps = [f"{parting.test}: {parting.sigma:.0f} σ" for parting in further if is_separable(parting.sigma)][:_MOST]
     if helps:
         return Cell(helps[0], tuple(helps[1:]))

@@ -25,8 +25,6 @@ _SEED, _SHUFFLES = 0, 5
 
 @dataclass(frozen=True)
 class PlannedPoses:
-    """Planned poses in driving order, and the expected result."""
-
     q: Array
     """Joint angles (n, axes) in rad."""
     xyz_mm: Array

@@ -286,8 +286,6 @@ def _compressed(entries: Array) -> Array:
 
 @dataclass(frozen=True)
 class ReadingPool:
-    """Possible readings and the targets that they inform about."""
-
     readings: Array
     """Entries (r, e, k) of each reading in standard deviations of their noise; a row of zeros is no entry."""
     targets: Array

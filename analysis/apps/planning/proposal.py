@@ -51,8 +51,6 @@ _REASONS: dict[Undrivable, str] = {
 
 @dataclass(frozen=True)
 class CircleCandidate:
-    """Rig with a further circle, the differences, and the minutes for set-up and runs."""
-
     rig: Rig
     words: str
     minutes: float
@@ -172,8 +170,6 @@ class Aims:
 
 @dataclass(frozen=True)
 class ProposedCircle:
-    """A circle to drive, with its benefit beyond the circles before it."""
-
     candidate: CircleCandidate
     testable: tuple[str, ...]
     separated: tuple[tuple[str, str], ...]

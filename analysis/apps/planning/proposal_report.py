@@ -52,7 +52,6 @@ def answer_of(proposal: CircleProposal) -> list[Block]:
 
 
 def _testable(proposal: CircleProposal, circle: ProposedCircle) -> list[str]:
-    """Effects that a circle makes testable, confirmed by the full judgement, which fits shapes."""
     return [name for name in circle.testable if name not in proposal.after.undetectable]
 
 

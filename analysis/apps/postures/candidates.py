@@ -43,8 +43,6 @@ NO_BRANCH = -1
 
 @dataclass(frozen=True)
 class Candidates:
-    """Postures of targets, sorted by target."""
-
     q: Array
     """Joint angles (m, axes) rad, followed by the rail position in m."""
     target: Integers

@@ -43,7 +43,6 @@ def answer_of(postures: Postures, labels: Sequence[str], language: Language = "e
 
 
 def doubt_lines(postures: Postures, texts: Texts) -> list[str]:
-    """Limits of the knowledge about the errors; printed first."""
     lines: list[str] = [texts("postures_verdict", why=postures.verdict)] if postures.verdict else []
     if postures.knowledge != "calibrated":
         lines.append(texts(f"postures_{postures.knowledge}"))
@@ -126,7 +125,6 @@ def chosen_csv(postures: Postures, kept: dict[str, list[str]]) -> str:
 
 
 def all_csv(postures: Postures, labels: Sequence[str]) -> str:
-    """All postures of all targets as CSV, the best of each target first."""
     robot = postures.rig.robot
     names = (*_joint_names(robot), "branch", *POSTURE_COLUMNS, "play_mm", "approached_mm", "approach", "conditioning")
     rising, approached = postures.errors.best_approach()

@@ -34,8 +34,6 @@ _SAME_RAD = np.radians(0.5)
 
 @dataclass(frozen=True)
 class Postures:
-    """Postures of targets with their errors, and two sequences of them."""
-
     rig: Rig
     poses: Array
     knowledge: Knowledge
@@ -51,7 +49,6 @@ class Postures:
 
     @property
     def reached(self) -> Array:
-        """Poses (t, 4, 4) of the targets that have a posture."""
         return np.asarray(self.poses[np.unique(self.candidates.target)])
 
     @property
@@ -194,7 +191,6 @@ def _with_given(arm: Arm, poses: Array, candidates: Candidates, current: Array |
 
 
 def _row_of(candidates: Candidates, q: Array, target: int) -> int | None:
-    """Row of the candidate at joint angles (axes,) rad; None if there is none."""
     rows = np.flatnonzero(candidates.target == target)
     if not len(rows):
         return None
@@ -298,8 +294,6 @@ def _of_parts(square: Array, half_x: int, half_y: int) -> Array:
 
 @dataclass(frozen=True)
 class Sequence:
-    """A posture for each target in program order."""
-
     rows: Integers
     expected_mm: Array
     """Expected error (t,), with the side of approach given by the program."""

@@ -374,7 +374,6 @@ class _Pages:
         return self._window.made.get(words, runs)
 
     def _pictures(self, shown: Sequence[ShelfRun]) -> tuple[list[str] | None, str]:
-        """Addresses of the pictures, None while they are drawn, and the reason for missing ones."""
         words = ("analyse", *_paths(shown), "--json", "--plot", "{out}")
         try:
             made = self._window.made.get(words, [run.path for run in shown])
@@ -389,7 +388,6 @@ class _Pages:
         return self._redirect(request, made, "?scripts=1" if words[0] == "report" else "")
 
     def _redirect(self, request: Request, made: Path | None, query: str = "") -> Response:
-        """Lead to a made page, or to a page that waits for it."""
         if made is None:
             return self._page(request, "wait.html", 202)
         return RedirectResponse(f"/made/{made.name}/{_PAGE}{query}", 303)

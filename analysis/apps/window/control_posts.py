@@ -74,7 +74,6 @@ class WindowControls:
         return [plain(line) for line in lines[-30:]]
 
     def close(self) -> None:
-        """Stop the session started here. Its state is stored, and the same command resumes it."""
         with self._lock:
             if self._session is not None:
                 self._session.stop()
@@ -84,7 +83,6 @@ class WindowControls:
         return self._place.directory / "window.log" if self._place else None
 
     def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
-        """Start or resume the session, as in `rig session`. maker: for a new session."""
         if self._place is None or self._log is None:
             remedy = "start rig window CELL --control"
             raise CellError("rig window", "was started without a cell", remedy, code="window.no_cell")

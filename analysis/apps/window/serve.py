@@ -39,8 +39,6 @@ def listening(address: str, port: int) -> socket.socket:
 
 
 class WindowServer(uvicorn.Server):
-    """Server that ends the endless event streams before it closes connections at shutdown."""
-
     def __init__(self, app: ASGIApp, ends: Callable[[], None]) -> None:
         logging.getLogger("uvicorn.error").setLevel(logging.ERROR)  # warnings are about requests of others
         config = uvicorn.Config(

@@ -30,7 +30,6 @@ class Board:
         self._ended = False
 
     def post(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Replace the message of a kind. Equal content is no change."""
         text = json.dumps(plain_values(for_json(values)), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
         data = f"event: {kind}\ndata: {text}\n\n".encode()
         version, before = self._news.get(kind, (0, b""))
@@ -45,7 +44,6 @@ class Board:
         self._changed.set()
 
     async def follow(self) -> AsyncGenerator[bytes, None]:
-        """Current messages, followed by changes at the speed of the reader."""
         yield b"retry: 1000\n\n"
         seen: dict[str, int] = {}
         while not self._ended:
