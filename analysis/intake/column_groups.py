@@ -298,7 +298,11 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[ColumnGroup], _Turns]:
             first, *later = (name.column for name in order)
             ways = (TurnReading(columns, "quaternion") for columns in ((*later, first), (first, *later)))
             turns.append((_group(order), tuple(ways)))
-    return places, [*turns, *_matrices(names)]
+    words = {"r", "rot", "m", "t", "matrix", "rotation"}
+    if rows := _matrix_of(_by_digits(name for name in names if words & set(name.words)), 3):
+        group = _group([name for row in rows for name in row])
+        turns.append((group, (TurnReading(group.columns, "matrix"),)))
+    return places, turns
 
 
 def _in_sets(names: Sequence[_Name]) -> _Turns:
@@ -342,13 +346,6 @@ def _matrix_of(by_digits: dict[str, _Name], columns: int) -> list[list[_Name]]:
         if all(place in by_digits for row in rows for place in row):
             return [[by_digits[place] for place in row] for row in rows]
     return []
-
-
-def _matrices(names: Sequence[_Name]) -> _Turns:
-    words = {"r", "rot", "m", "t", "matrix", "rotation"}
-    rows = _matrix_of(_by_digits(name for name in names if words & set(name.words)), 3)
-    groups = [_group([name for row in rows for name in row])] if rows else []
-    return [(group, (TurnReading(group.columns, "matrix"),)) for group in groups]
 
 
 def _vectors(names: Sequence[_Name]) -> Iterator[PlaceColumns]:

@@ -85,7 +85,13 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
     columns = {name: MappedColumn(column=name) for name in optional}
     if column and not socket:
         return TableMap(files=(layout,), joints=joints, columns={SOCKET: MappedColumn(column=column), **columns})
-    constants = {SOCKET: socket or _only_socket(rig, raw.where)}
+    sockets = rig.tests.touch.sockets if rig.tests.touch else ()
+    if not socket and len(sockets) != 1:
+        declared = f", of {', '.join(sockets)}" if sockets else ""
+        problem = "does not name the socket of each row"
+        remedy = f"add a column socket, or give --socket NAME for all rows{declared}"
+        raise FileError(raw.where, problem, remedy, code="touch.no_sockets")
+    constants = {SOCKET: socket or sockets[0]}
     return TableMap(files=(layout,), joints=joints, columns=columns, constants=constants)
 
 
@@ -109,17 +115,6 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
             raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}", code="touch.no_joints"
         )
     return likely_angles(raw, group)
-
-
-def _only_socket(rig: Rig, where: str) -> str:
-    sockets = rig.tests.touch.sockets if rig.tests.touch else ()
-    if len(sockets) == 1:
-        return sockets[0]
-    declared = f", of {', '.join(sockets)}" if sockets else ""
-    problem = "does not name the socket of each row"
-    raise FileError(
-        where, problem, f"add a column socket, or give --socket NAME for all rows{declared}", code="touch.no_sockets"
-    )
 
 
 @dataclass(frozen=True)

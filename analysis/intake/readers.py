@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Protocol
 
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -45,16 +45,15 @@ class StreamReader(Protocol):
 
 @cache
 def readers() -> tuple[StreamReader, ...]:
-    return tuple(map(_loaded, sorted(entry_points(group="rig.readers"))))
-
-
-def _loaded(offer: EntryPoint) -> StreamReader:
-    try:
-        return cast("StreamReader", offer.load())
-    except Exception as reason:
-        problem = f"{offer.value}, which a package offers, cannot be used: {reason}"
-        remedy = "install a different version of that package, or uninstall the package"
-        raise FileError(f"reader {offer.name}", problem, remedy, code="reader.unusable") from reason
+    loaded: list[StreamReader] = []
+    for offer in sorted(entry_points(group="rig.readers")):
+        try:
+            loaded.append(offer.load())
+        except Exception as reason:
+            problem = f"{offer.value}, which a package offers, cannot be used: {reason}"
+            remedy = "install a different version of that package, or uninstall the package"
+            raise FileError(f"reader {offer.name}", problem, remedy, code="reader.unusable") from reason
+    return tuple(loaded)
 
 
 def reader_of(data: bytes) -> StreamReader | None:

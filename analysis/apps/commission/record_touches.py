@@ -3,15 +3,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from analysis.apps.commission.touched_ball import RestDetector, Touching
-from analysis.procedures.simulate import touch_of
-from analysis.robot.geometry.pose_setup import moved_by
+from analysis.procedures.simulate import touch_of, with_ball
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.runs.loading import RobotMotion
 from analysis.runs.tables import TouchTable, columns_of, joint_columns
@@ -46,9 +44,7 @@ def record_touches(
         problem = "is on a rail, and rigd does not read the position of the rail"
         remedy = "remove robot.rail if the rail does not move, or import touches as a table"
         raise FileError(RigPlace.of(rig.name), problem, remedy, code="touch.rail")
-    arm = arm_of(rig.robot)
-    ball = moved_by(np.eye(4), np.array(touch.ball_mm), np.zeros(3))
-    guide = Touching(replace(arm, T_flange_tool=arm.T_flange_tool @ ball), touch.sockets, touches or touch.touches)
+    guide = Touching(with_ball(arm_of(rig.robot), touch), touch.sockets, touches or touch.touches)
 
     def save() -> Path:
         return write_touches(output, guide.table, rig, text, operator, f"touches of {name}", placement)
@@ -57,8 +53,8 @@ def record_touches(
     try:
         with suppress(KeyboardInterrupt):
             for q_deg, came_deg in guided_joints(daemon, len(rig.robot.axes)):
-                if came_deg is not None and _handle_standstill(guide, q_deg, came_deg, say) and guide.number > 1:
-                    _propose(rig, guide, say)
+                if came_deg is not None:
+                    _handle_standstill(rig, guide, q_deg, came_deg, say)
                 if not guide.socket:
                     break
     except RigError:
@@ -71,26 +67,23 @@ def record_touches(
     return save()
 
 
-def _handle_standstill(guide: Touching, q_deg: Array, came_deg: Array, say: Callable[[str], None]) -> bool:
+def _handle_standstill(rig: Rig, guide: Touching, q_deg: Array, came_deg: Array, say: Callable[[str], None]) -> None:
+    """Take a touch, and say the next posture, or that further touches are not worth their time."""
     socket, number = guide.socket, guide.number
-    seen = guide.take(q_deg, came_deg)
-    match seen:
+    match guide.take(q_deg, came_deg):
         case "seated":
             say(f"{TONE}socket {socket}: touch {number} of {guide.each}")
             if guide.socket and guide.socket != socket:
                 say(f"now socket {guide.socket}: place the ball in that socket")
+            if guide.number > 1:
+                from analysis.apps.planning.next_reading import next_touch  # noqa: PLC0415 - takes a second
+
+                if step := next_touch(rig, guide.table, guide.socket):
+                    say(step.words)
         case "elsewhere":
             say(f"the robot is at rest, but by the arm the ball is not in socket {socket}: seat the ball, or continue")
         case "same posture":
             say("the posture is that of the previous touch: turn elbow or wrist and keep the ball in the socket")
-    return seen == "seated"
-
-
-def _propose(rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
-    from analysis.apps.planning.next_reading import next_touch  # noqa: PLC0415 - takes a second
-
-    if step := next_touch(rig, guide.table, guide.socket):
-        say(step.words)
 
 
 def guided_joints(daemon: SampleSource, axes: int) -> Iterator[tuple[Array, Array | None]]:
