@@ -167,13 +167,11 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """Motion until Ctrl-C, and the named rig or else that of the daemon."""
     from analysis.apps.commission.cli_fitted_test import RigFile, u_written
     from analysis.apps.commission.driven_circle import driven_circle
-    from analysis.apps.commission.record_touches import watched_motion
+    from analysis.apps.commission.record_touches import served_rig, watched_motion
     from daq.service.client import Client, find_socket
-    from rigs.load import parse
 
     with Client(find_socket(named.rig.name if named else None)) as client:
-        text = "\n".join(client.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
-        served = RigFile(parse(text, "the rig file of rigd"), text, None)
+        served = RigFile(*served_rig(client), None)
         to = named or served
         rig = to.rig
         _check_same_robot("the running daemon", served.rig, rig)

@@ -37,8 +37,7 @@ def record_touches(
 ) -> Path:
     """Guide the user through the touches and write a run. If the robot falls silent, six or more touches are saved."""
     refuse_existing(output)
-    text = "\n".join(daemon.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
-    rig = parse(text, "the rig file of rigd")
+    rig, text = served_rig(daemon)
     touch = touch_of(rig)
     if rig.robot.rail:
         problem = "is on a rail, and rigd does not read the position of the rail"
@@ -121,6 +120,12 @@ _SHOW_S = 2.0
 class SampleSource(Protocol):
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """A daemon that answers requests."""
+
+
+def served_rig(daemon: SampleSource) -> tuple[Rig, str]:
+    """Rig that a daemon serves, and the text of its file."""
+    text = "\n".join(daemon.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
+    return parse(text, "the rig file of rigd"), text
 
 
 def joint_samples(daemon: SampleSource, axes: int, after: Mapping[str, int]) -> Iterator[tuple[Array, Array]]:

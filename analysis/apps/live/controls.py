@@ -82,6 +82,11 @@ _ACTIONS: dict[str, Action] = {
 }  # fmt: skip
 
 
+def zeros_at(readings: Mapping[str, GaugeReading]) -> tuple[float, float]:
+    g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
+    return g1, g2
+
+
 @dataclass(frozen=True)
 class LiveControls:
     units: Units = UNITS[0]
@@ -106,8 +111,7 @@ class LiveControls:
             case "u":
                 controls = replace(controls, units=UNITS[(UNITS.index(self.units) + 1) % len(UNITS)])
             case "z":
-                g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
-                controls = replace(controls, zero_mm=(g1, g2), message=_ZEROED)
+                controls = replace(controls, zero_mm=zeros_at(readings), message=_ZEROED)
             case "Z":
                 controls = replace(controls, zero_mm=(0.0, 0.0))
             case "?" | "h":

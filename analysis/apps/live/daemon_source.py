@@ -19,6 +19,7 @@ from analysis.apps.live.controls import Action, StartRecording
 from analysis.apps.live.live_rows import GAUGES, NO_TRACKS, ROBOT, Joiner, LiveTrack, cell_of
 from analysis.apps.live.view import GaugeReading, Update
 from analysis.robot.kinematics.arm import Array
+from analysis.runs.tables import joint_columns
 from daq.service.client import Client
 from rigs.errors import CellError, RigError
 from rigs.load import parse
@@ -28,7 +29,7 @@ _ASK_S, _STATE_S = 0.1, 0.5
 _RETRY_S = 0.5
 _MOST_WAITING = 100
 """Queued updates while the screen is blocked."""
-_JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
+_JOINTS = joint_columns(6)
 
 
 class Asking:

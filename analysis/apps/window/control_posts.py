@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.apps.commission.guided_touches import CellReference, GuidedCheck, references_of
-from analysis.apps.live.controls import RecordingLabel, StartRecording
+from analysis.apps.live.controls import RecordingLabel, StartRecording, zeros_at
 from analysis.apps.session.child_processes import Child
 from analysis.apps.session.session_state import SessionDirectory
 from analysis.apps.window.watcher import Watcher
@@ -49,9 +49,7 @@ class WindowControls:
             case "stop":
                 return str(watcher.ask("record_stop")["run"])
             case "zero":
-                readings = watcher.view.readings
-                g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
-                watcher.zero_mm = (g1, g2)
+                watcher.zero_mm = zeros_at(watcher.view.readings)
             case "unzero":
                 watcher.zero_mm = (0.0, 0.0)
             case "restart":
