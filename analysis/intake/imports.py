@@ -81,10 +81,10 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
     raw, layout = _raw_table(read_whole(path), str(path))
     optional = [name for name in format_of(test).layout(len(rig.robot.axes)).optional if name in raw.names]
     joints = _joints(raw, rig, set(optional))
-    column = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
     columns = {name: MappedColumn(column=name) for name in optional}
-    if column and not socket:
-        return TableMap(files=(layout,), joints=joints, columns={SOCKET: MappedColumn(column=column), **columns})
+    if raw.socket_column and not socket:
+        columns = {SOCKET: MappedColumn(column=raw.socket_column), **columns}
+        return TableMap(files=(layout,), joints=joints, columns=columns)
     sockets = rig.tests.touch.sockets if rig.tests.touch else ()
     if not socket and len(sockets) != 1:
         declared = f", of {', '.join(sockets)}" if sockets else ""

@@ -56,7 +56,6 @@ from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
 from analysis.runs.stands import require_postures
-from analysis.runs.tables import SOCKET
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.text import as_argument, first_of
@@ -233,9 +232,10 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
         )
         raise FileError(raw.where, problem, remedy, code="table.no_joints")
     if not any(pose.place.role != "commanded" for pose in groups.seen) and not (groups.seen and groups.residuals):
-        socket = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
-        if socket and not groups.seen:
-            problem = f"has a column {socket} and no measured place: these are touches, not poses of a tracker"
+        if raw.socket_column and not groups.seen:
+            problem = (
+                f"has a column {raw.socket_column} and no measured place: these are touches, not poses of a tracker"
+            )
             raise FileError(raw.where, problem, "import it with --test touch", code="table.not_measured")
         lacks = (
             "has only places that were commanded, not measured" if groups.seen else "lacks columns x, y, z of a place"

@@ -26,7 +26,7 @@ from analysis.intake.read import DECIMAL_COMMAS, Problems, TableProblem, refuse_
 from analysis.intake.table_map import SEPARATORS, FileLayout, Separator
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.noise.readings import evenly
-from analysis.runs.tables import LARGEST
+from analysis.runs.tables import LARGEST, SOCKET
 from daq.store.chunk import array_of
 from rigs.distribution import to_install
 from rigs.errors import FileError
@@ -86,6 +86,10 @@ class RawTable:
         if problems is None:
             bad_cells.refuse(self.where)
         return columns
+
+    @property
+    def socket_column(self) -> str | None:
+        return next((name for name in self.names if name.strip().lower() == SOCKET), None)
 
     @cached_property
     def numeric(self) -> tuple[str, ...]:

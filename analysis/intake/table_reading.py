@@ -99,18 +99,22 @@ class Judge:
         return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
 
     def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> TableReading:
-        nothing = TableReading(table_map, np.inf, "mm", words, np.inf)
-        try:
-            poses = poses_of(self.raw, table_map)
-        except TableFileError:
-            return nothing
-        sound = (poses.xyz_mm != 0).any(axis=1)
-        q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
+        q, xyz_mm = _measured_rows(self.raw, table_map)
         if len(q) < FEWEST or np.abs(xyz_mm).max() > _FARTHEST_MM:
-            return nothing
+            return TableReading(table_map, np.inf, "mm", words, np.inf)
         apart = spread_of(xyz_mm)
         rms_mm = left_mm(self.bare, q, xyz_mm, steps)
         return TableReading(table_map, rms_mm, "mm", words, rms_mm / apart if apart else np.inf)
+
+
+def _measured_rows(raw: RawTable, table_map: TableMap) -> tuple[Array, Array]:
+    """Joints (n, k) rad and places (n, 3) mm of the rows with a place; none if the map does not suit the table."""
+    try:
+        poses = poses_of(raw, table_map)
+    except TableFileError:
+        return np.empty((0, 0)), np.empty((0, 3))
+    measured = (poses.xyz_mm != 0).any(axis=1)
+    return poses.q[measured], poses.xyz_mm[measured]
 
 
 def spread_of(places: Array) -> float:
@@ -139,12 +143,7 @@ def alternative_readings(raw: RawTable, bare: Arm, base: TableMap) -> list[Table
 
     Empty if the units do not suit the arm or hardly any row has a place.
     """
-    try:
-        poses = poses_of(raw, base)
-    except TableFileError:
-        return []
-    sound = (poses.xyz_mm != 0).any(axis=1)
-    q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
+    q, xyz_mm = _measured_rows(raw, base)
     if len(q) < FEWEST:
         return []
     apart, reach = spread_of(xyz_mm), spread_of(forward(bare, q)[:, :3, 3])

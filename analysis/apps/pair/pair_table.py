@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
 from analysis.intake.read import read_whole
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.runs.tables import SOCKET, joint_columns, second_joint_columns
+from analysis.runs.tables import joint_columns, second_joint_columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MOST_AXES
@@ -131,8 +131,7 @@ def _column(raw: RawTable, name: str, *, may_be_empty: bool) -> Array:
 
 
 def _sockets(raw: RawTable, first: Rig, count: int) -> NDArray[np.str_]:
-    column = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
-    if column is not None:
-        return np.array([cell.strip() for cell in raw.cells[column].to_pylist()], dtype=np.str_)
+    if raw.socket_column:
+        return np.array([cell.strip() for cell in raw.cells[raw.socket_column].to_pylist()], dtype=np.str_)
     declared = first.tests.touch.sockets if first.tests.touch else ()
     return np.full(count, declared[0] if declared else "A")
