@@ -273,8 +273,8 @@ def check_use(about: str, port: str, root: Path) -> CellFinding | None:
         return None
     for folder in sorted((root / "proc").glob("[0-9]*")):
         with contextlib.suppress(OSError):
-            used = [str(file.readlink()) for file in list((folder / "fd").iterdir())]
-            if device in used and int(folder.name) != os.getpid():
+            files = list((folder / "fd").iterdir()) if int(folder.name) != os.getpid() else []
+            if any(str(file.readlink()) == device for file in files):
                 name = (folder / "comm").read_text().strip()
                 stop = f"systemctl disable --now {name}" if name in _GREEDY else f"kill {folder.name}"
                 return wrong(about, f"{port} is in use by {name} (process {folder.name})", f"end it: sudo {stop}")
