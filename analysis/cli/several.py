@@ -107,7 +107,8 @@ def evaluate_paths(
     """
     from analysis.procedures.results import borrowed_noise, evaluate_path
 
-    first, again = list[Result](), list[Result]()
+    first: list[Result] = []
+    again: list[Result] = []
     work = partial(evaluate_path, with_rows=with_rows)
     errors = over_runs(work, runs, first.append, doing="evaluating", jobs=jobs, scheduler=scheduler)
     like = {first[place].measured.path: noise for place, noise in borrowed_noise(first).items()}
