@@ -88,7 +88,7 @@ def _as_commanded(run: Measured, model: Rig | None, added_deg: Sequence[float]) 
     controller, None if uncorrected; added_deg: offsets (6,) of the reported angles by its entered values.
     """
     table = run.table
-    bare = run.rig.model_copy(update={"effects": ()}).with_calibration(None, None)
+    bare = run.rig.nominal
     if not isinstance(table, CircleTable):
         return replace(run, rig=bare)
     laps = circle_laps(bare, table.direction)
