@@ -58,6 +58,7 @@ class Quantity:
         return _SIGNS.get(self.unit, self.unit)
 
     def rounded(self, value: float) -> str:
+        """A value with the digits of this figure."""
         digits = self._digits
         return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"  # adding 0 turns −0 into 0
 
