@@ -109,11 +109,9 @@ def _has_fractional_wave(rig: Rig, axis: int) -> bool:
 def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> str:
     rows = turns == count
     turns_off = f"{counted(abs(count), 'whole turn')} {'higher' if count > 0 else 'lower'}"
-    return f"axis {axis} is {turns_off} {_row_words(table, rows)} ({_ends(table.q[rows, axis - 1])})"
-
-
-def _ends(angles: Array) -> str:
-    return " to ".join(dict.fromkeys(f"{np.degrees(angle):z.1f}°" for angle in (angles.min(), angles.max())))
+    angles = np.degrees(table.q[rows, axis - 1])
+    ends = " to ".join(dict.fromkeys(f"{angle:z.1f}°" for angle in (angles.min(), angles.max())))
+    return f"axis {axis} is {turns_off} {_row_words(table, rows)} ({ends})"
 
 
 def _row_words(table: Table, chosen: Mask) -> str:

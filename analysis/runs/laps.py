@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.robot.geometry.circle import SENSE, CircleFrame, frame_of
 from analysis.robot.geometry.driven_programs import circle_of
-from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward
+from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
 from analysis.runs.noise.readings import rms
 from analysis.runs.stands import STILL_RUN_RAD
 from analysis.runs.tables import CircleTable
@@ -32,8 +32,6 @@ _COVER = 40_000
 """Number of rows used to detect gaps in a lap; they are less than a hundredth of a degree apart."""
 _REPORTS_S = 0.002
 """Shortest reporting interval of controllers: 2 ms (RTDE of the e-Series). Gauges may be faster."""
-_BLOCK = 4096
-"""Number of rows per block of poses, which limits the memory for a long run."""
 _MISSING_SHARE = 0.01
 """Share of a lap that may be missing at the end. A wider gap would be refused in any case."""
 _JUMP_RAD = np.radians(1.0)
@@ -140,7 +138,7 @@ def _ways_along(
     # Compute poses at the reporting rate of controllers. Rows in between are interpolated.
     step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(table.t_s[:_SEEN]))), 1e-9)))
     rows_seen = np.append(np.arange(0, len(table.t_s) - 1, step), len(table.t_s) - 1)
-    tool = places_along(arm_of(rig.robot), table.q, rows_seen)
+    tool = forward(arm_of(rig.robot), table.q[rows_seen])[:, :3, 3].copy()
     phi = frame.angle(tool)
     stretches = _on_circle(table.t_s, tool, frame, rows_seen)
     if len(rows_seen) < len(table.q):
@@ -199,13 +197,6 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
     end = int(np.argmax(since >= 2 * np.pi)) or len(since)
     begin = int(np.flatnonzero(since[:end] < 0).max(initial=-1)) + 1
     return slice(rows.start + begin, rows.start + end), since[begin:end]
-
-
-def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
-    places = np.empty((len(rows), 3))
-    for begin in range(0, len(rows), _BLOCK):
-        places[begin : begin + _BLOCK] = forward(arm, q[rows[begin : begin + _BLOCK]])[:, :3, 3]
-    return places
 
 
 def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> list[slice]:

@@ -233,10 +233,9 @@ def standstill_starts(q: Array, differs: Mask) -> Mask:
 def standstill_starts_of_visits(q: Array, differs: Mask) -> Mask:
     """Mask like `standstill_starts`; rows without times that seem to be visits in any order are all starts."""
     starts = standstill_starts(q, differs)
-    return np.ones(len(q), dtype=bool) if len(q) and not _standstills_are_adjacent(q, starts[1:]) else starts
-
-
-def _standstills_are_adjacent(q: Array, moved: Mask) -> bool:
-    """True if most rows with equal postures are adjacent: repeated readings of one standstill, not visits."""
+    if not len(q):
+        return starts
+    # Most rows with equal postures are adjacent if they are repeated readings of one standstill.
     postures = len(np.unique(np.round(q / STANDSTILL_RAD), axis=0))
-    return 2 * int(np.count_nonzero(~moved)) > len(q) - postures
+    are_adjacent = 2 * int(np.count_nonzero(~starts[1:])) > len(q) - postures
+    return starts if are_adjacent else np.ones(len(q), dtype=bool)

@@ -82,15 +82,12 @@ def command_findings(run: Measured) -> Iterator[Finding]:
     large = [error for error in command_errors(run) if error.rms_deg > _LEAST_DEG]
     if not large:
         return
-    which = "commanded" if _has_column(run, "q1_measured_deg") else "measured"
+    source = run.run.table
+    which = "commanded" if source is not None and "q1_measured_deg" in source.column_names else "measured"
     fact = f"measured minus commanded angles: {'; '.join(error.words for error in large)}; the {which} angles are used"
     remedy = "a difference that varies with load or speed comes from the drives, not from the geometry of the arm"
     columns = tuple(f"q{error.axis}_deg" for error in large)
     yield Finding(COMMANDS, "likely", columns, "angles that were not reached", fact, remedy)
-
-
-def _has_column(run: Measured, name: str) -> bool:
-    return run.run.table is not None and name in run.run.table.column_names
 
 
 def _both_angles(rows: Rows) -> tuple[Array, Array] | None:

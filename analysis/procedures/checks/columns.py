@@ -469,14 +469,14 @@ _FARTHER = 8.0
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
     rows = most_distant_rows(table.xyz_mm)
     robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
-    for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
-        if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
-            fact = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
-            yield fact, "convert the places to mm"
-    for unit, factor in _MISREAD_UNITS.items():
-        if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
-            fact = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
-            yield fact, "read them as mm"
+    for units, are_in, remedy in (
+        ({**FACTORS, **_OF_TRACKERS}, "are in", "convert the places to mm"),
+        (_MISREAD_UNITS, "were not in", "read them as mm"),
+    ):
+        for unit, factor in units.items():
+            if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
+                far = f"they move {seen / robot_step:.3g} times as far as the robot"
+                yield f"x_mm, y_mm, z_mm {are_in} {unit}: {far}", remedy
     if table.rpy is None:
         return
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
