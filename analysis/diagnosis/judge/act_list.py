@@ -54,6 +54,8 @@ class JudgedPlace:
     calibrated: Sequence[Effect]
     gap: Gap
     predicted_um: float | None = None
+    is_validated: bool = False
+    """Whether these poses are enough to validate the model."""
 
     def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
         """Return the figures of an action that removes these effects. The change has a relative uncertainty."""
@@ -407,7 +409,7 @@ def _is_proven(act: Act, diagnosis: Diagnosis, judged: JudgedPlace) -> bool:
         return False
     faults = [named.effect for named in diagnosis.standing if named.effect.part not in ("gauges", "clocks")]
     is_fault = diagnosis.condition == "named" and act.gain_um > 0 and act.effect in faults
-    is_independent = judged.place != "used" or judged.predicted_um is not None  # each pose by all others
+    is_independent = judged.place != "used" or judged.is_validated
     return is_fault or (act.removes and is_independent)
 
 

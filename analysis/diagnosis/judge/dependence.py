@@ -18,7 +18,7 @@ from analysis.diagnosis.evidence.observation import ORDER_OF
 from analysis.diagnosis.fit.responses import Linearisation, noise_um
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.unknown import torque_share
-from analysis.diagnosis.judge.held_out import FEWEST_GROUPS, HeldOut
+from analysis.diagnosis.judge.held_out import HeldOut
 from analysis.diagnosis.judge.residuals import Dependence, HeldOutResidual, Residual, Subject
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.noise.cell_noise import (
@@ -62,7 +62,7 @@ def held_out_residual(
     """Residual of held-out places with its dependences; None if too few places were held out. temperature (n,): in °C
     of the rows of a single table, None if unknown.
     """
-    if held_out is None or len(np.unique(held_out.group)) < FEWEST_GROUPS:
+    if held_out is None or not held_out.is_enough:
         return None
     linear = result.linear
     tables = [block.table for block in linear.blocks if block.facts.of_places]

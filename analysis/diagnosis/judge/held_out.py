@@ -44,6 +44,11 @@ class HeldOut:
     """Whitened rows of the readings used; empty for runs with no part in the fit."""
 
     @property
+    def is_enough(self) -> bool:
+        """Whether the neighbourhoods are enough to validate a model."""
+        return len(np.unique(self.group)) >= FEWEST_GROUPS
+
+    @property
     def whitened(self) -> Array:
         return self.residual_mm / self.sd_mm
 

@@ -135,7 +135,10 @@ def plan_next(
     tests = naming_tests(asked, possible, fit.result, (validation.fitted.runs, validation.elsewhere)) if asked else []
     runs = validation.elsewhere or validation.judges or validation.fitted.runs
     place, gaps = diagnosis.accuracy.place, validation.gaps
-    judged = JudgedPlace(place, validation.fitted, runs, validation.calibrated, gaps.judged, gaps.predicted_um)
+    predicts = gaps.predicted_um is not None and validation.places is not None and validation.places.is_enough
+    judged = JudgedPlace(
+        place, validation.fitted, runs, validation.calibrated, gaps.judged, gaps.predicted_um, is_validated=predicts
+    )
     stated = (CHECK_STATED,) if diagnosis.contradictions else ()
     before = (*stated, *(_before(evidence.used) if early else ()))
     acts = acts_of(diagnosis, judged, tests, before)

@@ -270,7 +270,7 @@ def _place(place: JudgedOn, predicted_um: float | None = None) -> JudgedPlace:
             um = 90.0 if len(effects) > 1 else 60.0
             return Act("none", "sound", removes_um=um, removes_u_um=1.0, remains_um=100.0 - um, place=place)
 
-    return Place(place, None, (), effects, None, predicted_um)
+    return Place(place, None, (), effects, None, predicted_um, is_validated=predicted_um is not None)
 
 
 def test_approach_follows_acts_with_a_larger_gain():
