@@ -13,7 +13,7 @@ from analysis.apps.report.texts import Phrase, joined, keys_of
 from analysis.diagnosis.judge.acts import FOUND, Act
 from analysis.diagnosis.judge.result import LEAST_SHARE
 from analysis.diagnosis.plan.plan_next import JOINED
-from rigs.effects import size_field
+from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of
 
@@ -87,15 +87,20 @@ class ActWords(AnswerWords):
 
     def action_of(self, act: Act) -> str:
         """An act in a few words. A correction says whether it compensates the faults or precedes their repair."""
-        faults = [named.effect for named in self.diagnosis.standing]
-        if act.kind == "load" and faults:
-            remaining = [effect for effect in faults if effect.compensation().use == "none"]
+        if act.kind == "load" and self.diagnosis.standing:
+            remaining = self.not_compensated
             names = dict.fromkeys(self._numbered(effect) or self.noun(effect) for effect in remaining)
             key = "do_now_load_first" if names else "do_now_load_fault"
             return self.texts(key, axes=self.texts("and").join(names))
         axis = self._numbered(act.effect)
         keys = (f"do_now_{act.why}", f"do_now_{act.kind}_axis" if axis else "", f"do_now_{act.kind}")
         return self.texts(next(key for key in keys if key in self.texts.words), axis=axis)
+
+    @property
+    def not_compensated(self) -> list[Effect]:
+        """Faults that no correction removes."""
+        faults = [named.effect for named in self.diagnosis.standing]
+        return [effect for effect in faults if effect.compensation().use == "none"]
 
     def _numbered(self, effect: object) -> str:
         """`axis 4` of an effect, which the line has already named; empty if it has none."""

@@ -249,6 +249,11 @@ class _SummaryWords(ActWords):
         gap, crossed, is_used = judged_gap(diagnosis), diagnosis.residual.held_out, accuracy.place == "used"
         now, after = (accuracy.before_there_um, gap.u_um), (accuracy.calibrated_um, gap.residual_u_um)
         label, basis = self._after_label, f"basis_{accuracy.place}"
+        if correction := self._correction_alone:
+            label, after = (
+                self.texts("error_after_correction"),
+                (correction.residual_um, correction.remains_u_um or 0.0),
+            )
         if not diagnosis.is_testable:
             label, basis = "", "basis_unknown"
         elif is_used and is_complete(diagnosis):
@@ -265,12 +270,19 @@ class _SummaryWords(ActWords):
         if not label or after_words.partition(" ± ")[0] == now_words.partition(" ± ")[0]:
             after_words = ""
         notes: list[str] = [texts(basis, um=micrometres(crossed.um) if crossed else "")]
-        if after_words and basis in (f"basis_{accuracy.place}", "basis_crossed"):
+        if after_words and basis in (f"basis_{accuracy.place}", "basis_crossed") and not correction:
             notes.append(self._each_by_itself)
         notes += [texts("basis_moved")] if diagnosis.movements else []
         now_label = texts("error_left_by_model" if has_model(diagnosis) else "error_now_label")
         change = ErrorChange(now_label, now_words, label, after_words, joined(notes), self.judged)
         return change.with_remarks(texts, is_measured=has_measured_noise(diagnosis))
+
+    @property
+    def _correction_alone(self) -> Act | None:
+        """The correction, if it is the first act and compensates all faults, so that no repair is due."""
+        first, place = next(iter(self.diagnosis.acts), None), self.diagnosis.accuracy.place
+        alone = first is not None and first.kind == "load" and first.removes and first.place == place
+        return first if alone and self.diagnosis.standing and not self.not_compensated else None
 
     @property
     def _after_label(self) -> str:
