@@ -6,6 +6,7 @@ fields, properties and methods, and finally errors.
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import inspect
 import re
@@ -13,6 +14,7 @@ import sys
 import textwrap
 from collections.abc import Callable
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -107,11 +109,26 @@ def _prose(paragraph: str) -> str:
 
 def _class(found: type) -> str:
     summary, *paragraphs = (inspect.getdoc(found) or "").split("\n\n")
-    members = [f"- `{name}`: {_prose(what)}" for name, what in _members(found)]
+    members = [f"- `{name}`: {_prose(what)}" for name, what in (*_documented_fields(found), *_members(found))]
     fields = dataclasses.fields(found) if dataclasses.is_dataclass(found) else ()
     listed = [f"Fields: {', '.join(f'`{field.name}: {field.type}`' for field in fields)}."] if fields else []
     parts = [_prose(summary), *map(_block, paragraphs), *listed, *(["\n".join(members)] if members else [])]
     return "\n\n".join([f"### {found.__name__}", *parts]) + "\n"
+
+
+def _documented_fields(found: type) -> list[tuple[str, str]]:
+    """Names and docstrings of public fields, which Python does not keep: read from the source."""
+    fields: dict[str, str] = {}
+    for owner in reversed(found.__mro__):
+        if not owner.__module__.startswith(("analysis", "rigs")):
+            continue
+        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
+        assert isinstance(definition, ast.ClassDef)
+        for field, text in pairwise(definition.body):
+            match field, text:
+                case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(doc))) if not name.startswith("_"):
+                    fields[name] = inspect.cleandoc(doc)
+    return list(fields.items())
 
 
 def _members(found: type) -> list[tuple[str, str]]:
