@@ -1,4 +1,4 @@
-"""Robot feedback by interface. A driver is a module of the app `daq/apps/robot_drivers`, named after the `interface` in
+"""Robot feedback by interface. A driver is a module of the app `daq/robot_drivers`, named after the `interface` in
 the rig file, or a module of another package.
 
 Its `host(feedback)` returns the listening conversation, with the values q1_deg … q6_deg, always all six, followed by
@@ -19,7 +19,7 @@ from rigs.schema.condition import UNDISTURBED
 from rigs.schema.feedback import SIGNAL, Feedback, columns_beside_joints
 from rigs.schema.plugins import driver_of
 
-_DRIVERS = "daq.apps.robot_drivers"
+_DRIVERS = "daq.robot_drivers"
 """Package of the drivers that rig contains. They are imported by name, so a broken driver stops no other robot."""
 Read = Callable[[int], Sequence[float]]
 

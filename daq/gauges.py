@@ -1,4 +1,4 @@
-"""Gauge protocols by interface. A driver is a module of the app `daq/apps/gauge_drivers`, named after the `interface`
+"""Gauge protocols by interface. A driver is a module of the app `daq/gauge_drivers`, named after the `interface`
 in the rig file, or a module of another package.
 
 Its `host(gauges)` returns the conversation that reads the gauges on a shared link, with one value in mm per gauge.
@@ -15,7 +15,7 @@ from daq.protocol.conversation import Device, Host
 from rigs.schema.gauges import Gauge
 from rigs.schema.plugins import driver_of
 
-_DRIVERS = "daq.apps.gauge_drivers"
+_DRIVERS = "daq.gauge_drivers"
 """Package of the drivers that rig contains. They are imported by name, so a broken driver stops no other gauge."""
 Read = Callable[[int], Sequence[float]]
 

@@ -13,7 +13,7 @@ from analysis.apps.report.diagnosis_report import write_extended
 from analysis.correction.pose_uncertainty import PoseUncertainty
 from analysis.correction.work import tool_poses
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from rigs.calibration import CalibratedModel, CovarianceParameter, Term, packed_factor
 from rigs.effects import AnyEffect, Effect
 from rigs.load import load

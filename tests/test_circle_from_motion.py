@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from analysis.apps.emulate.robot import EmulatedRobot
-from daq.apps.emulate.instruments import emulated
+from daq.emulators.instruments import emulated
 from rigs.load import load, parse
 from tests.support.bench import Bench, rig_text
 

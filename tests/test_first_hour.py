@@ -8,8 +8,8 @@ import pytest
 
 from analysis.apps.emulate.robot import EmulatedRobot
 from daq.acquisition.streams import ROBOT, streams_of
-from daq.apps.emulate.emulated_cell import EmulatedInstruments
-from daq.apps.emulate.instruments import emulated, instruments_of
+from daq.emulators.emulated_cell import EmulatedInstruments
+from daq.emulators.instruments import emulated, instruments_of
 from daq.protocol.conversation import Device
 from rigs.load import load, parse
 from rigs.rig import Rig

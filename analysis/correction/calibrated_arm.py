@@ -19,7 +19,7 @@ from analysis.robot.kinematics.arm import Array, Mask, arm_of
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
 from analysis.robot.kinematics.newton import newton, newton_in_part, turned_rad
-from analysis.robot.model.predict import Model, model_of
+from analysis.robot.predict import Model, model_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES

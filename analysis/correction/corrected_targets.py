@@ -50,7 +50,7 @@ from analysis.robot.kinematics.arm import (
 from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
 from analysis.robot.kinematics.newton import newton, newton_in_part, turned_rad
-from analysis.robot.model.predict import Model
+from analysis.robot.predict import Model
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 from rigs.schema.vocabulary import DRIVEN_AXES

@@ -12,7 +12,7 @@ from analysis.diagnosis.judge.result import Diagnosis, Passport
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.description.controller_constants import data_sheet_of
 from analysis.robot.kinematics.arm import Array, arm_of, controller_arm, forward
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from rigs.errors import FileError
 
 

@@ -18,7 +18,7 @@ from analysis.correction.work import TaughtFrame, at_rest, tool_poses, used_effe
 from analysis.diagnosis.evidence.observation import BEYOND_DEG
 from analysis.procedures.shared.quantity import parameter_label
 from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers, Mask, pose_error
-from analysis.robot.model.predict import Model, apply, driven, model_of, moved, posed
+from analysis.robot.predict import Model, apply, driven, model_of, moved, posed
 from rigs.calibration import TIMES, CalibratedModel, CovarianceParameter, verdict_of
 from rigs.effects import Effect, turned
 from rigs.rig import Rig

@@ -21,7 +21,7 @@ from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import drive, radial_program
 from analysis.robot.geometry.pose_setup import best_rigid, fit_setup, in_frame
 from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, controller_arm, forward
-from analysis.robot.model.predict import Model, Motion, Path, model_of, moved
+from analysis.robot.predict import Model, Motion, Path, model_of, moved
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig

@@ -13,7 +13,7 @@ from analysis.movement.causes import Cause
 from analysis.movement.evidence import LinearReadings, Shift
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Arm, Array, Mask, drive_angles, forward, rotation
-from analysis.robot.model.predict import Model, SetUp, SetUps, pull
+from analysis.robot.predict import Model, SetUp, SetUps, pull
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM
 
 _ZERO, _LENGTH_MM, _TWIST = float(np.radians(0.05)), 0.2, float(np.radians(0.02))

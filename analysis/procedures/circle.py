@@ -65,7 +65,7 @@ from analysis.procedures.simulate import read_by_gauges
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_laps, circle_of
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import Model, ModelScene, Motion, Path, SetUp, apply, gauged
+from analysis.robot.predict import Model, ModelScene, Motion, Path, SetUp, apply, gauged
 from analysis.runs.align import Aligned
 from analysis.runs.laps import Laps, laps_of
 from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise

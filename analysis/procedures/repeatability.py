@@ -39,7 +39,7 @@ from analysis.robot.geometry.driven_programs import (
     target_angles,
 )
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
-from analysis.robot.model.predict import Model, Path, stops
+from analysis.robot.predict import Model, Path, stops
 from analysis.runs.align import Aligned
 from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.noise.readings import SPREADS, spreads_of, step_of_stops

@@ -30,7 +30,7 @@ from analysis.robot.geometry.iso_cube import (
 )
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian, transform
-from analysis.robot.model.predict import Model, Motion, Path, SetUp, model_of, moved, stops, visits
+from analysis.robot.predict import Model, Motion, Path, SetUp, model_of, moved, stops, visits
 from analysis.runs.loading import SIMULATED, Measured, measured_of, rig_of
 from analysis.runs.noise.cell_noise import SEAT_MM, TRACKER_MM
 from analysis.runs.tables import GaugeTable, Table, TouchTable, columns_of

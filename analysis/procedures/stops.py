@@ -14,7 +14,7 @@ from analysis.procedures.checks.places import PLACE, place_findings
 from analysis.procedures.shared.test_kind import Finders, Finding, PathDeviation, TestKind, Verdict
 from analysis.robot.geometry.driven_programs import hemisphere_frame, hemisphere_of, target_angles
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.robot.model.predict import Model, ModelScene, Path, SetUp, apply, gauged, stops, visits
+from analysis.robot.predict import Model, ModelScene, Path, SetUp, apply, gauged, stops, visits
 from analysis.runs.stands import STANDSTILL_MM, standstill_starts
 from analysis.runs.tables import PlaceTable, TargetTable
 from rigs.errors import FileError

@@ -42,7 +42,7 @@ from analysis.procedures.simulate import simulated_touches
 from analysis.procedures.stops import PlaceTest
 from analysis.robot.geometry.pose_setup import socket_design
 from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
-from analysis.robot.model.predict import Model, SetUp, model_of, moved
+from analysis.robot.predict import Model, SetUp, model_of, moved
 from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
 from analysis.runs.noise.readings import rms
 from analysis.runs.noise.spectrum import DRAWS

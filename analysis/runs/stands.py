@@ -19,7 +19,7 @@ import numpy as np
 
 from analysis.robot.geometry.driven_programs import TargetProgram
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
-from analysis.robot.model.predict import standing
+from analysis.robot.predict import standing
 from analysis.runs.tables import Table, format_of
 from rigs.errors import FileError
 from rigs.rig import Rig

@@ -1,7 +1,7 @@
 """Sources of the robot position.
 
 These are interfaces of makers, OPC UA servers with the Robotics companion specification (OPC 40010-1), and ROS 2 joint
-states. `interface` is the name of a file in `daq/apps/robot_drivers/`.
+states. `interface` is the name of a file in `daq/robot_drivers/`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _NODE = re.compile(r"(ns=\d{1,5};)?(i=\d{1,10}|s=.+)")
 class OPCUARobotics(Part):
     """OPC UA for Robotics: a server with a MotionDeviceSystem in the DeviceSet, read only."""
 
-    driver: ClassVar[str] = "daq.apps.opc_ua.robotics"
+    driver: ClassVar[str] = "daq.opc_ua.robotics"
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
         instruments="robots of any maker with an OPC UA server of the Robotics companion specification",

@@ -9,7 +9,7 @@ Effects replace parts of it in stages; nothing is changed in place. The stages, 
     setup   ball form and gauge positions
     gauge   the readings `g_mm`
 
-`analysis/robot/model/predict.py` implements this interface.
+`analysis/robot/predict.py` implements this interface.
 """
 
 from __future__ import annotations

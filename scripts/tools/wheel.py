@@ -31,7 +31,7 @@ assert all((files(package) / "py.typed").is_file() for package in ("rigs", "daq"
 """
 PARTS = """
 import distributed, foxglove, s3fs, sshfs
-import analysis.apps.window.serve, daq.apps.opc_ua.robotics
+import analysis.apps.window.serve, daq.opc_ua.robotics
 """
 """Program that uses the extras without a network: cluster, foxglove, remote, web, opcua."""
 

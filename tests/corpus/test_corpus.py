@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from daq.apps.emulate.replay import Replay
+from daq.emulators.replay import Replay
 from daq.wire.capture import Capture, read_capture
 from rigs.load import parse
 from tests.support.bench import PATIENCE_S, Bench

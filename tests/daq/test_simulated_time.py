@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from daq import clock
-from daq.apps.emulate.simulated_cell import SimulatedCell
-from daq.apps.emulate.simulated_clock import Deadlock, SimulatedClock
+from daq.emulators.simulated_cell import SimulatedCell
+from daq.emulators.simulated_clock import Deadlock, SimulatedClock
 from daq.protocol.conversation import FaultKind
 from daq.store import read_run
 from tests.support.bench import ByHand, rig_text

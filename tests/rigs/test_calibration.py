@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import driven, model_of
+from analysis.robot.predict import driven, model_of
 from rigs import load as reading
 from rigs.calibration import (
     CalibratedModel,

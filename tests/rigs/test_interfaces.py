@@ -8,8 +8,8 @@ import pytest
 from pydantic import Field
 from typer.testing import CliRunner
 
-import daq.apps.gauge_drivers
-import daq.apps.robot_drivers
+import daq.gauge_drivers
+import daq.robot_drivers
 from analysis.cli import app
 from rigs.interfaces import NO_DEFAULT, list_interfaces, models, name_of
 from rigs.schema.feedback import Feedback
@@ -21,15 +21,15 @@ from rigs.schema.probe import Probe
 def test_every_driver_is_listed_once():
     drivers = [
         f"{package.__name__}.{module.name}"
-        for package in (daq.apps.gauge_drivers, daq.apps.robot_drivers)
+        for package in (daq.gauge_drivers, daq.robot_drivers)
         for module in pkgutil.iter_modules(package.__path__)
     ]
     named = [
         getattr(model, "driver", f"{package.__name__}.{name_of(model)}")
-        for package, part in ((daq.apps.gauge_drivers, Gauge), (daq.apps.robot_drivers, Feedback))
+        for package, part in ((daq.gauge_drivers, Gauge), (daq.robot_drivers, Feedback))
         for model in models(part)
     ]
-    assert sorted(named) == sorted([*drivers, "daq.apps.opc_ua.robotics"])
+    assert sorted(named) == sorted([*drivers, "daq.opc_ua.robotics"])
 
 
 @pytest.mark.parametrize("interface", list_interfaces(), ids=lambda one: one.name)

@@ -8,7 +8,7 @@ import pytest
 from analysis.apps.report.act_words import ActWords
 from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import model_of, moved
+from analysis.robot.predict import model_of, moved
 from rigs.effects import JointScale
 from rigs.load import load
 from rigs.schema.effect import name_of

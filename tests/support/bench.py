@@ -15,8 +15,8 @@ from typing import Any
 import yaml
 
 from daq import clock
-from daq.apps.emulate.emulated_cell import EmulatedInstruments
-from daq.apps.emulate.instruments import MotionSource, emulated
+from daq.emulators.emulated_cell import EmulatedInstruments
+from daq.emulators.instruments import MotionSource, emulated
 from daq.service.client import Client
 from rigs.load import SHIPPED, parse
 from tests.support.command_line import ran

@@ -24,7 +24,7 @@ from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.shared.test_kind import nominal_setup, path_of
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.robot.model.predict import SetUp, model_of, moved
+from analysis.robot.predict import SetUp, model_of, moved
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable, PoseTable, Table
 from daq.store import Run

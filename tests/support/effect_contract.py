@@ -24,7 +24,7 @@ from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import fit_given
 from analysis.diagnosis.judge.result import Named
 from analysis.procedures.simulate import simulate
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.tables import CircleTable
 from rigs.edit import extended
 from rigs.effects import VOCABULARY, Effect, EffectProvenance, bounds, size_field

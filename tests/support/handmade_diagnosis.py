@@ -19,7 +19,7 @@ from analysis.diagnosis.judge.result import (
     Named,
     Rival,
 )
-from analysis.robot.model.predict import SetUp
+from analysis.robot.predict import SetUp
 from rigs.effects import Backlash, JointOffset, LinkGeometry
 from rigs.load import load
 from rigs.schema.effect import name_of

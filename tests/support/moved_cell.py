@@ -12,7 +12,7 @@ from analysis.apps.commission.next_touch import candidates_of, next_posture
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe
 from analysis.movement.causes import Cause
 from analysis.movement.inference import Reference, compare, study
-from analysis.robot.model.predict import Model, model_of
+from analysis.robot.predict import Model, model_of
 from analysis.runs.tables import TouchTable
 from rigs.load import parse
 from tests.worlds import moved as world

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from daq.apps.opc_ua.channel import Channel
+from daq.opc_ua.channel import Channel
 from daq.protocol.conversation import Fault, Sample
 
 

@@ -24,7 +24,7 @@ from analysis.diagnosis.fit.refine import Refined, UnknownParameter, refine, siz
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import SetUp, model_of
+from analysis.robot.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, bounds, size_field
 from rigs.load import load

@@ -15,9 +15,9 @@ from typing import Any
 
 from analysis.apps.emulate.robot import EmulatedRobot
 from daq import clock
-from daq.apps.emulate.instruments import MotionSource
-from daq.apps.emulate.simulated_cell import SimulatedCell
-from daq.apps.emulate.simulated_clock import SimulatedClock
+from daq.emulators.instruments import MotionSource
+from daq.emulators.simulated_cell import SimulatedCell
+from daq.emulators.simulated_clock import SimulatedClock
 from daq.protocol.conversation import Device
 from daq.service.daemon import Daemon
 from tests.support.bench import ByHand, Watched, rig_text

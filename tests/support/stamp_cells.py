@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from analysis.runs.clocks import Instants, gauge_instants, robot_instants
-from daq.apps.emulate.timed import Unsteady
+from daq.emulators.timed import Unsteady
 from rigs.schema.feedback import URRTDE
 from rigs.schema.gauges import Gauge, KeyenceDLRS1A, ModbusMap, SylvacOptoRS
 from rigs.schema.probe import Timing

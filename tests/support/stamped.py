@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from daq import feedback, gauges
-from daq.apps.emulate.timed import STEADY, OwnClock, Unsteady, timed_device, timed_read
+from daq.emulators.timed import STEADY, OwnClock, Unsteady, timed_device, timed_read
 from daq.protocol.conversation import Item, Sample
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge

@@ -13,8 +13,8 @@ from typing import Any
 
 import yaml
 
-from daq.apps.emulate.emulated_cell import EmulatedInstruments
-from daq.apps.emulate.instruments import MotionSource, emulated
+from daq.emulators.emulated_cell import EmulatedInstruments
+from daq.emulators.instruments import MotionSource, emulated
 from rigs.load import SHIPPED, parse
 from tests.support.bench import PATIENCE_S, ByHand
 from tests.support.drivers import OPC_UA

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 
-from daq.apps.emulate.pty_line import LatencyTimer
+from daq.emulators.pty_line import LatencyTimer
 from daq.protocol.conversation import Conversation, ConversationStep, Device, Item
 
 

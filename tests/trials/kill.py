@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from daq.apps.emulate.instruments import emulated
+from daq.emulators.instruments import emulated
 from daq.service.client import Client
 from daq.store import load_manifest, read_run, verify
 from rigs.errors import RigError

@@ -17,7 +17,7 @@ import numpy as np
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.observation import by_socket, observe
 from analysis.movement.inference import compare, study
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.tables import PoseTable, TouchTable
 from rigs.arms import load_arm
 from rigs.load import parse

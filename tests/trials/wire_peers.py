@@ -33,7 +33,7 @@ PATIENCE_S = 20.0
 ENOUGH = 200
 _NO_TESTS = 5
 """Exit code of pytest if a complete file is skipped."""
-OPC_UA_TESTS = "tests/daq/apps/opc_ua/test_opc_ua.py"
+OPC_UA_TESTS = "tests/daq/opc_ua/test_opc_ua.py"
 
 
 class Disagrees(Exception):
@@ -104,7 +104,7 @@ client.disconnect()
 def ur_rtde() -> str:
     """SDU Robotics' client, in C++, reads our emulated controller."""
     from daq import feedback  # noqa: PLC0415
-    from daq.apps.emulate.network_ports import TcpPort  # noqa: PLC0415
+    from daq.emulators.network_ports import TcpPort  # noqa: PLC0415
     from tests.support.drivers import rtde  # noqa: PLC0415
 
     if find_spec("rtde_receive") is None:
@@ -127,7 +127,7 @@ def abb_egm() -> str:
     from abb_robot_client.egm import EGM, egm_pb2  # noqa: PLC0415
 
     from daq import feedback  # noqa: PLC0415
-    from daq.apps.emulate.network_ports import UdpPort  # noqa: PLC0415
+    from daq.emulators.network_ports import UdpPort  # noqa: PLC0415
     from daq.protocol.conversation import Sample  # noqa: PLC0415
     from rigs.schema.condition import ProgramState  # noqa: PLC0415
     from tests.support.drivers import egm  # noqa: PLC0415
@@ -163,7 +163,7 @@ def roslibpy() -> str:
     import roslibpy  # noqa: PLC0415
 
     from daq import feedback  # noqa: PLC0415
-    from daq.apps.emulate.network_ports import TcpPort  # noqa: PLC0415
+    from daq.emulators.network_ports import TcpPort  # noqa: PLC0415
     from tests.support.drivers import PANDA, joint_states  # noqa: PLC0415
 
     heard: list[dict[str, Any]] = []
@@ -189,7 +189,7 @@ def minimalmodbus() -> str:
     import minimalmodbus  # noqa: PLC0415
 
     from daq import gauges  # noqa: PLC0415
-    from daq.apps.emulate.pty_line import PtyLine  # noqa: PLC0415
+    from daq.emulators.pty_line import PtyLine  # noqa: PLC0415
     from daq.wire.conversation_loop import run_conversation  # noqa: PLC0415
     from tests.support.drivers import PLAIN, modbus  # noqa: PLC0415
 

@@ -42,9 +42,9 @@ def doctor(
     import dataclasses
     from functools import partial
 
-    from daq.apps.commission.cell_finding import FindingVerdict
-    from daq.apps.commission.examine import examine
-    from daq.apps.commission.modbus_scan import scan_modbus
+    from daq.discovery.cell_finding import FindingVerdict
+    from daq.discovery.examine import examine
+    from daq.discovery.modbus_scan import scan_modbus
     from rigs.errors import UseError
     from rigs.load import find, is_shipped, load
 

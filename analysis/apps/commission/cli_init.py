@@ -125,7 +125,7 @@ def init(
 def _say_devices(options: Options) -> None:
     from analysis.apps.commission.gauge_questions import ports_of, reports_of
     from analysis.apps.commission.questionnaire import NO_ROBOT, robot_at
-    from daq.apps.commission.port_search import ports_here
+    from daq.discovery.port_search import ports_here
 
     address = options.robot if options.robot != NO_ROBOT else None
     robots = [robot_at(address, options.keys["feedback"]).to_dict()] if address else []

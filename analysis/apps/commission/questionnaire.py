@@ -33,8 +33,8 @@ from analysis.robot.description.linuxcnc_configuration import configured_robot
 from analysis.robot.description.rig_section import robot_text
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.written_files import holding, write_all_over
-from daq.apps.commission.attempts import RobotReport
-from daq.apps.commission.robots import joints_of, linuxcnc_files, linuxcnc_port, search_robot
+from daq.discovery.attempts import RobotReport
+from daq.discovery.robots import joints_of, linuxcnc_files, linuxcnc_port, search_robot
 from daq.store import durable
 from rigs.arms import arm_names, load_arm
 from rigs.errors import CellError, FileError, UseError

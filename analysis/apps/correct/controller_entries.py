@@ -36,7 +36,7 @@ from analysis.correction.work import (
 )
 from analysis.diagnosis.evidence.significance import POSSIBLE_SIGMA
 from analysis.robot.kinematics.arm import Array, arm_of, controller_robot, pose_error, reported_angles
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from rigs.effects import Effect, changed, turned
 from rigs.errors import UseError
 from rigs.rig import Rig

@@ -27,7 +27,7 @@ from analysis.correction.work import (
     work_or_spread,
 )
 from analysis.robot.kinematics.arm import controller_arm, forward
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES, MakerName

@@ -84,7 +84,7 @@ def replay(
     an instrument is out of step is marked, and rig analyse rejects it.
     """
     from analysis.apps.emulate.served_cell import MARKS, locked_cell, rig_file_of_cell, serve
-    from daq.apps.emulate.replay import Replay
+    from daq.emulators.replay import Replay
     from daq.store import durable
     from daq.wire.capture import read_capture
     from rigs.errors import FileError

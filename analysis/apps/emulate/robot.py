@@ -21,7 +21,7 @@ from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.geometry.circle import SENSE, frame_of, link_angle
 from analysis.robot.geometry.driven_programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
 from analysis.robot.kinematics.arm import Array, arm_of, controller_arm, forward, roll_pitch_yaw, without_setup
-from analysis.robot.model.predict import load_of, model_of, pull
+from analysis.robot.predict import load_of, model_of, pull
 from analysis.runs.noise.certificate import as_shown, link_excess_mm
 from analysis.runs.tables import CircleTable, RadialTable
 from daq import clock

@@ -21,8 +21,8 @@ from analysis.apps.emulate.pendant import Pendant
 from analysis.apps.emulate.robot import PROGRAMS, RIG, TRUTH, EmulatedRobot, State, write_cell_files
 from analysis.cli.dialogue import has_keyboard
 from daq import clock
-from daq.apps.emulate.emulated_cell import EmulatedInstruments
-from daq.apps.emulate.instruments import emulated
+from daq.emulators.emulated_cell import EmulatedInstruments
+from daq.emulators.instruments import emulated
 from daq.store import durable
 from rigs.errors import CellError, FileError, RigError, UseError
 from rigs.load import load, load_hidden, named_by

@@ -199,7 +199,7 @@ def export_urdf(
     the command reports the size of the omitted errors.
     """
     from analysis.apps.interchange.exported_arm import geometric_share, simulated_arm
-    from analysis.robot.model.predict import geometric_arm, model_of
+    from analysis.robot.predict import geometric_arm, model_of
     from rigs.load import load
 
     is_ur = reader == "ur-driver"

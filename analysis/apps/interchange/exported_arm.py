@@ -11,7 +11,7 @@ from analysis.apps.report.diagnosis_words import plain
 from analysis.correction.support import known_plays
 from analysis.correction.work import apart_mm, rms_um, work_angles
 from analysis.robot.kinematics.arm import Arm
-from analysis.robot.model.predict import Model, geometric_part, is_geometric
+from analysis.robot.predict import Model, geometric_part, is_geometric
 from analysis.runs.robot_condition import Friction
 from rigs.effects import Effect
 from rigs.errors import UseError

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import Model, model_of, moved, visits
+from analysis.robot.predict import Model, model_of, moved, visits
 from rigs.calibration import effects_of, is_sine, sine_of
 from rigs.effects import VOCABULARY, Effect
 from rigs.rig import Rig

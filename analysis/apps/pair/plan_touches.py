@@ -15,7 +15,7 @@ from analysis.apps.pair.posterior import expected_posterior, setup_sds
 from analysis.apps.pair.postures import common_postures
 from analysis.apps.pair.result import PairResult, result_of
 from analysis.robot.kinematics.arm import Array, forward_and_jacobian
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.noise.cell_noise import SEAT_MM
 from analysis.runs.tables import SOCKET, joint_columns, second_joint_columns
 from analysis.runs.written_files import csv_text

@@ -27,7 +27,7 @@ from analysis.procedures.simulate import planned_touches, postures_at, with_ball
 from analysis.robot.geometry.clearance import chain_points
 from analysis.robot.geometry.driven_programs import circle_program
 from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
-from analysis.robot.model.predict import SetUp, model_of
+from analysis.robot.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable, TouchTable
 from rigs.calibration import TIMES, CalibratedModel
 from rigs.effects import Effect, size_field

@@ -24,7 +24,7 @@ from analysis.diagnosis.plan.further_tests import (
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_program, require_drivable_arm
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import SetUp
+from analysis.robot.predict import SetUp
 from rigs.errors import FileError, PathError, RigPlace, Undrivable, UseError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle

@@ -16,7 +16,7 @@ from analysis.apps.report.blocks import Block, Heading, Sentence, Table
 from analysis.correction.calibrated_arm import CalibratedArm
 from analysis.correction.work import rest_mm
 from analysis.robot.kinematics.arm import Array, pose_error
-from analysis.robot.model.predict import geometric_arm, model_of
+from analysis.robot.predict import geometric_arm, model_of
 from analysis.runs.noise.readings import rms
 from analysis.runs.tabular import for_json
 from rigs.errors import FileError

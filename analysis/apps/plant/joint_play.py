@@ -23,7 +23,7 @@ from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
 from analysis.robot.geometry.circle import link_angle
 from analysis.robot.kinematics.arm import Array, Mask, arm_of, drive_angles
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.laps import Laps
 from analysis.runs.tables import CircleTable
 from rigs.effects import Effect, play_of_joint, turned

@@ -38,7 +38,7 @@ from analysis.robot.kinematics.arm import (
     forward_and_jacobian,
     reported_angles,
 )
-from analysis.robot.model.predict import driven, model_of, stops
+from analysis.robot.predict import driven, model_of, stops
 from rigs.effects import VOCABULARY, Effect
 from rigs.rig import Rig
 from rigs.schema.effect import healthy, scaled, size_fields

@@ -27,7 +27,7 @@ from analysis.apps.makers.motion_plan import (
 from analysis.apps.makers.tool_paths import ToolPath, circular_path, rotation_path, rotation_vector, straight_path
 from analysis.correction.support import known_plays
 from analysis.robot.kinematics.arm import Array, reported_angles
-from analysis.robot.model.predict import Motion, Path, driven, model_of
+from analysis.robot.predict import Motion, Path, driven, model_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 

@@ -33,7 +33,7 @@ from analysis.diagnosis.judge.comparison import compare
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import controller_arm, forward
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.loading import Measured, load_measured
 from analysis.runs.noise.readings import rms
 from rigs.effects import Effect

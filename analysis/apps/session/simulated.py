@@ -22,10 +22,10 @@ from analysis.apps.emulate.served_cell import CellEvent, Keyboard
 from analysis.apps.session.answer import Inference
 from analysis.apps.session.cell import Machine, ServedCell
 from daq import clock
-from daq.apps.emulate.emulated_cell import as_emulated
-from daq.apps.emulate.instruments import instruments_of
-from daq.apps.emulate.simulated_cell import SimulatedCell
-from daq.apps.emulate.simulated_clock import SimulatedClock
+from daq.emulators.emulated_cell import as_emulated
+from daq.emulators.instruments import instruments_of
+from daq.emulators.simulated_cell import SimulatedCell
+from daq.emulators.simulated_clock import SimulatedClock
 from rigs.errors import CellError
 from rigs.load import load, load_hidden, parse
 

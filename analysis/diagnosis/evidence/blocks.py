@@ -37,7 +37,7 @@ from analysis.diagnosis.evidence.setups import STEP_MM, moved_setup, with_effect
 from analysis.procedures.pose import groups as visits
 from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import Array, Integers, cos_sin, drive_angles
-from analysis.robot.model.predict import Model, ModelScene, Motion, SetUp, SetUps, apply, driven, posed
+from analysis.robot.predict import Model, ModelScene, Motion, SetUp, SetUps, apply, driven, posed
 from analysis.runs.tables import SAME_RAD
 from rigs.calibration import is_sine, sine_of
 from rigs.effects import Effect, late_stamps, turned

@@ -24,7 +24,7 @@ from analysis.procedures.checks.gauges import ORDER, SIGN
 from analysis.procedures.checks.places import left_out
 from analysis.procedures.shared.test_kind import Finding, kind_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, Mask
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.noise.readings import FEW, by_accident

@@ -15,7 +15,7 @@ import numpy as np
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import SetUps
+from analysis.robot.predict import SetUps
 from analysis.runs.noise.cell_noise import SEAT_MM
 from rigs.schema.declared_tests import KnownSocketDistance
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import GRID, STAMP_SCATTER, ObservedRun, Sampling, residual_of
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import SetUps
+from analysis.robot.predict import SetUps
 from rigs.effects import Effect
 from rigs.effects import swing as vibration_at
 

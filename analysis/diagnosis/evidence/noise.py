@@ -22,7 +22,7 @@ from analysis.diagnosis.evidence.observation import (
     predicted_in_scene,
 )
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import SetUp, moved
+from analysis.robot.predict import SetUp, moved
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from rigs.effects import turned
 from rigs.schema.vocabulary import MOST_AXES

@@ -20,7 +20,7 @@ from analysis.procedures.shared.test_kind import (
     shows_joints,
 )
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.robot.model.predict import Model, ModelScene, Motion, Path, SetUp, SetUps, moved
+from analysis.robot.predict import Model, ModelScene, Motion, Path, SetUp, SetUps, moved
 from analysis.runs.laps import laps_of
 from analysis.runs.noise.readings import is_outlier, step_of
 from analysis.runs.tables import CircleTable, Table, content_order

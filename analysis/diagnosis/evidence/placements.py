@@ -26,7 +26,7 @@ from analysis.diagnosis.evidence.observation import (
 )
 from analysis.diagnosis.evidence.setups import FRAME, fit_setups, placement_of, target_of, targeted
 from analysis.robot.kinematics.arm import Arm, Array, arm_of
-from analysis.robot.model.predict import SetUps, model_of
+from analysis.robot.predict import SetUps, model_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG
 from rigs.errors import FileError

@@ -11,7 +11,7 @@ from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted
 from analysis.procedures.shared.test_kind import facts_of, nominal_setup
 from analysis.robot.geometry.pose_setup import best_rigid, frame, moved_by
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import ModelScene, SetUp, SetUps, moved
+from analysis.robot.predict import ModelScene, SetUp, SetUps, moved
 from analysis.runs.tables import Table
 from rigs.effects import Effect
 

@@ -17,7 +17,7 @@ from analysis.diagnosis.evidence.known_distances import KnownDistances, known_di
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
 from analysis.diagnosis.evidence.setups import columns_of, moved_setup, tool_shift, without_origin
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import ModelScene, SetUp, SetUps
+from analysis.robot.predict import ModelScene, SetUp, SetUps
 from rigs.effects import Effect
 from rigs.schema.effect import PHASE, name_of
 

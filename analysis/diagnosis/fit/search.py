@@ -29,7 +29,7 @@ from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.fit.selection import Effort, Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 from analysis.robot.kinematics.arm import Array, Mask, drive_angles
-from analysis.robot.model.predict import SetUp
+from analysis.robot.predict import SetUp
 from rigs.effects import Effect
 from rigs.schema.reference import Reference
 from rigs.text import counted

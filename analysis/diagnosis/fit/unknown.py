@@ -21,7 +21,7 @@ from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, forward
-from analysis.robot.model.predict import pull
+from analysis.robot.predict import pull
 from rigs.effects import changed
 
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3

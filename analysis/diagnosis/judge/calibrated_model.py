@@ -17,7 +17,7 @@ from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.validate import Validation
 from analysis.robot.kinematics.arm import Array, rail_mm
-from analysis.robot.model.predict import SetUp
+from analysis.robot.predict import SetUp
 from analysis.runs.loading import Measured
 from rigs.calibration import (
     TIMES,

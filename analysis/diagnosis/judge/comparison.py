@@ -20,7 +20,7 @@ from analysis.procedures.results import Result, result_of
 from analysis.procedures.shared.lap_curve import PHI
 from analysis.procedures.shared.test_kind import Evaluated, evaluate, facts_of, labels_of, path_of, predict
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import Model, SetUp
+from analysis.robot.predict import Model, SetUp
 from analysis.runs.loading import Measured
 from analysis.runs.noise.readings import rms
 from analysis.runs.tables import Table

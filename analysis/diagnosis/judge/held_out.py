@@ -18,7 +18,7 @@ from analysis.diagnosis.fit.responses import basis_of, linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.procedures.shared.quantity import student_factor
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import SetUps
+from analysis.robot.predict import SetUps
 from rigs.effects import Effect
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from analysis.diagnosis.judge.residuals import (
 )
 from analysis.procedures.shared.quantity import Quantity, parameters_of
 from analysis.procedures.shared.test_kind import facts_of
-from analysis.robot.model.predict import SetUp
+from analysis.robot.predict import SetUp
 from analysis.runs.tabular import Tabular, for_json, table_of_rows
 from rigs.calibration import CalibratedModel
 from rigs.effects import Effect

@@ -35,7 +35,7 @@ from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.procedures.shared.test_kind import nominal_setup
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import SetUp, SetUps, model_of
+from analysis.robot.predict import SetUp, SetUps, model_of
 from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.tables import CircleTable
 from rigs.effects import Effect

@@ -21,7 +21,7 @@ from analysis.diagnosis.plan.expected import (
 )
 from analysis.procedures.shared.test_kind import labels_of
 from analysis.robot.kinematics.arm import transform
-from analysis.robot.model.predict import SetUps
+from analysis.robot.predict import SetUps
 from analysis.runs.tables import TESTS
 from rigs.effects import Effect
 from rigs.errors import FileError

@@ -19,7 +19,7 @@ from analysis.procedures.checks.gauges import ORDER, SIGN, repeat_findings, sign
 from analysis.procedures.checks.places import DUPLICATES, PLACE, SOURCE, STAMPS, STANDS, WILDNESS, stand_findings
 from analysis.procedures.shared.test_kind import Finding, findings_against, kind_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, arm_of
-from analysis.robot.model.predict import load_of, pull
+from analysis.robot.predict import load_of, pull
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable, Rows, format_of, joint_columns
 from rigs.errors import FileError

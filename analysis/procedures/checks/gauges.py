@@ -37,7 +37,7 @@ from analysis.procedures.shared.test_kind import (
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, arm_of, drive_angles, forward
-from analysis.robot.model.predict import Model, model_of, moved
+from analysis.robot.predict import Model, model_of, moved
 from analysis.runs.laps import is_on_circle, laps_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.readings import rms

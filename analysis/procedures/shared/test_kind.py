@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask
 from analysis.robot.kinematics.joint_limits import impossible_rad
-from analysis.robot.model.predict import Model, ModelScene, Path, SetUp, moved
+from analysis.robot.predict import Model, ModelScene, Path, SetUp, moved
 from analysis.runs.noise.spectrum import LapNoise
 from analysis.runs.tables import SAME_RAD, Table, TableFormat, format_of
 from analysis.runs.tabular import for_json

@@ -8,7 +8,7 @@ from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import known_plays, supports
 from analysis.correction.work import tool_poses
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from rigs.calibration import TIMES, CovarianceParameter, ModelAssessment, PlacedSetUp, Term, packed_factor
 from rigs.effects import Backlash, Compliance, Effect, size_field
 from rigs.errors import FileError

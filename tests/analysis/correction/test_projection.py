@@ -18,7 +18,7 @@ from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import supports
 from analysis.correction.work import tool_poses, work_angles
 from analysis.robot.kinematics.arm import forward
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from rigs.edit import extended
 from rigs.effects import Compliance, Effect, EffectProvenance, JointOffset, LinkGeometry, TransmissionError, size_field
 from rigs.rig import Rig

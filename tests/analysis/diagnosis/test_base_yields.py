@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.procedures.shared.test_kind import path_of
-from analysis.robot.model.predict import model_of, moved
+from analysis.robot.predict import model_of, moved
 from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.effects import BaseSags, BaseYields, Effect

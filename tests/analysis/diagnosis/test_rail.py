@@ -9,7 +9,7 @@ from analysis.procedures.checks.columns import joint_findings, unit_findings
 from analysis.procedures.pose import evaluate as evaluate_poses
 from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.kinematics.arm import Array, arm_of, forward, forward_and_jacobian
-from analysis.robot.model.predict import model_of, moved
+from analysis.robot.predict import model_of, moved
 from analysis.runs.loading import measured_of
 from analysis.runs.tables import PoseTable, TouchTable, columns_of, table_from
 from rigs.arms import load_arm

@@ -13,7 +13,7 @@ from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
-from analysis.robot.model.predict import model_of, moved
+from analysis.robot.predict import model_of, moved
 from analysis.runs.loading import Measured
 from analysis.runs.tables import PoseTable, TouchTable
 from rigs.arms import load_arm

@@ -6,7 +6,7 @@ from analysis.diagnosis.evidence.observation import by_socket, observe
 from analysis.diagnosis.evidence.setups import columns_of, fit_setups
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.touch import evaluate
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.loading import Measured
 from rigs.arms import load_arm
 from rigs.load import parse

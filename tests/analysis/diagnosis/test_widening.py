@@ -11,7 +11,7 @@ from analysis.diagnosis.judge.held_out import _Neighbourhoods  # private: the su
 from analysis.diagnosis.judge.judge import temperature_of
 from analysis.procedures.shared.test_kind import kind_of
 from analysis.robot.kinematics.arm import transform
-from analysis.robot.model.predict import SetUp, model_of
+from analysis.robot.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.load import parse

@@ -6,7 +6,7 @@ import pytest
 from analysis.apps.interchange.ros_bag import uneven_header
 from analysis.procedures.checks.check_runs import command_errors, findings_of
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.robot.model.predict import load_of, pull
+from analysis.robot.predict import load_of, pull
 from analysis.runs.loading import load_measured
 from rigs.arms import load_arm
 from rigs.errors import RigError

@@ -7,7 +7,7 @@ from analysis.procedures.checks.columns import unit_findings
 from analysis.procedures.simulate import planned_touches
 from analysis.procedures.touch import evaluate
 from analysis.robot.kinematics.arm import forward
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.tables import TouchTable, columns_of
 from rigs.arms import load_arm
 from rigs.errors import FileError

@@ -20,7 +20,7 @@ import daq.recording.recorder
 from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
-from daq.apps.emulate.simulated_clock import SimulatedClock
+from daq.emulators.simulated_clock import SimulatedClock
 from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Item, Sample
 from daq.store import Run, read_run
 from daq.wire.links import Link, LinkLost, open_link

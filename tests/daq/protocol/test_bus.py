@@ -15,7 +15,7 @@ from pymodbus.framer import FramerRTU
 
 import daq.gauges
 from daq.acquisition.stream_buffer import samples_of
-from daq.apps.emulate.pty_line import PtyLine
+from daq.emulators.pty_line import PtyLine
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample
 from daq.protocol.modbus import silent_interval_ns
 from daq.wire.conversation_loop import run_conversation

@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-import daq.apps.gauge_drivers
-import daq.apps.robot_drivers
 import daq.feedback
+import daq.gauge_drivers
 import daq.gauges
+import daq.robot_drivers
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import STIR, STIR_EVERY_NS, STIR_NS
 from rigs.schema.condition import POSE
@@ -36,8 +36,8 @@ def _samples(items: Sequence[object]) -> list[Sample]:
 @pytest.mark.parametrize(
     ("package", "tested"),
     [
-        (daq.apps.gauge_drivers, {gauges[0].interface for _, gauges, _ in GAUGES}),
-        (daq.apps.robot_drivers, {feedback.interface for _, feedback in FEEDBACKS} - {"opc_ua_robotics"}),
+        (daq.gauge_drivers, {gauges[0].interface for _, gauges, _ in GAUGES}),
+        (daq.robot_drivers, {feedback.interface for _, feedback in FEEDBACKS} - {"opc_ua_robotics"}),
     ],
 )
 def test_every_driver_is_held_to_the_contract(package, tested):

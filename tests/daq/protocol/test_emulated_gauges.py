@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from daq.acquisition.streams import streams_of
-from daq.apps.emulate.instruments import gauge_device
+from daq.emulators.instruments import gauge_device
 from daq.protocol.conversation import NO_TIME, Fault, Sample
 from rigs.load import SHIPPED, parse
 from tests.support.drivers import GAUGES, LINE, NEEDED, gauge

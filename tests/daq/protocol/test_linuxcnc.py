@@ -6,7 +6,7 @@ import socket
 import threading
 import time
 
-from daq.apps.commission import rigfeed
+from daq.discovery import rigfeed
 
 
 def test_served_client_gets_complete_lines_until_another_connects():

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import pytest
 
-import daq.apps.gauge_drivers
-import daq.apps.robot_drivers
+import daq.gauge_drivers
+import daq.robot_drivers
 from daq.protocol.framing import LIMIT
 from tests.support.conversation_logs import FOLDER, LOGS, Section, written
 from tests.support.drivers import OPC_UA
@@ -21,7 +21,7 @@ STREAMS = [one for name in NAMES for one in LOGS[name] if one.replies and one.is
 
 
 def test_every_driver_has_a_record():
-    folders = (daq.apps.gauge_drivers, daq.apps.robot_drivers)
+    folders = (daq.gauge_drivers, daq.robot_drivers)
     drivers = {module.name for folder in folders for module in pkgutil.iter_modules(folder.__path__)}
     assert set(LOGS) == drivers | {"opc_ua_robotics"} and all(LOGS.values())
 

@@ -106,7 +106,7 @@ def break_down(self, data, now_ns, received=[0]):
 from daq.protocol.streamed import Streamed
 original = Streamed.received
 def host(feedback):
-    import daq.apps.robot_drivers.ur_rtde as ur
+    import daq.robot_drivers.ur_rtde as ur
     conversation = ur.host(feedback)
     conversation.received = lambda data, now_ns: break_down(conversation, data, now_ns)
     return conversation

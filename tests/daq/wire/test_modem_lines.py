@@ -12,8 +12,8 @@ import pytest
 
 import daq.gauges
 from daq.acquisition.streams import streams_of
-from daq.apps.commission import trial
-from daq.apps.emulate.pty_line import PtyLine
+from daq.discovery import trial
+from daq.emulators.pty_line import PtyLine
 from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Item, Sample
 from daq.wire import links, serial_port
 from daq.wire.conversation_loop import run_conversation

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from analysis.procedures.shared.test_kind import nominal_setup, path_of, predict
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.tables import CircleTable, RadialTable, Table
 from rigs.effects import VOCABULARY
 from rigs.load import load

@@ -18,7 +18,7 @@ import yaml
 from analysis import Diagnosis, Measured, RigError, calibrate, read_table
 from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, where_known
 from analysis.procedures.shared.test_kind import path_of, predict
-from analysis.robot.model.predict import SetUp, model_of
+from analysis.robot.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 from rigs.rig import Rig

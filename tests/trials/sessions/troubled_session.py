@@ -20,7 +20,7 @@ from analysis.apps.session.session_plan import SessionOptions, SessionProgram
 from analysis.apps.session.session_state import Emulated, Session, SessionDirectory
 from analysis.apps.session.simulated import CellInSimulatedTime
 from daq import clock
-from daq.apps.emulate.simulated_clock import SimulatedClock
+from daq.emulators.simulated_clock import SimulatedClock
 from rigs.errors import RigError
 from rigs.load import load
 

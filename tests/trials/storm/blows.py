@@ -11,7 +11,7 @@ from typing import Any
 
 from daq import clock
 from daq.acquisition.host_clock import HOST
-from daq.apps.emulate.simulated_cell import SimulatedLine
+from daq.emulators.simulated_cell import SimulatedLine
 from daq.protocol.conversation import FaultKind
 from daq.store import load_manifest
 from daq.store.manifest import is_run

@@ -17,7 +17,7 @@ import numpy as np
 
 from daq import clock
 from daq.acquisition.streams import ROBOT
-from daq.apps.emulate.simulated_cell import SimulatedLine
+from daq.emulators.simulated_cell import SimulatedLine
 from rigs.rig import Rig
 from rigs.schema.modbus import SolartronOrbit
 

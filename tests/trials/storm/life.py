@@ -15,8 +15,8 @@ from typing import Any
 from daq import clock
 from daq.acquisition.host_clock import HOST
 from daq.acquisition.streams import streams_of
-from daq.apps.emulate.simulated_cell import SimulatedCell
-from daq.apps.emulate.simulated_clock import SimulatedClock
+from daq.emulators.simulated_cell import SimulatedCell
+from daq.emulators.simulated_clock import SimulatedClock
 from daq.protocol.conversation import FaultKind
 from daq.service.daemon import Daemon
 from daq.store.manifest import is_run

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from daq.acquisition import stream_buffer
-from daq.apps.emulate.simulated_clock import SimulatedClock, close_files_in
+from daq.emulators.simulated_clock import SimulatedClock, close_files_in
 from daq.recording import active_run
 from daq.store import writer
 from tests.trials.storm.blows import BLOWS

@@ -12,8 +12,8 @@ from analysis.apps.commission import gauge_questions
 from analysis.apps.commission.gauge_questions import ask_gauges
 from analysis.apps.commission.init_answers import Answers, Options
 from analysis.cli.dialogue import Dialogue, DialogueEnded
-from daq.apps.commission.attempts import PortReport
-from daq.apps.commission.port_search import SearchOptions
+from daq.discovery.attempts import PortReport
+from daq.discovery.port_search import SearchOptions
 from rigs.errors import UseError
 
 HERE = {"/dev/ttyUSB0": "FT232R", "/dev/ttyUSB1": "", "/dev/ttyS0": "CNC"}

@@ -27,7 +27,7 @@ from analysis.correction.work import tool_poses
 from analysis.intake.read import TableFileError
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.robot.kinematics.inverse import inverse
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from rigs.calibration import JointPortions, Portion
 from rigs.edit import extended
 from rigs.effects import (

@@ -7,7 +7,7 @@ import pytest
 
 from analysis.apps.emulate.robot import EmulatedRobot, Trace
 from daq import clock
-from daq.apps.emulate.simulated_clock import SimulatedClock
+from daq.emulators.simulated_clock import SimulatedClock
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema.condition import ProgramState

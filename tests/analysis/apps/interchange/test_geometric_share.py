@@ -8,7 +8,7 @@ import pytest
 from analysis.apps.interchange.exported_arm import geometric_share
 from analysis.correction.work import tool_poses, work_angles
 from analysis.robot.kinematics.arm import forward
-from analysis.robot.model.predict import geometric_arm, model_of
+from analysis.robot.predict import geometric_arm, model_of
 from rigs.effects.backlash import Backlash
 from rigs.effects.compliance import Compliance
 from rigs.effects.gauge_scale import GaugeScale

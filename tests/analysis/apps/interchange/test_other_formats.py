@@ -15,7 +15,7 @@ from analysis.apps.interchange.mjcf_text import JointTraits, mjcf_text
 from analysis.apps.interchange.urdf_text import urdf_text, xacro_text
 from analysis.correction.work import tool_poses
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import geometric_arm, model_of
+from analysis.robot.predict import geometric_arm, model_of
 from analysis.runs.robot_condition import Friction
 from rigs.arms import load_arm
 from rigs.effects import Backlash, Compliance

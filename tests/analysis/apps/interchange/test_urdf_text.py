@@ -18,7 +18,7 @@ from analysis.correction.work import tool_poses
 from analysis.robot.description.rig_section import flange_poses
 from analysis.robot.description.ur_calibration import NOT_THE_CONTROLLERS
 from analysis.robot.kinematics.arm import Arm, arm_of
-from analysis.robot.model.predict import geometric_arm, model_of
+from analysis.robot.predict import geometric_arm, model_of
 from rigs.arms import arm_names, load_arm
 from rigs.load import load
 from rigs.rig import Rig

@@ -23,7 +23,7 @@ from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, expected_posterior, planned_blocks
 from analysis.diagnosis.plan.further_tests import PossibleTest, further_tests, possible_tests, sigma_between
 from analysis.procedures.simulate import simulate
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig

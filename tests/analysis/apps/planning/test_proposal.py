@@ -18,7 +18,7 @@ from analysis.cli import app
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks
 from analysis.robot.geometry.driven_programs import circle_program, feasible_tests
-from analysis.robot.model.predict import SetUp
+from analysis.robot.predict import SetUp
 from rigs.errors import FileError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig

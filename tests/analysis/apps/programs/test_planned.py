@@ -14,8 +14,8 @@ from analysis.apps.makers.tool_paths import circular_path
 from analysis.apps.makers.writing import feedback_note, programs_of
 from analysis.apps.programs.planned import plans_of
 from analysis.robot.kinematics.arm import Array
-from daq.apps.robot_drivers import line_feed
 from daq.protocol.conversation import Sample
+from daq.robot_drivers import line_feed
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig

@@ -22,7 +22,7 @@ from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.residuals import ResidualBand
 from analysis.diagnosis.judge.result import Condition, Gap
 from analysis.diagnosis.judge.staircase import ModelResidual, Staircase, StaircaseStep
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from rigs.errors import FileError
 from rigs.load import load
 from tests.support.handmade_calibration import calibrated_model

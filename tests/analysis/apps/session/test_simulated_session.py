@@ -16,7 +16,7 @@ from analysis.apps.session.session_state import Emulated, Session, SessionDirect
 from analysis.apps.session.simulated import CellInSimulatedTime
 from analysis.runs.loading import load_measured
 from daq import clock
-from daq.apps.emulate.simulated_clock import SimulatedClock
+from daq.emulators.simulated_clock import SimulatedClock
 from daq.store import verify
 from rigs.load import load
 from tests.support.refusals import refused

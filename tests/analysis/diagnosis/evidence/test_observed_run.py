@@ -16,7 +16,7 @@ from analysis.diagnosis.evidence.observation import (
     sampling_of,
     smooth_path,
 )
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from analysis.runs.tables import CircleTable, PoseTable
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction

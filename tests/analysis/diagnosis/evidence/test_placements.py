@@ -6,7 +6,7 @@ from analysis import diagnose
 from analysis.diagnosis.evidence.observation import ObservedRun, observe
 from analysis.diagnosis.evidence.placements import split_by_frame
 from analysis.procedures.simulate import simulate
-from analysis.robot.model.predict import model_of
+from analysis.robot.predict import model_of
 from daq.store import load_manifest
 from rigs.load import load
 from rigs.schema.effect import name_of

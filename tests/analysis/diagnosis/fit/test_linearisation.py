@@ -11,7 +11,7 @@ from analysis.diagnosis.evidence.observation import predicted
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.procedures.shared.test_kind import facts_of
-from analysis.robot.model.predict import SetUp
+from analysis.robot.predict import SetUp
 from rigs.effects import Backlash, Effect, GaugeCyclic, JointOffset, LinkGeometry, ReversalSpike, TransmissionError
 from tests.support.diagnosis_cells import Array, healthy, holding, planted, poses, remounted_circles, seen, table_of
 

@@ -1,1 +1,0 @@
-"""Forward model: from reported joint angles, through effects in stages, to instrument readings."""
