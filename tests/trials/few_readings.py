@@ -30,6 +30,7 @@ from analysis.robot.geometry.pose_setup import fit_setup
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.tables import PoseTable, TouchTable
 from rigs.arms import load_arm
+from rigs.errors import RigError
 from rigs.load import parse
 from rigs.rig import Rig
 from tests.support.measured_series import MUKCA_ARMS, mukca
@@ -84,8 +85,9 @@ def poses(name: str, data: Path, rng: np.random.Generator) -> Series:
 
 
 def touches(name: str, data: Path, rng: np.random.Generator) -> Series:
-    """Touches of the sockets at all placements. The ball is where it fits the nominal arm best."""
-    found = sorted(mukca(data / "mukca", name).items())
+    """Touches of both sockets at two placements. The ball is where it fits the nominal arm best."""
+    placements = sorted(mukca(data / "mukca", name).items())
+    found = [placements[k] for k in sorted(rng.permutation(len(placements))[:2])]
     sockets = np.concatenate([np.char.add(f"{placement}-", holes) for placement, (holes, _) in found])
     q = np.concatenate([angles for _, (_, angles) in found])
     arm = f"name: arm\n{load_arm(MUKCA_ARMS[name]).text}"
@@ -162,13 +164,18 @@ def judge(case: Case) -> dict[str, Any]:
     choices |= {f"chosen {number}": chosen[:number] for number in CHOSEN}
     found: dict[str, Any] = {"series": name, "nominal": _rms(series.moves)}
     for label, choice in choices.items():
-        rig = series.calibrated(choice)
+        try:
+            rig = series.calibrated(choice)
+        except RigError:  # a socket with a single touch
+            found[label] = {"act": "measure", "worthwhile": 0, "mm": found["nominal"], "within": None}
+            continue
         found[label] = judged(rig, series)
         if label == "chosen 12":
             further = [series.readings[k] for k in chosen[12:]]
             found[label]["predicted_mm"] = predicted_mm(rig, further, series.q)
             found[label]["typical_mm"] = pool.u_mm(chosen[:12])
     minutes = float(pool.minutes[chosen[12:]].sum())
+    found["chosen 12"].setdefault("predicted_mm", None)
     found["chosen 12"]["right"] = right_act(found["nominal"], found["chosen 12"]["mm"], found[LAST]["mm"], minutes)
     return found
 
