@@ -43,7 +43,7 @@ def test_unknown_program_is_refused_with_the_available_names(name):
 
 @pytest.mark.parametrize("name", [name for name in PROGRAMS if not name.endswith("_page") and name not in LOCKED])
 def test_each_program_starts(name, monkeypatch, capsys):
-    """Except programs that require other packages or root. test_docs runs those that make pages."""
+    """Excludes programs that need other packages or root, and those that write pages, which test_docs runs."""
     monkeypatch.setattr(sys, "argv", [name, "--help"])
     try:
         runpy.run_path(str(FILES[name]), run_name="__main__")

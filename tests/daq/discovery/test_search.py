@@ -221,7 +221,7 @@ def test_a_request_that_nothing_answers_is_sent_once_at_each_line():
 
 
 def test_attempt_during_a_stall_is_repeated(monkeypatch):
-    """Otherwise an answer that came meanwhile is missed, and the request counts as one that nothing answers."""
+    """An answer that arrives while the computer stalls is missed, so the request is sent again."""
     watches, held_up = list[StallWatch](), list[Line]()
 
     class Watched(StallWatch):

@@ -114,7 +114,11 @@ def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path):
     assert len(arm.doubts) == 1 and arm.doubts[0].endswith(": grip")
 
 
-@pytest.mark.parametrize("part", ["<a>" * 20_000 + "</a>" * 20_000, "<!-- <xacro:arm prefix='${prefix}'/> -->"])
+@pytest.mark.parametrize(
+    "part",
+    ["<a>" * 20_000 + "</a>" * 20_000, "<!-- <xacro:arm prefix='${prefix}'/> -->"],
+    ids=["deeply nested", "comment"],
+)
 def test_other_parts_of_a_joint_are_ignored(part, tmp_path):
     text = GOOD.replace('<parent link="link_1"/>', f'<parent link="link_1"/>{part}')
     assert import_urdf(urdf(tmp_path, text)).section.robot == import_urdf(urdf(tmp_path, GOOD)).section.robot
