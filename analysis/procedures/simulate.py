@@ -17,6 +17,7 @@ from itertools import accumulate, islice
 import numpy as np
 
 from analysis.procedures.shared.test_kind import Noise, Simulation, kind_of, path_of, predict
+from analysis.robot.geometry.driven_programs import ACCELERATION_MM_S2
 from analysis.robot.geometry.iso_cube import (
     STANDSTILL_S,
     CommandPath,
@@ -199,8 +200,6 @@ _FAR_MM = 3000.0
 """Distance of the tracker from the base."""
 _RATE_HZ = 100.0
 """Positions per second; trackers record ten times as many, without more information about a simulated arm."""
-_ACCELERATION_MM_S2 = 200.0
-"""Acceleration of the programs (analysis/apps/makers/motion_plan.py)."""
 _PATH_STEPS = 2000
 """Steps along each path with linear joint interpolation: on the circles the deviation is below 1 µm."""
 
@@ -245,10 +244,10 @@ def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str)
     s = np.linspace(0.0, path.length_mm, _PATH_STEPS)
     s = np.unique(np.concatenate([s, path.arc_length_mm])) if isinstance(path, Polygon) else s
     q = joints_along(arm, cube, path, s, where)
-    ramp_s = min(speed_mm_s / _ACCELERATION_MM_S2, float(np.sqrt(path.length_mm / _ACCELERATION_MM_S2)))
-    whole_s = path.length_mm / (_ACCELERATION_MM_S2 * ramp_s) + ramp_s
+    ramp_s = min(speed_mm_s / ACCELERATION_MM_S2, float(np.sqrt(path.length_mm / ACCELERATION_MM_S2)))
+    whole_s = path.length_mm / (ACCELERATION_MM_S2 * ramp_s) + ramp_s
     t = np.arange(0.0, whole_s + STANDSTILL_S, 1 / _RATE_HZ)
-    speed = _ACCELERATION_MM_S2 * np.clip(np.minimum(t, whole_s - t), 0.0, ramp_s)
+    speed = ACCELERATION_MM_S2 * np.clip(np.minimum(t, whole_s - t), 0.0, ramp_s)
     driven = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2) / _RATE_HZ])
     driven = np.clip(driven * path.length_mm / driven[-1], 0.0, path.length_mm)
     return np.stack([np.interp(driven, s, column) for column in q.T], axis=1)

@@ -18,8 +18,6 @@ from rigs.schema.feedback import Feedback
 ZONE_MM = 0.3
 """Distance before the end of an arc at which the next may start, so that the tool does not stop. The corner deviates
 from the circle by at most ZONE² / 2R: 0.6 µm at 70 mm. Some languages do not allow a smaller distance."""
-ACCELERATION_MM_S2 = 200.0
-"""Acceleration on arcs and lines, as in the simulated laps (analysis/robot/geometry/driven_programs.py)."""
 
 
 @dataclass(frozen=True)

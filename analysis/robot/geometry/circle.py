@@ -64,6 +64,10 @@ class CircleFrame:
     def radial(self, phi: Array) -> Array:
         return np.cos(phi)[:, None] * self.u + np.sin(phi)[:, None] * self.v
 
+    def direction(self, polar: Array, azimuth: Array) -> Array:
+        """Unit vectors (k, 3) at polar angles from n and azimuths from u to v, both (k,) rad."""
+        return np.cos(polar)[:, None] * self.n + np.sin(polar)[:, None] * self.radial(azimuth)
+
     def poses(self, phi: Array) -> Array:
         r = self.radial(phi)
         T = np.zeros((len(phi), 4, 4))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.robot.geometry.circle import SENSE, CircleFrame, frame_of, reversals
+from analysis.robot.geometry.circle import SENSE, CircleFrame, circle_frame, frame_of, reversals
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward
 from analysis.robot.kinematics.follow import follow
@@ -34,26 +34,11 @@ within the reach of most arms; pointing at the ball is not.
 """
 
 
-@dataclass(frozen=True)
-class HemisphereFrame:
-    """centre (3,) mm; u, v, n (3,) unit vectors, n to the middle of the hemisphere, azimuth from u to v; radius mm."""
-
-    centre: Array
-    u: Array
-    v: Array
-    n: Array
-    radius: float
-
-    def direction(self, polar: Array, azimuth: Array) -> Array:
-        around = np.cos(azimuth)[:, None] * self.u + np.sin(azimuth)[:, None] * self.v
-        return np.cos(polar)[:, None] * self.n + np.sin(polar)[:, None] * around
-
-
-def hemisphere_frame(hemisphere: Hemisphere) -> HemisphereFrame:
-    n = np.array(hemisphere.normal) / np.linalg.norm(hemisphere.normal)
-    u = np.array(hemisphere.zero) - (np.array(hemisphere.zero) @ n) * n
-    u /= np.linalg.norm(u)
-    return HemisphereFrame(np.array(hemisphere.centre_mm), u, np.cross(n, u), n, hemisphere.radius_mm)
+def hemisphere_frame(hemisphere: Hemisphere) -> CircleFrame:
+    """Edge of the hemisphere, with n towards its middle."""
+    return circle_frame(
+        np.array(hemisphere.centre_mm), np.array(hemisphere.normal), np.array(hemisphere.zero), hemisphere.radius_mm
+    )
 
 
 def target_angles(hemisphere: Hemisphere) -> tuple[Array, Array]:
@@ -66,7 +51,7 @@ def target_angles(hemisphere: Hemisphere) -> tuple[Array, Array]:
     return np.radians(polar), np.radians(azimuth)
 
 
-def target_poses(frame: HemisphereFrame, polar: Array, azimuth: Array, orientation: Integers, count: int) -> Array:
+def target_poses(frame: CircleFrame, polar: Array, azimuth: Array, orientation: Integers, count: int) -> Array:
     """T_world_tool (k, 4, 4) at targets, with the tool tilted inwards.
 
     orientation (k,) from 1 to `count`: tilts about the tool's x axis, evenly around the middle one.
@@ -92,8 +77,8 @@ def _about(axis: Array, angle: Array) -> Array:
     return np.asarray(Rotation.from_rotvec(unit * angle[:, None]).as_matrix())
 
 
-_ACCELERATION_MM_S2 = 200.0
-"""Acceleration of a controller on a calibration circle, a moderate value."""
+ACCELERATION_MM_S2 = 200.0
+"""Acceleration of the programs on arcs and lines, a moderate value."""
 _CONTROL_PERIOD_S = 0.004
 _BACK = 2.0
 """Speed of the return to the next lap, relative to the lap."""
@@ -203,7 +188,7 @@ def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
     """Time (n,) s and circle angle (n,) rad: lead-in, one lap at constant speed, lead-out, from rest to rest."""
     arc = np.radians(360.0 + 2 * circle.lead_deg)
     speed = circle.speed_mm_s / circle.radius_mm
-    acceleration = _ACCELERATION_MM_S2 / circle.radius_mm
+    acceleration = ACCELERATION_MM_S2 / circle.radius_mm
     ramp_s = min(speed / acceleration, np.sqrt(arc / acceleration))
     cruise_s = max(0.0, arc / speed - ramp_s)
     t = np.arange(0.0, cruise_s + 2 * ramp_s + _CONTROL_PERIOD_S, _CONTROL_PERIOD_S)
@@ -243,28 +228,27 @@ def radial_program(rig: Rig) -> TargetProgram:
 
     The whole list is repeated, so visits to a target are minutes apart. Raises FileError if one is out of reach.
     """
-    hemisphere = hemisphere_of(rig)
-    polar, azimuth = target_angles(hemisphere)
-    count = hemisphere.orientations
-    target = np.repeat(np.arange(1, len(polar) + 1), count)
-    orientation = np.tile(np.arange(1, count + 1), len(polar))
-    polar, azimuth = np.repeat(polar, count), np.repeat(azimuth, count)
-    poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, orientation, count)
+    count, targets = hemisphere_of(rig).orientations, len(target_angles(hemisphere_of(rig))[0])
+    target = np.repeat(np.arange(1, targets + 1), count)
+    orientation = np.tile(np.arange(1, count + 1), targets)
     names = [f"target {t}, orientation {o}" for t, o in zip(target, orientation, strict=True)]
-    q = _reach(rig, hemisphere, poses, names)
-    rows = np.tile(np.arange(len(target)), hemisphere.visits)
-    return TargetProgram(target[rows], polar[rows], azimuth[rows], orientation[rows], q[rows])
+    once = _target_program(rig, target, orientation, names)
+    rows = np.tile(np.arange(len(target)), hemisphere_of(rig).visits)
+    return TargetProgram(target[rows], once.polar[rows], once.azimuth[rows], orientation[rows], once.q[rows])
 
 
 def repeatability_program(rig: Rig) -> TargetProgram:
     """Repeatability targets in their middle orientation, one row each. Raises FileError like `radial_program`."""
-    hemisphere, target = hemisphere_of(rig), repeatability_targets(rig)
-    polar, azimuth = target_angles(hemisphere)
-    polar, azimuth = polar[target - 1], azimuth[target - 1]
-    middle = np.full(len(target), (hemisphere.orientations + 1) // 2)
-    poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, middle, hemisphere.orientations)
-    q = _reach(rig, hemisphere, poses, [f"target {number}" for number in target])
-    return TargetProgram(target, polar, azimuth, middle, q)
+    target = repeatability_targets(rig)
+    middle = np.full(len(target), (hemisphere_of(rig).orientations + 1) // 2)
+    return _target_program(rig, target, middle, [f"target {number}" for number in target])
+
+
+def _target_program(rig: Rig, target: Integers, orientation: Integers, names: list[str]) -> TargetProgram:
+    hemisphere = hemisphere_of(rig)
+    polar, azimuth = (angle[target - 1] for angle in target_angles(hemisphere))
+    poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, orientation, hemisphere.orientations)
+    return TargetProgram(target, polar, azimuth, orientation, _reach(rig, hemisphere, poses, names))
 
 
 def repeatability_targets(rig: Rig) -> Integers:

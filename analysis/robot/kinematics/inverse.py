@@ -90,21 +90,14 @@ def canonical(arm: Arm) -> Canonical | None:
             reach = _size(arm) + float(np.linalg.norm(arm.T_flange_tool[:3, 3])) + LENGTH_MM
             moved = float(np.abs(lengths).sum() + np.abs(turned).sum() * reach)
             d = sign * arm.d
-            raised, drawn_back = np.eye(4), np.eye(4)
-            raised[2, 3], drawn_back[2, 3] = d[0], -d[5]
-            half_turn = np.diag([1.0, sign[5], sign[5], 1.0])
-            # RotX(alpha0) TransX(a0) RotY(beta0), arbitrary
-            ca, sa, cb, sb = np.cos(arm.alpha[0]), np.sin(arm.alpha[0]), np.cos(arm.beta[0]), np.sin(arm.beta[0])
-            T = np.eye(4)
-            T[:3, :3] = [[cb, 0.0, sb], [sa * sb, ca, -sa * cb], [-ca * sb, sa, ca * cb]]
-            T[0, 3] = arm.a[0]
-            T_one_world = np.asarray(np.linalg.inv(arm.T_world_base @ T @ raised), dtype=np.float64)
+            drawn_back, half_turn = np.eye(4), np.diag([1.0, sign[5], sign[5], 1.0])
+            drawn_back[2, 3] = -d[5]
             return Canonical(
                 kind,
                 sign,
                 arm.a,
                 d,
-                T_one_world=T_one_world,
+                T_one_world=np.linalg.inv(arm.T_world_base @ arm.links_at_zero[0]),
                 T_tool_wrist=np.linalg.inv(arm.T_flange_tool) @ half_turn @ drawn_back,
                 snapped_mm=0.0 if deviation < _EXACT else moved,
             )

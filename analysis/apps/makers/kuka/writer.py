@@ -12,7 +12,6 @@ from functools import partial
 import numpy as np
 
 from analysis.apps.makers.motion_plan import (
-    ACCELERATION_MM_S2,
     ZONE_MM,
     Arc,
     Demand,
@@ -37,6 +36,7 @@ from analysis.apps.makers.program_text import (
     shown_pose,
 )
 from analysis.apps.makers.program_writer import ProgramWriter
+from analysis.robot.geometry.driven_programs import ACCELERATION_MM_S2
 from analysis.robot.kinematics.arm import Arm, Array
 from rigs.schema.feedback import KUKARSI
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.apps.makers.motion_plan import (
-    ACCELERATION_MM_S2,
     ZONE_MM,
     Arc,
     Demand,
@@ -24,6 +23,7 @@ from analysis.apps.makers.motion_plan import (
 )
 from analysis.apps.makers.program_text import Words, fixed, heading, identifier, listed
 from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
+from analysis.robot.geometry.driven_programs import ACCELERATION_MM_S2
 from analysis.robot.kinematics.arm import Array
 from rigs.schema.feedback import URRTDE
 
