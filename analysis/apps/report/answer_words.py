@@ -175,15 +175,16 @@ class AnswerWords:
         return [self.texts("alone", part=self.short_name(part), um=micrometres(part.um, part.u_um)) for part in parts]
 
     def short_name(self, part: BudgetPart) -> str:
-        if part.index is not None:
-            return self.noun(self.diagnosis.effects[part.index].effect)
+        if named := self.diagnosis.named_of(part):
+            return self.noun(named.effect)
         if part.kind == "effect":
             return name_in_words(part.name)
         return self.texts(f"part_{part.kind}", joint=self.joint(part))
 
     def size_of(self, part: BudgetPart) -> str:
         """Size of an effect ± standard uncertainty; empty for other parts."""
-        return size(self.diagnosis.effects[part.index]) if part.index is not None else ""
+        named = self.diagnosis.named_of(part)
+        return size(named) if named else ""
 
     def times_usual(self, part: BudgetPart) -> str:
         times = part.times_usual
@@ -335,6 +336,4 @@ def judged_gap(diagnosis: Diagnosis) -> Gap:
 
 
 def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:
-    return next(
-        (part for part in diagnosis.budget if part.index is not None and diagnosis.effects[part.index] is named), None
-    )
+    return next((part for part in diagnosis.budget if diagnosis.named_of(part) is named), None)

@@ -184,8 +184,8 @@ class _SummaryWords(ActWords):
         return self.texts("share_of_error", share=percent(min(part.share, 1.0)))
 
     def _part(self, part: BudgetPart) -> str:
-        if part.index is not None:
-            return self._effect(self.diagnosis.effects[part.index], part)
+        if named := self.diagnosis.named_of(part):
+            return self._effect(named, part)
         usual = self.texts("size_usual") if part.rank == "usual" else ""
         name = joined([self.short_name(part), usual, self._share(part)], ", ")
         if not part.members or part.members[0].odds < _LIKELY:
@@ -312,12 +312,13 @@ class _SummaryWords(ActWords):
         return [BarSegment(name, min(share, 1.0), f"{100 * share:.1f} %", rank) for name, share, rank in shares]
 
     def _may_be_imitated(self, part: BudgetPart) -> bool:
-        return part.index is not None and self.diagnosis.effects[part.index].doubt in IMITATED
+        named = self.diagnosis.named_of(part)
+        return named is not None and named.doubt in IMITATED
 
     def _cause_name(self, part: BudgetPart) -> str:
         """Name of a part, marked if an unknown cause may imitate it; an uncertain effect with its probability."""
         name = self.short_name(part)
-        named = self.diagnosis.effects[part.index] if part.index is not None else None
+        named = self.diagnosis.named_of(part)
         if self._may_be_imitated(part):
             return f"{name} ({self.texts('not_confirmed')})"
         if named is not None and named.probability < _LIKELY and likely_rivals(named):

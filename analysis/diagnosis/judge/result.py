@@ -527,6 +527,10 @@ class Diagnosis(Tabular):
         """Indices of some parts of the budget."""
         return tuple(k for k, part in enumerate(self.budget) if is_meant(part))
 
+    def named_of(self, part: BudgetPart) -> Named | None:
+        """The fitted effect that is a part of the budget; None for scatter, the unexplained and groups."""
+        return None if part.index is None else self.effects[part.index]
+
     @property
     def next_act(self) -> Act | None:
         """The first recommended action; None if the effects were given and need none."""
@@ -608,12 +612,13 @@ def is_open(part: BudgetPart, named: Named) -> bool:
 
 def is_certain_part(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Whether the contribution of a part is certain, even if several similar effects may be the cause."""
-    if part.index is None:
+    named = diagnosis.named_of(part)
+    if named is None:
         return part.sigma >= CERTAIN_SIGMA
     # If usual errors may have the same result, the cause is undecided and the contribution certain.
-    return diagnosis.effects[part.index].doubt in (None, "usual", "healthy_shows_it") and part.sigma >= SURE_SIGMA
+    return named.doubt in (None, "usual", "healthy_shows_it") and part.sigma >= SURE_SIGMA
 
 
 def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    is_certain = part.index is None or diagnosis.effects[part.index].probability >= CONFIRMED
-    return is_certain and is_certain_part(diagnosis, part)
+    named = diagnosis.named_of(part)
+    return (named is None or named.probability >= CONFIRMED) and is_certain_part(diagnosis, part)
