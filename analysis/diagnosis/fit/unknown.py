@@ -65,15 +65,17 @@ class UnknownCauses:
     """Kinds of unknown causes that runs may show, each with its response (N, c) at unit amplitude."""
 
     responses: dict[str, Response]
+    at_rest: Collection[str] = ()
+    """Kinds that only readings at rest show."""
 
     @classmethod
     def in_runs(cls, linear: Linearisation) -> Self:
-        kinds = dict([*_of_joints(linear), *_of_circles(linear), *_of_places(linear)])
-        return cls({kind: Response(columns) for kind, columns in kinds.items() if np.any(columns)})
+        of_places = dict(_of_places(linear))
+        kinds = dict([*_of_joints(linear), *_of_circles(linear)]) | of_places
+        return cls({kind: Response(columns) for kind, columns in kinds.items() if np.any(columns)}, of_places.keys())
 
     def of_circles(self) -> Self:
-        at_rest = ("a change with time", "an error that varies with")
-        return type(self)({kind: each for kind, each in self.responses.items() if not kind.startswith(at_rest)})
+        return type(self)({kind: each for kind, each in self.responses.items() if kind not in self.at_rest})
 
     @property
     def price(self) -> float:
