@@ -122,7 +122,7 @@ def _branch_postures(arm: Arm, poses: Array, near: Array) -> tuple[Array, Intege
 
 
 def _sampled_postures(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
-    """The same as `_branches` for an arm without a closed form.
+    """The same as `_branch_postures` for an arm without a closed form.
 
     All poses have the same start values, so that neighbouring poses have neighbouring postures.
     """

@@ -44,13 +44,11 @@ different part. Chosen: odds of 150 to 1.
 
 @dataclass(frozen=True)
 class RivalOdds:
-    """Odds of a named effect and of the rivals, best first, each as the state with the rival in place of the effect.
-
-    `healthy_odds`: odds of a healthy arm showing the same.
-    """
+    """Odds that a named effect, one of its rivals, or a healthy arm causes the readings."""
 
     odds: float
     rivals: tuple[tuple[SelectionState, float], ...] = ()
+    """Rivals, best first: the state with the rival in place of the effect, and the odds of the rival."""
     healthy_odds: float = 0.0
 
 
@@ -134,7 +132,8 @@ def cautious_odds(selection: Selection, state: SelectionState, place: int, *, fa
 
 
 def rival_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Odds of a named effect and of its rivals: effects that explain as much in its place and add nothing to it.
+    """Compare a named effect with its rivals: effects that explain as much in its place and add nothing to it.
+
     faults_only: only rivals that would be faults.
     """
     forms, effect, reference = selection.columns.forms, state.effects[place], selection.backgrounds.reference

@@ -45,20 +45,23 @@ an industrial, 10 mm of a light arm. Chosen: the nominal constants of the right 
 
 @dataclass(frozen=True)
 class JudgedPlace:
-    """Validation runs of the actions (`there`), the runs used, which keep set-ups of the same placement, the effects of
-    the calibrated model, the gap, and the error at poses used, each predicted by the others."""
+    """Place at which the actions are evaluated."""
 
     place: JudgedOn
     used: FittedRuns
+    """The runs used, whose set-ups apply to all runs of the same placement."""
     there: Sequence[ObservedRun]
+    """Validation runs."""
     calibrated: Sequence[Effect]
+    """Effects of the calibrated model."""
     gap: Gap
     predicted_um: float | None = None
+    """Error at poses used, each predicted by the others."""
     is_validated: bool = False
-    """Whether these poses are enough to validate the model."""
+    """True if these poses are enough to validate the model."""
 
     def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
-        """Return the figures of an action that removes these effects. The change has a relative uncertainty."""
+        """Figures of an action that removes these effects. relative_u: relative uncertainty of the change."""
         before = self.gap.before_um
         after = self.used.residual_um(effects, self.there)
         change = math.sqrt(max(abs(before**2 - after**2), 0.0))
@@ -85,7 +88,7 @@ def acts_of(
     tests: Sequence[tuple[int, NamingTest, Cost]] = (),
     before: Sequence[Act] = (),
 ) -> tuple[Act, ...]:
-    """Return the actions in order of their reduction.
+    """List the actions in order of their reduction.
 
     tests: tests that would identify a part of the budget, by index. before: actions required by the readings
     themselves.
@@ -119,9 +122,7 @@ def acts_of(
 
 
 def _check(diagnosis: Diagnosis, judged: JudgedPlace) -> Act:
-    """Return the action for a parameter that is out of range, which must not be corrected: check the origin of the
-    difference.
-    """
+    """A parameter that is out of range must not be corrected: check the origin of the difference."""
     (named,) = diagnosis.effects
     parts = diagnosis.parts(lambda part: part.index == 0)
     figures = judged.removed([named.effect])
@@ -154,7 +155,7 @@ def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
 
 
 def _parameters_first(acts: Sequence[Act], diagnosis: Diagnosis) -> list[Act]:
-    """Return the actions with the checks of large faults ahead of everything that would hide a wrong parameter."""
+    """Move the checks of large faults ahead of everything that would hide a wrong parameter."""
 
     def is_first(act: Act) -> bool:
         return act.kind == "check" and any(diagnosis.budget[k].share > LEAST_SHARE for k in act.parts)
@@ -163,7 +164,7 @@ def _parameters_first(acts: Sequence[Act], diagnosis: Diagnosis) -> list[Act]:
 
 
 def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
-    """Return the actions, manual ones with the error remaining after all preceding manual actions."""
+    """Add to each manual action the error that remains after it and all preceding manual actions."""
     done: list[Effect] = []
     square_um2, ordered = 0.0, []
     for act in acts:
@@ -178,16 +179,17 @@ def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
 
 
 def _approaches(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
-    """Return the interim action for direction-dependent effects, which targets cannot represent: a one-sided approach
-    to every target.
+    """A one-sided approach to every target, the interim action for direction-dependent effects, which targets cannot
+    represent.
 
     The gain is that of the worse side, because both sides are equally likely to be chosen.
     """
     acts = []
     for k, part in enumerate(diagnosis.budget):
-        if part.index is None or part.share <= LEAST_SHARE or not is_sure(diagnosis, part):
+        named = diagnosis.named_of(part)
+        if named is None or part.share <= LEAST_SHARE or not is_sure(diagnosis, part):
             continue
-        effect = diagnosis.effects[part.index].effect
+        effect = named.effect
         if effect.part == "reversal" and effect.compensation().use == "none":
             flank = effect.flank_deg()
             flanks = [turned(int(getattr(effect, "axis", 1)), side * flank) for side in (1, -1)] if flank else []
@@ -203,7 +205,7 @@ def _approaches(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
 
 
 def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
-    """Return the manual actions for faults and for usual effects causing much of the error.
+    """Manual actions for faults and for usual effects that cause much of the error.
 
     If errors cancel, removing a fault alone may increase the error.
     """
@@ -215,12 +217,13 @@ def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
 
 
 def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
-    """Return the effects of a part with a manual action: the effect of the part, and faults that cancel some of it.
+    """Effects of a part that need a manual action: its own effect, and faults that cancel some of it.
 
     A certain effect of usual size causing much of the error is entered or re-mastered. It is repaired if few arms reach
     that size, or if the arm exceeds the limits.
     """
-    of_part = [diagnosis.effects[part.index]] if part.index is not None else []
+    named = diagnosis.named_of(part)
+    of_part = [named] if named else []
     rare = (part.times_usual or 0.0) >= SURE_SIGMA or diagnosis.accuracy.standing in ("watch", "fail")
     is_much = part.share > LARGE_SHARE and is_sure(diagnosis, part)
     if cause := part.cause:  # the only certain member of a group, as an effect of usual size
@@ -238,10 +241,9 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
 
 
 def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named) -> Act:
-    """Return the manual action for an effect of part k."""
+    """The manual action for an effect of part k, its own or a fault that cancels some of it."""
     part = diagnosis.budget[k]
-    is_own = part.index is not None and diagnosis.effects[part.index] is named
-    u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.contribution_um)
+    u_um, um = (part.u_um, part.um) if diagnosis.named_of(part) is named else (named.u_um, named.contribution_um)
     figures = judged.removed([named.effect], u_um / um if um > 0 else 1.0)
     is_constant = named.is_confirmed or part.rank == "difference"
     is_wrong = is_constant and named.effect.DEED == "enter" and (named.times_usual or 0.0) >= _WRONG
@@ -261,7 +263,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named) -> 
 
 
 def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
-    """Return the objections common to all figures of the validation place."""
+    """Objections to all figures of the validation place."""
     against = [Against("doubt", doubt="commanded")] if diagnosis.only_commanded else []
     against += [Against("not_judged_elsewhere")] if judged.place == "used" else []
     if diagnosis.runs_to_decide is not None:
@@ -272,8 +274,9 @@ def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
 
 
 def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
-    """Return the interim correction: programs and entries with all effects of the arm in the model, if the gain is
-    certain and worthwhile."""
+    """The interim correction, programs and entries with all effects of the arm in the model, if its gain is certain and
+    worthwhile.
+    """
     if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
         return []
     if _may_not_have_arrived(diagnosis):  # a correction would hide it
@@ -287,13 +290,12 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     left_um = max(figures.residual_um, (judged.predicted_um or 0.0) * (judged.place == "used"))
     if not figures.removes or left_um >= (1.0 if fails else _WORTH) * before_um:
         return []
-    parts = diagnosis.parts(
-        lambda part: (
-            part.kind in ("constants", "gravity", "curve")
-            if part.index is None
-            else diagnosis.effects[part.index].effect.compensation().use != "none"
-        )
-    )
+
+    def is_corrected(part: BudgetPart) -> bool:
+        named = diagnosis.named_of(part)
+        return named.effect.compensation().use != "none" if named else part.kind in ("constants", "gravity", "curve")
+
+    parts = diagnosis.parts(is_corrected)
     command, against = ("correct", _model(diagnosis), "-o", "CORRECTIONS"), tuple(_of_the_place(diagnosis, judged))
     return [
         replace(
@@ -310,7 +312,7 @@ def _model(diagnosis: Diagnosis) -> str:
 def _measurements(
     diagnosis: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]
 ) -> list[Act]:
-    """Return the measurements to make: to separate rivals, identify a group, decide, or validate elsewhere."""
+    """Measurements that separate rivals, identify a group, decide, or validate elsewhere."""
     acts = []
     if _may_not_have_arrived(diagnosis):
         acts.append(Act("measure", "commanded", parts=diagnosis.parts(lambda part: part.share > LEAST_SHARE)))
@@ -333,7 +335,7 @@ def _measurements(
         against = () if k in planned else (Against("no_place"),)
         return Act("measure", why, parts=(k,), test=test, cost=cost, against=against)
 
-    fitted = {k: diagnosis.effects[part.index] for k, part in enumerate(diagnosis.budget) if part.index is not None}
+    fitted = {k: named for k, part in enumerate(diagnosis.budget) if (named := diagnosis.named_of(part))}
     for k, named in fitted.items():
         if (named.is_confirmed and likely_rivals(named)) or fault_rivals(named):
             acts.append(test_of("rivals", k))
@@ -351,12 +353,12 @@ def _measurements(
 
 
 def _may_not_have_arrived(diagnosis: Diagnosis) -> bool:
-    """Return whether a would-be fault may be an angle that the arm was commanded to and did not reach."""
+    """True if a would-be fault may be an angle that the arm was commanded to and did not reach."""
     return any(named.doubt == "commanded" for named in diagnosis.effects)
 
 
 def _reasons_to_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> list[Reason]:
-    """Return the reason to repeat measurements, if any; the parts of the budget that are scatter are given.
+    """The reason to repeat measurements, if any. scatter: the parts of the budget that are scatter.
 
     Places visited once that scatter much, or more than usual, may have an error that every visit repeats.
     """
@@ -371,10 +373,8 @@ def _reasons_to_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> list[R
 
 
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis, judged: JudgedPlace) -> bool:
-    """Return whether a measurement precedes all actions that reduce the error.
-
-    It does so only if it can still change the first action: if the gain of that action is not proven, or if the error
-    that the measurement concerns is larger than any proven gain.
+    """True if a measurement precedes all actions that reduce the error, because it can still change the first of them:
+    the gain of that action is not proven, or the error that the measurement concerns exceeds any proven gain.
     """
     if measurement.why == "commanded":
         return True
@@ -401,7 +401,7 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis, ju
 
 
 def _is_proven(act: Act, diagnosis: Diagnosis, judged: JudgedPlace) -> bool:
-    """Return whether readings with no part in the fit show the gain of an action, or a certain fault of the arm does.
+    """True if readings with no part in the fit show the gain of an action, or a certain fault of the arm does.
 
     A fault is certain only if no rival is likely and no error of an unknown cause may imitate it.
     """
@@ -414,13 +414,14 @@ def _is_proven(act: Act, diagnosis: Diagnosis, judged: JudgedPlace) -> bool:
 
 
 def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:
-    """Return the reason why a part above a tenth of the error has no action."""
+    """Why a part above a tenth of the error has no action."""
     if part.kind == "scatter":
         return "scatter"
     if part.kind == "unexplained":
         return "unexplained"
     if part.kind in ("gauges", "clocks"):
         return "too_small" if part.rank == "undecided" else "gauges"
-    if part.index is not None and diagnosis.effects[part.index].effect.compensation().use == "none":
-        return "gauges" if diagnosis.effects[part.index].effect.STAGE in OUTSIDE_ARM else "history"
+    named = diagnosis.named_of(part)
+    if named and named.effect.compensation().use == "none":
+        return "gauges" if named.effect.STAGE in OUTSIDE_ARM else "history"
     return "history" if part.kind in ("reversal", "warming") else "too_small"

@@ -67,12 +67,12 @@ class Against:
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of an action: `minutes` of driving, None if unknown (a repair); programs to drive or load, and set-ups of
-    ball and gauges."""
-
     minutes: float | None = None
+    """Minutes of driving; None if unknown (a repair)."""
     programs: int = 0
+    """Programs to drive or load."""
     set_ups: int = 0
+    """Set-ups of ball and gauges."""
 
 
 FOUND = "FOUND/"
@@ -81,52 +81,52 @@ FOUND = "FOUND/"
 
 @dataclass(frozen=True)
 class NamingTest:
-    """Decisive test: description as arguments of `rig plan`, reason, expected odds of the likeliest cause after it, and
-    the causes it separates."""
+    """A decisive test."""
 
     test: str
+    """Arguments of `rig plan`."""
     why: str
     expected_sigma: float
     odds_then: float
+    """Expected odds of the likeliest cause after the test."""
     names: tuple[str, ...] = ()
+    """Causes that it separates."""
 
 
 @dataclass(frozen=True)
 class Act:
-    """An action. `parts` are indices into the budget. `removes_um` is the reduction by this action only at the `place`,
-    and `remains_um` the remaining error there, rms of the readings in µm, each with standard uncertainty. Both are None
-    if not computed, for example for actions that do not reduce the error themselves. Without a reduction, `remains_um`
-    is the error of the part to which the action refers.
-
-    `with_before_um` is the remaining error there in µm, with standard uncertainty, after all preceding manual actions
-    of the list; None for the first.
-
-    `effect` is the effect to repair or enter, with the standard uncertainty `u` of the size. `command` contains the
-    words after `rig` if a command does the work, files in capitals. `test` is the test to drive, and `runs` the number
-    of runs of each test if more runs decide.
-    """
+    """An action. Errors are the rms of the readings in µm, each with standard uncertainty; None if not computed."""
 
     kind: ActKind
     why: Reason
     parts: tuple[int, ...] = ()
+    """Indices into the budget."""
     removes_um: float | None = None
+    """Reduction by this action alone at the `place`; None for actions that do not reduce the error themselves."""
     removes_u_um: float | None = None
     place: JudgedOn = "used"
     remains_um: float | None = None
+    """Remaining error at the `place`; without a reduction, the error of the part to which the action refers."""
     remains_u_um: float | None = None
     cost: Cost = Cost()
     with_before_um: float | None = None
+    """Remaining error at the `place` after all preceding manual actions of the list; None for the first."""
     with_before_u_um: float | None = None
     effect: Effect | None = None
+    """Effect to repair or enter."""
     u: float | None = None
+    """Standard uncertainty of the size of the effect."""
     command: tuple[str, ...] = ()
+    """Words after `rig` if a command does the work, files in capitals."""
     test: NamingTest | None = None
+    """Test to drive."""
     runs: int | None = None
+    """Number of runs of each test, if more runs decide."""
     against: tuple[Against, ...] = ()
 
     @property
     def removes(self) -> bool:
-        """Whether the action certainly reduces the error: by more than two standard uncertainties."""
+        """True if the action certainly reduces the error: by more than two standard uncertainties."""
         return self.gain_um > 2 * (self.removes_u_um or 0.0) and self.gain_um > 0
 
     @property
@@ -140,16 +140,14 @@ class Act:
         return self.remains_um or 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types, with the effect as a label."""
+        """Plain types, with the effect as a label."""
         plain = {key: value for key, value in asdict(self).items() if key != "effect"}
         return plain | {"effect": label_of(self.effect) if self.effect else None}
 
 
 def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> tuple[Act, ...]:
-    """Return the actions with commands for the user's `model`.
-
-    If no model is given, commands that refer to it are replaced by `again`, the arguments of the command that writes
-    the model.
+    """Put the user's `model` into the commands. Without a model, commands that need it become `again`, the arguments of
+    the command that writes the model.
     """
     named = [tuple(model if word.startswith(FOUND) else word for word in act.command) for act in acts]
     return tuple(
@@ -159,10 +157,10 @@ def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> t
 
 
 def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
-    """Return whether an action of this kind and reason has already been performed.
+    """True if an action of this kind and reason has already been performed.
 
     way: active correction, `entries` or `programs`, None if inactive. Entered values include zeros, so re-mastering
-    would correct twice. elsewhere: whether a different place has validated the model.
+    would correct twice. elsewhere: a different place has validated the model.
     """
     if (kind, why) == ("measure", "elsewhere"):
         return elsewhere

@@ -164,7 +164,7 @@ def _load(block: Block, joint: int) -> Array:
 
 
 def _speed(block: Block, joint: int) -> Array:
-    """Speed, its sign and its signed square of a joint that moves during the readings."""
+    """Speed of a joint, its sign and its signed square; zero if the joint rests at the readings or has no times."""
     t_s, q = block.path.t_s, block.drives.q[:, joint]
     if block.facts.of_places or not block.sampling or np.diff(t_s).min() <= 0:
         return np.zeros((len(q), 3))

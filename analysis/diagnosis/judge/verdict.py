@@ -46,7 +46,6 @@ from analysis.procedures.pooled import FigureColumn, figure_columns
 from analysis.procedures.pose import SAME_RAD, groups
 from analysis.procedures.results import Result, borrowed_noise, by_test, result_of
 from analysis.procedures.shared.quantity import Quantity
-from analysis.procedures.shared.test_kind import facts_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
 from rigs.calibration import ModelAssessment
@@ -86,7 +85,7 @@ class JudgedFigure:
 
     @property
     def straddled(self) -> bool:
-        """Whether a repeated measurement may decide otherwise."""
+        """True if a repeated measurement may decide otherwise."""
         return self.limit.straddled(self.figure.value, self.figure.u)
 
     @property
@@ -97,7 +96,7 @@ class JudgedFigure:
 
 
 def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFigure, ...]:
-    """Return every figure of results that has a limit, the worst first."""
+    """Every figure of results that has a limit, the worst first."""
     judged = []
     for group in by_test(results):
         test = group[0].measured.run.manifest.test
@@ -110,8 +109,7 @@ def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFig
 
 
 def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
-    """Return the worst standing of the figures of runs that have a limit, and the origin of the limit; None and None if
-    no figure has a limit.
+    """Worst standing of the figures of runs that have a limit, and the origin of this limit; None and None without any.
 
     Runs that cannot be evaluated have no figures. Limits apply to the arm as it drives, not to the residual of a
     calibrated model. After a failed test the other tests are not evaluated, because nothing is worse.
@@ -176,19 +174,19 @@ _DOUBT_OF: dict[Alternative, Doubt] = {
 
 @dataclass(frozen=True)
 class Gaps:
-    """Gap on the runs used, on held-out runs and at an unseen place.
-
-    `predicted_um`: rms in µm by which the complete model of all other places misses each neighbourhood of the places
-    used, None if the runs used include other tests. `unexplained_um`: rms distance in µm by which the complete model
-    misses places not used in its fit, beyond noise and stated uncertainty, as a constant part; `beyond_um`: all of it.
-    """
+    """Gap on the runs used, on held-out runs and at an unseen place."""
 
     train: Gap
     held_out: Gap | None
     unseen: Gap | None
     predicted_um: float | None = None
+    """Rms by which the complete model of all other places misses each neighbourhood of the places used; None if the
+    runs used include other tests.
+    """
     unexplained_um: float = 0.0
+    """Constant part of `beyond_um`."""
     beyond_um: float = 0.0
+    """Rms by which the complete model misses places not used in its fit, beyond noise and stated uncertainty."""
 
     @property
     def judged(self) -> Gap:
@@ -197,7 +195,7 @@ class Gaps:
 
     @property
     def names_do_better(self) -> bool:
-        """Whether the named effects leave less than the complete model on runs not used in the fit, by more than the
+        """True if the named effects leave less than the complete model on runs not used in the fit, by more than the
         noise of a gap.
 
         A single held-out part of the poses does not decide this if the complete model predicts every neighbourhood in
@@ -210,7 +208,7 @@ class Gaps:
 
     @property
     def gains_elsewhere(self) -> bool:
-        """Whether the calibrated model was shown to remove much of the gap on runs not used in the fit."""
+        """True if the calibrated model removes much of the gap on runs not used in the fit."""
         judged = self.judged
         if judged is self.train or judged.before_um <= _FAR * judged.noise_floor_um:
             return False
@@ -218,8 +216,8 @@ class Gaps:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether an unseen place contradicts the model. There the complete model is no better than the named
-        effects, or hardly better than no named effects, although it explained the runs used.
+        """True if an unseen place contradicts the model: there the complete model is no better than the named effects,
+        or hardly better than none, although it explained the runs used.
         """
         unseen = self.unseen
         if unseen is None or unseen.before_um <= _FAR * unseen.noise_floor_um:
@@ -232,7 +230,7 @@ class Gaps:
 
 
 def ambiguous_names(named: Sequence[Named]) -> list[Named]:
-    """Return the confirmed named effects with rivals that cannot be dismissed."""
+    """Confirmed effects with rivals that cannot be dismissed."""
     return [name for name in named if name.is_confirmed and name.probability < CONFIRMED]
 
 
@@ -240,10 +238,9 @@ def named_effects(
     result: SearchResult, hypotheses: Sequence[Hypotheses], fitted: FittedRuns, gains: Sequence[float | None],
     changes: Sequence[EffectChange],
 ) -> list[Named]:  # fmt: skip
-    """Return the fitted effects of a search result, each with its probability, the change of the readings (N,) and the
-    reason for not confirming it, if any.
+    """Judge each fitted effect: its probability, rivals, contribution, and the reason for not confirming it, if any.
 
-    `gains` contains the gain of each effect on held-out runs.
+    gains: of each effect on held-out runs.
     """
     effects = result.effects
     return [
@@ -253,9 +250,7 @@ def named_effects(
 
 
 def alone_out_of_range(named: Sequence[Named], beyond: OutOfRange, fitted: FittedRuns) -> list[Named]:
-    """Return only the parameter that is out of range, as confirmed, with the effects that explain the readings
-    equally well.
-    """
+    """Name only the parameter that is out of range, with the effects that explain the readings equally well."""
     effect = next(name for name in named if name_of(name.effect) == beyond.name)
     return [replace(effect, doubt=None, twins=beyond.twins, alone_um=fitted.residual_um([effect.effect]))]
 
@@ -264,7 +259,6 @@ def _judge_effect(
     result: SearchResult, k: int, hypotheses: Hypotheses, gain: float | None, change: EffectChange,
     gap_without_um: float,
 ) -> Named:  # fmt: skip
-    """Return an effect with its contribution, probability and rivals, and the reason for not confirming it, if any."""
     effect, likely = result.effects[k], probabilities_of(hypotheses)
     axis, shown = int(getattr(effect, "axis", 1)), shows_waves(result, k)
     model = f"use the calibrated model, which includes the angle error of axis {axis} over its angle"
@@ -297,7 +291,7 @@ def _rival(result: SearchResult, tried: SelectionState, probability: float) -> R
 def _doubt(
     result: SearchResult, effect: Effect, likely: Probabilities, rivals: Sequence[Rival], u: float
 ) -> Doubt | None:
-    """Return the reason for not confirming an effect; None if it is confirmed. u: uncertainty of the size.
+    """The reason for not confirming an effect; None if it is confirmed. u: uncertainty of the size.
 
     It is confirmed if it or a rival that would be a fault exists with 95 %, it is likelier than each rival, and its
     size exceeds that of all healthy arms with 95 %.
@@ -314,7 +308,7 @@ def _doubt(
 
 
 def doubt_of_size(effect: Effect, u: float, reference: Reference) -> Doubt | None:
-    """Return the doubt about an effect by its size alone: usual, or not larger than in all healthy arms with 95 %."""
+    """The doubt about an effect by its size alone: usual, or not larger than in all healthy arms with 95 %."""
     size, times = abs(getattr(effect, size_field(effect))), abs(size_of(effect))
     least = least_fault(effect, reference)
     if times <= least:
@@ -323,10 +317,7 @@ def doubt_of_size(effect: Effect, u: float, reference: Reference) -> Doubt | Non
 
 
 def shows_waves(result: SearchResult, k: int) -> bool:
-    """Return whether the named effect `k` is no wave of a joint, or a joint was driven over enough waves.
-
-    A wave over fewer than two driven periods does not identify a gear.
-    """
+    """True unless effect k is a wave of a joint that was driven over fewer than two periods, too few for a gear."""
     effect = result.effects[k]
     if not is_of_curve(effect):
         return True
@@ -335,18 +326,17 @@ def shows_waves(result: SearchResult, k: int) -> bool:
 
 
 def shows_time(blocks: Sequence[Block]) -> bool:
-    """Return whether runs show changes with time: repeats of a run, laps of a circle, visits of a target."""
+    """True if runs show changes with time: repeats of a run, laps of a circle, visits of a target."""
     laps = any(block.sampling is not None and len(block.sampling.trend) > 0 for block in blocks)
     return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
 
 
 def unexplained_residual(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> Residual:
-    """Return the residual beyond the noise, at most the gap of the runs used. It is material if it exceeds the limits
-    (b,) µm.
+    """The residual beyond the noise, at most the gap of the runs used. It is material if it exceeds the limits (b,) µm.
 
-    The residual includes the contributions of contradicted effects, and the residual of the
-    calibrated model beyond the noise: a non-repeating error looks like scatter about the mean of the runs. The
-    prediction error at places not used in the fit replaces it if that error is larger and not negligible.
+    It includes the contributions of contradicted effects, and the residual of the calibrated model beyond the noise: a
+    non-repeating error looks like scatter about the mean of the runs. The prediction error at places not used in the
+    fit replaces it if that error is larger and not negligible.
     """
     train = gaps.train
     imitating = [name for name in named if name.contradicted]
@@ -378,7 +368,7 @@ def unexplained_residual(result: SearchResult, named: Sequence[Named], limits: A
 
 
 def _single_runs_um(result: SearchResult, named: Sequence[Named], train: Gap, vibration_um: float) -> float:
-    """Return the rms in µm of single runs beyond the noise and all parts with a known cause; 0 for a small excess."""
+    """Rms in µm of single runs beyond the noise and all parts with a known cause; 0 for a small excess."""
     um = independent_um(min(train.calibrated_um, train.before_um), vibration_um)
     if um > _FAR * train.noise_floor_um:
         um = independent_um(um, _missing_in_export_um(result, named))
@@ -386,7 +376,7 @@ def _single_runs_um(result: SearchResult, named: Sequence[Named], train: Gap, vi
 
 
 def _missing_in_export_um(result: SearchResult, named: Sequence[Named]) -> float:
-    """Return the rms error in µm that remains with the exported model, but not with the fitted model.
+    """Rms error in µm that remains with the exported model, but not with the fitted model.
 
     The exported model contains neither the departures of effects from their ideal forms, counted here for effects not
     in doubt, nor terms of the set-ups that readings hardly determine. Example: for backlash of 0.45° and a ball 0.8 mm
@@ -401,7 +391,7 @@ def _missing_in_export_um(result: SearchResult, named: Sequence[Named]) -> float
 
 
 def _missed_elsewhere_um(gaps: Gaps, blocks: Sequence[Block]) -> float:
-    """Return the rms error in µm of the model at places not used in the fit; 0 if it is within the noise.
+    """Rms error in µm of the model at places not used in the fit; 0 if it is within the noise.
 
     It is the constant part of the errors beyond the stated uncertainty, or all of them if they are nearly as large as
     the noise of repeated visits. Without repeats they may be scatter.
@@ -429,10 +419,7 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
 def condition_of(
     result: SearchResult, named: Sequence[Named], residual: Residual, gaps: Gaps, *, early: bool
 ) -> Condition:  # fmt: skip
-    """Return the condition of the arm.
-
-    `early`: poses were read before the joints came to rest.
-    """
+    """Condition of the arm. early: poses were read before the joints came to rest."""
     if not _is_testable(result, early=early):
         return "not_testable_here"
     outside = gaps.is_foreign
@@ -456,9 +443,7 @@ def condition_of(
 
 
 def as_scatter(budget: Sequence[BudgetPart], residual: Residual) -> tuple[tuple[BudgetPart, ...], Residual]:
-    """Return the budget and the residual with the unexplained part counted as scatter, because places visited only
-    once cannot show that it repeats.
-    """
+    """Count the unexplained part as scatter, because places visited only once cannot show that it repeats."""
     merged = [part for part in budget if part.kind in ("unexplained", "scatter")]
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
@@ -468,35 +453,35 @@ def as_scatter(budget: Sequence[BudgetPart], residual: Residual) -> tuple[tuple[
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
-    """Return whether the runs can show effects: enough readings, and joints at rest.
+    """True if the runs can show effects: enough readings, and joints at rest.
 
     A posture of poses counts as three readings, even if visited repeatedly: the cube of ISO 9283 has 450 values, of
     which 15 differ.
     """
     readings = sum(
-        3 * int(groups(block.table.q, SAME_RAD).max() + 1) if facts_of(block.table.test).of_places else len(block.y_mm)
+        3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.facts.of_places else len(block.y_mm)
         for block in result.linear.blocks
     )
     if readings < _ENOUGH * result.linear.U.shape[1] or not result.columns.forms:
         return False
-    poses_alone = all(facts_of(block.table.test).of_places for block in result.linear.blocks)
+    poses_alone = all(block.facts.of_places for block in result.linear.blocks)
     shows = rms_by_block(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
 
 
 def is_undecided(named: Sequence[Named]) -> bool:
-    """Return whether more runs may find a fault: an effect of the size of a fault is not certain yet."""
+    """True if more runs may find a fault: an effect of the size of a fault is not certain yet."""
     return needs_runs(named) or any(name.doubt in IMITATED or fault_rivals(name) for name in named)
 
 
 def needs_runs(named: Sequence[Named]) -> bool:
-    """Return whether more of the same runs may decide whether an effect is a fault."""
+    """True if more of the same runs may decide whether an effect is a fault."""
     return any(name.doubt in ("one_lap", "healthy_shows_it", "rival", "unsure") for name in named)
 
 
 def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
-    """Return the number of runs of each kind that would decide an undecided condition: at least two, to show the
-    noise, and enough to make the change of the most doubtful effect certain.
+    """Number of runs of each kind that would decide an undecided condition: at least two, to show the noise, and enough
+    to make the clearest doubtful effect certain.
     """
     most = max((block.count for block in result.linear.blocks), default=1)
     sigmas = [
@@ -509,7 +494,7 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
 
 
 def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, widening: Widening) -> ModelAssessment:
-    """Return the judgement of the model for the calibration file: of the `whole` model and of the part in the file.
+    """Assessment for the calibration file of the `whole` model and of the part in the file.
 
     The unexplained error is that of held-out places, and at least the residual of the places used. Other tests show it
     by the residual at the validation runs.
@@ -530,9 +515,7 @@ def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, widening: Widening)
 
 
 def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Literal["tolerance"]]:
-    """Return the standing of the arm as it drives, excluding the model of the rig file, against a tolerance of the
-    residuals (m, k), rms.
-    """
+    """Standing of the arm as it drives, without the model of the rig file, against a tolerance of the rms residual."""
     bare = [replace(run, model=replace(run.model, effects=())) for run in used.runs]
     return "pass" if FittedRuns(bare).residual_um(()) <= tolerance_um else "fail", "tolerance"
 
@@ -540,7 +523,7 @@ def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Li
 def accuracy_of(
     gaps: Gaps, standing: Standing | None, limit: Literal["tolerance", "rig_file", "data_sheet"] | None
 ) -> Accuracy:
-    """Return the error now and after the calibration, on runs not used in the fit if available."""
+    """Error now and after the calibration, on runs not used in the fit if available."""
     place: JudgedOn = "unseen" if gaps.unseen else "held_out" if gaps.held_out else "used"
     judged = gaps.unseen or gaps.held_out or gaps.train
     largest = max((tested.before_largest_um for tested in gaps.train.tests), default=gaps.train.before_um)
