@@ -24,6 +24,7 @@ from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, expec
 from analysis.diagnosis.plan.further_tests import PossibleTest, further_tests, possible_tests, sigma_between
 from analysis.procedures.simulate import simulate
 from analysis.robot.predict import model_of
+from rigs.arms import load_arm
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
@@ -227,6 +228,16 @@ def test_unmeasured_socket_distance_is_a_further_test():
         True,
         False,
     ]
+
+
+def test_plan_of_touches_names_neither_circles_nor_gauges(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "140")
+    (tmp_path / "cell.yaml").write_text(
+        f"name: cell\n{load_arm('franka-fr3').text}tests: {{touch: {{sockets: [A, B]}}}}\n"
+    )
+    said = CliRunner().invoke(app, ["plan", str(tmp_path / "cell.yaml"), "--tests", "touch"]).stdout
+    assert "touch: 3 runs" in said
+    assert not [word for word in ("circle", "gauge") if word in said]
 
 
 def test_an_unknown_test_is_refused_in_one_line():
