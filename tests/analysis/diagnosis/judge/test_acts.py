@@ -100,9 +100,13 @@ def test_every_part_above_a_tenth_has_an_act_or_a_reason_and_every_remainder_its
     served = {k for act in found.acts for k in act.parts}
     assert {k for k, part in enumerate(found.budget) if part.share > LEAST_SHARE} <= served
     assert all(act.remains_u_um > 0 for act in found.acts if act.kind not in ("measure", "none"))
-    repairs = {name_of(act.effect): act for act in found.acts if act.effect and act.place == "used"}
-    repaired = [(one, repairs[name_of(one.effect)]) for one in found.standing if name_of(one.effect) in repairs]
-    assert all(act.remains_um == pytest.approx(one.alone_um) for one, act in repaired)
+
+
+def test_repair_leaves_the_error_without_its_effect():
+    found = one_play()
+    (play,) = found.effects
+    (repair,) = [act for act in found.acts if act.kind == "repair"]
+    assert repair.place == "used" and repair.remains_um == pytest.approx(play.alone_um)
 
 
 def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows():
