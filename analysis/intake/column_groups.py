@@ -129,8 +129,9 @@ def count_places(columns: Iterable[str]) -> int:
 
 
 def _refuse_repeated(raw: RawTable, joints: Sequence[ColumnGroup]) -> None:
-    plain = [[re.sub(r" \(\d+\)$", "", name) for name in group.columns] for group in joints]
-    repeated = [next((name for name in names if names.count(name) > 1), "") for names in plain]
+    """Refuse a second column "J1 (2)" next to "J1"; columns "J (1)" to "J (6)" are numbered by the user."""
+    plain = [{name: re.sub(r" \(\d+\)$", "", name) for name in group.columns} for group in joints]
+    repeated = [next((first for name, first in of.items() if name != first and first in of), "") for of in plain]
     if repeated and all(repeated):
         problem = f"has two columns {repeated[0]}"
         raise FileError(raw.where, problem, "give each joint column a unique name", code="table.column_twice")

@@ -107,6 +107,17 @@ def test_a_time_before_columns_without_names_is_no_joint(tmp_path):
     assert found.place and found.place.columns == tuple(f"column {k}" for k in range(8, 11))
 
 
+def test_joints_numbered_in_brackets_are_read_and_a_second_joint_column_is_refused(tmp_path):
+    p = poses()
+    in_brackets = [f"Joint ({k})" for k in range(1, 7)]
+    path = with_header(p, [*in_brackets, "x_mm", "y_mm", "z_mm"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
+    found = propose_map([path], "ur10e").table_map
+    assert found.joints and found.joints.columns == tuple(in_brackets)
+    path = with_header(p, ["joint"] * 6 + ["x_mm", "y_mm", "z_mm"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
+    with refused("table.column_twice"):
+        propose_map([path], "ur10e")
+
+
 def test_arm_with_a_far_wrong_zero_is_imported_with_a_doubt(tmp_path):
     p = poses()
     q_deg, off_deg = np.degrees(p.q), np.array([0, 0, 4.0, 0, 0, 0])
