@@ -31,9 +31,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from analysis.procedures.checks.columns import PLACE_UNKNOWN, circle_gauges, impossible, judged_by_path, off_circle
+from analysis.procedures.checks.columns import PLACE_UNKNOWN, judged_by_path, off_circle
 from analysis.procedures.checks.gauges import ORDER, order_findings
 from analysis.procedures.checks.places import STAMPS, stamp_findings
+from analysis.procedures.checks.units import circle_gauges, impossible
 from analysis.procedures.shared.lap_curve import (
     PHI,
     SEED,

@@ -24,16 +24,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.checks.columns import (
-    FEWEST,
-    UNITS,
-    impossible,
-    judged_by_places,
-    mirror_findings,
-    off_in_its_unit,
-    rail_findings,
-    tracker,
-)
+from analysis.procedures.checks.columns import FEWEST, judged_by_places, mirror_findings
 from analysis.procedures.checks.places import (
     DUPLICATES,
     SOURCE,
@@ -44,6 +35,7 @@ from analysis.procedures.checks.places import (
     source_findings,
     without_lost,
 )
+from analysis.procedures.checks.units import UNITS, impossible, off_in_its_unit, rail_findings, tracker
 from analysis.procedures.shared.axis_curves import AxisCurve, axis_curves
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of

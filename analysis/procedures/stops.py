@@ -9,8 +9,9 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from analysis.procedures.checks.columns import PLACE_UNKNOWN, judged_by_path, off_targets, target_units
+from analysis.procedures.checks.columns import PLACE_UNKNOWN, judged_by_path, off_targets
 from analysis.procedures.checks.places import PLACE, place_findings
+from analysis.procedures.checks.units import target_units
 from analysis.procedures.shared.test_kind import Finders, Finding, PathDeviation, TestKind, Verdict
 from analysis.robot.geometry.driven_programs import hemisphere_frame, hemisphere_of, target_angles
 from analysis.robot.kinematics.arm import Array, Integers, Mask

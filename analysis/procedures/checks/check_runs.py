@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from analysis.procedures.checks.columns import JOINTS, UNITS, joint_findings, unit_findings, unsigned_findings
+from analysis.procedures.checks.columns import JOINTS, joint_findings
 from analysis.procedures.checks.gauge_display import DISPLAY, display_findings
 from analysis.procedures.checks.gauges import ORDER, SIGN, repeat_findings, sign_findings
 from analysis.procedures.checks.places import DUPLICATES, PLACE, SOURCE, STAMPS, STANDS, WILDNESS, stand_findings
+from analysis.procedures.checks.units import UNITS, unit_findings, unsigned_findings
 from analysis.procedures.shared.test_kind import Finding, findings_against, kind_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.robot.predict import load_of, pull

@@ -5,7 +5,8 @@ import pytest
 from pyarrow import csv
 
 from analysis.diagnosis.diagnose import diagnose
-from analysis.procedures.checks.columns import joint_findings, unit_findings
+from analysis.procedures.checks.columns import joint_findings
+from analysis.procedures.checks.units import unit_findings
 from analysis.procedures.pose import evaluate as evaluate_poses
 from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.kinematics.arm import Array, arm_of, forward, forward_and_jacobian

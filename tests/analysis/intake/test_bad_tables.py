@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
 from analysis.intake.read import MOST_BYTES, parse_csv, read_file
-from analysis.procedures.checks.columns import unit_findings
+from analysis.procedures.checks.units import unit_findings
 from analysis.runs.tables import table_from
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName

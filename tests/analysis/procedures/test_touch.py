@@ -3,7 +3,7 @@ import pyarrow as pa
 import pytest
 
 from analysis.intake.read import check_sequence, parse_csv
-from analysis.procedures.checks.columns import unit_findings
+from analysis.procedures.checks.units import unit_findings
 from analysis.procedures.simulate import planned_touches
 from analysis.procedures.touch import evaluate
 from analysis.robot.kinematics.arm import forward

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from analysis.procedures.checks.check_runs import findings_of
-from analysis.procedures.checks.columns import unit_findings
+from analysis.procedures.checks.units import unit_findings
 from analysis.procedures.pose import groups
 from analysis.robot.kinematics.joint_limits import impossible_rad, wrapped
 from analysis.runs.tables import CircleTable, PoseTable

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.intake.read import parse_csv
-from analysis.procedures.checks.columns import impossible_travel, unit_findings
 from analysis.procedures.checks.places import DUPLICATES, PLACE, STAMPS, WILDNESS
+from analysis.procedures.checks.units import impossible_travel, unit_findings
 from analysis.procedures.shared.test_kind import Finding, findings_against
 from analysis.runs.tables import Table, table_from
 from rigs.rig import Rig
