@@ -136,10 +136,6 @@ class RunWriter:
             require_room(self.path, self.room_to_close() + MARGIN_BYTES)
             self._write()
 
-    def sync(self) -> None:
-        self.write()
-        self._do(self.begin_sync())
-
     def begin_sync(self) -> DiskOperation:
         """Operation that syncs all written rows. Full or old chunks are ended and synced first."""
         with self._guarded():
@@ -154,13 +150,6 @@ class RunWriter:
             anchored = [self._save_anchors] if self._anchors else []
             return DiskOperation([*(sync.wait for sync in syncs), *anchored], self.stored())
 
-    def roll(self) -> bool:
-        self.write()
-        work = self.begin_roll()
-        if work:
-            self._do(work)
-        return work is not None
-
     def begin_roll(self) -> DiskOperation | None:
         """Operation that closes the oldest ended and synced chunk: only one, because no syncs take place meanwhile."""
         full = [(chunk.born_ns, name) for name, writer in self._writers.items() if (chunk := writer.full)]
@@ -170,9 +159,6 @@ class RunWriter:
         with self._guarded():
             if error:
                 raise error
-
-    def _do(self, work: DiskOperation) -> None:
-        self.end_work(_attempt(work.wait))
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
         """End the run: close all chunks, and seal the ledger with status and reason, when no operation is pending.

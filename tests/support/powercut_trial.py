@@ -17,7 +17,7 @@ from daq.store import RunWriter, judge, load_manifest, read_run, recover
 from daq.store.writer import DiskOperation
 from rigs.errors import CellError, FileError
 from tests.support.powercut import BLOCK, Change, IoWorker, Mark, Watched, survivors, watched
-from tests.support.store_cases import STREAMS, assert_rows, fault, samples, start
+from tests.support.store_cases import STREAMS, assert_rows, fault, samples, start, write_and_roll, write_and_sync
 
 ENDED = "ended"
 
@@ -69,9 +69,9 @@ def _one_round(writer: RunWriter, watch: Watched, random: Random) -> None:
     writer.write()
     what = random.random()
     if what < 0.4:
-        writer.sync()
+        write_and_sync(writer)
         watch.mark(_rows(writer))
-        writer.roll()
+        write_and_roll(writer)
     elif what < 0.7:
         rows = _rows(writer)
         _meanwhile(writer, writer.begin_sync(), random)

@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.store import Run, RunWriter, new_manifest
+from daq.store.writer import DiskOperation
 
 RIG_TEXT = "name: cell\r\n# ü, exactly as it was \n"
 STREAMS = {"g1": ("g1_mm",), "robot": ("q1_deg", "q2_deg")}
@@ -68,10 +70,35 @@ def record(runs: Path, batches: int = 3, chunk_rows: int = 1000) -> RunWriter:
     return writer
 
 
+def write_and_sync(writer: RunWriter) -> None:
+    """Write all rows, and wait until they are on the disk."""
+    writer.write()
+    finish_work(writer, writer.begin_sync())
+
+
+def write_and_roll(writer: RunWriter) -> bool:
+    """Write all rows, and close an ended chunk. False if there is none."""
+    writer.write()
+    work = writer.begin_roll()
+    if work:
+        finish_work(writer, work)
+    return work is not None
+
+
+def finish_work(writer: RunWriter, work: DiskOperation) -> None:
+    """Do disk work in this thread, as the daemon does it in another."""
+    error = None
+    try:
+        work.wait()
+    except (OSError, pa.ArrowException) as refused:
+        error = refused
+    writer.end_work(error)
+
+
 def sync(writer: RunWriter) -> None:
     """Sync, and close all chunks that are due."""
-    writer.sync()
-    while writer.roll():
+    write_and_sync(writer)
+    while write_and_roll(writer):
         pass
 
 

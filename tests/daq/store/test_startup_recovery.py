@@ -18,6 +18,7 @@ from daq.store import RunWriter, durable, load_manifest, new_manifest, read_run,
 from daq.store.run_directory import MARGIN_BYTES, TO_BEGIN_BYTES
 from daq.store.startup_recovery import StartupRecovery
 from tests.support.bench import PATIENCE_S, Bench, rig_text
+from tests.support.store_cases import write_and_sync
 
 WHO: dict[str, Any] = {"rig_name": "r", "rig_text": "", "operator": "", "streams": {"g1": ("g1_mm",)}}
 
@@ -86,7 +87,7 @@ def test_unreadable_directory_does_not_stop_recovery(tmp_path, monkeypatch):
     (tmp_path / "lost+found").mkdir()
     writer = RunWriter.create(tmp_path, new_manifest(name="lap", test="radial", direction=None, **WHO))
     writer.append("g1", [Sample((0.5,), 1, 2, 3, 8)])
-    writer.sync()
+    write_and_sync(writer)
     # private _writers, _lock: files and lock are given up as the system does it when a process is killed
     for stream_writer in writer._writers.values():
         stream_writer.release()

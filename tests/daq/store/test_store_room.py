@@ -13,7 +13,7 @@ from daq.store import NearlyFull, RunWriter, load_manifest, new_manifest, read_r
 from daq.store.run_directory import MARGIN_BYTES
 from tests.support.powercut import BLOCK, watched
 from tests.support.refusals import refused
-from tests.support.store_cases import assert_holds, record, samples, start, sync
+from tests.support.store_cases import assert_holds, record, samples, start, sync, write_and_sync
 
 
 def wild(count: int, width: int, random: Random) -> list[Sample]:
@@ -42,7 +42,7 @@ def test_closing_needs_no_more_room_than_reserved(tmp_path, batches, rows, rig_t
             writer.append("g1", wild(rows, 1, random))
             writer.append("robot", wild(rows, 2, random))
             if synced:
-                writer.sync()
+                write_and_sync(writer)
         said, before = writer.room_to_close(), disk.used
         disk.peak = 0
         writer.close("complete", "", {})
@@ -60,7 +60,7 @@ def test_a_recording_ends_whole_before_the_disk_is_full(tmp_path, monkeypatch):
                 writer.append("g1", samples(40, 1, rows))
                 writer.append("robot", samples(40, 2, rows))
                 rows += 40
-                writer.sync()
+                write_and_sync(writer)
         writer.close("interrupted", "nearly full", {"g1": {}})
         assert disk.peak > 500_000  # most of the room was used
     assert verify(writer.path) == []

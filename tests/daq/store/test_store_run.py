@@ -32,6 +32,7 @@ from tests.support.store_cases import (
     record,
     samples,
     start,
+    write_and_sync,
 )
 
 
@@ -82,7 +83,7 @@ def test_two_runs_never_share_a_directory(tmp_path):
 
 def test_run_without_a_row(tmp_path):
     writer = start(tmp_path)
-    writer.sync()
+    write_and_sync(writer)
     writer.close("interrupted", "stopped", {})
     assert_holds(read_run(writer.path), 0)
     assert verify(writer.path) == []
@@ -119,7 +120,7 @@ def test_synced_rows_are_on_the_disk(tmp_path, monkeypatch):
     for i in range(3):
         writer.append("g1", samples(4, 1, 4 * i))
         writer.append_faults("g1", [fault()])
-        writer.sync()
+        write_and_sync(writer)
         for name in ("g1-0001.arrow", "faults-0001.arrow"):
             assert synced[name] == (writer.path / name).stat().st_size
             assert name in synced[writer.path.name]
