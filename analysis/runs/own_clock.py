@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 _TOLERANCE = 1e-12
-"""Relative size below which a direction, its rise at a corner, or the force at a corner counts as zero."""
+"""Relative size below which a direction, its rise at a corner, or a Lagrange multiplier counts as zero."""
 _MOST_STEPS = 20
 """Most steps per knot. Trials took 1 to 1.8."""
 
@@ -40,37 +40,37 @@ def highest_under(pull: Array, right: Integers, share: Array, corners: Array) ->
     pull (k,): at least 0. A corner lies between knots right - 1 and right, at the relative position share, at the
     height corners, (m,) each.
 
-    An active-set method for this linear program: it climbs along the pull from corner to corner. The import of
-    scipy.optimize takes as long as the rest of a run of a million rows.
+    An active-set method for this linear program: it climbs along the projected gradient from corner to corner. The
+    import of scipy.optimize takes as long as the rest of a run of a million rows.
     """
 
     def at_corners(heights: Array) -> Array:
         return np.asarray(heights[right - 1] * (1 - share) + heights[right] * share)
 
-    force, heights = pull / pull.sum(), np.full(len(pull), corners.min())
-    touched: list[int] = []
+    gradient, heights = pull / pull.sum(), np.full(len(pull), corners.min())
+    active: list[int] = []
     for _ in range(_MOST_STEPS * len(pull)):
-        held = np.zeros((len(pull), len(touched)))
-        for place, corner in enumerate(touched):
-            held[right[corner] - 1 : right[corner] + 1, place] = 1 - share[corner], share[corner]
-        basis, factors = np.linalg.qr(held)
-        along = basis.T @ force
-        way = force - basis @ along
-        way -= basis @ (basis.T @ way)  # again, because a short way consists of rounding errors
-        if np.abs(way).max() < _TOLERANCE:
-            forces = np.linalg.solve(factors, along)  # of the touched corners against the pull
-            if forces.min(initial=0.0) > -_TOLERANCE:
+        normals = np.zeros((len(pull), len(active)))
+        for column, corner in enumerate(active):
+            normals[right[corner] - 1 : right[corner] + 1, column] = 1 - share[corner], share[corner]
+        basis, factors = np.linalg.qr(normals)
+        along = basis.T @ gradient
+        direction = gradient - basis @ along
+        direction -= basis @ (basis.T @ direction)  # again, because a short direction consists of rounding errors
+        if np.abs(direction).max() < _TOLERANCE:
+            multipliers = np.linalg.solve(factors, along)
+            if multipliers.min(initial=0.0) > -_TOLERANCE:
                 return heights
-            del touched[int(forces.argmin())]
+            del active[int(multipliers.argmin())]
             continue
-        rise = at_corners(way)
-        rise[touched] = 0.0
-        above = np.flatnonzero(rise > _TOLERANCE * np.abs(way).max())
-        if not len(above):
+        rise = at_corners(direction)
+        rise[active] = 0.0
+        rising = np.flatnonzero(rise > _TOLERANCE * np.abs(direction).max())
+        if not len(rising):
             return None
-        steps = np.maximum(corners - at_corners(heights), 0.0)[above] / rise[above]
-        heights = heights + steps.min() * way
-        touched.append(int(above[steps.argmin()]))
+        steps = np.maximum(corners - at_corners(heights), 0.0)[rising] / rise[rising]
+        heights = heights + steps.min() * direction
+        active.append(int(rising[steps.argmin()]))
     return None
 
 
