@@ -32,17 +32,17 @@ def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]
     """Count each joint of poses or touches in the same turn; also returns messages about the corrected joints."""
     if not isinstance(table, PlaceTable):
         return table, ()
-    limits, turned, counted = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
+    limits, turned, facts = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
     for axis in range(1, min(len(limits), table.q.shape[1]) + 1):
         angle = table.q[:, axis - 1]
         turns = turns_further(angle, limits[axis - 1])
         if turns.any() and not _has_fractional_wave(rig, axis):
             turned[:, axis - 1] = _TURN * turns
-            counted += [_counted_further(table, axis, turns, k) for k in np.unique(turns[turns != 0]).tolist()]
-    if not counted:
+            facts += [_counted_further(table, axis, turns, k) for k in np.unique(turns[turns != 0]).tolist()]
+    if not facts:
         return table, ()
     reduced = "the postures are equal, and the angles are reduced to a single turn; check the export of the angles"
-    return table.counted_back(turned), (f"{', '.join(counted)}: {reduced}",)
+    return table.counted_back(turned), (f"{', '.join(facts)}: {reduced}",)
 
 
 def turns_further(angle: Array, limits: Array) -> Integers:

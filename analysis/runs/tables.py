@@ -253,7 +253,7 @@ class PoseTable(PlaceTable):
 
     @property
     def lost(self) -> Mask:
-        """Positions 0, 0, 0, written by a tracker that lost its target."""
+        """Mask (n,) of the rows at 0, 0, 0, which a tracker writes if it has lost its target."""
         return np.asarray((self.xyz_mm == 0).all(axis=1))
 
 

@@ -228,7 +228,7 @@ def _failed_report(report: PortReport, problem: str, remedy: str) -> PortReport:
 
 @contextlib.contextmanager
 def _restored_settings(port: str) -> Iterator[None]:
-    """Keep a serial port open, so that its control lines stay unchanged, and restore its settings."""
+    """Restore the settings of a serial port at the end, and keep it open, so that its control lines do not change."""
     if not port.startswith("/"):
         yield
         return

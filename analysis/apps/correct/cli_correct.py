@@ -207,7 +207,7 @@ def _say_about_programs(corrections: Corrections, start: str | None) -> None:
 def _errors(
     rig_file: str, corrections: Corrections, in_vain: Mapping[Path, str], *, for_maker: bool
 ) -> list[FileError]:
-    """Errors for everything that was asked for but not written. for_maker: only values to enter were asked for."""
+    """Errors for targets, programs and values that could not be written. for_maker: --for was given without targets."""
     from analysis.apps.correct.correct_rig import target_errors
     from analysis.correction.reasons import how_to_state_controller
     from rigs.errors import FileError

@@ -76,9 +76,11 @@ class McapBag:
                 checked &= record.uncompressed_crc != 0
                 size = max(record.uncompressed_size, _frame_bytes(record))  # A few bytes can claim any size.
                 remedy = "record the topics of joints and gauges only, or import the file in several runs"
-                if (unpacked := unpacked + size) > _MOST_UNPACKED or size > _MOST_OF_CHUNK:
-                    gigabytes, megabytes = _MOST_UNPACKED / 1e9, _MOST_OF_CHUNK / 1e6
-                    problem = f"expands to more than {gigabytes:g} GB, or a chunk to more than {megabytes:g} MB"
+                if (unpacked := unpacked + size) > _MOST_UNPACKED:
+                    problem = f"expands to more than {_MOST_UNPACKED / 1e9:g} GB"
+                    raise FileError(self.where, problem, remedy, code="bag.too_large")
+                if size > _MOST_OF_CHUNK:
+                    problem = f"contains a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB"
                     raise FileError(self.where, problem, remedy, code="bag.too_large")
             else:
                 checked &= not isinstance(record, Message)

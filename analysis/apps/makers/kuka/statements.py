@@ -354,7 +354,7 @@ def _by_number(family: str, number: int) -> ComputedValue:
     """Tool or base of the lists as BAS and the inline forms select it, with the corrections of bas.src."""
 
     def make(values: tuple[Value, ...]) -> Value:
-        correction, *value = values
-        return (*value, "0")[0] if correction == OFF else correction
+        correction, value = values[0], values[1] if number else "0"
+        return value if correction == OFF else correction
 
     return ComputedValue((CORRECTION, *([f"{family}[{number}]"] if number else [])), make)

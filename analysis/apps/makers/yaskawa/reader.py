@@ -223,7 +223,8 @@ class _InformReader(ProgramParser):
     def _heading(self, text: str) -> None:
         """Parse the frame of a relative job, or the robot that the job moves."""
         if text.startswith("////FRAME"):
-            self.frame = _frame(*(*text.upper().split()[1:3], "", "")[:2])
+            kind, user = (*text.upper().split()[1:3], "", "")[:2]
+            self.frame = _frame(kind, user)
         if group := _GROUP.match(text):
             self.is_foreign = self.group not in ("", group[1])
 
