@@ -267,10 +267,10 @@ def without_origin(effect: Effect) -> Effect:
 
 GROUPS = 20
 """Number of neighbourhoods of joint space. Chosen: several poses in each, and enough for five folds."""
-_FEWEST_OF_A_GROUP, _FEWEST_OF_A_FOLD = 2, 5
-"""Smallest average number of places in a neighbourhood and in a fold. Chosen: with 12 to 40 poses of measured arms, 96
-to 98 % of the errors were within 2 u with neighbourhoods of two (docs/evidence/decide.md). With five, twelve poses
-form two halves, which do not predict each other; with one, 76 % of the errors were within 2 u at worst.
+_FEWEST_OF_A_GROUP, _FEWEST_OF_A_FOLD = 3, 5
+"""Smallest average number of places in a neighbourhood and in a fold. Chosen by 12 to 40 poses of measured arms
+(docs/evidence/decide.md): at worst 88 % of the errors were within 2 u with three, 79 % with two and 76 % with one. With
+five, twelve poses form two halves, which do not predict each other.
 """
 FEWEST_PLACES = 3 * GROUPS
 """Number of poses below which no neighbourhood is held out."""

@@ -135,8 +135,8 @@ convergence. Normal coordinates exceed it in fewer than 1 % of cases.
 """
 _FREEDOM = 3.0
 """Degrees of freedom of the error of a neighbourhood: a vector common to its poses."""
-FEWEST_GROUPS = 10
-"""Minimum number of neighbourhoods that show an unexplained error: those of 20 poses. Source: of 18 sound arms with 10
+FEWEST_GROUPS = 6
+"""Minimum number of neighbourhoods that show an unexplained error: those of 18 poses. Source: of 18 sound arms with 10
 to 16 poses, four were reported to have an unknown cause.
 """
 _FEWEST_FOR_FACTOR = 4
