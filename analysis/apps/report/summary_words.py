@@ -250,10 +250,7 @@ class _SummaryWords(ActWords):
         now, after = (accuracy.before_there_um, gap.u_um), (accuracy.calibrated_um, gap.residual_u_um)
         label, basis = self._after_label, f"basis_{accuracy.place}"
         if correction := self._correction_alone:
-            label, after = (
-                self.texts("error_after_correction"),
-                (correction.residual_um, correction.remains_u_um or 0.0),
-            )
+            after = (correction.residual_um, correction.remains_u_um or 0.0)
         if not diagnosis.is_testable:
             label, basis = "", "basis_unknown"
         elif is_used and is_complete(diagnosis):
@@ -280,14 +277,16 @@ class _SummaryWords(ActWords):
     @property
     def _correction_alone(self) -> Act | None:
         """The correction, if it is the first act and compensates all faults, so that no repair is due."""
-        first, place = next(iter(self.diagnosis.acts), None), self.diagnosis.accuracy.place
-        alone = first is not None and first.kind == "load" and first.removes and first.place == place
-        return first if alone and self.diagnosis.standing and not self.not_compensated else None
+        first, place = self.diagnosis.next_act, self.diagnosis.accuracy.place
+        if not first or first.kind != "load" or not first.removes or first.place != place:
+            return None
+        return first if self.diagnosis.standing and not self.not_compensated else None
 
     @property
     def _after_label(self) -> str:
         """The acts after which the second error is reached."""
-        kinds = {act.kind for act in without_idle_mounts(self.diagnosis.acts) if act.kind == "check" or act.removes}
+        acts = [self._correction_alone] if self._correction_alone else without_idle_mounts(self.diagnosis.acts)
+        kinds = {act.kind for act in acts if act.kind == "check" or act.removes}
         ways = ["correction"] * bool(kinds & {"load", "approach"}) + ["repair"] * bool(kinds & {"check", *_REPAIRS})
         return self.texts(f"error_after_{'_'.join(ways)}") if ways else ""
 
