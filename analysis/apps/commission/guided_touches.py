@@ -42,7 +42,10 @@ class GuidedCheck:
 
     @classmethod
     def of_runs(cls, runs: Sequence[Measured], rig: Rig | None = None) -> GuidedCheck:
-        """Begin with reference runs, whose touches have one placement."""
+        """Check without touches yet. The touches of the reference runs must have one placement.
+
+        rig: model of the arm, by default that of the first run.
+        """
         touched = [run for run in runs if run.table.test == "touch"]
         names = tuple(run.run.manifest.name for run in runs)
         placements = {run.run.manifest.placement for run in touched}

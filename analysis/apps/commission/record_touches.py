@@ -1,3 +1,5 @@
+"""Touches taken while the user seats the ball, and the joint angles that a running daemon delivers for them."""
+
 from __future__ import annotations
 
 import hashlib

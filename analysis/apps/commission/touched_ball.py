@@ -241,7 +241,10 @@ class Touching:
         return TouchTable(np.array(self._names), np.radians(self._q), np.radians(self._came))
 
     def take(self, q: Array, came: Array) -> Seen:
-        """Judge a standstill at joint angles (axes,) in degrees, with those that each joint came from."""
+        """Take a standstill at joint angles q (axes,) in degrees as a touch, if the ball is seated in the socket.
+
+        came (axes,): angles from which the joints came, in degrees.
+        """
         if self._q and is_same_posture(q, self._q[-1]):
             return "same posture"
         ball = forward(self._arm, np.radians(q)[None])[0, :3, 3]

@@ -18,7 +18,7 @@ from rigs.schema.effect import Scope, healthy, phases, scaled, size_field
 Group = Literal["constants", "gravity", "curves"]
 GROUPS: tuple[Group, ...] = ("constants", "gravity", "curves")
 _ORDERS = (1, 2, 3, 4, 5, 6)
-"""As in `rig moved`; the prior falls with the order."""
+"""Orders of the sines of a joint's error, as in `rig moved`; the prior falls with the order."""
 _CURVE = 2.0
 """Multiple of the usual amplitude for order 1: chosen, as strain-wave gears are accurate to about an arc minute."""
 _OF_THE_BALL = ("q_deg", "d_mm")

@@ -19,7 +19,7 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Touch
 
 _ROUNDS = 3
-"""The mean after three differs from that after two by at most 0.001 u."""
+"""Linearisations: the mean after three differs from that after two by at most 0.001 u."""
 _LARGEST_GAP_MM = 50.0
 """Above this rms gap of nominal arms the table is refused: 0.5° of each joint give 20 mm at a metre."""
 _OUTLIER_CHI2 = 35.0

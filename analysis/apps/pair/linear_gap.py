@@ -124,7 +124,7 @@ class LinearGaps:
 
 
 _STEP, _STEP_RAD = 1e-3, 1e-6
-"""In mm and rad."""
+"""Steps of derivatives by the set-up, in mm and rad."""
 
 
 def linearise(pair: Pair, state: PairState) -> LinearGaps:

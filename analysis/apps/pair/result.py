@@ -205,7 +205,7 @@ def _doubts(fit: FittedPair, left_mm: float) -> Iterator[str]:
 
 
 _STILL_RAD = float(np.radians(20.0))
-"""It changes the lever arm of an error by a few percent."""
+"""Range of an axis that hardly moved: it changes the lever arm of an error by a few percent."""
 
 
 def _vector(values: Array) -> Vector:

@@ -19,7 +19,7 @@ _SCREWS: dict[str, Size] = {"M3": (3.4, 6.7), "M4": (4.5, 9.0), "M5": (5.5, 11.2
 _TAPPED_MM, _TAPPED_DEEP_MM = 5.0, 14.0
 """An M6 screw cuts its thread into the plastic (core hole of ISO 965: 5.0 mm)."""
 _GAP_MM = 0.5
-"""Between ball and magnet, one or two layers of a printer."""
+"""Gap between ball and magnet: one or two layers of a printer."""
 _CLEAR_MM = 0.15
 """Radial clearance of bores, usual for filament printers."""
 _RIM_MM, _WALL_MM, _FLOOR_MM = 2.0, 3.0, 3.0

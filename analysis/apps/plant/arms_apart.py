@@ -25,11 +25,11 @@ from rigs.schema.robot import Pose
 from rigs.text import plain
 
 _POSTURES = 200
-"""An rms to 5 %."""
+"""Chosen: they determine an rms to 5 %."""
 _OTHER_MODEL_MM = 20.0
 """Arms of the same model, calibrated or not, agree within some mm."""
 _SHOWN = 5e-5
-"""Below the last digit shown."""
+"""Smallest difference of two constants that is shown: half of the last digit."""
 _CONSTANTS = (("zero_deg", "offset"), ("a_mm", "a"), ("d_mm", "d"), ("alpha_deg", "alpha"), ("beta_deg", "beta"))
 
 

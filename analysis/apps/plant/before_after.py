@@ -28,7 +28,7 @@ from rigs.errors import FileError
 _FEWEST_OF_HISTORY = 10
 """Minimum number of runs in a series for a spread from the history."""
 _EFFICIENCY = 0.37
-"""Of a median absolute deviation relative to a standard deviation (normal distribution)."""
+"""Efficiency of a median absolute deviation relative to a standard deviation (normal distribution)."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Difference:
     before: float
     after: float
     difference: Quantity
-    """With infinite u if no spread is known."""
+    """After minus before, with infinite u if no spread is known."""
     explained: float
     """Largest difference that the spread explains, infinite if unknown."""
     runs_before: int
@@ -126,7 +126,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
 
 
 def _record(run: Path, histories: dict[Path, dict[str, RunRecord]]) -> RunRecord:
-    """From an up-to-date history in the same directory if possible."""
+    """Record of a run, from an up-to-date history in the same directory if possible."""
     path = run.resolve()
     with fetched(path) as directory:
         manifest = load_manifest(directory)

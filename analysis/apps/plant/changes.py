@@ -19,9 +19,9 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 FEWEST = 4
-"""On either side: fewer may be a burst of outliers, or a single set-up."""
+"""Fewest runs on either side of a change: fewer may be a burst of outliers, or a single set-up."""
 _STARTS = 100
-"""Of the first search; the best is refined to single runs."""
+"""Positions of a change in the first search; the best is refined to single runs."""
 _ENDS = 25
 _SHARES = (0.25, 0.5, 0.75, 0.9, 0.97)
 _LENGTHS = (1.5, 5.0, 15.0, 50.0)
@@ -110,7 +110,7 @@ def whitenings(count: int) -> tuple[Whitening, ...]:
 
 
 FALSE_ALARMS = 0.01
-"""Of an unchanged robot."""
+"""Probability that an unchanged robot reports a change."""
 NEWEST = 500
 """Runs searched: time and memory are quadratic."""
 _CHANCE = 6.5
@@ -118,7 +118,7 @@ _CHANCE = 6.5
 to 90 % over 1.5 to 50 runs. The worst 99 % quantile was 11.2.
 """
 _WINDOW, _OUTLIER_SPREADS = 7, 4.0
-"""Of the running median, and in spreads."""
+"""Runs of the running median, and distance of an outlier from it in spreads."""
 _SLOWER = 2.0
 _TO_SD, _MEAN_TO_SD = 1.4826, 1.2533
 """Standard deviation of a normal distribution over its median and mean absolute deviation."""
@@ -128,8 +128,8 @@ _TO_SD, _MEAN_TO_SD = 1.4826, 1.2533
 class Change:
     """A change between two runs, by index.
 
-    u: by the scatter of the runs. chance: of such a series if nothing changes, over all figures of the robot. is_last:
-    the ramp reaches the last run and may continue.
+    u: by the scatter of the runs. chance: probability of such a series if nothing changes, over all figures of the
+    robot. is_last: the ramp reaches the last run and may continue.
     """
 
     first: int
@@ -252,7 +252,7 @@ def _refined(values: Array, best: _Best) -> _Best:
 
 
 def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, Array]:
-    """For no change, and of each whitened shape (n, c), maximised over noise and size."""
+    """Log-likelihood of no change, and of each whitened shape (n, c), maximised over noise and size."""
     count = len(values)
     white = noise.without_level(values[:, None])[:, 0]
     total = float(white @ white)

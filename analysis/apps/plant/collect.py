@@ -68,14 +68,14 @@ class Collected:
     broken: tuple[RunRecord, ...]
     """Runs with no figures, by name."""
     notes: tuple[str, ...]
-    """On the file of figures, and on copies."""
+    """Notes on the file of figures, and on copies of runs."""
     limits: Limits
-    """Of the newest run."""
+    """Limits in the rig file of the newest run."""
     checks: tuple[MarkedCheck, ...] = ()
 
 
 def collect(directory: Path, robot: str, workers: Workers, progress: Progress) -> Collected:
-    """By the name of the rig file or of the robot."""
+    """Runs of a robot, which is named as in the rig file or by its model."""
     seen, in_cache = runs_below(directory), store.default_path(directory)
     files = [in_cache] if isinstance(directory, RemotePath) else [directory / store.FILE, in_cache]
     file, notes = store.prepare_first(files)

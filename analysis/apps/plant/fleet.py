@@ -43,9 +43,9 @@ class FleetRobot:
     last: str = ""
     standing: Standing | Literal[""] = ""
     worst: str = ""
-    """Closest to or furthest beyond its limit."""
+    """The figure closest to its limit or furthest beyond it."""
     worst_ratio: float = 0.0
-    """Of this figure to the bound."""
+    """Value of this figure divided by the bound."""
     trend: str = ""
     changed: str = ""
     grew: bool = False
@@ -89,8 +89,9 @@ def state_of(folder: str, collected: Collected) -> FleetRobot:
     standing, worst, ratio = _worst(of_the_arm)
     changed, trend, grew = _trend(of_the_arm)
     return FleetRobot(
-        folder, collected.robot, tuple(sorted({run.title for run in collected.runs})), len(collected.runs),
-        collected.runs[-1].when.isoformat(timespec="seconds"), standing, worst, ratio, trend, changed, grew, broken,
+        folder, collected.robot, tests=tuple(sorted({run.title for run in collected.runs})), runs=len(collected.runs),
+        last=collected.runs[-1].when.isoformat(timespec="seconds"), standing=standing, worst=worst, worst_ratio=ratio,
+        trend=trend, changed=changed, grew=grew, without_figures=broken,
         wild=sum(int(series.trend.wild.sum()) for series in history.series),
         copies=len(collected.notes),
         simulated=sum(run.simulated for run in collected.runs),

@@ -32,7 +32,7 @@ from rigs.text import counted
 
 _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 20
-"""Each is the median of an equal share of the runs."""
+"""Bars of a sparkline; each is the median of an equal share of the runs."""
 
 
 def answer_of(
@@ -118,11 +118,12 @@ def as_object(history: History) -> dict[str, Any]:
 
 
 def _series_object(series: Series) -> dict[str, Any]:
-    names = ("before", "after", "u", "chance")
     changes = [
-        {"after_run": series.runs[change.first].name, "by_run": series.runs[change.last].name}
-        | {"when": dates(series, change)} | {name: getattr(change, name) for name in names}
-        | {"may_go_on": change.is_last}
+        {
+            "after_run": series.runs[change.first].name, "by_run": series.runs[change.last].name,
+            "when": dates(series, change), "before": change.before, "after": change.after, "u": change.u,
+            "chance": change.chance, "may_go_on": change.is_last,
+        }
         for change in series.trend.changes
     ]  # fmt: skip
     judged = judge(series)
@@ -150,7 +151,7 @@ def as_table(all_series: Sequence[Series]) -> pa.Table:
 
 
 _MOST = 60
-"""Limits and changes first; about 20 kB each."""
+"""Pictures on a page, exceeded limits and changes first: about 20 kB each."""
 _IN_SIGHT = 2.0
 """Multiple of the largest run below which a limit is drawn; otherwise the runs would look flat."""
 _DAY_S = 86400.0
@@ -161,11 +162,11 @@ _INK, _CHANGE, _OUTLIER, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
     """made_of: digest of the inputs. overview: address of a linked page."""
 
-    def is_later(series: Series) -> tuple[bool, bool]:
+    def place(series: Series) -> tuple[bool, bool]:
         judged = judge(series)
         return judged is None or judged.standing != "fail", not series.trend.changes
 
-    shown = sorted(history.series, key=is_later)
+    shown = sorted(history.series, key=place)
     # A single run, or simultaneous runs, have no time axis.
     drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
     moved = [check.when.timestamp() / _DAY_S for check in history.collected.checks if check.has_moved]

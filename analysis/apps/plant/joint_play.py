@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
-"""Per turn of a joint: eccentricity, wave generators and their stages. Faster waves are rarely as large."""
+"""Waves per turn of a joint: eccentricity, wave generators and their stages. Faster waves are rarely as large."""
 _SIZE_DEG = 0.005
 _LEAST_DEG = 1e-6
 _ROUNDS = 40
@@ -105,7 +105,9 @@ def fitted(
 _SMOOTH = 12
 """Offsets, links and set-up have orders up to 3, eccentric gears some more."""
 _WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.25), [0.32]])
-"""A factor of 1.19 apart: with 1.41 the curve of 0.024° was wrong by half the noise of a reading."""
+"""Widths with computed responses, a factor of 1.19 apart. With 1.41 the curve of 0.024° was wrong by half the noise of
+a reading.
+"""
 _BOTH_WAYS_DEG = np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG])
 _ROWS = 3000
 _INDEPENDENT = 72

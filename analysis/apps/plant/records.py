@@ -53,7 +53,7 @@ class RunRecord:
 
     @property
     def as_json(self) -> str:
-        """With lone surrogates escaped."""
+        """A line of JSON with lone surrogates escaped."""
         figures = {name: astuple(quantity) for name, quantity in self.figures.items()}
         return json.dumps(vars(self) | {"figures": figures, "problem": storable(self.problem)})
 
@@ -87,7 +87,7 @@ class RunRecord:
 
 
 def fingerprint_of(run: Path) -> str:
-    """Of manifest, ledger and file sizes; the ledger contains the digest of every chunk."""
+    """Digest of manifest, ledger and file sizes; the ledger contains the digest of every chunk."""
     digest = hashlib.sha256()
     for name in (MANIFEST, LEDGER):
         path = run / name

@@ -34,7 +34,7 @@ _OF_THE_SYSTEM = {
     sqlite3.SQLITE_PERM, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR,
     sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN,
 }  # fmt: skip
-"""Of disk, permissions and locks: the file may be valid and is not deleted."""
+"""Errors of disk, permissions and locks: the file may be valid and is not deleted."""
 # Tables with records have rowids. In tables declared `without rowid`, SQLite stores rows above a quarter of a page in
 # separate pages, which doubles the size of the file.
 _TABLES = """
@@ -68,7 +68,7 @@ def made_by() -> str:
 
 
 def default_path(directory: Path) -> Path:
-    """In the user's cache, named by a digest of the directory of the runs."""
+    """Catalogue in the user's cache, named by a digest of the directory of the runs."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     name = hashlib.sha256(os.fsencode(directory.resolve())).hexdigest()[:16]
     return cache / "rig" / f"fleet-{name}.sqlite"

@@ -1,5 +1,7 @@
-"""Live data over the WebSocket protocol of Foxglove, on this computer only: joints with the URDF of the arm, gauges,
-angle."""
+"""Live data over the WebSocket protocol of Foxglove: joints with the URDF of the arm, gauges, angle.
+
+Only this computer is served, and every client there: the data are not secret, and a client can change nothing.
+"""
 
 from __future__ import annotations
 

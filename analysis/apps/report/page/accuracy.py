@@ -23,7 +23,7 @@ Overall = Standing | Literal["unjudged"]
 @dataclass(frozen=True)
 class PageVerdict:
     overall: Overall
-    """By the tolerance given to the diagnosis, otherwise the worst."""
+    """Standing by the tolerance given to the diagnosis, otherwise the worst one."""
     judged: tuple[JudgedFigure, ...]
     """Figures, worst first."""
     tests: tuple[TestName, ...]
