@@ -107,8 +107,9 @@ def init(
     given = {key: value for key, value in answered.items() if value is not None}
     name = name or re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell"
     options = Options(
-        rig_file, name, measured_by, robot, tuple(port or ()), places_of(g1, g2, keys), keys, given, circle_here,
-        radius_mm, listen_s, tuple(modbus_unit or (1,)),
+        path=rig_file, name=name, measured_by=measured_by, robot=robot, ports=tuple(port or ()),
+        places=places_of(g1, g2, keys), keys=keys, given=given, circle_here=circle_here, radius_mm=radius_mm,
+        listen_s=listen_s, modbus_units=tuple(modbus_unit or (1,)),
     )  # fmt: skip
     if as_json:
         _say_devices(options)

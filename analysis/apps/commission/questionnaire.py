@@ -89,10 +89,8 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     try:
         durable.replace(path, text.encode())  # atomic, even after a power failure
     except OSError as error:
-        problem, remedy = (
-            f"cannot be written: {error.strerror or error}",
-            "free some space; then repeat the command here",
-        )
+        problem = f"cannot be written: {error.strerror or error}"
+        remedy = "free some space; then repeat the command here"
         raise CellError(str(path), problem, remedy, code="disk.write") from None
     forget_answers(path)
 

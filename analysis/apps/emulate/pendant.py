@@ -48,12 +48,11 @@ def _path_of(directory: Path, name: str) -> Path:
     except OSError as error:
         raise FileError.of_os(directory, error, "give a directory of programs", code="emulated.programs") from None
     full = _plain(named.stem if maker_of_file(named) else name)
-    shortened = [
+    matching = [path for path in files if path.name == name] or [path for path in files if full in _names(path)]
+    # The program name is shortened to the limit of a controller.
+    matching = matching or [
         path for path in files if any(len(stem) >= _SHORTEST and full.startswith(stem) for stem in _names(path))
     ]
-    matching = (
-        [path for path in files if path.name == name] or [path for path in files if full in _names(path)] or shortened
-    )
     if len(matching) == 1:
         return matching[0]
     if matching:

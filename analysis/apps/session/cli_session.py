@@ -108,8 +108,8 @@ def session(
         effects = str(Path(effects).resolve())
     cell = Emulated(effects=effects, seed=seed, fast=fast) if emulated else None
     asked = SessionOptions(
-        str(find(rig_file).resolve()), aim, minutes, controller, cell, operator_or_user(operator), wait_min, correct,
-        entered,
+        rig_file=str(find(rig_file).resolve()), aim=aim, minutes=minutes, maker=controller, emulated=cell,
+        operator=operator_or_user(operator), wait_min=wait_min, correct=correct, entered=entered,
     )  # fmt: skip
     screen = _Lines(aside=as_json)
     try:
@@ -131,7 +131,7 @@ def _status(place: SessionDirectory, rig_file: Path | str, rig_text: str) -> tup
     if kept is None:
         remedy = f"start a session: {place.command(rig_file)}"
         raise FileError(str(place.file), "this directory has no session", remedy, code="session.none")
-    place.require_complete(kept, rig_text)
+    place.require_intact(kept, rig_text)
     return kept, status_blocks(kept, next_of(kept), place.directory)
 
 

@@ -88,7 +88,7 @@ def run_session(
             for line in offer_lines(rig.name, [place.runs, Path("runs")]):
                 screen.say(line)
         session = kept or _begun(rig, text, asked, screen)
-        place.require_complete(session, text)
+        place.require_intact(session, text)
         if (session.emulated is None) != (asked.emulated is None):
             problem = f"this session uses {'a real' if session.emulated is None else 'an emulated'} cell"
             remedy = "continue with the original options, or choose a different -o"

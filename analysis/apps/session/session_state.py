@@ -195,7 +195,7 @@ class Session(Part):
     stages: tuple[Stage, ...]
     steps: tuple[ProgramStep, ...]
     driven_minutes: NotNegative = 0.0
-    """From the start of each step to the recorded run; pauses do not count."""
+    """Time from the start of each step to the recorded run; pauses do not count."""
     left_alone: tuple[str, ...] = ()
     """Runs in the directory that belong to no step."""
     answer: Answer | None = None
@@ -274,7 +274,7 @@ class Session(Part):
 
     @property
     def summary(self) -> Summary | None:
-        """For a corrected robot, with the error measured with the correction."""
+        """Headline and tiles of the last answer; for a corrected robot with the error measured after the correction."""
         if self.answer is None or (summary := self.answer.summary) is None:
             return None
         acts, verified = self.open_acts, self.verified
@@ -368,7 +368,7 @@ class SessionDirectory:
                 raise newer from None
             raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
 
-    def require_complete(self, session: Session, rig_text: str) -> None:
+    def require_intact(self, session: Session, rig_text: str) -> None:
         """Raise FileError if the session belongs to another text of the rig file, or if runs are missing."""
         if session.rig_sha256 != digest_of(rig_text):
             problem = f"is a session with the rig file {session.rig_file}, which has changed or is a different file"
