@@ -79,7 +79,11 @@ def certify(
     taught: tuple[Array, Array] | None = None,
     drifts: Sequence[Drift] = (),
 ) -> list[Certified]:
-    """taught: postures and poses at which frame and tool are taught, by default the measured targets."""
+    """Judge the features of a program now and after a correction.
+
+    taught: postures and poses at which frame and tool are taught, by default the measured targets. drifts: growing
+    figures of the robot's history.
+    """
     work, unknown = listed.work, listed.unknown
     known = np.array([row not in unknown for row in range(len(work.q))], dtype=bool)
     place, reasons = np.cumsum(known) - 1, dict(unknown)

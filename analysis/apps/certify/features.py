@@ -33,7 +33,7 @@ _NOMINAL_MM = 0.01
 
 @dataclass(frozen=True)
 class Feature:
-    """rows: of the program's target list."""
+    """rows: indices in the program's list of targets."""
 
     name: str
     kind: Kind

@@ -82,7 +82,7 @@ def seated(arm: Arm, q: Array, point_mm: Array, goal: Array) -> Array:
 
 
 def is_clear(arms: tuple[Arm, Arm], q: Array, p: Array, ball: Array) -> Mask:
-    """ball (n, 3): in the world."""
+    """True (n,) if both arms are clear of each other and of the floor. ball (n, 3): in the world."""
     lines = [_middle_lines(arm, angles) for arm, angles in zip(arms, (q, p), strict=True)]
     stand = all(arm.T_world_base[2, 2] > _UPRIGHT for arm in arms)
     floor = min(arm.T_world_base[2, 3] for arm in arms) if stand else -np.inf

@@ -91,7 +91,7 @@ def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
 
 
 def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str, Array]:
-    """uni_mm and bi_mm (seeds,)."""
+    """Figures uni_mm and bi_mm (seeds,) of simulated repeatability tests."""
     readings = []
     for seed in range(seeds):
         table = simulate(rig, "repeatability", None, noise_seed(seed, None), effects, SCATTER)

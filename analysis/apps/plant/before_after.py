@@ -133,8 +133,7 @@ def _record(run: Path, histories: dict[Path, dict[str, RunRecord]]) -> RunRecord
         try:
             fingerprint = fingerprint_of(directory)
         except OSError as error:
-            remedy = "check the disk and the permissions"
-            raise FileError(str(path), error.strerror or str(error), remedy, code="file.unreadable") from None
+            raise FileError.of_os(path, error, "check the disk and the permissions", code="file.unreadable") from None
         record = histories[path.parent].get(path.name)
         if record is None or record.fingerprint != fingerprint:
             record = record_of(directory, manifest, fingerprint)

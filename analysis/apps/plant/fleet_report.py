@@ -118,9 +118,7 @@ def write_figures(fleet: Fleet, path: Path) -> None:
         with suppress(OSError):
             temporary.unlink()
         if isinstance(error, OSError):
-            raise FileError(
-                str(path), error.strerror or str(error), "choose a different --parquet", code="file.not_writable"
-            ) from None
+            raise FileError.of_os(path, error, "choose a different --parquet", code="file.not_writable") from None
         raise
 
 

@@ -74,9 +74,7 @@ def _replace(file: Path, content: bytes) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         durable.replace(file.resolve(), content)
     except OSError as error:
-        raise FileError(
-            str(file), error.strerror or str(error), "choose a different --output", code="output.not_writable"
-        ) from None
+        raise FileError.of_os(file, error, "choose a different --output", code="output.not_writable") from None
 
 
 _PANGO = "install Pango, on Debian: apt install libpangoft2-1.0-0"

@@ -90,7 +90,7 @@ _REMEDY = "give the truth.json that rig emulate wrote"
 
 @dataclass(frozen=True)
 class TruthComparison:
-    """deviation_u: in standard uncertainties."""
+    """deviation_u: deviation in standard uncertainties."""
 
     truth: float
     deviation_u: float
@@ -111,7 +111,7 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
                 {name: TruthComparison(true, (seen.value - true) / seen.u) for name, seen, true in figures}
             )
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), _REMEDY, code="truth.unreadable") from None
+        raise FileError.of_os(path, error, _REMEDY, code="truth.unreadable") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise FileError(str(path), "is not the truth of these runs", _REMEDY, code="truth.other_runs") from None
     if not any(comparisons):

@@ -265,8 +265,8 @@ class RealCell:
         return CellError(step.program, where, "start it, then repeat the command", code="program.not_started")
 
     def _handle(self, watch: ProgramWatch, seen: str, step: ProgramStep) -> str | None:
-        """React to an observation. Returns why the run of an ended program is unusable, empty if usable, None if none
-        ended.
+        """React to an observation: why the run of an ended program is unusable (empty if usable), or None before its
+        end.
         """
         program, share = watch.program, f"{100 * watch.share:.0f} %"
         match seen:

@@ -49,8 +49,7 @@ class Child:
             log.parent.mkdir(parents=True, exist_ok=True)
             opened = log.open("ab")
         except OSError as error:
-            problem, remedy = error.strerror or str(error), "choose a different --output"
-            raise FileError(str(log), problem, remedy, code="process.log") from None
+            raise FileError.of_os(log, error, "choose a different --output", code="process.log") from None
         process = subprocess.Popen(  # noqa: S603 - our own program
             [sys.executable, "-c", entry, *map(str, arguments)],
             stdin=subprocess.PIPE if hear else subprocess.DEVNULL,

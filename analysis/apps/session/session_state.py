@@ -312,13 +312,11 @@ class SessionDirectory:
             self.directory.mkdir(parents=True, exist_ok=True)
             self._lock = durable.try_lock(self.directory)
         except OSError as error:
-            problem, remedy = error.strerror or str(error), "choose a different --output"
-            raise FileError(str(self.directory), problem, remedy, code="session.directory") from None
+            remedy = "choose a different --output"
+            raise FileError.of_os(self.directory, error, remedy, code="session.directory") from None
         if self._lock is None:
-            problem, remedy = (
-                "a different rig session uses this directory",
-                "end that session, or show it with --status",
-            )
+            problem = "a different rig session uses this directory"
+            remedy = "end that session, or show it with --status"
             raise CellError(str(self.directory), problem, remedy, code="session.in_use")
         return self
 
@@ -357,9 +355,7 @@ class SessionDirectory:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise FileError(
-                str(self.file), error.strerror or str(error), "check the permissions", code="file.unreadable"
-            ) from None
+            raise FileError.of_os(self.file, error, "check the permissions", code="file.unreadable") from None
         root, data = read_yaml(text, str(self.file))
         try:
             return Session.model_validate(data)
