@@ -151,6 +151,15 @@ def test_the_label_of_the_later_error_names_only_the_acts_of_the_list() -> None:
         assert keys_of(summarise(diagnosis(acts=acts)).error.after_label) == (key,)
 
 
+def test_a_correction_that_compensates_all_faults_is_the_only_act_of_the_tile() -> None:
+    """A zero can be entered or corrected, but play cannot, so its repair belongs to the later error."""
+    acts = (replace(LOAD, remains_um=2.7, remains_u_um=0.4), REMASTER)
+    alone = summarise(diagnosis("ambiguous", effects=(ZERO,), acts=acts)).error
+    assert keys_of(alone.after_label) == ("error_after_correction",) and alone.after == "2.7 ± 0.4"
+    both = summarise(diagnosis("named", effects=(PLAY,), acts=acts)).error
+    assert keys_of(both.after_label) == ("error_after_correction_repair",) and both.after != alone.after
+
+
 def test_an_error_that_no_act_changes_is_stated_once() -> None:
     found = diagnosis(acts=(REMASTER,))
     same = replace(found.accuracy, calibrated_um=found.accuracy.before_there_um)
