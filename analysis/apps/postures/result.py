@@ -13,7 +13,7 @@ from analysis.apps.postures.candidates import LEAST_CONDITIONING, NO_BRANCH, Can
 from analysis.apps.postures.expected_error import Knowledge, PostureErrors, expected_errors, knowledge_of
 from analysis.correction.pose_uncertainty import pose_uncertainty
 from analysis.correction.support import supports, why_nothing
-from analysis.correction.work import FEWEST_TAUGHT, work_or_spread
+from analysis.correction.work import FEWEST_TAUGHT, spread_angles
 from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask, arm_of
 from analysis.robot.kinematics.newton import conditioning
 from rigs.rig import Rig
@@ -164,10 +164,11 @@ def choose_postures(
 
 def _taught_postures(rig: Rig, candidates: Candidates, measured: Array | None) -> Array:
     """Postures at which frame and tool are taught: over the measured region or, without one, all postures of the
-    targets, which prefers none. Few postures would absorb their own errors: then over the joint ranges."""
+    targets, which prefers none. Few postures would absorb their own errors: then around the rig's work area.
+    """
     _, first = np.unique(candidates.solution, return_index=True)
     if measured is not None or len(first) < FEWEST_TAUGHT:
-        return work_or_spread(rig, measured)
+        return spread_angles(rig, measured)
     return candidates.q[first]
 
 
