@@ -7,6 +7,7 @@ gear waves of orders 1 and 2) and optionally large errors of the zeros or of all
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,7 @@ class Wrong:
     cosine: Array
 
 
+@cache
 def constants_of(name: str) -> Constants:
     robot = yaml.safe_load((RIGS / f"{name}.yaml").read_text(encoding="utf-8"))["robot"]
     value = {
