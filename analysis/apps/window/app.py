@@ -56,7 +56,7 @@ NAMES: dict[Language, str] = {"en": "English", "de": "Deutsch", "ko": "한국어
 
 @cache
 def words_of(language: Language) -> dict[str, str]:
-    file = resources.files("analysis") / "templates" / "window" / f"texts.{language}.yaml"
+    file = resources.files("analysis") / "templates" / "browser" / f"texts.{language}.yaml"
     words: dict[str, str] = yaml.safe_load(file.read_text(encoding="utf-8"))
     return words
 
@@ -73,9 +73,9 @@ def language_of(chosen: str, accepted: str) -> Language:
 log = logging.getLogger("uvicorn.error")
 LANGUAGE = "rig_window_lang"
 _STATIC = {
-    "window.css": "window/window.css",
-    "window.js": "window/window.js",
-    "icon.svg": "window/icon.svg",
+    "window.css": "browser/window.css",
+    "window.js": "browser/window.js",
+    "icon.svg": "browser/icon.svg",
     "report.css": "report.css",
 }
 _WRITERS = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}
@@ -339,7 +339,7 @@ class _Pages:
     def _page(self, request: Request, template: str, status: int = 200, **values: Any) -> Response:
         language = self._language(request)
         window, texts = self._window, words_of(language)
-        html = self._templates.get_template(f"window/{template}").render(
+        html = self._templates.get_template(f"browser/{template}").render(
             t=texts, lang=language, languages=NAMES, label=partial(_label, language), asset=self._asset,
             here=request.url.path + (f"?{request.url.query}" if request.url.query else ""),
             control=window.controls is not None, secret=window.gate.secret if window.controls is not None else "",

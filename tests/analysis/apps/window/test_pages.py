@@ -56,7 +56,7 @@ PLACES = (
 ROOT = Path(__file__).parents[4]
 WINDOW = ROOT / "analysis" / "apps" / "window"
 METRICS = ("daq/service/metrics.py", "analysis/apps/window/shelf.py")
-TEMPLATES = ROOT / "analysis" / "templates" / "window"
+TEMPLATES = ROOT / "analysis" / "templates" / "browser"
 
 
 @pytest.fixture(scope="module")
