@@ -88,7 +88,7 @@ def calibrated(named: list[Effect], terms: list[tuple[Effect, float]]) -> Calibr
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory):
     """A rig file with its calibration beside it, of an arm on a slope with coupled axes."""
     of_row: Callable[[Any], Effect] = TypeAdapter(AnyEffect).validate_python
     named = [of_row(row) for row in NAMED]
@@ -103,12 +103,12 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def rig(written: Path) -> Rig:
+def rig(written):
     return load(written)[0]
 
 
 @pytest.fixture
-def read(written: Path) -> tuple[dict[str, Any], list[tuple[dict[str, Any], float]], dict[str, Any]]:
+def read(written):
     reader: Callable[[Path], Any] = READER["read"]
     return reader(written)
 

@@ -1,7 +1,6 @@
 import ast
 import re
-import subprocess
-import sys
+import runpy
 from functools import cache
 from pathlib import Path
 from typing import get_args
@@ -118,10 +117,9 @@ MADE = {"api": "api", "arms": "arms", "errors": "errors", "interfaces": "interfa
 
 
 @pytest.mark.parametrize("program", MADE)
-def test_page_equals_the_output_of_its_program(program):
-    script = ROOT / "scripts" / "tools" / f"{program}_page.py"
-    page = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True).stdout
-    assert _page(MADE[program]) == page, f"run: scripts/dev {program}_page > docs/{MADE[program]}.md"
+def test_page_equals_the_output_of_its_program(program, capsys):
+    runpy.run_path(str(ROOT / "scripts" / "tools" / f"{program}_page.py"), run_name="__main__")
+    assert _page(MADE[program]) == capsys.readouterr().out, f"run: scripts/dev {program}_page > docs/{MADE[program]}.md"
 
 
 def _page(name: str) -> str:

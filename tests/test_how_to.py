@@ -4,7 +4,6 @@ import re
 import shutil
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -28,7 +27,7 @@ PAGES = [
 
 
 @pytest.fixture(scope="module", params=PAGES, ids=lambda page: page.interface)
-def grown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, Path, list[str]]:
+def grown(request, tmp_path_factory):
     page: Page = request.param
     tree = tmp_path_factory.mktemp(page.interface)
     return page, tree, followed(page.name, tree)

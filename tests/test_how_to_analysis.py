@@ -2,7 +2,6 @@
 
 import json
 import sys
-from pathlib import Path
 
 import pytest
 import yaml
@@ -16,13 +15,13 @@ PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
 
 
 @pytest.fixture(scope="module")
-def with_effect(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+def with_effect(tmp_path_factory):
     tree = tmp_path_factory.mktemp("effect")
     return tree, followed(EFFECT, tree)
 
 
 @pytest.fixture(scope="module")
-def with_measurement(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+def with_measurement(tmp_path_factory):
     tree = tmp_path_factory.mktemp("measurement")
     return tree, followed(MEASUREMENT, tree)
 

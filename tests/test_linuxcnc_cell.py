@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +37,7 @@ pytestmark = [pytest.mark.skipif(bool(missing()), reason=missing()), pytest.mark
 
 
 @pytest.fixture
-def person() -> Iterator[Person]:
+def person():
     directory = Path(tempfile.mkdtemp(prefix="linuxcnc-"))
     directory.chmod(0o755)
     user = USER if os.geteuid() == 0 else pwd.getpwuid(os.geteuid()).pw_name

@@ -17,7 +17,7 @@ def blocks(language: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def work(tmp_path_factory):
     work = tmp_path_factory.mktemp("work")
     for number in (1, 2):
         robot = robot_of(number, 0, 365.0)

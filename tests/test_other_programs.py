@@ -22,7 +22,7 @@ def snippet(language: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def work(tmp_path_factory):
     directory = tmp_path_factory.mktemp("work")
     (directory / "runs").mkdir()
     recorded(directory / "recorded").rename(directory / "runs" / "monday-acw")

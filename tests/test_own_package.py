@@ -40,7 +40,7 @@ def installed(site: Path, package: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory):
     tree = tmp_path_factory.mktemp("site")
     for name in ("rigs", "daq", "analysis"):
         (tree / name).symlink_to(ROOT / name)

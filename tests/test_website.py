@@ -9,7 +9,7 @@ SITE: dict[str, Any] = runpy.run_path(str(ROOT / "scripts" / "tools" / "website.
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory):
     directory = tmp_path_factory.mktemp("site") / "site"
     SITE["build"](directory)
     return directory

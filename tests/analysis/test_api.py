@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import inspect
 import json
 import subprocess
@@ -17,11 +15,9 @@ import analysis
 from analysis import (
     CircleCurve,
     FileError,
-    Measured,
     PoseCurve,
     RadialCurve,
     RepeatabilityCurve,
-    Result,
     api,
     calibrate,
     compare,
@@ -51,13 +47,13 @@ FUNCTIONS = [value for name in analysis.__all__ if inspect.isfunction(value := g
 
 
 @pytest.fixture(scope="module")
-def laps() -> list[Measured]:
+def laps():
     """An acw and a cw run of a robot with a play that its rig file does not know."""
     return [simulate(RIG, "yaw", "acw", seed=1, effects=PLAY), simulate(RIG, "yaw", "cw", seed=1, effects=PLAY)]
 
 
 @pytest.fixture(scope="module")
-def results(laps: list[Measured]) -> list[Result]:
+def results(laps):
     return evaluate_runs(laps)
 
 
@@ -287,7 +283,7 @@ def test_a_frame_with_pandas(results):
 
 
 @pytest.fixture
-def kept(laps: list[Measured], tmp_path: Path) -> Path:
+def kept(laps, tmp_path):
     return save_run(laps[0], tmp_path / "acw")
 
 

@@ -4,8 +4,6 @@
 written by that release, `1.1/release` by a state of the day of 1.1. Nothing there is made anew.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
@@ -26,7 +24,7 @@ RIGS = sorted(path for path in WROTE.glob("[0-9].*/*/*/*.yaml") if path.name != 
 
 
 @pytest.fixture
-def state(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+def state(request, tmp_path):
     return Path(shutil.copytree(WROTE / request.param, tmp_path / request.param.replace("/", "-")))
 
 

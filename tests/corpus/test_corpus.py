@@ -1,7 +1,5 @@
 """Captured cells, through the drivers at the times they were captured, and through the real daemon on real wires."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

@@ -1,7 +1,5 @@
 """The daemon, its cell and its disk in simulated time: the same each time, whatever befalls them."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

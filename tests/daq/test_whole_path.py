@@ -1,8 +1,6 @@
 """From the wire to the report: an emulated robot drives a quick lap, each kind of gauge reads it, and what
 `rig analyse` finds agrees with the truth that the cell hides."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

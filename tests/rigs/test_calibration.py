@@ -1,14 +1,12 @@
 """Calibration files: they are read back as they were written, what is wrong with one is said in one line, and their
 terms become effects that do together what the terms do."""
 
-from __future__ import annotations
-
 import base64
 import datetime as dt
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -49,7 +47,7 @@ from tests.support.refusals import refused
 
 
 @pytest.fixture(autouse=True)
-def _nothing_remembered() -> Iterator[None]:
+def _nothing_remembered():
     """Clear the caches before each test."""
     reading._calibrations.clear()  # private: calibrations are kept by their digest
     yield

@@ -1,7 +1,5 @@
 """Tests for which a rig file is ready, by the predicate that commands and test kinds share."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import pytest

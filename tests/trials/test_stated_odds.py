@@ -1,7 +1,5 @@
 """Stated probabilities of kept answers, their classes, and the fit of the calibration."""
 
-from __future__ import annotations
-
 import json
 from argparse import Namespace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Real tracker data (Fraunhofer IPA, UR10) through import, pose evaluation and calibration; not part of the project."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -22,7 +20,7 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tables(tmp_path_factory):
     out = tmp_path_factory.mktemp("ur10")
     done = subprocess.run(
         [sys.executable, ROOT / "tests" / "trials" / "ur10.py", DATA, out],

@@ -1,7 +1,5 @@
 """`rig moved` on an independent world: causes, sizes, indistinguishable causes, and steps within runs."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

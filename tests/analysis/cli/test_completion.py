@@ -22,7 +22,7 @@ def offered(place: Path, line: str) -> list[str]:
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Path:
+def place(tmp_path):
     run = finished(tmp_path / "runs")
     run.rename(run.with_name("lap-1"))
     for name in ("lap-2", "bad\x1bname"):

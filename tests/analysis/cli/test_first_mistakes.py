@@ -19,7 +19,7 @@ _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cell")
     text = f"name: cell\n{load_arm('ur10e').text}tests: {{touch: {{sockets: [A, B]}}}}\n"
     (folder / "cell.yaml").write_text(text)

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,7 @@ HIDDEN = "effects: [{effect: joint_offset, axis: 2, offset_deg: 2}, {effect: bac
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Path:
+def rig(tmp_path):
     file = tmp_path / "so.yaml"
     touch = "tests: {touch: {sockets: [A], ball_mm: [30, 0, -90], touches: 12}}\n"
     file.write_text(f"name: so\n{load_arm('so-101').text}\n{touch}")

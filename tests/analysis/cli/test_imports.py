@@ -59,7 +59,7 @@ def test_help_imports_nothing_that_works():
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     return dated_run(tmp_path_factory.mktemp("runs"), 0, 0.01)
 
 

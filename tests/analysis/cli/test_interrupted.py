@@ -53,7 +53,7 @@ def interrupted_at(number: int, below: Path) -> Iterator[_Interrupt]:
 
 
 @pytest.fixture(scope="module")
-def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def given(tmp_path_factory):
     directory = tmp_path_factory.mktemp("given")
     for direction in ("acw", "cw"):
         save_run(simulate("ur10e", "yaw", direction, seed=1, effects="ur10e"), directory / direction)

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -13,7 +11,7 @@ def ran(*words: object) -> Result:
 
 
 @pytest.fixture(scope="module")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plant(tmp_path_factory):
     plant = tmp_path_factory.mktemp("plant")
     for seed, directory in enumerate(("a", "c")):
         assert list(write_visits(plant / directory, robot_of(1, 0, 365.0), [0.0, 30.0], ["yaw acw"], seed))

@@ -19,7 +19,7 @@ RIG = [sys.executable, "-c", "from analysis.cli import main; main()"]
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory):
     """Two robots with a few runs each, a run that is damaged and one that lacks a chunk."""
     plant = tmp_path_factory.mktemp("written") / "plant"
     for number in (1, 2):
@@ -43,9 +43,7 @@ def store_of(kind: str, plant: Path, keys: Path) -> Iterator[Store]:
 
 
 @pytest.fixture(params=["file", "s3", "sftp"])
-def store(
-    request: pytest.FixtureRequest, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[tuple[Path, Store]]:
+def store(request, written, tmp_path, monkeypatch):
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     with store_of(request.param, written, tmp_path / "keys") as made:

@@ -12,7 +12,7 @@ from tests.support.table_cases import csv_text, plain
 
 
 @pytest.fixture
-def runs(tmp_path: Path) -> list[Path]:
+def runs(tmp_path):
     whole = finished(tmp_path / "runs")
     return [whole, tmp_path / "nothing", Path(shutil.copytree(whole, tmp_path / "copy"))]
 

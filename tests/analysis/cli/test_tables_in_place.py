@@ -11,7 +11,7 @@ TARGET = np.array([20.0, -10.0, 80.0, 1.0])
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     rng = np.random.default_rng(1)
     q = rng.uniform(-100, 100, (30, 6))
     seen = (calibrated_arm("ur5").forward(q).T @ TARGET)[:, [1, 0, 2]] * [1, -1, 1] + 2000

@@ -1,6 +1,5 @@
 import datetime as dt
 import json
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,7 @@ from tests.support.refusals import refused
 
 
 @pytest.fixture
-def robot(tmp_path: Path) -> tuple[Path, Path]:
+def robot(tmp_path):
     march, _ = written(tmp_path / "march", calibrated_model(date=dt.date(2026, 3, 1), calibrated_um=3.4))
     now, _ = written(tmp_path)
     return now, march

@@ -15,7 +15,7 @@ def _found(change: dict[str, object], *, zero_deg: float = 0.0) -> Diagnosis:
     """Diagnose an arm whose controller knows length a of axis 4, and whose zero of axis 3 left the factory state."""
     rng = np.random.default_rng(7)
     wrong = replace(none(), a=np.array([0, 0, 0, A4_MM, 0, 0]), offset=np.radians([0, 0, zero_deg, 0, 0, 0]))
-    seen = replace(cell("ur10e", wrong, rng), noise_mm=0.015).seen(postures("ur10e", 45, rng), rng)
+    seen = replace(cell("ur10e", wrong, rng), noise_mm=0.015).seen(postures("ur10e", 30, rng), rng)
     run = pose_run("ur10e", seen.q, seen.xyz_mm)
     return diagnose(run, rig=run.rig.model_copy(update=change | {"robot": _robot(run.rig, change)}))
 

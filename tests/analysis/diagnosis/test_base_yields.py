@@ -18,7 +18,7 @@ CELL = f"name: cell\n{load_arm('ur10e').text}  payload_kg: 3\n"
 
 
 @pytest.fixture(scope="module")
-def rig() -> Rig:
+def rig():
     return parse(CELL, "cell.yaml")
 
 

@@ -36,12 +36,12 @@ class Case:
 
 
 @pytest.fixture(scope="module")
-def rig() -> Rig:
+def rig():
     return parse(CELL, "cell.yaml")
 
 
 @pytest.fixture(scope="module")
-def case(rig: Rig) -> Case:
+def case(rig):
     rng = np.random.default_rng(17)
     arm, rail = draw_truth(rig.robot, rng, (ZERO,)), draw_rail(rng, 0.3, 0.4, -0.9)
     table = railed_poses(rig.robot, arm, rail, rng, BALL_MM, 150)

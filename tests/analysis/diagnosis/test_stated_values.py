@@ -15,11 +15,11 @@ from analysis.procedures.shared.test_kind import path_of
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.predict import model_of, moved
 from analysis.runs.loading import Measured
-from analysis.runs.tables import PoseTable, TouchTable
+from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig
-from tests.worlds.arms.seven_axes import Fault, Truth, constants_of, draw_postures, draw_truth, run_of, touch_table
+from tests.worlds.arms.seven_axes import Fault, constants_of, draw_postures, draw_truth, run_of, touch_table
 from tests.worlds.stranger.screws import arm_from
 
 _BALL_MM = np.array([3.0, -1.5, 36.0])
@@ -35,7 +35,7 @@ def _rig(distance_mm: float | None) -> Rig:
 
 def _run(rig: Rig, *faults: Fault) -> Measured:
     rng = np.random.default_rng(1)
-    return run_of(rig, touch_table(rig.robot, draw_truth(rig.robot, rng, faults), rng, _BALL_MM, _SOCKETS_MM, 40))
+    return run_of(rig, touch_table(rig.robot, draw_truth(rig.robot, rng, faults), rng, _BALL_MM, _SOCKETS_MM, 25))
 
 
 @cache
@@ -74,7 +74,7 @@ RIG = parse(f"name: seven\n{load_arm('franka-fr3').text}tests: {{touch: {KNOWN}}
 
 
 @pytest.fixture(scope="module")
-def case() -> tuple[Truth, TouchTable]:
+def case():
     """An arm with all lengths larger than in the rig file by the same share, and touches of it."""
     rng = np.random.default_rng(3)
     truth = draw_truth(RIG.robot, rng, ())

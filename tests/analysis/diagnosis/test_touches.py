@@ -4,13 +4,10 @@ import pytest
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.observation import by_socket, observe
 from analysis.diagnosis.evidence.setups import columns_of, fit_setups
-from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.touch import evaluate
 from analysis.robot.predict import model_of
-from analysis.runs.loading import Measured
 from rigs.arms import load_arm
 from rigs.load import parse
-from rigs.rig import Rig
 from rigs.schema.effect import name_of
 from tests.worlds.arms.seven_axes import Fault, draw_truth, run_of, touch_table
 
@@ -19,19 +16,19 @@ PLAY = Fault("play", 4, 0.12)
 
 
 @pytest.fixture(scope="module")
-def rig() -> Rig:
+def rig():
     return parse(f"name: seven\n{load_arm('franka-fr3').text}tests: {{touch: {{sockets: [A, B]}}}}\n", "seven.yaml")
 
 
 @pytest.fixture(scope="module")
-def run(rig: Rig) -> Measured:
+def run(rig):
     rng = np.random.default_rng(21)
     truth = draw_truth(rig.robot, rng, (PLAY,))
-    return run_of(rig, touch_table(rig.robot, truth, rng, BALL_MM, 2, 60))
+    return run_of(rig, touch_table(rig.robot, truth, rng, BALL_MM, 2, 35))
 
 
 @pytest.fixture(scope="module")
-def found(rig: Rig, run: Measured) -> Diagnosis:
+def found(rig, run):
     return diagnose(rig, [run], [], [], lambda _: None)
 
 

@@ -1,5 +1,4 @@
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,7 +49,7 @@ def test_a_row_elsewhere_is_named():
 
 
 @pytest.fixture(scope="module")
-def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def cell(tmp_path_factory):
     directory = tmp_path_factory.mktemp("iso")
     text = ran("arms", "ur5e").stdout
     tests = "tests: {iso9283: {cycles: 4, path_cycles: 3}}\n"

@@ -18,7 +18,7 @@ SHOWN = ["report {run} -o {}/page.html", "analyse {run} --plot {}", "history ur1
 
 
 @pytest.fixture(scope="module")
-def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def names(tmp_path_factory):
     work = tmp_path_factory.mktemp("work")
     assert ran(f"simulate ur10e --test radial -o {work}/runs").returncode == 0
     (run,) = (work / "runs").iterdir()

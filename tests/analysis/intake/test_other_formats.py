@@ -3,7 +3,6 @@ import io
 import math
 import time
 import zipfile
-from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -102,7 +101,7 @@ def test_more_rows_than_a_sheet_has_are_refused():
 
 
 @pytest.fixture(autouse=True)
-def _read_anew() -> Iterator[None]:
+def _read_anew():
     readers.readers.cache_clear()
     yield
     readers.readers.cache_clear()

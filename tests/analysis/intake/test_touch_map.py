@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,7 @@ Q = np.random.default_rng(3).uniform(-1.5, 1.5, (12, 6))
 
 
 @pytest.fixture(scope="module")
-def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def cell(tmp_path_factory):
     folder = tmp_path_factory.mktemp("touches")
     tests = "tests: {touch: {sockets: [A, B], ball_mm: [0, 0, 90]}}\n"
     (folder / "cell.yaml").write_text(f"name: cell\n{load_arm('ur10e').text}{tests}")

@@ -28,7 +28,7 @@ MODEL = model_of(RIG)
 
 
 @pytest.fixture(scope="module")
-def touches() -> TouchTable:
+def touches():
     return planned_touches(RIG)
 
 

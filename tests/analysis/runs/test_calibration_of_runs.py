@@ -1,4 +1,3 @@
-from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 
@@ -17,7 +16,7 @@ FILE = f"cell{CALIBRATION}"
 
 
 @pytest.fixture(autouse=True)
-def _nothing_remembered() -> Iterator[None]:
+def _nothing_remembered():
     """Clear the caches before each test, as in a new process."""
     reading._calibrations.clear()  # private: calibrations are kept by their digest
     yield

@@ -1,14 +1,12 @@
-from collections.abc import Iterator
-
 import pytest
 
 from tests.support.command_line import ran
-from tests.support.dask_cluster import Cluster, cluster
+from tests.support.dask_cluster import cluster
 from tests.support.dated_runs import dated_run
 
 
 @pytest.fixture(scope="module")
-def two_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+def two_workers(tmp_path_factory):
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
     with cluster(tmp_path_factory.mktemp("dask")) as made:
         yield made

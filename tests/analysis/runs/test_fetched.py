@@ -22,12 +22,12 @@ FILES = {"manifest.json": b"{}", "ledger.jsonl": b"\n", "g1-0001.parquet": b"PAR
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
+def run(tmp_path):
     return made(tmp_path / "plant" / "run")
 
 
 @pytest.fixture(autouse=True)
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def place(tmp_path, monkeypatch):
     place = tmp_path / "temporary"
     place.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(place))

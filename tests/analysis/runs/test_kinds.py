@@ -1,4 +1,3 @@
-from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 
 import numpy as np
@@ -20,7 +19,7 @@ def test_a_test_without_joints_predicts_nothing():
 
 
 @pytest.fixture
-def offered(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+def offered(request, monkeypatch):
     value = request.param
     monkeypatch.setitem(vocabulary.OTHER_TESTS, "other", EntryPoint("other", value, "rig.tests"))
     yield value

@@ -13,7 +13,7 @@ NAMES = ("b/later", "b/early", "a/deep/one", "a-b/first", "a.b/first", "a/[x]*?"
 
 
 @pytest.fixture
-def plant(tmp_path: Path) -> Path:
+def plant(tmp_path):
     for name in NAMES:
         made(tmp_path / name)
     made(tmp_path / "b" / "without-manifest", "ledger.jsonl")

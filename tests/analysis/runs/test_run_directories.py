@@ -12,7 +12,7 @@ def made(path: Path, file: str = "manifest.json") -> Path:
 
 
 @pytest.fixture
-def plant(tmp_path: Path) -> Path:
+def plant(tmp_path):
     for name in ("b/later", "b/early", "a/deep/one", ".deleted/gone", "a/deep/one/not-a-run-of-its-own"):
         made(tmp_path / name)
     made(tmp_path / "b" / "without-manifest", "ledger.jsonl")

@@ -23,7 +23,7 @@ def edited(run: Measured, path: Path, column: str, row: int, value: float) -> Pa
 
 
 @pytest.fixture(scope="module")
-def lap() -> Measured:
+def lap():
     return simulate("ur10e", "yaw", "acw", seed=1, effects="ur10e")
 
 

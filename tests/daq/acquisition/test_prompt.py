@@ -1,6 +1,5 @@
 import gc
 import sys
-from collections.abc import Iterator
 
 import pytest
 
@@ -8,7 +7,7 @@ from daq.acquisition.reader import keep_stamps_prompt
 
 
 @pytest.fixture(autouse=True)
-def _as_before() -> Iterator[None]:
+def _as_before():
     interval_s = sys.getswitchinterval()
     yield
     sys.setswitchinterval(interval_s)

@@ -1,7 +1,5 @@
 """Cables unplugged and replugged during a recording, and the reports of the reader."""
 
-from __future__ import annotations
-
 import logging
 import os
 import termios

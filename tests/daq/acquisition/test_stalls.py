@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 import signal
 import threading
@@ -20,7 +18,7 @@ S = 1_000_000_000
 
 
 @pytest.fixture
-def buffer() -> StreamBuffer:
+def buffer():
     return StreamBuffer("g1", ("g1_mm",))
 
 

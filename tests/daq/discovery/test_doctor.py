@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import grp
 import json
 import math
@@ -31,7 +29,7 @@ OK, DOUBTFUL, WRONG = FindingVerdict.OK, FindingVerdict.DOUBTFUL, FindingVerdict
 
 
 @pytest.fixture
-def system(tmp_path: Path) -> Path:
+def system(tmp_path):
     (tmp_path / "dev/serial/by-id").mkdir(parents=True)
     (tmp_path / "dev/ttyUSB0").touch()
     (tmp_path / FTDI[1:]).symlink_to("../../ttyUSB0")

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 import random
 import re
@@ -91,7 +89,7 @@ def _scanned(said: dict[str, Any], true: dict[str, Any] | None = None, *, networ
 
 
 @pytest.fixture(autouse=True)
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def _quick(monkeypatch):
     """Units up to 20, answers at once: the emulated gauge is on this computer."""
     monkeypatch.setattr(modbus_scan, "UNITS", range(1, 21))
     monkeypatch.setattr(modbus_scan, "SWEEP_S", 0.04)

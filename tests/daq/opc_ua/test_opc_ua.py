@@ -1,11 +1,9 @@
 """OPC UA for Robotics: a server of the asyncua library as a peer, and messages that are wrong, late or refused."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any
@@ -27,7 +25,7 @@ from rigs.schema.feedback import OPCUARobotics
 from rigs.schema.links import Line
 from tests.support.drivers import NODES, opc_ua
 from tests.support.opc_ua_chunks import faults, requests_in, samples
-from tests.support.opc_ua_servers import RADIAN, LibraryRobot, library_robot, now
+from tests.support.opc_ua_servers import RADIAN, library_robot, now
 from tests.support.simulated_conversation import S, simulate
 
 LINE = Line(baud=9600, bits=8, parity="N", stop=1)
@@ -40,7 +38,7 @@ T0 = datetime(2026, 11, 21, tzinfo=UTC)
 
 
 @pytest.fixture(scope="module")
-def robot() -> Iterator[LibraryRobot]:
+def robot():
     with library_robot(RADIAN) as robot:
         yield robot
 

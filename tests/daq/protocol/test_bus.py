@@ -1,7 +1,5 @@
 """Several Modbus units on one line: a fair share for each, and what disturbs it named."""
 
-from __future__ import annotations
-
 import math
 import random
 import struct

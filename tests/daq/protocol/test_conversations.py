@@ -1,7 +1,5 @@
 """Conversations too long to record in tests/daq/conversations, and rules for many values."""
 
-from __future__ import annotations
-
 import pytest
 
 import daq.feedback

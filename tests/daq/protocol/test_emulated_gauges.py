@@ -3,8 +3,6 @@
 In simulated time, at the pace of its own line.
 """
 
-from __future__ import annotations
-
 import math
 import statistics
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """ROS 2 joint states: an endless message, and the websockets library as a peer."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Callable, Iterator

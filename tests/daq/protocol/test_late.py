@@ -1,7 +1,5 @@
 """An answer is never credited to a later request, however late it comes."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import pytest

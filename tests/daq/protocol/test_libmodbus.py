@@ -4,8 +4,6 @@ It has four ways to lay out a float32, whose names its versions do not use alike
 it makes of 123456, 0x47F12000, as libmodbus' own tests do.
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import os

@@ -1,7 +1,5 @@
 """Our Modbus against pymodbus' own server and client, over real sockets on the loopback."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import socket

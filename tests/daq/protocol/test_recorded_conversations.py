@@ -1,7 +1,5 @@
 """Drivers repeat the conversations on record, whatever the pieces in which bytes arrive."""
 
-from __future__ import annotations
-
 import pkgutil
 import random
 from collections.abc import Sequence

@@ -1,11 +1,8 @@
 """Recordings that the robot starts, with the real daemon: what they hold, and who may interfere."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +40,7 @@ def _text(interface: str, still_s: float = 0.5) -> str:
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Iterator[Bench]:
+def cell(tmp_path):
     with Bench(tmp_path, _text("ur_rtde")) as bench:
         yield bench
 
@@ -63,7 +60,7 @@ def _active(direction: str) -> Any:
 
 
 @pytest.fixture
-def printing(tmp_path: Path) -> Iterator[Bench]:
+def printing(tmp_path):
     with Bench(tmp_path, _text("line_feed")) as bench:
         yield bench
 

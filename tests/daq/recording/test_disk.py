@@ -1,10 +1,8 @@
-from __future__ import annotations
-
 import errno
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -114,7 +112,7 @@ def test_log_names_the_direction_if_any(tmp_path, caplog):
 
 
 @pytest.fixture
-def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
+def written(tmp_path, monkeypatch):
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 0.02)
     # private _SYNC_S, _INTERVAL_S, _SLOW_S, _ROOM: the real limits take seconds and thousands of readings
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
@@ -362,7 +360,7 @@ def test_hanging_sync_bounds_memory_and_counts_the_rest(written, monkeypatch):
 
 
 @pytest.fixture
-def stalled(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, threading.Event]]:
+def stalled(monkeypatch):
     """A disk that takes no Parquet file: set when one comes; to be set when it may go on."""
     begun, done = threading.Event(), threading.Event()
 

@@ -3,8 +3,6 @@
 The two threads of the disk are driven by hand, so that every order of what they do and of what people do can come.
 """
 
-from __future__ import annotations
-
 import errno
 import shutil
 import tempfile

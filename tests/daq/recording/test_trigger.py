@@ -1,7 +1,5 @@
 """The trigger in simulated time: what a robot does for minutes, and the recordings that it makes of it."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import contextlib
 import errno
 import json
@@ -19,7 +17,7 @@ import pytest
 from daq.service import control
 from daq.service.control import ControlServer
 from daq.store import read_run
-from tests.support.bench import BIN, Bench
+from tests.support.bench import BIN
 
 PATIENCE_S = 60.0
 
@@ -57,7 +55,7 @@ def descriptors() -> int:
     return len(os.listdir("/proc/self/fd"))  # noqa: PTH208
 
 
-def test_silent_connections_block_nobody(tmp_path: Path) -> None:
+def test_silent_connections_block_nobody(tmp_path):
     with served(tmp_path / "socket") as path, ExitStack() as opened:
         before, threads = descriptors(), threading.active_count()
         silent = [opened.enter_context(connected(path)) for _ in range(300)]
@@ -69,9 +67,7 @@ def test_silent_connections_block_nobody(tmp_path: Path) -> None:
         assert asked(silent[0]) == {}  # the one that was silent longest has gone
 
 
-def test_full_server_refuses_new_connections_and_keeps_old_ones(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_server_refuses_new_connections_and_keeps_old_ones(tmp_path, monkeypatch):
     # private _MOST, _IDLE_S, _SEND_S: the real limits are many connections and half a minute
     monkeypatch.setattr(control, "_MOST", 3)
     begun, may_answer = threading.Semaphore(0), threading.Event()
@@ -91,13 +87,13 @@ def test_full_server_refuses_new_connections_and_keeps_old_ones(
         assert [asked(sock, b"") for sock in busy] == [{"ok": True, "answered": True}] * 3
 
 
-def test_who_asks_nothing_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_asks_nothing_is_hung_up_on(tmp_path, monkeypatch):
     monkeypatch.setattr(control, "_IDLE_S", 0.2)
     with served(tmp_path / "socket") as path, connected(path) as silent:
         assert silent.recv(1) == b""
 
 
-def test_who_reads_no_answer_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_reads_no_answer_is_hung_up_on(tmp_path, monkeypatch):
     monkeypatch.setattr(control, "_SEND_S", 0.2)
     big = "x" * 500_000  # more than a local socket holds for a reader who does not come
     with served(tmp_path / "socket", lambda _: {"big": big}) as path, connected(path) as reads_nothing:
@@ -110,7 +106,7 @@ def test_who_reads_no_answer_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.M
         assert len(received) < len(big)
 
 
-def test_requests_and_answers_have_a_longest_size(tmp_path: Path) -> None:
+def test_requests_and_answers_have_a_longest_size(tmp_path):
     with served(tmp_path / "socket", lambda asked: {"big": "x" * asked["size"]}) as path:
         with connected(path) as sock:
             assert "65536 bytes" in asked(sock, b" " * 100_000 + b"{}\n")["what"]
@@ -119,14 +115,14 @@ def test_requests_and_answers_have_a_longest_size(tmp_path: Path) -> None:
             assert asked(sock, b'{"size": 3}\n') == {"ok": True, "big": "xxx"}
 
 
-def test_several_requests_at_once_are_answered_in_order(tmp_path: Path) -> None:
+def test_several_requests_at_once_are_answered_in_order(tmp_path):
     with served(tmp_path / "socket", lambda request: request) as path, connected(path) as sock:
         assert asked(sock, b'{"a": 1}\n{"a": 2}\n{"a"') == {"ok": True, "a": 1}
         assert asked(sock, b"") == {"ok": True, "a": 2}
         assert asked(sock, b": 3}\n") == {"ok": True, "a": 3}
 
 
-def test_exhausted_descriptors_are_reported_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_exhausted_descriptors_are_reported_once(tmp_path, caplog):
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     with served(tmp_path / "socket") as path, socket.socket(socket.AF_UNIX) as sock:
         sock.settimeout(PATIENCE_S)
@@ -157,7 +153,7 @@ def fill() -> list[int]:
 @pytest.mark.real_time  # a run beside a flood has no stalls
 @pytest.mark.skipif(not shutil.which("prlimit"), reason="no prlimit")
 @pytest.mark.parametrize("limit", [1024, 128])
-def test_a_thousand_silent_connections_end_no_recording(bench: Bench, limit: int) -> None:
+def test_a_thousand_silent_connections_end_no_recording(bench, limit):
     bench.start(program=["prlimit", f"--nofile={limit}:{limit}", BIN / "rigd"]).all_reading()
     path = bench.record()
     before = bench.recorded(20)["samples"]

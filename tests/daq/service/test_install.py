@@ -1,7 +1,5 @@
 """scripts/install into a directory, and out of it again; the same on a booted system is scripts/booted."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import os

@@ -1,7 +1,5 @@
 """Recovery at the start of a daemon: after a crash, next to a second daemon, and on a real small disk."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import errno
 import hashlib
 import json
@@ -41,17 +39,17 @@ OLD = Path(__file__).parent / "data"
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     return finished(tmp_path_factory.mktemp("runs"))
 
 
 @pytest.fixture
-def run(whole: Path, tmp_path: Path) -> Path:
+def run(whole, tmp_path):
     return Path(shutil.copytree(whole, tmp_path / "run"))
 
 
 @pytest.fixture
-def old(tmp_path: Path) -> Path:
+def old(tmp_path):
     return Path(shutil.copytree(OLD / "version-1", tmp_path / "old"))
 
 

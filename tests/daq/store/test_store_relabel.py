@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import errno
 import json
 from pathlib import Path
@@ -21,7 +19,7 @@ from tests.support.written_runs import write_simulated
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
+def run(tmp_path):
     return finished(tmp_path / "runs")
 
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path
@@ -26,7 +24,7 @@ LIMITS = Retention(days=90, gigabytes=1)
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
+def run(tmp_path):
     return finished(tmp_path / "runs")
 
 
@@ -145,7 +143,7 @@ def _info(number: int, age_days: float, size: int, exported: bool = True, kept: 
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _manifest(tmp_path_factory: pytest.TempPathFactory) -> None:
+def _manifest(tmp_path_factory):
     global _MANIFEST  # noqa: PLW0603
     _MANIFEST = look(finished(tmp_path_factory.mktemp("one"))).manifest
 

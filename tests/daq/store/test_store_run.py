@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -37,12 +35,12 @@ from tests.support.store_cases import (
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     return finished(tmp_path_factory.mktemp("runs"))
 
 
 @pytest.fixture
-def run(whole: Path, tmp_path: Path) -> Path:
+def run(whole, tmp_path):
     """A complete run of 20 rows in chunks of 8, to be damaged; a copy, so runs are portable too."""
     return Path(shutil.copytree(whole, tmp_path / "moved"))
 

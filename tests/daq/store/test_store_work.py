@@ -1,12 +1,8 @@
-from __future__ import annotations
-
 import os
-from pathlib import Path
 
 import pytest
 
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
-from daq.store.writer import DiskOperation
 from tests.support.store_cases import assert_holds, crash, samples, start
 
 
@@ -17,7 +13,7 @@ def _append(writer: RunWriter, first: int) -> None:
 
 
 @pytest.fixture
-def ended(tmp_path: Path) -> tuple[RunWriter, DiskOperation]:
+def ended(tmp_path):
     """A run whose chunks are full, the sync that they ended with, and more rows that came meanwhile."""
     writer = start(tmp_path, chunk_rows=4)
     _append(writer, 0)

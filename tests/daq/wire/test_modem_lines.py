@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import fcntl
 import os
 import struct
@@ -121,7 +119,7 @@ _LINES = {termios.TIOCM_DTR: "DTR", termios.TIOCM_RTS: "RTS"}
 
 
 @pytest.fixture
-def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def calls(monkeypatch):
     seen: list[str] = []
     ioctl, write = fcntl.ioctl, os.write
 

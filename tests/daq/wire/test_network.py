@@ -1,7 +1,5 @@
 """Links over the network: peers that vanish without a word, strangers who speak up, and UDP through the real daemon."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket

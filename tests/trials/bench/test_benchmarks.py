@@ -1,7 +1,5 @@
 """`scripts/bench`: its lines and its page, without measuring."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

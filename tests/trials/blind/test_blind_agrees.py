@@ -3,8 +3,6 @@
 Noise-free readings agree to 1e-6 mm; each effect of the vocabulary, in the form of the page, within a few percent.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -1,10 +1,7 @@
 """The real world: its noise has the levels it says, its arms are as said, its oracle sees what can be seen."""
 
-from __future__ import annotations
-
 import filecmp
 import json
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -48,7 +45,7 @@ def test_oracle_knows_invisible_and_indistinguishable_faults():
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], tuple[Path, dict[str, Any]]]:
+def made(tmp_path_factory):
     """A case of a kind and seed, and its truth: each generated once."""
 
     @cache

@@ -1,7 +1,5 @@
 """The generator: shares no code with the project, kinematics by closed forms."""
 
-from __future__ import annotations
-
 import ast
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A small fixed sample of the blind trial (`scripts/dev blind` is the whole): of each kind a verdict and its names."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

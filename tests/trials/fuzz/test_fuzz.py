@@ -1,7 +1,5 @@
 """`scripts/dev fuzz` in small: a fixed sample of mutated inputs to every target, and failures that are seen."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

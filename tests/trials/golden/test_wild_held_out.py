@@ -1,7 +1,5 @@
 """Outliers in real held-out readings (P. Jacobi's UR5) are reported, and the figure is the same as without them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

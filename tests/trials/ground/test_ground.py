@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import csv
 import re
 import runpy
@@ -20,7 +18,7 @@ PERFECT_NM = 20
 
 
 @pytest.fixture(scope="module")
-def ground(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def ground(tmp_path_factory):
     """Two tasks of one simulated arm."""
     directory = tmp_path_factory.mktemp("ground") / "small"
     left_out = make(directory, SEED, TINY, None)

@@ -3,8 +3,6 @@
 A command that is added needs a case here, or the walk fails.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -58,7 +56,7 @@ def hostile_urdf(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def cell(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hostile") / (EVIL.replace("/", "|") + BYTES)
     folder.mkdir()
     (folder / "rig.yaml").write_text(hostile_rig(), encoding="utf-8")
@@ -81,7 +79,7 @@ def runs(folder: Path) -> list[Path]:
 
 
 @pytest.fixture
-def peer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def peer(tmp_path, monkeypatch):
     from tests.support.hostile_peers import hostile_journal, hostile_peer  # noqa: PLC0415
 
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import os
 import resource
 import shutil
@@ -30,7 +28,7 @@ SOON_S = 200.0
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
+def run(tmp_path):
     """A run without a row."""
     who = {"rig_name": "r", "rig_text": "", "streams": {"g1": ("g1_mm",)}, "operator": "ada"}
     writer = RunWriter.create(tmp_path, new_manifest(name="lap", test="radial", direction=None, **who))

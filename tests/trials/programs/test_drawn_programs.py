@@ -1,10 +1,7 @@
 """Drawn programs of five dialects, corrected, and driven before and after by interpreters that share nothing with the
 reader: what the correction changed is where the text wants it, and what it did not change is listed."""
 
-from __future__ import annotations
-
 from collections import Counter
-from collections.abc import Iterator
 from importlib.util import find_spec
 
 import pytest
@@ -38,7 +35,7 @@ def test_plain_programs_are_corrected(dialect):
 
 
 @pytest.fixture
-def controller(request: pytest.FixtureRequest) -> Iterator[str]:
+def controller(request):
     choose_controller(request.param)
     yield request.param
     choose_controller("data_sheet")

@@ -1,7 +1,5 @@
 """The daemon comes through a storm of faults in simulated time, and one with a bug does not."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -8,11 +6,11 @@ import pytest
 
 from tests.trials.unknown.__main__ import counts_text
 from tests.trials.unknown.judging import after_repair, first_act_um, judge_name, was_told
-from tests.worlds.unknown.cells import Cell, draw_cell
+from tests.worlds.unknown.cells import draw_cell
 
 
 @pytest.fixture(scope="module")
-def cell() -> Cell:
+def cell():
     """A UR10e with cubic torsion of axis 2."""
     return draw_cell(0)
 

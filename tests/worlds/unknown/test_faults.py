@@ -1,7 +1,5 @@
 """Cells with known faults: reproducible, visible, and with the approach of each stop."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.worlds.unknown.cells import runs

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +8,6 @@ from tests.worlds.unknown.arms import Arm, Array, elbow_arm, forward, gravity_to
 from tests.worlds.unknown.causes import CAUSES, TorsionHysteresis
 from tests.worlds.unknown.cells import (
     LEAST_NOISES,
-    Cell,
     Noise,
     draw_cell,
     motions,
@@ -132,7 +129,7 @@ def test_a_memory_remembers_and_a_posture_does_not():
 
 
 @pytest.fixture(params=["circle", "touch"])
-def perfect(request: pytest.FixtureRequest) -> Cell:
+def perfect(request):
     cell = draw_cell(0).sound()
     return replace(cell, test=request.param, known=no_known(6), noise=QUIET, target=np.zeros(3), frame=np.eye(4))
 

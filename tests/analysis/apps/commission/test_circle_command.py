@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import re
 import signal
@@ -25,12 +23,12 @@ UR10E = (SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     return lap_run(tmp_path_factory.mktemp("lap"), seed=1)
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Path:
+def cell(tmp_path):
     """A rig file whose circle is elsewhere than the robot drives."""
     path = tmp_path / "cell.yaml"
     path.write_text(UR10E.replace("centre_mm: [-650, -200, 250]", "centre_mm: [-600, -150, 200] # by ruler"))

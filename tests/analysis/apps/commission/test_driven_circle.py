@@ -1,8 +1,5 @@
 """Circles fitted to motions that an independent program has drawn, and motions that are refused."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -80,7 +77,7 @@ def off(found: DrivenCircle) -> tuple[float, float, float]:
 
 @pytest.mark.parametrize("direction", ["acw", "cw"])
 @pytest.mark.parametrize("laps", [1, 2])
-def test_program_shows_the_circle_of_its_rig_file(direction: str, laps: int) -> None:
+def test_program_shows_the_circle_of_its_rig_file(direction, laps):
     found = driven_circle([program(direction, laps)], blank())
     frame = frame_of(circle_of(ur10e()))
     centre, angle, radius = off(found)
@@ -90,13 +87,13 @@ def test_program_shows_the_circle_of_its_rig_file(direction: str, laps: int) -> 
     assert 0 < found.u_centre_mm.max() < 0.02 and found.doubts == ()
 
 
-def test_start_of_the_rig_file_keeps_its_zero_direction() -> None:
+def test_start_of_the_rig_file_keeps_its_zero_direction():
     found = driven_circle([program()], ur10e())
     assert found.keeps_zero and "zero" not in found.values()
     assert "zero" in driven_circle([program()], blank()).values()
 
 
-def test_approach_stop_and_outliers_are_not_used() -> None:
+def test_approach_stop_and_outliers_are_not_used():
     lap = program()
     home = lap.q[0] + np.radians([20, -15, 10, 5, -5, 30])
     approach = driven_along(np.linspace(home, lap.q[0], 60), 3.0)
@@ -113,7 +110,7 @@ def test_approach_stop_and_outliers_are_not_used() -> None:
 
 
 @pytest.mark.parametrize("count", [3, 5, 8])
-def test_stops_show_the_circle(count: int) -> None:
+def test_stops_show_the_circle(count):
     q = around(np.arange(count) * 360 / count)
     found = driven_circle([sampled(*stops(q, dwell_s=1.5))], blank())
     centre, angle, radius = off(found)
@@ -122,7 +119,7 @@ def test_stops_show_the_circle(count: int) -> None:
     assert any("add a point" in doubt for doubt in found.doubts) == (count == 3)
 
 
-def test_circle_guided_by_hand_has_its_own_uncertainty() -> None:
+def test_circle_guided_by_hand_has_its_own_uncertainty():
     rng = np.random.default_rng(3)
     degrees = np.linspace(0, 350, 40)
     wobble = 1.2 * np.cumsum(rng.normal(size=(40, 3)), axis=0) / np.sqrt(40)
@@ -143,20 +140,20 @@ def bent(scale_deg: float) -> RobotMotion:
     return sampled(np.linspace(0, 18, 900), q)
 
 
-def test_complete_lap_of_a_controller_with_other_constants_is_found() -> None:
+def test_complete_lap_of_a_controller_with_other_constants_is_found():
     slightly, badly = (driven_circle([bent(scale)], blank()) for scale in (0.02, 0.5))
     assert np.degrees([slightly.arc, badly.arc]) == pytest.approx(380, abs=5)
     assert slightly.doubts == () and badly.doubts
     assert badly.u_radius_mm > 10 * slightly.u_radius_mm
 
 
-def test_wrong_direction_label_is_reported_and_the_normal_follows_the_tool() -> None:
+def test_wrong_direction_label_is_reported_and_the_normal_follows_the_tool():
     found = driven_circle([replace(program("acw"), direction="cw")], blank())
     assert found.circle.n @ frame_of(circle_of(ur10e())).n > 0.99
     assert any("--direction acw" in doubt for doubt in found.doubts)
 
 
-def test_other_tool_orientation_is_reported() -> None:
+def test_other_tool_orientation_is_reported():
     rig = blank()
     tool = rig.robot.tool.model_copy(update={"rpy_deg": (0.0, 90.0, 40.0)})
     rig = rig.model_copy(update={"robot": rig.robot.model_copy(update={"tool": tool})})
@@ -225,7 +222,7 @@ def _wandering() -> RobotMotion:
         "two circles", "two runs", "jump", "one elsewhere", "no circle",
     ],
 )  # fmt: skip
-def test_motion_without_a_single_circle_is_refused(motions: Callable[[], list[RobotMotion]], codes: list[str]) -> None:
+def test_motion_without_a_single_circle_is_refused(motions, codes):
     assert refused(*motions()) in codes
 
 
@@ -235,7 +232,7 @@ def at_home() -> Array:
 
 
 @pytest.mark.parametrize("count", [4, 6])
-def test_home_position_before_and_after_is_not_used(count: int) -> None:
+def test_home_position_before_and_after_is_not_used(count):
     q = around(np.arange(count) * 360 / count)
     found = driven_circle([sampled(*stops(np.concatenate([at_home(), q, at_home()]), dwell_s=1.5))], blank())
     assert off(found)[0] < 0.05 and f"{count} stops" in found.used
@@ -243,7 +240,7 @@ def test_home_position_before_and_after_is_not_used(count: int) -> None:
 
 
 @pytest.mark.parametrize("kind", ["arc", "lap"])
-def test_errors_of_independent_motions_agree_with_the_uncertainty(kind: str) -> None:
+def test_errors_of_independent_motions_agree_with_the_uncertainty(kind):
     """Motions of arms of other lengths with noise that the model of rig lacks, drawn by a program without rig."""
     archive, found = Archive("motions"), []
     for about in archive.about:

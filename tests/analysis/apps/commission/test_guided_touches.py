@@ -64,11 +64,11 @@ def _last_proposal(said: list[str]) -> str:
 
 
 @pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_waiting(monkeypatch):
     monkeypatch.setattr("analysis.apps.commission.record_touches._POLL_S", 0.0)  # private: no waiting
 
 
-def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path: Path) -> None:
+def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path):
     case = moved_cell(tmp_path, "zero 2", seed=4)
     check = GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
     person = Person(case, first=np.degrees(case.before[0]) + 40.0)
@@ -82,7 +82,7 @@ def test_a_person_is_led_to_the_cause_and_the_touches_are_kept(tmp_path: Path) -
         GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")]).save(tmp_path / "empty", "")
 
 
-def test_unmoved_is_concluded_only_after_enough_touches(tmp_path: Path) -> None:
+def test_unmoved_is_concluded_only_after_enough_touches(tmp_path):
     case = moved_cell(tmp_path, "nothing", seed=5)
     person, check = Person(case), GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
     check = follow_touches(person, check, person.say)
@@ -93,7 +93,7 @@ def test_unmoved_is_concluded_only_after_enough_touches(tmp_path: Path) -> None:
     assert sum("Next: touch" in line for line in person.said) == len(check.touches)  # each touch is proposed
 
 
-def test_the_posture_at_the_start_is_no_touch(tmp_path: Path) -> None:
+def test_the_posture_at_the_start_is_no_touch(tmp_path):
     case = moved_cell(tmp_path, "zero 2", seed=4)
     check = GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
     person = Person(case)
@@ -103,9 +103,7 @@ def test_the_posture_at_the_start_is_no_touch(tmp_path: Path) -> None:
     assert all(np.abs(q - case.before[3]).max() > 1e-9 for _, q in check.touches)
 
 
-def test_the_command_follows_the_daemon_and_history_marks_the_day(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_follows_the_daemon_and_history_marks_the_day(tmp_path, monkeypatch):
     case = moved_cell(tmp_path, "tool", seed=3)
     person = Person(case)
     follow = guided_touches.follow_touches
@@ -139,7 +137,7 @@ class _Client:
         pass
 
 
-def test_an_answer_is_stored_with_new_runs_only_if_asked(tmp_path: Path) -> None:
+def test_an_answer_is_stored_with_new_runs_only_if_asked(tmp_path):
     case = moved_cell(tmp_path, "base", seed=2)
     write_touches(tmp_path, "after", *case.touch_again(6))
     words = ["moved", str(tmp_path / "runs" / "before"), "--new", str(tmp_path / "runs" / "after")]
@@ -153,7 +151,7 @@ def test_an_answer_is_stored_with_new_runs_only_if_asked(tmp_path: Path) -> None
     assert isinstance(CliRunner().invoke(app, table).exception, UseError)
 
 
-def test_references_are_enough_touches_or_circles_of_both_directions_and_no_check(tmp_path: Path) -> None:
+def test_references_are_enough_touches_or_circles_of_both_directions_and_no_check(tmp_path):
     case = moved_cell(tmp_path, "nothing")
     runs = tmp_path / "runs"
     write_touches(tmp_path, "few", case.sockets[: FEWEST_OF_REFERENCE - 1], case.before[: FEWEST_OF_REFERENCE - 1])

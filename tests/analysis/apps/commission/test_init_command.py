@@ -1,9 +1,6 @@
-from __future__ import annotations
-
 import contextlib
 import json
 import signal
-from collections.abc import Sequence
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -48,7 +45,7 @@ def refused(folder: Path, *arguments: str | Path) -> str:
 
 
 @pytest.mark.parametrize(("gauges", "robot"), [("sylvac", "fanuc"), ("keyence", "ur")])  # test_first_hour has others
-def test_cell_is_identified_and_its_rig_file_checked(tmp_path: Path, gauges: str, robot: str) -> None:
+def test_cell_is_identified_and_its_rig_file_checked(tmp_path, gauges, robot):
     with switched_on(gauges, robot) as unknown:
         path = tmp_path / "cell.yaml"
         with Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
@@ -83,7 +80,7 @@ def test_cell_is_identified_and_its_rig_file_checked(tmp_path: Path, gauges: str
     ("measured_by", "arm"),
     [("tracker", "ur5e"), ("tracker", "so-101"), ("tracker", "kuka-lbr-iiwa-14"), ("arm", "ur10e"), ("arm", "so-101")],
 )
-def test_robot_is_refused_if_the_table_contains_the_joints(measured_by: str, arm: str, tmp_path: Path) -> None:
+def test_robot_is_refused_if_the_table_contains_the_joints(measured_by, arm, tmp_path):
     words = ("--measured-by", measured_by, "--arm", arm, "--tool", "0,0,90")
     assert init(tmp_path, *words, "--robot", "192.168.1.20").returncode == 2
     done = init(tmp_path, *words, "--robot", "none")
@@ -99,9 +96,7 @@ def test_robot_is_refused_if_the_table_contains_the_joints(measured_by: str, arm
         ("tracker", "widowx-250", ("--tool", "0,0,90", "--tolerance-mm", "0.2"), "poses.csv"),
     ],
 )
-def test_tracker_and_sockets_need_no_gauges_and_any_arm(
-    tmp_path: Path, measured_by: str, arm: str, more: tuple[str, ...], then: str
-) -> None:
+def test_tracker_and_sockets_need_no_gauges_and_any_arm(tmp_path, measured_by, arm, more, then):
     done = init(tmp_path, "--measured-by", measured_by, "--arm", arm, *more)
     assert done.returncode == 0 and then in done.stdout, done.stderr
     rig, text = load(tmp_path / "cell.yaml")
@@ -113,7 +108,7 @@ def test_tracker_and_sockets_need_no_gauges_and_any_arm(
     assert ("touch:" in text) == (measured_by == "sockets")
 
 
-def test_robot_that_guides_touches_is_found(tmp_path: Path) -> None:
+def test_robot_that_guides_touches_is_found(tmp_path):
     with switched_on("sylvac", "ur") as unknown:
         words = ("--measured-by", "sockets", "--arm", "ur10e", "--tool", "0,0,90", "--robot", unknown.robot)
         done = init(tmp_path, *words, *unknown.robot_is_named)
@@ -122,13 +117,13 @@ def test_robot_that_guides_touches_is_found(tmp_path: Path) -> None:
     assert rig.feedback.interface == "ur_rtde" and not rig.gauges.recorded
 
 
-def test_arm_of_five_axes_has_neither_gauges_nor_a_robot(tmp_path: Path) -> None:
+def test_arm_of_five_axes_has_neither_gauges_nor_a_robot(tmp_path):
     assert refused(tmp_path, "--arm", "so-101") == "arm.axes"
     words = ("--measured-by", "sockets", "--arm", "so-101", "--robot", "192.168.1.20")
     assert refused(tmp_path, *words) == "init.option_unused"
 
 
-def test_options_answer_every_question_without_a_terminal(tmp_path: Path) -> None:
+def test_options_answer_every_question_without_a_terminal(tmp_path):
     with switched_on("sylvac", "fanuc") as unknown:
         first, second = unknown.gauge_ports
         given = ["--robot", unknown.robot, "--g1", second, "--g2", first, "--baseline-mm", "40", "--arm", "ur10e"]
@@ -146,7 +141,7 @@ def test_options_answer_every_question_without_a_terminal(tmp_path: Path) -> Non
     assert "rigd 'My Cell.yaml'" in done.stdout and "circle fit --live" in done.stdout
 
 
-def test_named_sensor_gets_its_keys(tmp_path: Path) -> None:
+def test_named_sensor_gets_its_keys(tmp_path):
     with switched_on("micro_epsilon", "ur", streaming=False) as unknown:
         first, _ = unknown.gauge_ports
         keys = ["--key", "g1.interface=micro_epsilon_ild1420", "--key", "g1.range_mm=10", *unknown.robot_is_named]
@@ -158,7 +153,7 @@ def test_named_sensor_gets_its_keys(tmp_path: Path) -> None:
     assert rig.feedback.interface == "ur_rtde" and rig.feedback.rate_hz == 125
 
 
-def test_json_lists_the_devices_and_writes_nothing(tmp_path: Path) -> None:
+def test_json_lists_the_devices_and_writes_nothing(tmp_path):
     with switched_on("keyence", "ur") as unknown:
         done = init(tmp_path, "--json", "--robot", unknown.robot, *at_ports(unknown), "--port", str(tmp_path / "none"))
     found = json.loads(done.stdout)
@@ -168,12 +163,12 @@ def test_json_lists_the_devices_and_writes_nothing(tmp_path: Path) -> None:
     assert found["robots"][0]["joints_deg"] == pytest.approx([0, 10, 20, 30, 40, 50])
 
 
-def test_json_without_a_robot_searches_for_none(tmp_path: Path) -> None:
+def test_json_without_a_robot_searches_for_none(tmp_path):
     done = init(tmp_path, "--json", "--robot", "none", *QUICK)
     assert done.returncode == 0 and json.loads(done.stdout)["robots"] == [], done.stderr
 
 
-def test_same_command_continues_with_its_keys(tmp_path: Path) -> None:
+def test_same_command_continues_with_its_keys(tmp_path):
     with switched_on("keyence", "ur") as unknown:
         given: list[str | Path] = [tmp_path / "cell.yaml", *at_ports(unknown), "--key", "g1.accuracy_mm=0.002"]
         with Terminal(command(*given), 80, 60, {}) as terminal:
@@ -200,7 +195,7 @@ QUESTIONS = [
 
 
 @pytest.mark.parametrize("question", QUESTIONS)
-def test_interrupted_questionnaire_continues(tmp_path: Path, question: str) -> None:
+def test_interrupted_questionnaire_continues(tmp_path, question):
     answers = dict(zip(QUESTIONS, ["", "1", "", "ur10e", "0,0,150", "0.3", ""], strict=True))
     with switched_on("keyence", "ur") as unknown:
         answers["Robot: its"] = unknown.robot
@@ -227,7 +222,7 @@ def test_interrupted_questionnaire_continues(tmp_path: Path, question: str) -> N
     assert [file.name for file in tmp_path.iterdir()] == ["cell.yaml"]
 
 
-def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
+def test_wrong_answers_are_asked_again(tmp_path):
     path = tmp_path / "cell.yaml"
     with switched_on("keyence", "ur") as unknown, Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
         person = Person(terminal)
@@ -272,12 +267,12 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         (["--measured-by", "sockets", "--arm", "ur5", "--tool", "0,0,0.09"], "answer.metres"),
     ],
 )
-def test_wrong_option_is_refused_and_nothing_is_written(tmp_path: Path, given: Sequence[str], code: str) -> None:
+def test_wrong_option_is_refused_and_nothing_is_written(tmp_path, given, code):
     assert refused(tmp_path, "cell.yaml", *given) == code
     assert not list(tmp_path.iterdir())
 
 
-def test_existing_file_and_link_are_left_alone(tmp_path: Path) -> None:
+def test_existing_file_and_link_are_left_alone(tmp_path):
     (tmp_path / "cell.yaml").write_text("mine")
     (tmp_path / "link.yaml").symlink_to(tmp_path / "nowhere")
     assert refused(tmp_path, "cell.yaml") == refused(tmp_path, "link.yaml") == "file.exists"
@@ -285,7 +280,7 @@ def test_existing_file_and_link_are_left_alone(tmp_path: Path) -> None:
     assert refused(tmp_path, "none/cell.yaml") == "init.no_directory"
 
 
-def test_file_created_meanwhile_is_left_alone(tmp_path: Path) -> None:
+def test_file_created_meanwhile_is_left_alone(tmp_path):
     path = tmp_path / "cell.yaml"
     with switched_on("tesa", "ur") as unknown:
         (port,) = unknown.gauge_ports
@@ -300,7 +295,7 @@ def test_file_created_meanwhile_is_left_alone(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-def test_two_gauges_need_names_without_a_terminal(tmp_path: Path) -> None:
+def test_two_gauges_need_names_without_a_terminal(tmp_path):
     with switched_on("keyence", "ur") as unknown:
         given = ["cell.yaml", "--robot", unknown.robot]
         assert refused(tmp_path, *given, "--arm", "ur10e", *at_ports(unknown)) == "gauge.ambiguous"
@@ -308,7 +303,7 @@ def test_two_gauges_need_names_without_a_terminal(tmp_path: Path) -> None:
         assert refused(tmp_path, *given, "--g1", port, *unknown.robot_is_named, *QUICK) == "gauge.ambiguous"
 
 
-def test_arm_file_without_a_build_is_asked_for_it(tmp_path: Path) -> None:
+def test_arm_file_without_a_build_is_asked_for_it(tmp_path):
     """Plays of half a degree are usual of hobby servos, and four faults of an industrial arm."""
     section = load_arm("so-101").text.replace("  build: servo\n", "")
     (tmp_path / "arm.yaml").write_text(f"robot:\n{section.partition('robot:')[2]}", encoding="utf-8")

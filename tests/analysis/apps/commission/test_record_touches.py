@@ -1,6 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +19,7 @@ TEXT = f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B], to
 
 
 @pytest.fixture(autouse=True)
-def proposals(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, str]]:
+def proposals(monkeypatch):
     """Number of touches and socket of each proposal, which takes a second."""
     proposed = list[tuple[int, str]]()
 
@@ -53,7 +50,7 @@ class Served:
         return {"streams": {"robot": self._robot}}
 
 
-def test_the_touches_of_a_person_are_a_run(tmp_path: Path, proposals: list[tuple[int, str]]) -> None:
+def test_the_touches_of_a_person_are_a_run(tmp_path, proposals):
     served, said = Served(), list[str]()
     run = record_touches(served, "monday", tmp_path / "monday", "ada", "left", None, said.append)
     assert sum(line.startswith(TONE) for line in said) == 12
@@ -68,19 +65,19 @@ def test_the_touches_of_a_person_are_a_run(tmp_path: Path, proposals: list[tuple
     assert result_of(found).figures["rms_mm"].value < 1e-4
 
 
-def test_ending_early_keeps_finished_touches(tmp_path: Path) -> None:
+def test_ending_early_keeps_finished_touches(tmp_path):
     run = record_touches(Served(8), "monday", tmp_path / "monday", "ada", "", None, lambda _: None)
     assert len(load_run(run).table.q) == 8
 
 
-def test_a_robot_that_falls_silent_takes_no_touch_along(tmp_path: Path) -> None:
+def test_a_robot_that_falls_silent_takes_no_touch_along(tmp_path):
     said, silent = list[str](), CellError("robot", "no joints", "wait")
     with pytest.raises(CellError):
         record_touches(Served(8, silent), "monday", tmp_path / "monday", "ada", "", None, said.append)
     assert str(tmp_path / "monday") in said[-1] and len(load_run(tmp_path / "monday").table.q) == 8
 
 
-def test_too_few_touches_are_not_kept(tmp_path: Path) -> None:
+def test_too_few_touches_are_not_kept(tmp_path):
     with refused("touch.too_few"):
         record_touches(Served(3), "monday", tmp_path / "monday", "ada", "", None, lambda _: None)
     assert not (tmp_path / "monday").exists()

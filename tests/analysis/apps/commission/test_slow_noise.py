@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ def wander(rng: np.random.Generator, tau: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("tau", [0.0, 1.0])
-def test_errors_are_as_large_as_stated(tau: float) -> None:
+def test_errors_are_as_large_as_stated(tau):
     off = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -29,7 +27,7 @@ def test_errors_are_as_large_as_stated(tau: float) -> None:
     assert within > 0.85 and np.sqrt(np.mean(np.square(off))) > 0.5
 
 
-def test_slow_noise_makes_a_coefficient_less_certain_than_white() -> None:
+def test_slow_noise_makes_a_coefficient_less_certain_than_white():
     rng = np.random.default_rng(5)
     noise = [wander(rng, tau) for tau in (0.0, 1.5)]
     readings = np.stack([DESIGN @ TRUTH + 0.01 * one for one in noise], axis=1)
@@ -37,7 +35,7 @@ def test_slow_noise_makes_a_coefficient_less_certain_than_white() -> None:
     assert slow[0, 0] > 3 * white[0, 0]
 
 
-def test_exact_readings_give_the_coefficients() -> None:
+def test_exact_readings_give_the_coefficients():
     ((value, covariance),) = regress(DESIGN, (DESIGN @ TRUTH)[:, None], T_S, np.ones(60))
     np.testing.assert_allclose(value, TRUTH, atol=1e-9)
     assert np.isfinite(covariance).all()

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +15,7 @@ EVERY_S = 0.1
 
 
 @pytest.fixture(scope="module")
-def rig() -> Rig:
+def rig():
     text = load_arm("franka-fr3").text
     return parse(f"name: seven\n{text}tests: {{touch: {{sockets: [A, B], touches: 12}}}}\n", "seven.yaml")
 
@@ -47,7 +45,7 @@ def fed(guide: Touching, rows: Array) -> list[str]:
     return [guide.take(row, detector.came_deg) for k, row in enumerate(rows) if detector.feed(EVERY_S * k, row)]
 
 
-def test_each_rest_in_a_socket_is_a_touch_with_the_direction_of_each_joint(rig: Rig) -> None:
+def test_each_rest_in_a_socket_is_a_touch_with_the_direction_of_each_joint(rig):
     planned = planned_touches(rig)
     assert planned.came_from is not None
     guide = touching(rig)
@@ -61,7 +59,7 @@ def test_each_rest_in_a_socket_is_a_touch_with_the_direction_of_each_joint(rig: 
     np.testing.assert_array_equal(sides, np.sign(planned.q - planned.came_from))
 
 
-def test_rest_elsewhere_is_reported_once_and_not_taken(rig: Rig) -> None:
+def test_rest_elsewhere_is_reported_once_and_not_taken(rig):
     planned = planned_touches(rig)
     assert planned.came_from is not None
     guide, q, came = touching(rig), planned.q[:2].copy(), planned.came_from[:2]
@@ -71,7 +69,7 @@ def test_rest_elsewhere_is_reported_once_and_not_taken(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("stop", [0, 6])
-def test_stop_elsewhere_before_the_first_touch_of_a_socket_is_dropped(rig: Rig, stop: int) -> None:
+def test_stop_elsewhere_before_the_first_touch_of_a_socket_is_dropped(rig, stop):
     """A robot that stood elsewhere at the start was taken as the first touch, and all real touches were rejected."""
     planned = planned_touches(rig)
     assert planned.came_from is not None
@@ -84,7 +82,7 @@ def test_stop_elsewhere_before_the_first_touch_of_a_socket_is_dropped(rig: Rig, 
     assert guide.table.socket.tolist() == planned.socket.tolist()
 
 
-def test_repeated_posture_is_not_taken(rig: Rig) -> None:
+def test_repeated_posture_is_not_taken(rig):
     planned = planned_touches(rig)
     assert planned.came_from is not None
     q = planned.q[[0, 0]]

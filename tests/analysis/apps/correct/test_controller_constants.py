@@ -1,10 +1,7 @@
 """Corrections for controllers with constants of their own: known from the beginning, added later, or unknown."""
 
-from __future__ import annotations
-
 import csv
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +23,7 @@ POSES = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 
 
 @pytest.fixture
-def here(request: pytest.FixtureRequest) -> Iterator[Cell]:
+def here(request):
     """A UR10e with constants of its own in the controller, known to the rig file as the test asks."""
     choose_controller(request.param)
     yield cell("ur")
@@ -56,7 +53,7 @@ def _off_mm(here: Cell, q: Array, wanted: Array) -> Array:
 
 
 @pytest.mark.parametrize("here", ["unknown"], indirect=True)
-def test_poses_are_corrected_only_with_the_constants_of_the_controller(here: Cell, tmp_path: Path) -> None:
+def test_poses_are_corrected_only_with_the_constants_of_the_controller(here, tmp_path):
     rig_file, wanted = _file(here, tmp_path), np.array([chain(here, q)[0] for q in POSTURES])
     turns = Rotation.from_matrix(wanted[:, :3, :3]).as_euler("xyz", degrees=True)
     table = _table(tmp_path, POSES, np.hstack([wanted[:, :3, 3], turns]))
@@ -76,7 +73,7 @@ def test_poses_are_corrected_only_with_the_constants_of_the_controller(here: Cel
 
 
 @pytest.mark.parametrize("here", ["unknown"], indirect=True)
-def test_joint_targets_are_corrected_without_the_constants_and_get_no_poses(here: Cell, tmp_path: Path) -> None:
+def test_joint_targets_are_corrected_without_the_constants_and_get_no_poses(here, tmp_path):
     table = _table(tmp_path, JOINTS, np.degrees(POSTURES))
     assert ran("correct", _file(here, tmp_path), "--path", table, "-o", tmp_path / "out").returncode == 0
     corrected = tmp_path / "out" / "corrected-path.csv"
@@ -86,7 +83,7 @@ def test_joint_targets_are_corrected_without_the_constants_and_get_no_poses(here
 
 
 @pytest.mark.parametrize("here", ["unknown"], indirect=True)
-def test_no_values_are_computed_for_a_controller_with_unknown_constants(here: Cell, tmp_path: Path) -> None:
+def test_no_values_are_computed_for_a_controller_with_unknown_constants(here, tmp_path):
     done = ran("correct", _file(here, tmp_path), "--for", "ur", "-o", tmp_path / "out", "--json")
     answer = json.loads(done.stdout)
     assert (done.returncode, answer["controller_arm"], answer["controller"]) == (3, "unknown", None)
@@ -94,7 +91,7 @@ def test_no_values_are_computed_for_a_controller_with_unknown_constants(here: Ce
 
 
 @pytest.mark.parametrize("here", ["added"], indirect=True)
-def test_values_are_differences_from_the_constants_in_the_controller(here: Cell) -> None:
+def test_values_are_differences_from_the_constants_in_the_controller(here):
     """The small errors of the real arm are to be entered, not the differences of the controller from the data sheet."""
     found = correct_rig(here.rig, None, "ur")
     assert found.at_controller and found.at_controller.after_um < found.at_controller.before_um
@@ -103,7 +100,7 @@ def test_values_are_differences_from_the_constants_in_the_controller(here: Cell)
 
 
 @pytest.mark.parametrize("here", ["stated", "added"], indirect=True)
-def test_arm_in_the_controller_is_the_chain_of_the_maker(here: Cell) -> None:
+def test_arm_in_the_controller_is_the_chain_of_the_maker(here):
     bare = here.rig.robot.model_copy(update={"tool": Pose(), "base": Pose()})
     of_maker = np.array([chain(here, q)[0] for q in POSTURES])
     np.testing.assert_allclose(forward(controller_arm(bare), POSTURES), of_maker, atol=1e-5)

@@ -1,7 +1,5 @@
 """Values for a controller's parameters: entered at an independent model of it, the arm's error is gone."""
 
-from __future__ import annotations
-
 import datetime as dt
 import json
 from collections.abc import Sequence
@@ -92,7 +90,7 @@ def _errors_mm(controller: Mastered | UniversalRobots, wanted: Sequence[tuple[Ar
 
 
 @pytest.mark.parametrize("name", MASTERED)
-def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path: Path, name: MakerName) -> None:
+def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path, name):
     scale = {"kuka": [], "abb": ["--scale", ",".join(map(str, GEAR))]}.get(name, ["--scale", ",".join(map(str, SCALE))])
     entries = _printed(_cell(tmp_path, "paper-fanuc", ZEROS), tmp_path / "out", "--for", name, *scale)
     controller = _mastered(name)
@@ -117,7 +115,7 @@ def _ur10e(real: dict[str, Array]) -> UniversalRobots:
     return UniversalRobots(a, alpha, d, NO_DELTA, NO_DELTA | real)
 
 
-def test_deltas_added_to_a_universal_robot_remove_the_error_of_zeros_and_offsets(tmp_path: Path) -> None:
+def test_deltas_added_to_a_universal_robot_remove_the_error_of_zeros_and_offsets(tmp_path):
     faults: list[Effect] = [
         *ZEROS,
         LinkGeometry(axis=5, field="d", delta=-0.4, found=_found(delta=0.02)),
@@ -138,7 +136,7 @@ def test_deltas_added_to_a_universal_robot_remove_the_error_of_zeros_and_offsets
 
 
 @pytest.mark.parametrize("rig", ["paper-fanuc", "ur10e"])
-def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path: Path, rig: str) -> None:
+def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path, rig):
     """With zeros entered and a compliant joint, corrected joint angles reach the same place as the complete
     correction alone.
     """
@@ -160,7 +158,7 @@ def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path: Path,
     np.testing.assert_allclose(more_deg, np.tile(reading_deg, (3, 1)), atol=1e-9)
 
 
-def test_effects_without_a_constant_are_listed_with_their_error(tmp_path: Path) -> None:
+def test_effects_without_a_constant_are_listed_with_their_error(tmp_path):
     play = Backlash(axis=1, width_deg=0.05, found=_found(width_deg=0.001))
     base = LinkGeometry(axis=1, field="d", delta=0.5, found=_found(delta=0.003))
     entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], base, play]), tmp_path / "out")
@@ -174,7 +172,7 @@ def test_effects_without_a_constant_are_listed_with_their_error(tmp_path: Path) 
     assert entries["corrected_targets_um"] == pytest.approx(entries["after_um"], rel=1e-3)
 
 
-def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path: Path) -> None:
+def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path):
     """Two diagnoses found a zero of axis 4, one after the other: each is sure, and their sum is not."""
     twice = [JointOffset(axis=4, offset_deg=deg, found=_found(offset_deg=0.02)) for deg in (0.05, -0.03)]
     entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], *twice]), tmp_path / "out")
@@ -182,7 +180,7 @@ def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path:
     assert all(abs(entry["add"]) > entry["u"] for entry in entries["entries"])
 
 
-def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path: Path) -> None:
+def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path):
     """A zero with a size of 2.2 u is not entered together with the zero of a fault. Of many equally uncertain zeros,
     enough
     are entered that the omitted ones together have no significant gain.
@@ -196,7 +194,7 @@ def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path: Path) -> 
     assert 1 < len(entered["entries"]) < 4
 
 
-def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
+def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path):
     """At a controller without lengths, where a soft joint was `not entered` before."""
     soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
     cell = _cell(tmp_path, "paper-fanuc", [soft])
@@ -209,7 +207,7 @@ def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
     assert f"{before - after:.0f} of {before:.0f} µm rms" in told
 
 
-def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path: Path) -> None:
+def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path):
     """d2, d3 and d4 of three parallel axes do the same to every posture."""
     cell = _cell(tmp_path, "ur10e", [LinkGeometry(axis=2, field="d", delta=0.3, found=_found(delta=0.03))])
     entries = _printed(cell, tmp_path / "out")
@@ -222,7 +220,7 @@ def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path: Path) -> None
     assert entries["before_um"] < 150 and 20 < entries["base_u_um"] < 30
 
 
-def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path: Path) -> None:
+def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path):
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--for", "fanuc"])
     assert "--scale" in done.stdout
@@ -239,9 +237,7 @@ J3_SHOWN[2, 1] = -1
 
 @pytest.mark.parametrize("unit", ["counts", "deg"])
 @pytest.mark.parametrize("elbow_deg", [0.0, 0.11])
-def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(
-    tmp_path: Path, unit: str, elbow_deg: float
-) -> None:
+def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(tmp_path, unit, elbow_deg):
     zeros = [*ZEROS, JointOffset(axis=3, offset_deg=elbow_deg, found=_found(offset_deg=0.002))]
     text = load("paper-fanuc")[1].replace("    - [0, 0, -1, 0, 0, 0]", "    - [0, -1, -1, 0, 0, 0]")
     cell = tmp_path / "cell.yaml"
@@ -277,7 +273,7 @@ def test_zeros_remove_the_error_if_the_controller_couples_the_displayed_angles(
         (["--entered"], "correct.entered"),
     ],
 )
-def test_wrong_use_is_refused(tmp_path: Path, options: list[str], code: str) -> None:
+def test_wrong_use_is_refused(tmp_path, options, code):
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), *options])
     assert isinstance(done.exception, UseError)
@@ -285,14 +281,14 @@ def test_wrong_use_is_refused(tmp_path: Path, options: list[str], code: str) -> 
     assert not (tmp_path / "out").exists()
 
 
-def test_an_unknown_maker_is_refused_with_the_known_ones(tmp_path: Path) -> None:
+def test_an_unknown_maker_is_refused_with_the_known_ones(tmp_path):
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = command_line.ran("correct", cell, "-o", tmp_path / "out", "--for", "cuca")
     assert done.returncode == 2 and all(word in done.stderr for word in ("cuca", "ur", "fanuc"))
     assert not (tmp_path / "out").exists()
 
 
-def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path: Path) -> None:
+def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path):
     assert maker_of(load("paper-fanuc")[0].feedback.interface) is None
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--json"])
@@ -301,7 +297,7 @@ def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path: Pat
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why(tmp_path: Path, name: str) -> None:
+def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why(tmp_path, name):
     cell = _cell(tmp_path, "paper-fanuc", [JointOffset(axis=3, offset_deg=0.05)])
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", name.upper()])
     assert done.exit_code == 0, done.output
@@ -311,7 +307,7 @@ def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why
     assert effect["corrected_as"] is None and effect["reason"] and not written["controller"]["entries"]
 
 
-def test_every_controller_names_the_source_of_its_terms() -> None:
+def test_every_controller_names_the_source_of_its_terms():
     for name in MAKERS:
         controller = maker_by(name).controller
         assert controller.source and controller.missing and controller.steps, name

@@ -1,7 +1,5 @@
 """Corrections: the real arm reaches the nominal target, and errors that no target can correct are left unchanged."""
 
-from __future__ import annotations
-
 import csv
 import datetime as dt
 import json
@@ -100,7 +98,7 @@ def _real_joints(q: Array) -> Array:
     return link
 
 
-def test_corrected_angles_bring_the_real_arm_to_its_targets(tmp_path: Path) -> None:
+def test_corrected_angles_bring_the_real_arm_to_its_targets(tmp_path):
     found = correct_rig(_rig(ZERO_3, A2, ALPHA3, GEAR_1, PLAY_1), _path(tmp_path))
     *_, path = write(found, tmp_path / "out")
     told = np.radians(_written(path, tuple(HEAD.split(",")[1:])))
@@ -114,7 +112,7 @@ def test_corrected_angles_bring_the_real_arm_to_its_targets(tmp_path: Path) -> N
     np.testing.assert_allclose(_written(path, ("missed_mm",))[:, 0], missed, atol=1e-5)
 
 
-def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp_path: Path) -> None:
+def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp_path):
     wanted = forward(arm_of(RIG.robot), np.radians(TARGETS[:2]))
     turns = Rotation.from_matrix(wanted[:, :3, :3]).as_euler("xyz", degrees=True)
     values = np.concatenate([wanted[:, :3, 3], turns], axis=1)
@@ -133,7 +131,7 @@ def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp
     np.testing.assert_allclose(real, wanted, atol=1e-4)
 
 
-def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path: Path) -> None:
+def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path):
     """A target has neither a time nor servo lag, although the calibration contains clock and lag effects."""
     late = ServoLag(axis=2, lag_s=0.001, found=_found(lag_s=0.0001))
     portions = JointPortions(portions=(Portion(of=late.model_copy(update={"found": None}), times=2.0),))
@@ -147,7 +145,7 @@ def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path: Path
     assert not found.path[2].left_out
 
 
-def test_too_uncertain_effect_is_not_called_uncorrectable(tmp_path: Path) -> None:
+def test_too_uncertain_effect_is_not_called_uncorrectable(tmp_path):
     vague = [JointOffset(axis=axis, offset_deg=0.05, found=_found(offset_deg=0.049)) for axis in (2, 3, 5)]
     cell = tmp_path / "cell.yaml"
     cell.write_text(extended(load("paper-fanuc")[1], vague, "cell"))
@@ -157,7 +155,7 @@ def test_too_uncertain_effect_is_not_called_uncorrectable(tmp_path: Path) -> Non
     assert {effect["corrected_as"] for effect in written["effects"]} == {"joint zero"}
 
 
-def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: Path) -> None:
+def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path):
     zero_1 = JointOffset(axis=1, offset_deg=0.05, found=_found(offset_deg=0.01))
     targets = correct_rig(_rig(zero_1), _path(tmp_path)).path
     assert targets
@@ -165,7 +163,7 @@ def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: P
     np.testing.assert_allclose(targets[2].u_mm, np.radians(0.01) * np.hypot(place[:, 0], place[:, 1]), rtol=1e-3)
 
 
-def test_effects_known_only_by_their_sum_are_corrected_with_its_uncertainty(tmp_path: Path) -> None:
+def test_effects_known_only_by_their_sum_are_corrected_with_its_uncertainty(tmp_path):
     """d2 and d3 have the same effect in every posture: only their sum is well known."""
 
     def half(axis: int, other: int) -> LinkGeometry:
@@ -189,7 +187,7 @@ def test_effects_known_only_by_their_sum_are_corrected_with_its_uncertainty(tmp_
     ],
     ids=["play", "growth", "gauge"],
 )
-def test_uncorrected_effects_increase_the_uncertainty(tmp_path: Path, effect: Effect, joint_rad: float | None) -> None:
+def test_uncorrected_effects_increase_the_uncertainty(tmp_path, effect, joint_rad):
     targets = correct_rig(_rig(ZERO_3, effect), _path(tmp_path)).path
     sure = correct_rig(_rig(ZERO_3), _path(tmp_path)).path
     assert targets and sure
@@ -222,9 +220,7 @@ def _stands_mm(q_deg: Array) -> Array:
     return place
 
 
-def test_command_reports_the_error_of_an_uncorrected_play_at_each_target(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_command_reports_the_error_of_an_uncorrected_play_at_each_target(tmp_path, monkeypatch):
     """Half the play in both directions at the commanded angles, by independent forward kinematics."""
     play = Backlash(axis=2, width_deg=0.1, found=_found(width_deg=0.002))
     cell, path, out = tmp_path / "cell.yaml", _path(tmp_path), tmp_path / "out"
@@ -252,7 +248,7 @@ def test_command_reports_the_error_of_an_uncorrected_play_at_each_target(
     assert found["path"]["left_out_mm"]["backlash 2"] == pytest.approx(play_mm.max(), rel=0.01)
 
 
-def test_uncorrected_spike_counts_by_its_size_at_the_target(tmp_path: Path) -> None:
+def test_uncorrected_spike_counts_by_its_size_at_the_target(tmp_path):
     left = {}
     for decay_s in (0.02, 0.1):
         spike = ReversalSpike(axis=1, amplitude_deg=0.05, decay_s=decay_s)
@@ -263,7 +259,7 @@ def test_uncorrected_spike_counts_by_its_size_at_the_target(tmp_path: Path) -> N
     assert (left[0.1] > 0.2).all() and (left[0.1] < 1).all() and (left[0.02] < 0.5 * left[0.1]).all()
 
 
-def test_targets_in_unmeasured_regions_are_doubted(tmp_path: Path) -> None:
+def test_targets_in_unmeasured_regions_are_doubted(tmp_path):
     near = _found(offset_deg=0.002).model_copy(update={"joints_deg": ((-40.0, 20.0), *[(-180.0, 180.0)] * 4, (0, 5.0))})
     targets = correct_rig(_rig(ZERO_3.model_copy(update={"found": near})), _path(tmp_path)).path
     assert targets and len(targets[2].doubts) == 2
@@ -273,7 +269,7 @@ def test_targets_in_unmeasured_regions_are_doubted(tmp_path: Path) -> None:
     assert np.isnan(targets[2].u_mm).tolist() == np.isnan(targets[2].u_frame_mm).tolist() == [False, True, True]
 
 
-def test_effects_on_one_constant_add_up_and_their_uncertainties_in_quadrature() -> None:
+def test_effects_on_one_constant_add_up_and_their_uncertainties_in_quadrature():
     more = JointOffset(axis=3, offset_deg=-0.02, found=_found(offset_deg=0.0015))
     rig = _rig(ZERO_3, more, A2)
     (zero,) = joint_zeros(rig, supports(rig))
@@ -295,7 +291,7 @@ def _of_size(name: str, value: float, **sd: float) -> Effect:
 
 
 @pytest.mark.parametrize("name", sorted(VOCABULARY))
-def test_effects_are_corrected_if_a_target_can_and_the_uncertainty_allows(name: str) -> None:
+def test_effects_are_corrected_if_a_target_can_and_the_uncertainty_allows(name):
     field = size_field(_of_size(name, 0.0))
     postural = {"joint_offset", "link_geometry", "compliance", "link_bending", "transmission_error", "wrist_coupling"}
     postural |= {"joint_scale", "strain_wave", "rail_line", "base_yields", "base_sags"}
@@ -306,12 +302,12 @@ def test_effects_are_corrected_if_a_target_can_and_the_uncertainty_allows(name: 
         assert support.use == "none" and support.reason
 
 
-def test_an_effect_that_was_not_measured_is_not_corrected() -> None:
+def test_an_effect_that_was_not_measured_is_not_corrected():
     (support,) = supports(_rig(JointOffset(axis=2, offset_deg=0.1)))
     assert support.use == "none" and "provenance" in support.reason
 
 
-def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_writes_files_and_says_why_not(tmp_path, monkeypatch):
     text = load("paper-fanuc")[1]
     cell = tmp_path / "cell.yaml"
     soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
@@ -348,25 +344,25 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
         (HEAD, "", "targets.empty", ""),
     ],
 )
-def test_a_bad_path_is_refused_with_its_line(tmp_path: Path, head: str, row: str, code: str, told: str) -> None:
+def test_a_bad_path_is_refused_with_its_line(tmp_path, head, row, code, told):
     with pytest.raises(FileError) as refused:
         correct_rig(_rig(ZERO_3), _path(tmp_path, [row], head))
     assert refused.value.code == code and told in str(refused.value)
 
 
-def test_every_bad_cell_is_reported(tmp_path: Path) -> None:
+def test_every_bad_cell_is_reported(tmp_path):
     with pytest.raises(TableFileError) as refused:
         correct_rig(_rig(ZERO_3), _path(tmp_path, ["A,0,,10,0,60,0", "B,nan,20,10,0,60,0"]))
     assert [problem.line for problem in refused.value.problems] == [2, 3]
 
 
-def test_a_rig_without_effects_has_nothing_to_correct() -> None:
+def test_a_rig_without_effects_has_nothing_to_correct():
     with pytest.raises(FileError) as refused:
         correct_rig(_rig(), None)
     assert refused.value.code == "correct.no_effects"
 
 
-def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_corrected(tmp_path: Path) -> None:
+def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_corrected(tmp_path):
     """The real arm is shorter than in its rig file: a stretched arm cannot reach the target."""
     cell, path, out = tmp_path / "cell.yaml", tmp_path / "path.csv", tmp_path / "out"
     cell.write_text(extended(load("ur10e")[1], [A2], "cell"))
@@ -392,7 +388,7 @@ def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_co
     np.testing.assert_allclose(told, np.degrees(alone[2].q), atol=1e-6)
 
 
-def test_motion_of_the_whole_arm_is_not_in_the_uncertainty_of_a_taught_frame(tmp_path: Path) -> None:
+def test_motion_of_the_whole_arm_is_not_in_the_uncertainty_of_a_taught_frame(tmp_path):
     rows = [
         f"P{k}," + ",".join(map(str, row))
         for k, row in enumerate([*TARGETS, *(TARGETS + np.array([20, -5, 5, 0, 5, 0]))])
@@ -409,7 +405,7 @@ def test_motion_of_the_whole_arm_is_not_in_the_uncertainty_of_a_taught_frame(tmp
     assert (elbow.path[2].u_frame_mm < elbow.path[2].u_mm).all() and elbow.path[2].u_frame_mm.min() > 0
 
 
-def test_a_frame_taught_at_the_targets_removes_error_and_never_adds_it() -> None:
+def test_a_frame_taught_at_the_targets_removes_error_and_never_adds_it():
     """Fifteen targets in nearly one orientation hardly determine the shift of the tool."""
     rig = _rig(ZERO_3)
     q = np.radians(TARGETS[0] + np.random.default_rng(1).normal(0, 0.2, (15, 6)))
@@ -418,7 +414,7 @@ def test_a_frame_taught_at_the_targets_removes_error_and_never_adds_it() -> None
     assert few is not None and few.taught_elsewhere
 
 
-def test_a_value_to_check_in_the_controller_is_named_before_the_correction() -> None:
+def test_a_value_to_check_in_the_controller_is_named_before_the_correction():
     """A wrong gear ratio was corrected in the targets, and only the diagnosis said to check the controller first."""
     for effect, is_checked in (
         (JointScale(axis=3, relative=-0.03, found=_found(relative=0.0001)), True),

@@ -1,7 +1,5 @@
 """The arm of a LinuxCNC configuration, and the values of a correction in the form of its files."""
 
-from __future__ import annotations
-
 import datetime as dt
 import re
 from pathlib import Path
@@ -44,7 +42,7 @@ def rig_at(tmp_path: Path, unit: str = "mm", effects: tuple[Effect, ...] = ()) -
     return parse(yaml.safe_dump(shipped | changed), "puma").model_copy(update={"effects": effects})
 
 
-def test_configuration_gives_the_arm_with_its_limits(tmp_path: Path) -> None:
+def test_configuration_gives_the_arm_with_its_limits(tmp_path):
     robot = rig_at(tmp_path).robot
     q = np.array([[2, 45, -3, 180, 42, 2], [-60, 20, 30, -40, 50, 60]], dtype=float)
     T, (R, p) = forward(without_setup(arm_of(robot)), np.radians(q)), tool_at(q)
@@ -53,7 +51,7 @@ def test_configuration_gives_the_arm_with_its_limits(tmp_path: Path) -> None:
     assert [axis.limits_deg for axis in robot.axes][4:] == [(-300, 300), (-800, 800)]
 
 
-def test_configuration_in_inches_gives_millimetres(tmp_path: Path) -> None:
+def test_configuration_in_inches_gives_millimetres(tmp_path):
     ini = write_configuration(tmp_path)
     ini.write_text(ini.read_text().replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch"))
     hal = tmp_path / "arm.hal"
@@ -74,7 +72,7 @@ def test_configuration_in_inches_gives_millimetres(tmp_path: Path) -> None:
         ("HALFILE = arm.hal", "HALFILE = arm.hal\nHALCMD = setp genserkins.A-2 [ARM](A2)"),
     ],
 )
-def test_configuration_that_rig_cannot_read_as_an_arm_is_refused(tmp_path: Path, old: str, new: str) -> None:
+def test_configuration_that_rig_cannot_read_as_an_arm_is_refused(tmp_path, old, new):
     ini = write_configuration(tmp_path)
     assert old in ini.read_text()
     ini.write_text(ini.read_text().replace(old, new))
@@ -87,9 +85,7 @@ def found(**sd: float) -> EffectProvenance:
 
 
 @pytest.mark.parametrize(("unit", "per_mm"), [("mm", 1.0), ("inch", 1 / 25.4)])
-def test_values_set_all_pins_with_the_change_and_count_joints_from_zero(
-    tmp_path: Path, unit: str, per_mm: float
-) -> None:
+def test_values_set_all_pins_with_the_change_and_count_joints_from_zero(tmp_path, unit, per_mm):
     effects = (
         JointOffset(axis=3, offset_deg=0.2, found=found(offset_deg=0.001)),
         LinkGeometry(axis=3, field="a", delta=1.5, found=found(delta=0.01)),
@@ -112,14 +108,14 @@ def test_values_set_all_pins_with_the_change_and_count_joints_from_zero(
     assert {joint: float(change) for joint, change in offsets.items()} == pytest.approx(zeros, abs=1e-6)
 
 
-def test_arm_with_joint_offsets_has_no_hal_file(tmp_path: Path) -> None:
+def test_arm_with_joint_offsets_has_no_hal_file(tmp_path):
     rig = rig_at(tmp_path, effects=(JointOffset(axis=3, offset_deg=0.2, found=found(offset_deg=0.001)),))
     axes = (*rig.robot.axes[:5], rig.robot.axes[5].model_copy(update={"offset_deg": 90.0}))
     turned = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": axes})})
     assert set(value_files(turned, {})) == {"no-rig-arm.txt"}
 
 
-def test_horizontal_circle_is_arcs_and_inch_machine_gets_joints_in_its_unit(tmp_path: Path) -> None:
+def test_horizontal_circle_is_arcs_and_inch_machine_gets_joints_in_its_unit(tmp_path):
     for unit in ("mm", "inch"):
         rig = rig_at(tmp_path, unit)
         plan = plans_of(rig, "yaw", 3.0)[0]

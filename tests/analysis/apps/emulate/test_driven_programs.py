@@ -4,8 +4,6 @@ Judged from the outside: where the tool went follows from the commanded angles b
 from the product, before and after what `rig correct` wrote has been entered.
 """
 
-from __future__ import annotations
-
 import datetime as dt
 from dataclasses import dataclass
 from pathlib import Path

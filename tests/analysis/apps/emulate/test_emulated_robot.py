@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import time
 
 import numpy as np
@@ -16,7 +14,7 @@ _STANDING = Trace(np.array([0.0, 30.0]), np.empty(0), np.zeros((2, 6)), np.zeros
 
 
 @pytest.fixture
-def robot() -> EmulatedRobot:
+def robot():
     return EmulatedRobot(load("ur10e")[0], {"acw": _STANDING, "cw": _STANDING}, 1)
 
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -72,7 +70,7 @@ def test_a_calibration_is_taken_in(tmp_path):
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> Path:
+def urdf(tmp_path):
     chain = SOURCES["abb-irb-120"]["geometry"]
     assert isinstance(chain, Chain)
     file = tmp_path / "arm.urdf"

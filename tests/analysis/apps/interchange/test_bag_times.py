@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 import re
 import tracemalloc
@@ -26,7 +24,7 @@ Messages = list[tuple[str, str, float, bytes]]
 
 
 @pytest.fixture(scope="module")
-def lap() -> Measured:
+def lap():
     """A lap with the effects of the shipped cell, without noise."""
     return simulate("ur10e", "yaw", "acw", seed=None, effects="ur10e")
 

@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 import yaml
@@ -18,7 +15,7 @@ COMPLIANCE = "  - {effect: compliance, axis: 2, deg_per_Nm: 5.0e-5}\n"
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Path:
+def cell(tmp_path):
     file = tmp_path / "cell.yaml"
     file.write_text(find("ur10e").read_text(encoding="utf-8") + EFFECTS, encoding="utf-8")
     return file

@@ -1,7 +1,5 @@
 """Share of a model that geometric constants can represent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A run as MCAP, read back by mcap's own reader: every row, every value, at its wall-clock time."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

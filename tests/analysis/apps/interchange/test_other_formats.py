@@ -1,7 +1,5 @@
 """xacro, MJCF and kinematics.yaml of an arm, read by few lines that know the formats and nothing of ours."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 import re
 import sqlite3
@@ -50,7 +48,7 @@ def columns(found: StandTable) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
+def rng():
     return np.random.default_rng(4)
 
 
@@ -65,16 +63,14 @@ def held(found: StandTable, truth: Driven, kept: slice = slice(None)) -> None:
 
 @pytest.mark.parametrize("storage", [MCAP, SQLITE])
 @pytest.mark.parametrize("kind", [POSE, POINT, TRANSFORM, TF])
-def test_each_stop_is_a_row_with_its_scatter(
-    tmp_path: Path, rng: np.random.Generator, kind: str, storage: StoragePlugin
-) -> None:
+def test_each_stop_is_a_row_with_its_scatter(tmp_path, rng, kind, storage):
     truth = drive(tmp_path / "bag", rng, kind=kind, storage=storage)
     found = stands(tmp_path / "bag", topic="/seen:target" if kind == TF else "")
     held(found, truth)
     assert ("qx" in columns(found)) == (kind != POINT)
 
 
-def test_joints_are_those_that_the_rig_file_names(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_joints_are_those_that_the_rig_file_names(tmp_path, rng):
     truth = drive(tmp_path / "bag", rng)
     data = yaml.safe_load(load("ur10")[1])
     data["feedback"] = {"interface": "ros2_joint_states", "port": "tcp://robot:9090", "joints": JOINTS}
@@ -86,7 +82,7 @@ def test_joints_are_those_that_the_rig_file_names(tmp_path: Path, rng: np.random
         stands(tmp_path / "bag", parse(yaml.safe_dump(data), "rig.yaml"))
 
 
-def test_stops_that_the_instrument_did_not_see_are_counted(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_stops_that_the_instrument_did_not_see_are_counted(tmp_path, rng):
     truth = drive(tmp_path / "bag", rng, blind=(0, 1, 2))
     found = stands(tmp_path / "bag")
     held(found, truth, slice(3, None))
@@ -100,9 +96,7 @@ def test_stops_that_the_instrument_did_not_see_are_counted(tmp_path: Path, rng: 
         ({"stamped": False}, "timestamps"),
     ],
 )
-def test_differing_clocks_are_reported_and_the_bag_time_used(
-    tmp_path: Path, rng: np.random.Generator, given: dict[str, float], told: str
-) -> None:
+def test_differing_clocks_are_reported_and_the_bag_time_used(tmp_path, rng, given, told):
     truth = drive(tmp_path / "bag", rng, **given)  # type: ignore[arg-type]
     found = stands(tmp_path / "bag")
     held(found, truth)
@@ -116,15 +110,13 @@ def test_differing_clocks_are_reported_and_the_bag_time_used(
         (POSE, "/other", "'/other'; .* /seen"),
     ],
 )
-def test_ambiguous_topics_are_asked_about(
-    tmp_path: Path, rng: np.random.Generator, kind: str, topic: str, told: str
-) -> None:
+def test_ambiguous_topics_are_asked_about(tmp_path, rng, kind, topic, told):
     drive(tmp_path / "bag", rng, kind=kind, stops=2)
     with pytest.raises(FileError, match=told):
         stands(tmp_path / "bag", topic=topic)
 
 
-def test_a_bag_is_imported_by_a_map_that_the_run_keeps(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_bag_is_imported_by_a_map_that_the_run_keeps(tmp_path, rng):
     truth = drive(tmp_path / "bag", rng, storage=SQLITE)
     done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
     assert done.returncode == 0, done.stderr
@@ -141,7 +133,7 @@ def test_a_bag_is_imported_by_a_map_that_the_run_keeps(tmp_path: Path, rng: np.r
     assert load_measured(tmp_path / "again").table.q == pytest.approx(measured.table.q)
 
 
-def test_seven_axes_are_found_by_their_names(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_seven_axes_are_found_by_their_names(tmp_path, rng):
     robot = load_arm("franka-fr3").robot
     table = pose_table(robot, draw_truth(robot, rng, ()), rng, np.array([10.0, 20.0, 100.0]), 20)
     drive_points(tmp_path / "bag", rng, [f"fr3_joint{axis}" for axis in range(1, 8)], table.q, table.xyz_mm)
@@ -152,7 +144,7 @@ def test_seven_axes_are_found_by_their_names(tmp_path: Path, rng: np.random.Gene
     assert load_measured(tmp_path / "run").table.q == pytest.approx(table.q, abs=2e-6)
 
 
-def test_a_camera_on_the_tool_is_recognised(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_camera_on_the_tool_is_recognised(tmp_path, rng):
     drive(tmp_path / "bag", rng, on_tool=True)
     done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
     assert done.returncode == 0, done.stderr
@@ -179,7 +171,7 @@ def _spoilt(change: Callable[[sqlite3.Connection], object], path: Path) -> bytes
         "DELETE FROM messages",
     ],
 )
-def test_a_database_that_is_no_bag_is_one_line(tmp_path: Path, rng: np.random.Generator, sql: str) -> None:
+def test_a_database_that_is_no_bag_is_one_line(tmp_path, rng, sql):
     drive(tmp_path / "bag", rng, stops=2, storage=SQLITE)
     data = _spoilt(lambda database: database.executescript(sql), file_of(tmp_path / "bag"))
     for broken in (data, data[: len(data) // 2], data[:100] + bytes(len(data) - 100)):
@@ -188,15 +180,13 @@ def test_a_database_that_is_no_bag_is_one_line(tmp_path: Path, rng: np.random.Ge
         assert "\n" not in str(error.value)
 
 
-def test_missing_file_of_a_directory_is_reported(tmp_path: Path) -> None:
+def test_missing_file_of_a_directory_is_reported(tmp_path):
     with refused("bag.directory"):
         file_of(tmp_path)
 
 
 @pytest.mark.parametrize("storage", [MCAP, SQLITE])
-def test_damaged_bag_is_refused_or_read_up_to_the_damage(
-    tmp_path: Path, rng: np.random.Generator, storage: StoragePlugin
-) -> None:
+def test_damaged_bag_is_refused_or_read_up_to_the_damage(tmp_path, rng, storage):
     drive(tmp_path / "bag", rng, stops=3, storage=storage, kind=TF)
     whole = file_of(tmp_path / "bag").read_bytes()
     for _ in range(40):
@@ -209,7 +199,7 @@ def test_damaged_bag_is_refused_or_read_up_to_the_damage(
             assert "\n" not in str(error)
 
 
-def test_messages_without_a_turn_or_of_another_kind_are_counted(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_messages_without_a_turn_or_of_another_kind_are_counted(tmp_path, rng):
     truth = drive(tmp_path / "bag", rng, storage=SQLITE)
     with sqlite3.connect(file_of(tmp_path / "bag")) as database:
         (topic,) = database.execute("SELECT id FROM topics WHERE name = '/seen'").fetchone()
@@ -221,7 +211,7 @@ def test_messages_without_a_turn_or_of_another_kind_are_counted(tmp_path: Path, 
     assert any(re.search("/seen: 5 of .* messages", doubt) for doubt in found.doubts)
 
 
-def test_bag_with_open_log_is_read_once_closed(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_bag_with_open_log_is_read_once_closed(tmp_path, rng):
     truth = drive(tmp_path / "bag", rng, storage=SQLITE)
     database = sqlite3.connect(file_of(tmp_path / "bag"))
     database.execute("PRAGMA journal_mode = WAL")
@@ -234,9 +224,7 @@ def test_bag_with_open_log_is_read_once_closed(tmp_path: Path, rng: np.random.Ge
 
 
 @pytest.mark.parametrize("topic", ["/tcp_pose_broadcaster/pose", "/tf:tool0", "/franka/O_T_EE"])
-def test_a_topic_of_the_controller_is_asked_about(
-    tmp_path: Path, rng: np.random.Generator, topic: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_topic_of_the_controller_is_asked_about(tmp_path, rng, topic, monkeypatch):
     """Its places are wrong by the noise of a tracker here, so that nothing but the name speaks."""
     monkeypatch.chdir(tmp_path)
     q = np.radians(rng.uniform((-90, -120, -110, -120, -80, -150), (90, -40, 110, 120, 80, 150), (20, 6)))
@@ -253,9 +241,7 @@ LEFT = [f"left_{name}" for name in JOINTS]
     ("names", "beside", "code"),
     [(JOINTS, ("/joint_states", LEFT), "bag.ambiguous"), ([], None, "bag.no_joints")],
 )
-def test_joints_of_two_arms_or_without_names_are_refused(
-    tmp_path: Path, rng: np.random.Generator, names: list[str], beside: tuple[str, list[str]] | None, code: str
-) -> None:
+def test_joints_of_two_arms_or_without_names_are_refused(tmp_path, rng, names, beside, code):
     q = np.radians(rng.uniform(-60, 60, (3, 6)))
     drive_points(tmp_path / "bag", rng, names, q, q[:, :3] * 1000, beside=beside)
     with refused(code):

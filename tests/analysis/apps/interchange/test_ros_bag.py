@@ -1,7 +1,5 @@
 """A bag of ROS 2 as a table: messages as CDR has them, and a bag of the rosbags library as a peer."""
 
-from __future__ import annotations
-
 import csv
 import io
 import struct

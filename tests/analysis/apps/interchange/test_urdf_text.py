@@ -1,7 +1,5 @@
 """URDF of an arm, checked with an independent reader, and the file for the UR driver, checked with its own xacro."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from xml.etree import ElementTree
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import signal
 import socket
@@ -84,7 +82,7 @@ class FakeDaemon:
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     return tmp_path / "rigd" / "ur10e.sock"
 
 

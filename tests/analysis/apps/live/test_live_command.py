@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
@@ -21,7 +19,7 @@ PORTABLE = [sys.executable, ROOT / "tests" / "portable_child.py", "live"]
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     return lap_run(tmp_path_factory.mktemp("lap"))
 
 

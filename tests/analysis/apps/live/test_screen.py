@@ -45,7 +45,7 @@ def evil_state() -> dict[str, object]:
 
 
 @pytest.fixture(scope="module")
-def views(tmp_path_factory: pytest.TempPathFactory) -> list[LiveView]:
+def views(tmp_path_factory):
     whole = watched_lap(lap_run(tmp_path_factory.mktemp("lap")))
     one_gauge = watched_lap(lap_run(tmp_path_factory.mktemp("paper"), "paper-fanuc"), 6.0)
     return [

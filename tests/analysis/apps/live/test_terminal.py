@@ -1,9 +1,5 @@
-from __future__ import annotations
-
 import io
 import signal
-from collections.abc import Iterator
-from pathlib import Path
 
 import pyte
 import pytest
@@ -19,12 +15,12 @@ from tests.support.simulated_laps import lap_run
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     return lap_run(tmp_path_factory.mktemp("lap"))
 
 
 @pytest.fixture
-def playing(run: Path) -> Iterator[Terminal]:
+def playing(run):
     command = [BIN / "rig", "live", "--run", run, "--speed", "64"]
     with Terminal(command, 120, 40, {"COLUMNS": "80", "LINES": "24"}) as terminal:
         terminal.until(lambda text: "ended" in text and "yaw" in text)

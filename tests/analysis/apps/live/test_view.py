@@ -1,6 +1,5 @@
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,12 +21,12 @@ from tests.support.simulated_laps import lap_run, watched, watched_lap
 
 
 @pytest.fixture(scope="module")
-def acw(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def acw(tmp_path_factory):
     return lap_run(tmp_path_factory.mktemp("acw"))
 
 
 @pytest.fixture(scope="module")
-def whole(acw: Path) -> LiveView:
+def whole(acw):
     return watched_lap(acw)
 
 

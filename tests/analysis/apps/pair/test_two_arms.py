@@ -1,7 +1,5 @@
 """Two arms that measure each other, on an independent world: fit, plan, tables, and the command from init to files."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache
@@ -65,21 +63,21 @@ def error_over_u(found: PairResult) -> Array:
 # The fit.
 
 
-def test_constants_and_base_are_within_their_uncertainty() -> None:
+def test_constants_and_base_are_within_their_uncertainty():
     z = deviations(fitted()).z
     assert 0.4 < np.sqrt(np.mean(z**2)) < 1.5
     assert np.mean(np.abs(z) < 2) > 0.88
     assert error_over_u(result()).max() < 3
 
 
-def test_both_arms_become_several_times_more_accurate() -> None:
+def test_both_arms_become_several_times_more_accurate():
     error = deviations(fitted()).error
     for arm in ("first", "second"):
         assert error[f"{arm} fitted"] < 0.3 * error[f"{arm} nominal"]
     assert result().left_mm < 0.15 * result().before_mm
 
 
-def test_the_columns_are_the_change_of_the_gap() -> None:
+def test_the_columns_are_the_change_of_the_gap():
     pair = pair_of(*rigs(), touches().rows(np.arange(50) < 15), "t")
     state, _ = start(pair)
     gaps = linearise(pair, state)
@@ -92,7 +90,7 @@ def test_the_columns_are_the_change_of_the_gap() -> None:
     assert np.abs(change - gaps.columns @ step).max() < 1e-3 * np.abs(change).max()
 
 
-def test_arms_of_four_and_five_axes_are_fitted() -> None:
+def test_arms_of_four_and_five_axes_are_fitted():
     for kind in ("four", "five"):
         fit = fit_pair(pair_of(*rigs(kind), touches_of_pair(kind), "t"))
         found = result_of(fit)
@@ -101,8 +99,8 @@ def test_arms_of_four_and_five_axes_are_fitted() -> None:
         assert found.left_mm < 0.3 * found.before_mm
 
 
-def test_a_ball_that_was_not_seated_is_left_out() -> None:
-    table = touches()
+def test_a_ball_that_was_not_seated_is_left_out():
+    table = touches().rows(np.arange(len(touches().q)) < 30)
     q = table.q.copy()
     q[17, 1] += np.radians(0.5)  # some 8 mm
     fit = fit_pair(pair_of(*rigs(), replace(table, q=q), "t"))
@@ -111,13 +109,13 @@ def test_a_ball_that_was_not_seated_is_left_out() -> None:
     assert fit.state.T_first_second == pytest.approx(fitted().state.T_first_second, abs=0.3)
 
 
-def test_rows_of_other_touches_are_refused() -> None:
+def test_rows_of_other_touches_are_refused():
     table = touches()
     with refused("pair.other_touches"):
         fit_pair(pair_of(*rigs(), replace(table, p=np.roll(table.p, 1, axis=0)), "t"))
 
 
-def test_a_rail_is_refused() -> None:
+def test_a_rail_is_refused():
     left, right = rigs()
     railed = left.model_copy(update={"robot": left.robot.model_copy(update={"rail": object()})})
     with pytest.raises(FileError, match="rail"):
@@ -128,14 +126,14 @@ def test_a_rail_is_refused() -> None:
 # The scale.
 
 
-def test_the_scale_of_both_arms_is_not_testable() -> None:
+def test_the_scale_of_both_arms_is_not_testable():
     found = result()
     assert not found.scale.known
     assert found.scale.u_ppm == pytest.approx(found.scale.nominal_u_ppm, rel=0.3)
     assert "scale" in found.not_testable[0].what
 
 
-def test_a_known_distance_of_fixed_sockets_fixes_the_scale() -> None:
+def test_a_known_distance_of_fixed_sockets_fixes_the_scale():
     found = result_of(fit_pair(pair_of(*rigs(more=KNOWN), with_fixed(touches()), "t")))
     assert found.scale.known
     assert found.base.u_distance_mm < 0.5 * result().base.u_distance_mm
@@ -153,7 +151,7 @@ def placed_rigs(apart_mm: float = 1500.0) -> tuple[Rig, Rig]:
     return left, right.model_copy(update={"robot": right.robot.model_copy(update={"base": base})})
 
 
-def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_ones() -> None:
+def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_ones():
     left, right = placed_rigs()
     planned = plan_touches(left, right, 20, "t")
     table = planned.table
@@ -176,7 +174,7 @@ def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_o
     assert max(planned.expected.base.u_work_mm) < max(by_chance.base.u_work_mm) * 1.01
 
 
-def test_arms_that_do_not_reach_each_other_are_refused() -> None:
+def test_arms_that_do_not_reach_each_other_are_refused():
     with refused("pair.out_of_reach"):
         plan_touches(*placed_rigs(4000.0), 20, "t")
 
@@ -195,7 +193,7 @@ def written(path: Path, table: PairTable, names: tuple[str, ...] | None = None) 
     return path
 
 
-def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_a_table_is_read_as_it_was_written(tmp_path):
     read = read_pair_table(written(tmp_path / "t.csv", touches()), *rigs())
     assert read.q == pytest.approx(touches().q, abs=1e-6)
     assert read.p == pytest.approx(touches().p, abs=1e-6)
@@ -232,7 +230,7 @@ def mixed(table: PairTable) -> PairTable:
         (mixed, "socket A "),
     ],
 )
-def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, change, problem: str) -> None:  # type: ignore[no-untyped-def]
+def test_a_wrong_table_is_refused_in_one_line(tmp_path, change, problem):
     path = written(tmp_path / "t.csv", change(touches()))
     with pytest.raises(FileError) as error:
         read_pair_table(path, *rigs())
@@ -244,7 +242,7 @@ def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, change, problem: s
 # The command, from rig init to both files and the transform of the bases.
 
 
-def test_from_init_to_both_calibrations_and_the_base(tmp_path: Path) -> None:
+def test_from_init_to_both_calibrations_and_the_base(tmp_path):
     for name, arm, ball in (("left", "ur10e", "60,20,90"), ("right", "kuka-lbr-iiwa-14", "-50,30,70")):
         made = ran("init", f"{name}.yaml", "--measured-by", "arm", "--arm", arm, f"--tool={ball}", cwd=tmp_path)
         assert made.returncode == 0, made.stderr
@@ -276,19 +274,16 @@ def test_from_init_to_both_calibrations_and_the_base(tmp_path: Path) -> None:
     assert twice.returncode == 3 and "has a calibration already" in twice.stderr
 
 
-def test_a_plan_and_drawn_touches_lead_to_a_calibration(tmp_path: Path) -> None:
+def test_a_plan_and_drawn_touches_lead_to_a_calibration(tmp_path):
     arms, base = ("ur10e", "kuka-lbr-iiwa-14"), ("--base", "1500,0,0,0,0,180")
-    made = ran("pair", *arms, "--plan", "30", *base, "--simulate", "2", "-o", "t.csv", cwd=tmp_path)
+    made = ran("pair", *arms, "--plan", "20", *base, "--simulate", "2", "-o", "t.csv", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     drawn = [float(x) for x in made.stderr.split(" at ")[1].split(" mm")[0].split(",")]
-    done = ran("pair", *arms, "t.csv", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "not testable" in done.stdout
     found = json.loads(ran("pair", *arms, "t.csv", "--json", cwd=tmp_path).stdout)
     assert np.abs(np.array(found["base"]["xyz_mm"]) - drawn).max() < 3.5 * max(found["base"]["u_xyz_mm"])
 
 
-def test_a_diagnosis_of_a_table_with_two_arms_is_that_of_the_pair(tmp_path: Path) -> None:
+def test_a_diagnosis_of_a_table_with_two_arms_is_that_of_the_pair(tmp_path):
     arms = ("ur10e", "kuka-lbr-iiwa-14")
     written(tmp_path / "t.csv", touches())
     needs = ran("diagnose", "t.csv", "--rig", arms[0], cwd=tmp_path)
@@ -304,7 +299,7 @@ def test_a_diagnosis_of_a_table_with_two_arms_is_that_of_the_pair(tmp_path: Path
     assert alone.returncode == 2 and "p1_deg" in alone.stderr
 
 
-def test_a_table_of_two_arms_is_no_table_of_a_fixed_socket(tmp_path: Path) -> None:
+def test_a_table_of_two_arms_is_no_table_of_a_fixed_socket(tmp_path):
     written(tmp_path / "t.csv", touches())
     done = ran("import", "t.csv", "--rig", "ur10e", "--test", "touch", "-o", "run", cwd=tmp_path)
     assert done.returncode == 3 and "rig pair FIRST SECOND t.csv" in done.stderr
@@ -321,7 +316,7 @@ def test_a_table_of_two_arms_is_no_table_of_a_fixed_socket(tmp_path: Path) -> No
         (("ur10e", "kuka-lbr-iiwa-14", "none.csv"), 3, "none.csv"),
     ],
 )
-def test_wrong_use_is_one_line(tmp_path: Path, words: tuple[str, ...], code: int, problem: str) -> None:
+def test_wrong_use_is_one_line(tmp_path, words, code, problem):
     done = ran("pair", *words, cwd=tmp_path)
     assert (done.returncode, len(done.stderr.splitlines())) == (code, 1)
     assert problem in done.stderr

@@ -1,7 +1,5 @@
 """Printed parts: closed surfaces, read back from their STL by other lines, with the numbers of the rig file."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

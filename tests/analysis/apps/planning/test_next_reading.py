@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,9 +25,9 @@ ERRORS: tuple[tuple[Effect, float], ...] = (
 
 
 @pytest.fixture(autouse=True)
-def _fewer_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(candidates, "_POSES", 60)
-    monkeypatch.setattr(candidates, "_TOUCHES", 30)
+def _fewer_candidates(monkeypatch):
+    monkeypatch.setattr(candidates, "_POSES", 30)
+    monkeypatch.setattr(candidates, "_TOUCHES", 16)
 
 
 def pool(sizes: tuple[float, ...], minutes: tuple[float, ...]) -> ReadingPool:
@@ -43,7 +40,7 @@ def pool(sizes: tuple[float, ...], minutes: tuple[float, ...]) -> ReadingPool:
     return ReadingPool(readings, target, np.array(minutes))
 
 
-def test_choice_is_for_the_targets_and_by_the_minute() -> None:
+def test_choice_is_for_the_targets_and_by_the_minute():
     three = pool((9.0, 3.0, 1.0), (1.0, 1.0, 1.0))
     assert three.choose(1).tolist() == [1]
     assert three.choose(2, first=[2]).tolist() == [2, 1]
@@ -56,12 +53,12 @@ def test_choice_is_for_the_targets_and_by_the_minute() -> None:
     assert replace(both, minutes=np.array([60.0, 1.0, 1.0])).choose(1).tolist() == [1]
 
 
-def test_entries_of_zeros_are_no_readings() -> None:
+def test_entries_of_zeros_are_no_readings():
     readings = as_readings([np.ones((1, 2)), np.ones((3, 2))])
     assert readings.shape == (2, 3, 2) and readings[0, 1:].tolist() == [[0.0, 0.0], [0.0, 0.0]]
 
 
-def test_readings_end_when_they_are_not_worth_their_minutes() -> None:
+def test_readings_end_when_they_are_not_worth_their_minutes():
     readings = [Reading("pose", minutes, np.zeros(6)) for minutes in (1.5, 1.5)]
     cheap, dear = (decide(pool((3.0, 3.0), (minutes, minutes)), readings, taken=1) for minutes in (1.5, 500.0))
     assert (cheap.act, cheap.worthwhile, cheap.minutes, cheap.taken) == ("measure", 1, 1.5, 1)
@@ -70,7 +67,7 @@ def test_readings_end_when_they_are_not_worth_their_minutes() -> None:
 
 
 @pytest.mark.parametrize(("known", "act"), [(1e-3, "correct"), (0.2, "measure")])
-def test_readings_end_when_they_change_less_than_a_tenth_of_the_error(tmp_path: Path, known: float, act: str) -> None:
+def test_readings_end_when_they_change_less_than_a_tenth_of_the_error(tmp_path, known, act):
     model = calibrated_model(ERRORS, factor=packed_factor(known * np.diag([1e-3, 1, 1, 1])))
     rig = load(written(tmp_path, model)[0])[0]
     q = np.radians(np.random.default_rng(0).uniform(-25, 25, (20, 6)))
@@ -83,7 +80,7 @@ def test_readings_end_when_they_change_less_than_a_tenth_of_the_error(tmp_path: 
     assert 0 <= step.of_family < 1
 
 
-def test_work_area_outside_the_measured_region_is_measured_with_circles(tmp_path: Path) -> None:
+def test_work_area_outside_the_measured_region_is_measured_with_circles(tmp_path):
     model = calibrated_model(ERRORS, factor=packed_factor(0.2 * np.diag([1e-3, 1, 1, 1])))
     step = next_step(load(written(tmp_path, model)[0])[0], None)
     assert (step.act, step.now_mm, step.reading.kind, step.reading.q) == ("measure", None, "circle", None)
@@ -91,7 +88,7 @@ def test_work_area_outside_the_measured_region_is_measured_with_circles(tmp_path
     assert step.many_mm <= step.next_mm <= step.corrected_mm
 
 
-def test_arm_without_readings_is_measured_first_for_the_given_targets(tmp_path: Path) -> None:
+def test_arm_without_readings_is_measured_first_for_the_given_targets(tmp_path):
     (tmp_path / "targets.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n20,-80,90,-100,-90,0\n")
     asked = ("--next", "--targets", "targets.csv", "--tracker", "2500,0,800", "--json")
     done = ran("plan", "ur10e", *asked, cwd=tmp_path)
@@ -108,7 +105,7 @@ def test_arm_without_readings_is_measured_first_for_the_given_targets(tmp_path: 
 TOUCHED = parse(f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B]}}}}\n", "cell.yaml")
 
 
-def test_sockets_in_the_rig_file_are_touched() -> None:
+def test_sockets_in_the_rig_file_are_touched():
     readings = possible_readings(TOUCHED)
     assert {(reading.kind, reading.socket) for reading in readings} == {("touch", "A"), ("touch", "B")}
     assert np.abs([reading.q for reading in readings]).max() <= np.pi
@@ -117,7 +114,7 @@ def test_sockets_in_the_rig_file_are_touched() -> None:
     assert step.many_mm < step.next_mm < step.corrected_mm
 
 
-def test_each_touch_leaves_fewer_that_are_worth_their_time() -> None:
+def test_each_touch_leaves_fewer_that_are_worth_their_time():
     touches = planned_touches(TOUCHED)
     steps = [
         next_touch(TOUCHED, TouchTable(touches.socket[:count], touches.q[:count]), "A") for count in (2, len(touches.q))

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 import json
 from dataclasses import replace
@@ -11,7 +9,7 @@ from rich.console import Console
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 
-from analysis.apps.planning.detectability import CapabilityOfTests, detectabilities_of, plan
+from analysis.apps.planning.detectability import detectabilities_of, plan
 from analysis.apps.planning.plan_report import answer_of
 from analysis.apps.report.blocks import on_screen
 from analysis.cli import app
@@ -41,7 +39,7 @@ FAULTS = [JointOffset(axis=5, offset_deg=0.1), LinkGeometry(axis=6, field="a", d
 
 
 @pytest.fixture(scope="module")
-def circle_alone() -> CapabilityOfTests:
+def circle_alone():
     return plan_of_circles()
 
 

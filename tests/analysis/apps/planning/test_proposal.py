@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -15,10 +13,8 @@ from analysis.apps.planning.proposal import (
 )
 from analysis.apps.planning.proposal_report import write
 from analysis.cli import app
-from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks
 from analysis.robot.geometry.driven_programs import circle_program, feasible_tests
-from analysis.robot.predict import SetUp
 from rigs.errors import FileError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig
@@ -32,7 +28,7 @@ SEVERAL = ("100 mm nearer to axis 1, radius 140 mm", "ball 40 mm off axis 6")
 
 
 @pytest.fixture(scope="module")
-def every() -> tuple[CircleCandidate, ...]:
+def every():
     return circle_candidates(RIG, CIRCLE, 3)[0]
 
 
@@ -46,7 +42,7 @@ def _of_two_circles() -> CircleProposal:
 
 
 @pytest.fixture(scope="module")
-def proposed() -> CircleProposal:
+def proposed():
     return _of_two_circles()
 
 
@@ -71,7 +67,7 @@ def test_candidates_start_at_their_posture_and_take_time(every):
 
 
 @pytest.fixture(scope="module")
-def circle_alone() -> tuple[list[Block], dict[str, SetUp]]:
+def circle_alone():
     """A run of each test: what is compared here does not depend on their number."""
     return planned_blocks(RIG, CIRCLE, 1)
 

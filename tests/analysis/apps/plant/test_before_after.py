@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from tests.support.refusals import refused
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def runs(tmp_path_factory):
     """Three runs with a play, three without."""
     directory = tmp_path_factory.mktemp("runs")
     return [dated_run(directory, day, 0.02 if day < 3 else 0.004) for day in range(6)]

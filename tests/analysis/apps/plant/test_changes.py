@@ -1,7 +1,5 @@
 """Detection of changes over time: real changes are dated, and scatter between runs is not reported."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

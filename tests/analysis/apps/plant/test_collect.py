@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -21,7 +19,7 @@ from tests.support.refusals import refused
 
 
 @pytest.fixture(scope="module")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def simulated(tmp_path_factory):
     directory = tmp_path_factory.mktemp("runs")
     for day in range(3):
         dated_run(directory, day, 0.01)
@@ -29,12 +27,12 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def runs(simulated: Path, tmp_path: Path) -> Path:
+def runs(simulated, tmp_path):
     return shutil.copytree(simulated, tmp_path / "runs")
 
 
 @pytest.fixture
-def evaluated(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def evaluated(monkeypatch):
     names: list[str] = []
 
     def noted(path: Path, manifest: Manifest, fingerprint: str) -> RunRecord:

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 
 from analysis.apps.plant.fitting_arm import fitting_arm

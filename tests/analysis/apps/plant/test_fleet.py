@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -23,7 +21,7 @@ PAGE = (Path(__file__).parents[4] / "docs" / "fleet.md").read_text(encoding="utf
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def work(tmp_path_factory):
     """A directory with the plant that the page names: three robots, one grown, one run cut off."""
     directory = tmp_path_factory.mktemp("work")
     for number in (1, 2, 3):
@@ -36,7 +34,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def here(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def here(work, monkeypatch):
     monkeypatch.chdir(work)
     monkeypatch.setenv("XDG_CACHE_HOME", str(work / "cache"))
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil
@@ -26,7 +24,7 @@ def write(plant: Path, number: int, grown_deg: float, days: range = range(VISITS
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory):
     """Three robots: healthy, with a play that grew beyond the limit, with one that grew a little."""
     plant = tmp_path_factory.mktemp("written") / "plant"
     for number, grown_deg in enumerate((0.0, 0.03, 0.004), start=1):
@@ -35,12 +33,12 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def plant(written: Path, tmp_path: Path) -> Path:
+def plant(written, tmp_path):
     return shutil.copytree(written, tmp_path / "plant")
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
+def file(tmp_path):
     return tmp_path / "catalogue.sqlite"
 
 
@@ -64,7 +62,7 @@ def content(plant: Path) -> str:
     return found.hexdigest()
 
 
-def test_urgent_robots_come_first(plant: Path, file: Path) -> None:
+def test_urgent_robots_come_first(plant, file):
     before = content(plant)
     found = gathered(plant, file)
     assert [(one.robot, one.attention) for one in found.robots] == [
@@ -80,7 +78,7 @@ def test_urgent_robots_come_first(plant: Path, file: Path) -> None:
     assert content(plant) == before
 
 
-def test_only_changed_runs_are_read_again(written: Path, plant: Path, file: Path) -> None:
+def test_only_changed_runs_are_read_again(written, plant, file):
     first = gathered(plant, file)
     assert (first.runs, first.examined) == (3 * VISITS, 3 * VISITS)
     again = gathered(plant, file)
@@ -103,7 +101,7 @@ def test_only_changed_runs_are_read_again(written: Path, plant: Path, file: Path
     assert gathered(plant, file).robots == third.robots
 
 
-def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
+def test_a_bad_run_costs_its_own_row(plant, file):
     cut, unreadable, unsealed = runs_of(plant, 1)[:3]
     chunk = next(cut.glob("*.parquet"))
     chunk.write_bytes(chunk.read_bytes()[:-100])
@@ -124,7 +122,7 @@ def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
     assert [name for name, _ in mended.without_figures] == [cut.name] and mended.copies == 1
 
 
-def test_a_robot_without_figures_is_listed(plant: Path, file: Path) -> None:
+def test_a_robot_without_figures_is_listed(plant, file):
     for run in runs_of(plant, 1):
         next(run.glob("*.parquet")).unlink()
     found = next(one for one in gathered(plant, file).robots if one.robot == "robot-001")
@@ -132,7 +130,7 @@ def test_a_robot_without_figures_is_listed(plant: Path, file: Path) -> None:
     assert found.doubts == [f"{VISITS} without figures"]
 
 
-def test_a_name_in_two_directories_is_two_robots(plant: Path, file: Path) -> None:
+def test_a_name_in_two_directories_is_two_robots(plant, file):
     shutil.move(plant / "robot-002" / "runs", plant / "other")
     for run in runs_of(plant, 1)[:3]:
         shutil.move(run, plant / "other" / run.name)
@@ -141,7 +139,7 @@ def test_a_name_in_two_directories_is_two_robots(plant: Path, file: Path) -> Non
     assert found[("other", "robot-002")] == VISITS
 
 
-def test_a_catalogue_damaged_within_is_rebuilt(plant: Path, file: Path) -> None:
+def test_a_catalogue_damaged_within_is_rebuilt(plant, file):
     first = gathered(plant, file)
     whole = bytearray(file.read_bytes())
     whole[8192:-4096] = b"\x7f" * (len(whole) - 8192 - 4096)
@@ -151,18 +149,18 @@ def test_a_catalogue_damaged_within_is_rebuilt(plant: Path, file: Path) -> None:
     assert gathered(plant, file).examined == 0
 
 
-def test_a_plant_without_runs_is_refused(tmp_path: Path, file: Path) -> None:
+def test_a_plant_without_runs_is_refused(tmp_path, file):
     (tmp_path / "empty").mkdir()
     for directory, code in ((tmp_path / "empty", "run.none"), (tmp_path / "nowhere", "file.missing")):
         with refused(code):
             gathered(directory, file)
 
 
-def test_several_processes_find_the_same(plant: Path, file: Path, tmp_path: Path) -> None:
+def test_several_processes_find_the_same(plant, file, tmp_path):
     assert gathered(plant, file, jobs=2).robots == gathered(plant, tmp_path / "other.sqlite").robots
 
 
-def test_robots_that_another_command_finds_meanwhile_are_its_own(plant: Path, file: Path) -> None:
+def test_robots_that_another_command_finds_meanwhile_are_its_own(plant, file):
     def another(doing: str, done: int, total: int) -> None:
         if (doing, done) == ("judging robots", total):
             shutil.rmtree(plant / "robot-001")
@@ -174,7 +172,7 @@ def test_robots_that_another_command_finds_meanwhile_are_its_own(plant: Path, fi
     assert {(one.folder, one.robot) for one in found.robots} == found.digests.keys()
 
 
-def test_runs_read_before_an_interruption_are_kept(plant: Path, file: Path) -> None:
+def test_runs_read_before_an_interruption_are_kept(plant, file):
     def ended(doing: str, done: int, total: int) -> None:
         if done == 5:
             raise KeyboardInterrupt
@@ -184,7 +182,7 @@ def test_runs_read_before_an_interruption_are_kept(plant: Path, file: Path) -> N
     assert gathered(plant, file).examined == 3 * VISITS - 5
 
 
-def test_a_corrected_program_mends_no_arm() -> None:
+def test_a_corrected_program_mends_no_arm():
     def run(day: int, band_deg: float, corrected: str = "") -> RunRecord:
         figures = {"band_deg": Quantity(band_deg + 1e-4 * (day % 3), 1e-4, "deg", 720, "measured")}
         when = f"2025-12-{day:02d}T06:00:00+00:00"

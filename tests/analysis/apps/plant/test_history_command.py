@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -24,7 +22,7 @@ from tests.support.refusals import refused
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def runs(tmp_path_factory):
     directory = tmp_path_factory.mktemp("runs")
     for day in range(10):
         dated_run(directory, day, 0.01 if day < 5 else 0.02)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 import re
 from datetime import UTC, datetime, timedelta
@@ -55,7 +53,7 @@ def recorded(folder: Path, day: int, third_a: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     for day in range(10):
         recorded(folder, day, 0.6 if day < 5 else 0.75)

@@ -1,9 +1,6 @@
-from __future__ import annotations
-
 import math
 import os
 import sqlite3
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
@@ -33,14 +30,14 @@ def change(path: Path, statement: str) -> None:
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
+def file(tmp_path):
     path = tmp_path / "deeper" / store.FILE
     assert store.prepare(path) == ()
     save(path, RECORD)
     return path
 
 
-def test_records_come_back_as_they_were(file: Path) -> None:
+def test_records_come_back_as_they_were(file):
     odd = RunRecord(os.fsdecode(b"\xff\xfe"), "f", "ur10e", "2026-05-03", "yaw", "cw", "", problem="bad \udcff")
     save(file, odd, replace(RECORD, name="lap-1", fingerprint="new"))
     records = store.read_records(file)
@@ -70,7 +67,7 @@ def damage_a_page(path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("application_id", ["0x52494748", "0x52494746"])
-def test_damaged_or_earlier_file_is_rebuilt(file: Path, harm: Callable[[Path], object], application_id: str) -> None:
+def test_damaged_or_earlier_file_is_rebuilt(file, harm, application_id):
     change(file, f"pragma application_id = {application_id}")
     harm(file)
     assert store.read_records(file) == {}
@@ -79,7 +76,7 @@ def test_damaged_or_earlier_file_is_rebuilt(file: Path, harm: Callable[[Path], o
     assert set(store.read_records(file)) == {"lap-1"}
 
 
-def test_damaged_record_is_refused(file: Path) -> None:
+def test_damaged_record_is_refused(file):
     change(file, "update runs set record = '{'")
     assert store.read_records(file) == {}
     with refused("figures.damaged"):
@@ -95,9 +92,7 @@ def test_damaged_record_is_refused(file: Path) -> None:
         (os.mkdir, "figures.unwritable"),
     ],
 )
-def test_foreign_file_is_left_alone_and_the_next_one_used(
-    tmp_path: Path, make: Callable[[Path], object], code: str
-) -> None:
+def test_foreign_file_is_left_alone_and_the_next_one_used(tmp_path, make, code):
     path = tmp_path / store.FILE
     make(path)
     before = path.read_bytes() if path.is_file() else b""
@@ -110,7 +105,7 @@ def test_foreign_file_is_left_alone_and_the_next_one_used(
         store.prepare(Path("/proc/rig") / store.FILE)
 
 
-def test_records_of_parallel_writers_are_all_stored(file: Path) -> None:
+def test_records_of_parallel_writers_are_all_stored(file):
     names = [f"lap-{number}" for number in range(24)]
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(lambda name: save(file, replace(RECORD, name=name), RECORD), names))

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -21,7 +19,7 @@ LIMITS = Limits(yaw=CircleLimits(band_deg=Limit(watch=0.1, fail=0.2)))
 
 
 @pytest.fixture(autouse=True)
-def in_utc(monkeypatch: pytest.MonkeyPatch) -> None:
+def in_utc(monkeypatch):
     monkeypatch.setattr(RunRecord, "when", property(lambda run: datetime.fromisoformat(run.started)))
 
 

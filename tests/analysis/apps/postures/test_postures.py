@@ -3,8 +3,6 @@
 The checks have kinematics of their own (`tests.worlds.arms.soft_arm`), and fit frame and tool by plain least squares.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise, product
 

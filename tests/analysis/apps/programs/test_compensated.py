@@ -4,8 +4,6 @@ The programs run in the interpreters. The faulty arm is computed independently o
 size in the rig file by exactly its standard uncertainty.
 """
 
-from __future__ import annotations
-
 import csv
 import datetime as dt
 from collections.abc import Callable
@@ -52,7 +50,7 @@ FAULTY = RIG.model_copy(update={"effects": (JointOffset(axis=AXIS, offset_deg=ZE
 
 
 @pytest.fixture(scope="module")
-def tables(tmp_path_factory: pytest.TempPathFactory) -> Tables:
+def tables(tmp_path_factory):
     """The corrected path of a test, computed once."""
 
     @lru_cache

@@ -1,12 +1,10 @@
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
 import pytest
 import yaml
 
-from analysis.apps.makers.motion_plan import Demand, MotionPlan, demand_of
+from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.program_text import fixed, identifier, wrapped
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.programs.planned import plans_of
@@ -21,7 +19,7 @@ LONGEST: dict[MakerName, int] = {"ur": 60, "fanuc": 36, "kuka": 24, "abb": 32, "
 
 
 @pytest.fixture(scope="module")
-def planned() -> list[tuple[MotionPlan, Demand]]:
+def planned():
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")) | {"name": LONG[:63]}
     return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "yaw", 3.0)]
 

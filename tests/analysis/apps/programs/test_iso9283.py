@@ -1,8 +1,6 @@
 """The programs of ISO 9283 in five dialects, run by interpreters that do not know their writers, on an arm of its
 own: they stop at the cube's poses and drive its paths as the standard draws them."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

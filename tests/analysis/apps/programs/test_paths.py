@@ -4,8 +4,6 @@ The interpreters know neither the writers nor the plan, the arms are computed by
 with is that of the joint angles which the simulator drives.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -86,7 +84,7 @@ def tolerances(dialect: str) -> tuple[float, float]:
 @pytest.mark.parametrize("direction", ["acw", "cw"])
 @pytest.mark.parametrize("test", ["yaw", "roll"])
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_circle_is_the_simulators(arm: str, test: DrivenTest, direction: str, dialect: MakerName) -> None:
+def test_a_circle_is_the_simulators(arm, test, direction, dialect):
     files = programs(arm, test, dialect)[("acw", "cw").index(direction)]
     pieces = paths(run(dialect, files, rig_of(arm)))
     way, *expected = simulated(arm, direction)
@@ -96,7 +94,7 @@ def test_a_circle_is_the_simulators(arm: str, test: DrivenTest, direction: str, 
 
 
 @pytest.mark.parametrize(("arm", "dialect"), [(arm, arm.partition("-")[0]) for arm in LIBRARY])
-def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: MakerName) -> None:
+def test_arms_of_the_library_drive_the_simulators_circle(arm, dialect):
     """In the language of their maker: their angles are the controller's, with its signs and couplings."""
     pieces = paths(run(dialect, programs(arm, "yaw", dialect)[0], rig_of(arm)))
     way, *expected = simulated(arm, "acw")
@@ -108,7 +106,7 @@ def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: Make
     ("arm", "dialect", "axes"),
     [("fanuc-m-10ia", "fanuc", (3, 4, 5)), ("yaskawa-gp7", "yaskawa", (3, 5, 0)), ("kuka-hanging", "fanuc", (3, 4, 5))],
 )
-def test_positions_contain_the_posture_of_arrival(arm: str, dialect: MakerName, axes: list[int]) -> None:
+def test_positions_contain_the_posture_of_arrival(arm, dialect, axes):
     rig = rig_of(arm)
     start = circle_program(rig, "acw").q[0]
     said = postures(rig, run(dialect, programs(arm, "yaw", dialect)[0], rig), start)
@@ -122,7 +120,7 @@ def test_positions_contain_the_posture_of_arrival(arm: str, dialect: MakerName, 
 @pytest.mark.parametrize("dialect", MAKERS)
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
 @pytest.mark.parametrize("arm", ARMS)
-def test_stops_are_the_simulators(arm: str, test: DrivenTest, dialect: MakerName) -> None:
+def test_stops_are_the_simulators(arm, test, dialect):
     rig = rig_of(arm)
     events = run(dialect, programs(arm, test, dialect)[0], rig)
     q = radial_stops(rig) if test == "radial" else repeatability_stops(rig)
@@ -132,7 +130,7 @@ def test_stops_are_the_simulators(arm: str, test: DrivenTest, dialect: MakerName
 
 @pytest.mark.parametrize("dialect", MAKERS)
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_link_is_never_pulled_between_targets(arm: str, dialect: MakerName) -> None:
+def test_the_link_is_never_pulled_between_targets(arm, dialect):
     """The way between targets keeps to the sphere, which the simulator's joint moves do not."""
     rig = rig_of(arm)
     sphere = hemisphere_of(rig)
@@ -146,7 +144,7 @@ def test_the_link_is_never_pulled_between_targets(arm: str, dialect: MakerName) 
 
 
 @pytest.mark.parametrize("dialect", MAKERS)
-def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(dialect: MakerName) -> None:
+def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(dialect):
     circle = circle_of(rig_of("ur10e"))
     pieces = paths(run(dialect, programs("ur10e", "yaw", dialect)[0], rig_of("ur10e")))
     ends = [number for number, piece in enumerate(pieces) if piece.stops]
@@ -160,7 +158,7 @@ def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(diale
 
 
 @pytest.mark.parametrize("dialect", MAKERS)
-def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: MakerName) -> None:
+def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect):
     events: list[Event] = run(dialect, programs("ur10e", "radial", dialect)[0], rig_of("ur10e"))
     first, line, hold = events[:3]
     assert isinstance(first, PointToPointMove) and isinstance(line, LinearMove) and isinstance(hold, OperatorPause)
@@ -171,7 +169,7 @@ def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: MakerNa
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_controller_that_interpolates_each_angle_turns_the_tool_the_same_way(arm: str) -> None:
+def test_a_controller_that_interpolates_each_angle_turns_the_tool_the_same_way(arm):
     """The circle's axis is the tool's x axis, so that its turn is one of the three angles alone."""
     pieces = paths(run("fanuc", programs(arm, "yaw", "fanuc")[0], rig_of(arm)))
     share = np.linspace(0, 1, 31)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 from typing import Any
 
@@ -47,7 +45,7 @@ def files_of(rig: Rig, dialect: MakerName, plan: MotionPlan) -> dict[str, str]:
     return {name: text.replace("\n", newline) for name, text in files.items()}
 
 
-def test_a_rule_of_the_rig_file_gives_the_signal_and_takes_the_pause() -> None:
+def test_a_rule_of_the_rig_file_gives_the_signal_and_takes_the_pause():
     rig = rig_with(feedback=RTDE | {"signal": {"outputs": [4, 9]}}, automatic={"rules": RULES})
     acw, cw = plans_of(rig, "yaw", 3.0)
     assert [step.value for step in acw.steps if isinstance(step, Signal)] == [2, 0]
@@ -62,14 +60,14 @@ def test_a_rule_of_the_rig_file_gives_the_signal_and_takes_the_pause() -> None:
     ]
 
 
-def test_a_test_without_a_rule_waits_for_a_person() -> None:
+def test_a_test_without_a_rule_waits_for_a_person():
     rig = rig_with(feedback=RTDE | {"signal": {"outputs": [4, 9]}}, automatic={"rules": RULES})
     plan, _ = plans_of(rig, "roll", 3.0)
     assert any(isinstance(step, Hold) for step in plan.steps)
     assert not any(isinstance(step, Signal) for step in plan.steps)
 
 
-def test_a_register_of_rtde_shows_the_signal() -> None:
+def test_a_register_of_rtde_shows_the_signal():
     rig = rig_with(feedback=RTDE | {"signal": {"int_register": 24}}, automatic={"rules": RULES})
     events = run("ur", files_of(rig, "ur", plans_of(rig, "yaw", 3.0)[1]), rig)
     assert [event for event in events if isinstance(event, RegisterOutput)] == [
@@ -79,14 +77,14 @@ def test_a_register_of_rtde_shows_the_signal() -> None:
 
 
 @pytest.mark.parametrize(("dialect", "names"), [("fanuc", (9, 10)), ("kuka", (9, 10)), ("yaskawa", (9, 10))])
-def test_other_controllers_switch_the_outputs_that_were_named(dialect: MakerName, names: tuple[int, ...]) -> None:
+def test_other_controllers_switch_the_outputs_that_were_named(dialect, names):
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
     (plan,) = plans_of(rig, "repeatability", 3.0, names)
     switched = [event for event in run(dialect, files_of(rig, dialect, plan), rig) if isinstance(event, Switched)]
     assert [(event.output, event.on) for event in switched] == [(9, True), (10, True), (9, False), (10, False)]
 
 
-def test_nothing_is_switched_that_was_not_named() -> None:
+def test_nothing_is_switched_that_was_not_named():
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
     for test, outputs in (("repeatability", (9,)), ("yaw", ())):
         with pytest.raises(FileError) as refused:
@@ -95,7 +93,7 @@ def test_nothing_is_switched_that_was_not_named() -> None:
 
 
 @pytest.mark.parametrize(("dialect", "number"), [("ur", 18), ("fanuc", 0), ("yaskawa", 5000)])
-def test_an_output_that_the_controller_does_not_have_is_refused(dialect: MakerName, number: int) -> None:
+def test_an_output_that_the_controller_does_not_have_is_refused(dialect, number):
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
     plan = plans_of(rig, "yaw", 3.0, (number, 1))[0]
     with pytest.raises(FileError, match=str(number)) as refused:
@@ -103,7 +101,7 @@ def test_an_output_that_the_controller_does_not_have_is_refused(dialect: MakerNa
     assert refused.value.code == "program.output"
 
 
-def test_the_lines_that_karel_prints_are_read_by_the_line_feed() -> None:
+def test_the_lines_that_karel_prints_are_read_by_the_line_feed():
     rig = rig_with("paper-fanuc", feedback=LINES, automatic={"rules": RULES})
     files = files_of(rig, "fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
     text = files["RIGFEED.KL"]
@@ -116,7 +114,7 @@ def test_the_lines_that_karel_prints_are_read_by_the_line_feed() -> None:
     assert sample.values == (10.5, 11.5, 12.5, 13.5, 14.5, 15.5, 2.0) and sample.device_time_s == 0.123
 
 
-def test_a_condition_that_karel_cannot_print_is_refused() -> None:
+def test_a_condition_that_karel_cannot_print_is_refused():
     feedback = {**LINES, "fields": [*LINES["fields"], "speed_percent"]}
     rig = rig_with("paper-fanuc", feedback=feedback, automatic={"rules": RULES})
     with pytest.raises(FileError, match="speed_percent") as refused:
@@ -146,9 +144,7 @@ def printed(text: str) -> bytes:
         ("abb", {"interface": "abb_egm", "port": "udp://192.168.1.5:6510"}, ("EGMStreamStart", "EGMStreamStop")),
     ],
 )
-def test_the_program_starts_the_feedback_of_its_maker(
-    dialect: MakerName, feedback: dict[str, Any], words: tuple[str, ...]
-) -> None:
+def test_the_program_starts_the_feedback_of_its_maker(dialect, feedback, words):
     rig = rig_with(feedback=feedback)
     files = files_of(rig, dialect, plans_of(rig, "yaw", 3.0)[0])
     assert run(dialect, files, rig)
@@ -156,14 +152,14 @@ def test_the_program_starts_the_feedback_of_its_maker(
     assert "yourself" in feedback_note("yaskawa", rig.feedback)
 
 
-def test_a_circle_that_the_robot_cannot_drive_is_refused_before_anything_is_written() -> None:
+def test_a_circle_that_the_robot_cannot_drive_is_refused_before_anything_is_written():
     tests = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))["tests"]
     tests["hemisphere"]["centre_mm"] = [-1800, -200, 0]
     with refused("path.reach"):
         plans_of(rig_with(tests=tests), "radial", 3.0)
 
 
-def test_the_turns_of_the_wrist_are_reported() -> None:
+def test_the_turns_of_the_wrist_are_reported():
     rig = rig_with()
     plan = plans_of(rig, "yaw", 3.0)[0]
     demand = demand_of(plan)
@@ -174,7 +170,7 @@ def test_the_turns_of_the_wrist_are_reported() -> None:
     assert demand.distance_mm == pytest.approx([70, 70], abs=1e-3)
 
 
-def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans() -> None:
+def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans():
     tests = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))["tests"]
     tests["repeatability"] = {"targets": [26, 32], "rounds": 1}  # 0° and 180° on the outermost ring
     plan = plans_of(rig_with(tests=tests), "repeatability", 3.0)[0]
@@ -182,7 +178,7 @@ def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans() -> 
     assert demand.distance_mm == pytest.approx([397, 403], abs=0.01) and demand.removals == 0
 
 
-def test_arc_takes_the_long_way_through_its_middle() -> None:
+def test_arc_takes_the_long_way_through_its_middle():
     def at(deg: float) -> Array:
         T = np.eye(4)
         T[:3, 3] = 100 * np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg)), 0]) + [5, 6, 7]

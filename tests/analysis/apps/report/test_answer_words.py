@@ -1,7 +1,5 @@
 """Sentences of an answer: the same decisions in every language, and none that contradicts another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, get_args
 
@@ -11,7 +9,7 @@ from analysis.apps.report.act_words import ActWords
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
+from analysis.apps.report.texts import LANGUAGES, keys_of, texts_of
 from analysis.diagnosis.judge.acts import Act, Against, Cost, JudgedOn, NamingTest, Objection, is_done
 from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember
 from rigs.effects import VOCABULARY
@@ -26,14 +24,14 @@ NEED: dict[str, Any] = {
 USUAL = replace(PLAY, doubt="usual", times_usual=2.0)
 
 
-def test_an_act_states_the_error_after_it_and_the_place() -> None:
+def test_an_act_states_the_error_after_it_and_the_place():
     act = ActWords(diagnosis("named")).next
     assert keys_of(act)[:1] == ("act_repair",) and {"act_changes", "place_held_out"} <= set(keys_of(act))
     assert "6.1 µm" in act and "2.0 ± 0.2 µm" in act
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_a_correction_in_the_rig_file_is_not_credited_to_the_arm(language: Language) -> None:
+def test_a_correction_in_the_rig_file_is_not_credited_to_the_arm(language):
     held, texts = diagnosis("nothing_unusual"), texts_of(language)
     judged = replace(held.accuracy, standing="fail", limit="tolerance")
     held = replace(held, accuracy=judged, rig=held.rig.model_copy(update={"effects": (PLAY.effect,)}))
@@ -43,7 +41,7 @@ def test_a_correction_in_the_rig_file_is_not_credited_to_the_arm(language: Langu
     assert words.accuracy.startswith(texts("error_corrected", **left))
 
 
-def test_a_model_is_complete_only_if_runs_repeat_and_no_place_differs() -> None:
+def test_a_model_is_complete_only_if_runs_repeat_and_no_place_differs():
     scatter = BudgetPart("scatter", 28.0, 0.0, 0.98)
     found = diagnosis("nothing_unusual", effects=(), budget=(scatter,), runs=("a", "b"), repeated=True)
     found = replace(found, rig=found.rig.model_copy(update={"effects": (PLAY.effect,)}))
@@ -56,7 +54,7 @@ def test_a_model_is_complete_only_if_runs_repeat_and_no_place_differs() -> None:
         assert keys_of(AnswerWords(replace(found, **change)).condition_sentence)[0] == f"finding_{key}"
 
 
-def test_the_accuracy_states_the_present_error_and_its_verdict() -> None:
+def test_the_accuracy_states_the_present_error_and_its_verdict():
     words = AnswerWords(diagnosis())
     assert keys_of(words.accuracy) == ("error_now",) and "6.1 µm" in words.accuracy and "21 µm" in words.accuracy
     used = replace(words.diagnosis.accuracy, place="used")
@@ -67,7 +65,7 @@ def test_the_accuracy_states_the_present_error_and_its_verdict() -> None:
     assert keys == ("accuracy_fail", "limit_rig_file")
 
 
-def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_identifies_one() -> None:
+def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_identifies_one():
     members = (GroupMember(ZERO.effect, 40.0, 0.62), GroupMember(PLAY.effect, 10.0, 0.005))
     part = BudgetPart("constants", 80.0, 4.0, 0.77, times_usual=0.8, rank="usual", members=members)
     test = NamingTest("roll on the circle", "the tool's other tilt", 6.0, 0.998)
@@ -82,7 +80,7 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_ide
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_every_act_and_every_objection_has_words(language: Language) -> None:
+def test_every_act_and_every_objection_has_words(language):
     words = ActWords(diagnosis(), texts_of(language))
     acts = [Act(kind, "fault", (0,), 3.0, 1.0, place, 2.0, 1.0, effect=PLAY.effect, u=0.001)
             for kind in ("repair", "remaster", "enter", "mount", "wait") for place in get_args(JudgedOn)]  # fmt: skip
@@ -96,13 +94,13 @@ def test_every_act_and_every_objection_has_words(language: Language) -> None:
     assert all(text and not {"{", "}"} & set(text) for text in (*map(words.sentence, acts), *against))
 
 
-def test_an_error_below_its_uncertainty_is_a_bound() -> None:
+def test_an_error_below_its_uncertainty_is_a_bound():
     act = replace(diagnosis().acts[0], remains_um=0.4, remains_u_um=2.0, removes_um=9.6)
     assert "< 2.0 µm" in ActWords(diagnosis(acts=(act,))).next
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_every_part_and_effect_has_a_noun_in_every_language(language: Language) -> None:
+def test_every_part_and_effect_has_a_noun_in_every_language(language):
     words = AnswerWords(diagnosis(effects=(PLAY, SMALL)), texts_of(language))
     kinds = (*get_args(PartKind), "scatter", "unexplained")
     nouns = [words.part_name(BudgetPart(kind, 1.0, 0.1, 0.1, axis=3)) for kind in kinds]
@@ -116,7 +114,7 @@ def test_every_part_and_effect_has_a_noun_in_every_language(language: Language) 
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_an_axis_has_its_number_and_a_name_that_adds_information(language: Language) -> None:
+def test_an_axis_has_its_number_and_a_name_that_adds_information(language):
     robot, texts = diagnosis().rig.robot, texts_of(language)
     called = {"en": "axis 4 (gamma)", "de": "Achse 4 (gamma)", "ko": "축 4(gamma)"}
     assert texts.axis(robot, 4) == called[language]
@@ -125,7 +123,7 @@ def test_an_axis_has_its_number_and_a_name_that_adds_information(language: Langu
         assert ("(" in texts.axis(robot.model_copy(update={"axes": axes}), 4)) == says_more, name
 
 
-def test_a_repair_after_a_correction_replaces_it() -> None:
+def test_a_repair_after_a_correction_replaces_it():
     load = Act("load", "correction", (0,), 9.0, 1.0, remains_um=1.0, remains_u_um=0.5)
     repair = Act("repair", "fault", (0,), 8.0, 1.0, remains_um=2.0, remains_u_um=0.5, effect=PLAY.effect)
     for acts, is_instead in (((load, repair), True), ((repair, load), False)):
@@ -133,14 +131,14 @@ def test_a_repair_after_a_correction_replaces_it() -> None:
     assert "act_load_changes" in keys_of(ActWords(diagnosis(acts=(load,))).next)
 
 
-def test_entered_zeros_need_no_mastering() -> None:
+def test_entered_zeros_need_no_mastering():
     assert is_done("remaster", "fault", way="entries", elsewhere=True)
     assert not is_done("remaster", "fault", way="programs", elsewhere=True)
     assert not is_done("load", "correction", way=None, elsewhere=True)
     assert [is_done("measure", "elsewhere", way=None, elsewhere=judged) for judged in (True, False)] == [True, False]
 
 
-def test_a_measurement_without_a_declared_test_says_so_once() -> None:
+def test_a_measurement_without_a_declared_test_says_so_once():
     group = Act("measure", "group", (0,), against=(Against("no_place"),))
     keys = keys_of(ActWords(diagnosis(acts=(group,))).next)
     assert keys[0] == "act_group_no_test" and "against_no_place" not in keys
@@ -149,12 +147,12 @@ def test_a_measurement_without_a_declared_test_says_so_once() -> None:
 @pytest.mark.parametrize(
     ("removes_um", "key"), [(1.0, "act_changes"), (-1.0, "act_grows"), (0.8, "act_may_change"), (0.2, "act_hardly")]
 )
-def test_the_gain_of_an_act_is_stated_with_its_certainty(removes_um: float, key: str) -> None:
+def test_the_gain_of_an_act_is_stated_with_its_certainty(removes_um, key):
     act = replace(REPAIR, removes_um=removes_um, removes_u_um=0.45, remains_um=4.0)
     assert key in keys_of(ActWords(diagnosis(acts=(act,))).next)
 
 
-def test_a_later_act_states_the_error_after_all_acts_before_it() -> None:
+def test_a_later_act_states_the_error_after_all_acts_before_it():
     alone = ActWords(diagnosis(acts=(REPAIR,))).next
     both = ActWords(diagnosis(acts=(replace(REPAIR, with_before_um=1.2, with_before_u_um=0.3),))).next
     assert "act_with_before" in keys_of(both) and "1.2 ± 0.3 µm" in both

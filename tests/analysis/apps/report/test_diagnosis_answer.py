@@ -1,7 +1,5 @@
 """The answer of a diagnosis as blocks: every section, the same for terminal, page and JSON."""
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -64,7 +62,7 @@ def texts_in(block: Block) -> list[str]:
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("condition", CONDITIONS)
-def test_every_condition_has_its_sections_in_order(condition: Condition, language: Language) -> None:
+def test_every_condition_has_its_sections_in_order(condition, language):
     sections = sections_of(diagnosis(condition), texts_of(language))
     assert [name for name in sections if name in ALWAYS] == ALWAYS
     testable = condition != "not_testable_here"
@@ -76,7 +74,7 @@ def test_every_condition_has_its_sections_in_order(condition: Condition, languag
 
 
 @pytest.mark.parametrize("width", [20, 30, 40, 80, 200])
-def test_a_terminal_of_any_width_shows_every_letter(width: int) -> None:
+def test_a_terminal_of_any_width_shows_every_letter(width):
     found = diagnosis("undecided", effects=(replace(PLAY, doubt="usual"),), acts=(LOAD,))
     summary = summarise(found)
     text = printed(summary_blocks(summary, EN), width)
@@ -87,7 +85,7 @@ def test_a_terminal_of_any_width_shows_every_letter(width: int) -> None:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_shown_shares_add_up_to_100_percent(language: Language) -> None:
+def test_shown_shares_add_up_to_100_percent(language):
     thirds = tuple(BudgetPart("curve", 10.0, 1.0, 1 / 3, axis=k, rank="usual") for k in (1, 2, 3))
     for found in (diagnosis(), diagnosis(effects=(PLAY, SMALL)), diagnosis(budget=thirds)):
         shares = [row[1] for row in table_of(found, "budget", language).cells()]
@@ -95,7 +93,7 @@ def test_shown_shares_add_up_to_100_percent(language: Language) -> None:
         assert max(share.bar or 0.0 for share in shares) == 1
 
 
-def test_small_parts_share_a_row_unless_they_are_unusual() -> None:
+def test_small_parts_share_a_row_unless_they_are_unusual():
     parts = (
         BudgetPart("scatter", 10.0, 0.0, 0.9989),
         BudgetPart("gravity", 0.2, 0.01, 0.0006, times_usual=12.0, rank="unusual"),
@@ -108,7 +106,7 @@ def test_small_parts_share_a_row_unless_they_are_unusual() -> None:
     assert table.ranks == ("other", "unusual", "other") and table.cells()[1][3].below == ("12.0 × usual",)
 
 
-def test_parts_that_cancel_a_part_are_below_it() -> None:
+def test_parts_that_cancel_a_part_are_below_it():
     large, *_ = diagnosis().budget
     curve_of_2 = BudgetPart("curve", 3.96, 0.26, -0.1, axis=2)
     both = replace(large, together=(replace(large, um=7.2, u_um=0.2), curve_of_2))
@@ -119,13 +117,13 @@ def test_parts_that_cancel_a_part_are_below_it() -> None:
     assert both.to_dict()["cancelled"] == ("curve 2",) and len(both.to_dict()["together"]) == 2
 
 
-def test_a_fault_has_size_contribution_probability_rest_parameters_and_place() -> None:
+def test_a_fault_has_size_contribution_probability_rest_parameters_and_place():
     ((name, *cells),) = table_of(diagnosis("named"), "faults").cells()
     assert [cell.text for cell in cells] == ["0.0521 ± 0.0011 °", "5.8", "> 99.9 %", "2.0"]
     assert any("0.310 ± 0.042" in line for line in name.below) and any("237°" in line for line in name.below)
 
 
-def test_rivals_and_twins_are_below_the_fault() -> None:
+def test_rivals_and_twins_are_below_the_fault():
     ((name, *_),) = table_of(diagnosis("ambiguous"), "faults").cells()
     assert "0.587 ± 0.023 mm" in name.below[-1] and "(36 %)" in name.below[-1]
     twin = replace(PLAY, twins=(JointOffset(axis=2, offset_deg=0.1),))
@@ -133,7 +131,7 @@ def test_rivals_and_twins_are_below_the_fault() -> None:
     assert keys_of(name.below[-1])[0] == "twins"
 
 
-def test_an_unconfirmed_effect_has_its_reason_and_no_act() -> None:
+def test_an_unconfirmed_effect_has_its_reason_and_no_act():
     wave = replace(SMALL, effect=TransmissionError(axis=1, order=60, amplitude_deg=0.01), doubt="unexplained")
     sections = sections_of(diagnosis("named", effects=(PLAY, SMALL, wave)), EN)
     last = sections["faults"][-1]
@@ -141,7 +139,7 @@ def test_an_unconfirmed_effect_has_its_reason_and_no_act() -> None:
     assert len(sections["acts"]) == 2
 
 
-def test_residuals_against_possible_influences_have_a_row_each() -> None:
+def test_residuals_against_possible_influences_have_a_row_each():
     nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
     left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
@@ -150,7 +148,7 @@ def test_residuals_against_possible_influences_have_a_row_each() -> None:
     assert micrometres(math.nan) == "–"
 
 
-def test_terminal_page_and_json_show_the_same_texts() -> None:
+def test_terminal_page_and_json_show_the_same_texts():
     found = diagnosis("named", doubts=("a <i>doubt</i>",))
     blocks = answer_of(found)
     plain = json.loads(json.dumps(as_object(blocks)))

@@ -1,11 +1,8 @@
 """Outputs of a diagnosis: screen, JSON, picture, and the files of -o."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -38,7 +35,7 @@ KEYS = {"condition", "accuracy", "budget", "effects", "remainder", "where", "gap
 """Those of docs/diagnosis.md that scripts rely on."""
 
 
-def test_a_bar_has_the_figures_of_all_places_in_their_order() -> None:
+def test_a_bar_has_the_figures_of_all_places_in_their_order():
     """The figure of the runs used was right of the mark of the held-out runs, and seemed to belong to it."""
     steps = (
         StaircaseStep((), ModelResidual(116.2, 1.0), ModelResidual(126.0, 2.0)),
@@ -48,7 +45,7 @@ def test_a_bar_has_the_figures_of_all_places_in_their_order() -> None:
     assert {"116.2 ± 1.0 · 126.0 ± 2.0", "2.8 ± 1.0 · 3.1 ± 2.0"} <= {text.get_text() for text in drawn}
 
 
-def test_remedy_states_that_a_rival_is_possible(tmp_path: Path) -> None:
+def test_remedy_states_that_a_rival_is_possible(tmp_path):
     found = diagnosis("ambiguous", effects=(ZERO,), **NO_PICTURE)
     *_, rig_file = write(found, TEXT, tmp_path / "found")
     (effect,) = load(rig_file)[0].effects
@@ -57,7 +54,7 @@ def test_remedy_states_that_a_rival_is_possible(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
-def test_the_object_has_the_keys_of_the_documents(condition: Condition) -> None:
+def test_the_object_has_the_keys_of_the_documents(condition):
     told = diagnosis(condition).to_dict()
     assert told["condition"] == condition and told.keys() >= KEYS
     assert told["accuracy"]["standing"] == "not_judged"
@@ -72,7 +69,7 @@ def test_the_object_has_the_keys_of_the_documents(condition: Condition) -> None:
     }  # fmt: skip
 
 
-def test_effects_and_rivals_of_the_object() -> None:
+def test_effects_and_rivals_of_the_object():
     (one,) = diagnosis("ambiguous").to_dict()["effects"]
     assert (one["effect"], one["axis"], one["posterior"]) == ("joint_offset", 5, 0.62)
     assert one["parameters"] == {"offset_deg": {"value": 0.1032, "sd": 0.0041}}
@@ -84,7 +81,7 @@ def test_effects_and_rivals_of_the_object() -> None:
     assert play["parameters"]["preload"] == {"value": 0.0, "sd": None}
 
 
-def test_unknown_values_are_null() -> None:
+def test_unknown_values_are_null():
     nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
     left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
@@ -95,27 +92,27 @@ def test_unknown_values_are_null() -> None:
 
 
 @pytest.mark.parametrize("condition", cases(CONDITIONS, ("ambiguous", "nothing_unusual")))
-def test_every_condition_has_its_picture(condition: Condition, tmp_path: Path) -> None:
+def test_every_condition_has_its_picture(condition, tmp_path):
     picture(diagnosis(condition, maps=(sphere(), poses()))).savefig(tmp_path / "picture.png", dpi=40)
     assert (tmp_path / "picture.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("in_session", [False, True])
-def test_picture_of_a_session_omits_the_expected_error(in_session: bool) -> None:
+def test_picture_of_a_session_omits_the_expected_error(in_session):
     load_act = Act("load", "correction", (0,), removes_um=94.0, removes_u_um=0.8, remains_um=12.0, remains_u_um=0.8)
     sheet = picture(diagnosis(acts=(load_act,), **NO_PICTURE), in_session=in_session)
     words = [words.get_text() for part in sheet.subfigs for axes in part.axes for words in axes.texts]
     assert any("Do next: " in text for text in words) != in_session
 
 
-def test_a_circle_is_shown_in_the_part_that_disagrees_most() -> None:
+def test_a_circle_is_shown_in_the_part_that_disagrees_most():
     strand, *_ = strands_of(diagnosis(where=()))
     assert strand.part == "angle"  # g1 and g2 of the curve have opposite signs
     strand, *_ = strands_of(diagnosis())
     assert strand.part == "distance" and [place.from_deg for place in strand.places] == [352.0]
 
 
-def test_every_drawn_place_is_shaded_also_of_a_complete_lap() -> None:
+def test_every_drawn_place_is_shaded_also_of_a_complete_lap():
     """The caption says so, and a picture of a gap of sixty times the noise had nothing shaded."""
     shaded = {chart.title: chart.shaded for chart in residual_charts(diagnosis(), None, texts_of("en"))}
     (roll,) = (stretches for title, stretches in shaded.items() if "roll acw" in title)
@@ -125,7 +122,7 @@ def test_every_drawn_place_is_shaded_also_of_a_complete_lap() -> None:
     assert both == ((231.4, 243.0),)
 
 
-def test_titles_distinguish_circles_of_two_places() -> None:
+def test_titles_distinguish_circles_of_two_places():
     both = diagnosis("named").curves
     found = replace(diagnosis("named"), staircase=None, curves=(both[0], both[0]))
     circles = residual_charts(found, None, texts_of("en"))
@@ -134,7 +131,7 @@ def test_titles_distinguish_circles_of_two_places() -> None:
     assert "place" not in alone[0].title
 
 
-def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
+def test_the_files_of_a_named_effect(tmp_path):
     found, directory = diagnosis("named"), tmp_path / "new" / "found"
     answer, sheet, extended = write(found, TEXT, directory)
     assert json.loads(answer.read_text()).items() >= found.to_dict().items() and sheet.name == "diagnosis.png"
@@ -148,9 +145,7 @@ def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("condition", "files"), [("ambiguous", 4), ("nothing_unusual", 4), ("not_testable_here", 2)])
-def test_the_calibrated_model_is_written_unless_the_runs_show_nothing(
-    condition: Condition, files: int, tmp_path: Path
-) -> None:
+def test_the_calibrated_model_is_written_unless_the_runs_show_nothing(condition, files, tmp_path):
     written = write(diagnosis(condition, calibrated=calibrated_model(), **NO_PICTURE), TEXT, tmp_path)
     assert len(written) == files == len(list(tmp_path.iterdir()))
     if files == 4:
@@ -159,7 +154,7 @@ def test_the_calibrated_model_is_written_unless_the_runs_show_nothing(
         assert written[-2].name == "paper-fanuc.calibration.json" and rig.calibrated == calibrated_model()
 
 
-def test_a_directory_in_use_is_refused(tmp_path: Path) -> None:
+def test_a_directory_in_use_is_refused(tmp_path):
     require_empty(tmp_path)
     require_empty(tmp_path / "new")
     (tmp_path / "file").write_text("mine")
@@ -171,7 +166,7 @@ def test_a_directory_in_use_is_refused(tmp_path: Path) -> None:
         write(diagnosis(), TEXT, tmp_path / "file" / "below")
 
 
-def test_figures_in_words() -> None:
+def test_figures_in_words():
     assert [sure(p) for p in (1.0, 0.9994, 0.995, 0.62, 0.001)] == ["> 99.9 %", "> 99.9 %", "99.5 %", "62 %", "< 1 %"]
     assert size(replace(PLAY, sd={})) == "0.05213 °"
     assert stretch(PLACES[2]) == stretch(replace(PLACES[2], from_deg=82.0, to_deg=81.0)) == "whole lap"

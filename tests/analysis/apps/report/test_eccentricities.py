@@ -1,7 +1,5 @@
 """Eccentricity by angle and by distance: a remark explains a difference beyond the noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,7 @@ from analysis.apps.report.run_object import eccentricities_in_words
 from rigs.effects import JointOffset
 
 
-def test_an_error_of_the_arm_says_why_two_eccentricities_differ_and_a_sound_arm_says_nothing() -> None:
+def test_an_error_of_the_arm_says_why_two_eccentricities_differ_and_a_sound_arm_says_nothing():
     """A wrong zero turns the tool and shifts its circle by different amounts: no place of the ball is both."""
     sound, bent = (
         analysis.evaluate(analysis.simulate("paper-fanuc", "yaw", "acw", effects=effects))

@@ -3,7 +3,7 @@
 from analysis.apps.report.texts import in_order, label, texts_of, whole_label
 
 
-def test_details_stand_under_their_line_and_none_is_lost() -> None:
+def test_details_stand_under_their_line_and_none_is_lost():
     names = ["shift_deg", "eccentricity_v_mm", "max_at_deg", "new_mm", "distance_eccentricity_u_mm", "band_deg"]
     names += ["eccentricity_mm", "eccentricity_u_mm", "distance_eccentricity_mm", "range_deg", "range_max_at_deg"]
     assert in_order(names) == [
@@ -21,12 +21,12 @@ def test_details_stand_under_their_line_and_none_is_lost() -> None:
     ]
 
 
-def test_turns_have_labels() -> None:
+def test_turns_have_labels():
     for name in (f"{what}_{axis}_deg" for what in ("ap", "rp") for axis in "abc"):
         assert label(name) != name
 
 
-def test_figure_alone_names_what_it_details() -> None:
+def test_figure_alone_names_what_it_details():
     assert whole_label("bi_mean_mm") == "bi-directional range, mean over targets"
     assert whole_label("uni_mean_mm") == "uni-directional range, mean over targets"
     assert whole_label("rp_mean_mm") == "repeatability RP (ISO 9283), mean"

@@ -1,7 +1,5 @@
 """On a narrow screen nothing is cut off."""
 
-from __future__ import annotations
-
 import io
 
 from rich.console import Console
@@ -26,7 +24,7 @@ def shown(what: object, width: int) -> str:
     return text.get()
 
 
-def test_50_columns_hold_the_links_of_a_daemon_a_line_each() -> None:
+def test_50_columns_hold_the_links_of_a_daemon_a_line_each():
     text = shown(screen(STATE), 50)
     assert [line.split() for line in text.splitlines() if "connected" in line] == [
         ["g1", "connected", "53.5", "Hz", "1333", "none"],
@@ -34,7 +32,7 @@ def test_50_columns_hold_the_links_of_a_daemon_a_line_each() -> None:
     ]
 
 
-def test_the_condition_of_the_robot_is_a_row_of_the_status() -> None:
+def test_the_condition_of_the_robot_is_a_row_of_the_status():
     last = {
         "safety_state": 2.0,
         "program_state": 2.0,

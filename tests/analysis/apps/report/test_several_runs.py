@@ -1,7 +1,5 @@
 """Several runs in one answer: no number broken by a narrow screen, and no doubt of which run a figure is."""
 
-from __future__ import annotations
-
 import io
 import json
 from pathlib import Path
@@ -17,7 +15,7 @@ from analysis.apps.report.run_answer import answer_of
 from analysis.apps.report.run_object import as_object, compare
 from analysis.cli import app
 from analysis.procedures.pooled import pooled
-from analysis.procedures.results import Result, by_test
+from analysis.procedures.results import by_test
 from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
@@ -29,14 +27,14 @@ RIG = load_hidden("ur10e").apply_to(RIG)
 
 
 @pytest.fixture(scope="module")
-def laps(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
+def laps(tmp_path_factory):
     folder = tmp_path_factory.mktemp("laps")
     runs = write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], folder)
     return evaluate_runs([load_run(run) for run in runs])
 
 
 @pytest.mark.parametrize(("width", "abreast"), [(80, 2), (200, 4)])
-def test_as_many_runs_abreast_as_the_screen_holds_whole(laps: list[Result], width: int, abreast: int) -> None:
+def test_as_many_runs_abreast_as_the_screen_holds_whole(laps, width, abreast):
     console = Console(width=width, file=io.StringIO())
     with console.capture() as shown:
         console.print(on_screen([block for block in answer_of(laps, each=True) if isinstance(block, Table)][1:]))
@@ -46,7 +44,7 @@ def test_as_many_runs_abreast_as_the_screen_holds_whole(laps: list[Result], widt
     assert max(line.count("± ") for line in shown.get().splitlines()) == abreast
 
 
-def test_runs_of_other_poses_have_no_common_mean(tmp_path: Path) -> None:
+def test_runs_of_other_poses_have_no_common_mean(tmp_path):
     """60 poses once and ten of them five times are two programs, however alike their tests are named."""
     rng = np.random.default_rng(1)
     q_deg = rng.uniform(-60, 60, (60, 6))
@@ -68,7 +66,7 @@ def test_runs_of_other_poses_have_no_common_mean(tmp_path: Path) -> None:
         assert other.measured.path.name == "few" and "the poses are not those of" in why
 
 
-def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list[Result]) -> None:
+def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps):
     table = next(block for block in answer_of(laps) if isinstance(block, Table))
     assert len(table.columns) == 4 and all("2" in column for column in table.columns[1:])
     answer = as_object(laps)
@@ -83,7 +81,7 @@ def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list
     assert band["u"] >= 0.99 * 6.98 * band["sd_between_runs"] / np.sqrt(2)
 
 
-def test_runs_of_two_placements_are_not_pooled(tmp_path: Path) -> None:
+def test_runs_of_two_placements_are_not_pooled(tmp_path):
     runs = list(write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], tmp_path))
     for run in runs[2:]:
         done = CliRunner().invoke(app, ["relabel", str(run), "--placement", "door"])
@@ -95,7 +93,7 @@ def test_runs_of_two_placements_are_not_pooled(tmp_path: Path) -> None:
     ]
 
 
-def test_a_single_run_beside_repeated_ones_says_it_too(laps: list[Result]) -> None:
+def test_a_single_run_beside_repeated_ones_says_it_too(laps):
     acw = [result for result in laps if result.title == "yaw acw"]
     cw = next(result for result in laps if result.title == "yaw cw")
     (remark,) = (line for line in as_object([*acw, cw])["remarks"] if "single run: u " in line)
@@ -103,7 +101,7 @@ def test_a_single_run_beside_repeated_ones_says_it_too(laps: list[Result]) -> No
     assert not any("single run: u " in line for line in as_object(laps)["remarks"])
 
 
-def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp_path: Path) -> None:
+def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps, tmp_path):
     elsewhere = _with_ball_at(RIG, (1.4, -0.4, 0.1))
     (path,) = write_simulated(elsewhere, TEXT, "yaw", ("acw",), [9], tmp_path)
     three = [*(result for result in laps if result.title == "yaw acw"), evaluate(load_run(path))]
@@ -119,7 +117,7 @@ def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Rig:
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
 
 
-def test_truth_without_values_of_a_test_is_reported(laps: list[Result], tmp_path: Path) -> None:
+def test_truth_without_values_of_a_test_is_reported(laps, tmp_path):
     truth = tmp_path / "truth.json"
     truth.write_text(json.dumps({"rig": "ur10e", "yaw": {"acw": {"band_deg": 0.1}, "cw": {"band_deg": 0.1}}}))
     (radial,) = write_simulated(RIG, TEXT, "radial", (None,), [1], tmp_path)

@@ -1,7 +1,5 @@
 """Headline and three tiles: the same words for page, window and terminal, and the limits of the evidence first."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import get_args
@@ -14,13 +12,13 @@ from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import error_size
 from analysis.apps.report.summary import Summary, with_driven_error
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import LANGUAGES, Language, keys_of, texts_of
+from analysis.apps.report.texts import LANGUAGES, keys_of, texts_of
 from analysis.apps.session.session_state import Answer, Session, SessionAct, SessionCorrection, VerifiedError
 from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual
-from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis, Movement
+from analysis.diagnosis.judge.result import BudgetPart, Condition, Movement
 from analysis.movement.between import with_movements
 from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, SMALL, ZERO, budget, diagnosis
 
@@ -42,7 +40,7 @@ def fields(summary: Summary) -> list[str]:
     return list(filter(None, [*texts, summary.next, summary.command]))
 
 
-def test_first_line_without_a_fault_is_green_only_within_the_limits() -> None:
+def test_first_line_without_a_fault_is_green_only_within_the_limits():
     tones = {None: "pass", "pass": "pass", "watch": "watch", "fail": "fail"}
     found = diagnosis("uncalibrated")
     for standing, tone in tones.items():
@@ -53,7 +51,7 @@ def test_first_line_without_a_fault_is_green_only_within_the_limits() -> None:
 
 
 @pytest.mark.parametrize("condition", ["named", "ambiguous"])
-def test_a_fault_within_the_limits_needs_no_repair(condition: Condition) -> None:
+def test_a_fault_within_the_limits_needs_no_repair(condition):
     found = diagnosis(condition, acts=(REMASTER,))
     for standing in (None, "pass", "fail"):
         summary = summarise(replace(found, accuracy=replace(found.accuracy, standing=standing)))
@@ -71,7 +69,7 @@ def test_a_fault_within_the_limits_needs_no_repair(condition: Condition) -> None
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_error_after_repair_and_correction_is_given_for_each_alone(language: Language) -> None:
+def test_error_after_repair_and_correction_is_given_for_each_alone(language):
     """The figure assumed both steps, although the text forbade to combine them."""
     texts = texts_of(language)
     load = replace(LOAD, place="held_out", removes_um=4.0, removes_u_um=0.5, remains_um=2.3)
@@ -85,7 +83,7 @@ def test_error_after_repair_and_correction_is_given_for_each_alone(language: Lan
         assert summarise(diagnosis(acts=acts), texts).error.basis == plain
 
 
-def test_an_unusual_group_is_no_plain_pass() -> None:
+def test_an_unusual_group_is_no_plain_pass():
     """The headline "nothing unusual" contradicted a budget with an unusual part."""
     part = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")
     summary = summarise(diagnosis("nothing_unusual", budget=(part,)))
@@ -97,7 +95,7 @@ def test_an_unusual_group_is_no_plain_pass() -> None:
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("condition", CONDITIONS)
-def test_every_condition_has_a_summary_in_every_language(condition: Condition, language: Language) -> None:
+def test_every_condition_has_a_summary_in_every_language(condition, language):
     found = diagnosis(condition)
     for changed in (found, replace(found, only_commanded=True)):
         summary = summarise(changed, texts_of(language))
@@ -128,9 +126,7 @@ def test_every_condition_has_a_summary_in_every_language(condition: Condition, l
         (with_movements(diagnosis("nothing_unusual"), [MOVED], []), ("moved", "moved_between", "do_now_moved")),
     ],
 )
-def test_the_first_line_says_whether_the_cause_is_known_its_class_and_the_act(
-    found: Diagnosis, expected: tuple[str, ...]
-) -> None:
+def test_the_first_line_says_whether_the_cause_is_known_its_class_and_the_act(found, expected):
     summary = summarise(found)
     assert keys_of(summary.badge) == (f"badge_{expected[0]}",)
     keys = [key for key in keys_of(summary.headline) if key in expected]
@@ -139,7 +135,7 @@ def test_the_first_line_says_whether_the_cause_is_known_its_class_and_the_act(
     assert first.endswith("; ")
 
 
-def test_the_label_of_the_later_error_names_only_the_acts_of_the_list() -> None:
+def test_the_label_of_the_later_error_names_only_the_acts_of_the_list():
     """A mounting without a gain is no act of the list, and reaching targets from one side is no repair."""
     load = replace(LOAD, removes_um=4.0, removes_u_um=0.5, remains_um=2.3)
     idle = Act("mount", "fault", effect=PLAY.effect, removes_um=0.1, removes_u_um=0.01, remains_um=6.2)
@@ -151,7 +147,7 @@ def test_the_label_of_the_later_error_names_only_the_acts_of_the_list() -> None:
         assert keys_of(summarise(diagnosis(acts=acts)).error.after_label) == (key,)
 
 
-def test_a_correction_that_compensates_all_faults_is_the_only_act_of_the_tile() -> None:
+def test_a_correction_that_compensates_all_faults_is_the_only_act_of_the_tile():
     """A zero can be entered or corrected, but play cannot, so its repair belongs to the later error."""
     acts = (replace(LOAD, remains_um=2.7, remains_u_um=0.4), REMASTER)
     alone = summarise(diagnosis("ambiguous", effects=(ZERO,), acts=acts)).error
@@ -160,14 +156,14 @@ def test_a_correction_that_compensates_all_faults_is_the_only_act_of_the_tile() 
     assert keys_of(both.after_label) == ("error_after_correction_repair",) and both.after != alone.after
 
 
-def test_an_error_that_no_act_changes_is_stated_once() -> None:
+def test_an_error_that_no_act_changes_is_stated_once():
     found = diagnosis(acts=(REMASTER,))
     same = replace(found.accuracy, calibrated_um=found.accuracy.before_there_um)
     error = summarise(replace(found, accuracy=same)).error
     assert error.after == "" and "→" not in error.words + error.title
 
 
-def test_effects_that_no_reading_separates_are_named_together() -> None:
+def test_effects_that_no_reading_separates_are_named_together():
     """A gauge that reads 5 % too much was called the other one, 5 % too little, certain."""
     twins = (ZERO.effect,)
     for language in LANGUAGES:
@@ -178,7 +174,7 @@ def test_effects_that_no_reading_separates_are_named_together() -> None:
     assert AnswerWords(found).noun(twins[0]) in ActWords(found).what(Act("repair", "fault", effect=PLAY.effect))
 
 
-def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
+def test_an_assumed_noise_is_no_uncertainty_of_the_error():
     """2.2 ± 14.7 µm stood above runs that nobody had repeated."""
     assumed = summarise(diagnosis("named", repeated=False, shows_noise=False)).error
     assert "±" not in assumed.words and EN("noise_assumed") in assumed.basis
@@ -197,7 +193,7 @@ def test_an_assumed_noise_is_no_uncertainty_of_the_error() -> None:
         assert "±" in measured.now and EN("noise_assumed") not in measured.basis
 
 
-def test_headline_and_causes_state_the_same_probability_and_the_share_separately() -> None:
+def test_headline_and_causes_state_the_same_probability_and_the_share_separately():
     """A headline with "28 % likely" above a cause with 99.7 % reads as a contradiction."""
     part = BudgetPart("effect", 1.0, 0.1, 0.997, axis=2, name="joint_offset 2", index=0, odds=ZERO.probability)
     for language in LANGUAGES:
@@ -208,7 +204,7 @@ def test_headline_and_causes_state_the_same_probability_and_the_share_separately
         assert summary.causes[0].percent == "99.7 %"
 
 
-def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
+def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault():
     fault = replace(PLAY, contribution_um=1.0)
     budget = (
         BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual"),
@@ -221,7 +217,7 @@ def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
     assert "also_a_fault" not in keys_of(summarise(replace(found, budget=swapped)).headline)
 
 
-def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
+def test_a_movement_comes_first_in_badge_headline_and_next_step():
     sound = diagnosis("nothing_unusual", acts=())
     for found in (sound, diagnosis("named")):
         moved = summarise(with_movements(found, [MOVED], []))
@@ -231,19 +227,19 @@ def test_a_movement_comes_first_in_badge_headline_and_next_step() -> None:
     assert with_movements(sound, [], []) == sound
 
 
-def test_with_commanded_angles_alone_a_large_cause_is_not_confirmed() -> None:
+def test_with_commanded_angles_alone_a_large_cause_is_not_confirmed():
     found = diagnosis("undecided", only_commanded=True, effects=(replace(PLAY, doubt="commanded"),))
     summary = summarise(found)
     assert keys_of(summary.headline)[0] == "finding_only_commanded"
     assert EN("not_confirmed") in summary.causes[0].name
 
 
-def test_a_cause_that_may_be_imitated_is_marked() -> None:
+def test_a_cause_that_may_be_imitated_is_marked():
     (first, *_) = summarise(diagnosis("outside_library", effects=(replace(PLAY, doubt="unexplained"),))).causes
     assert EN("not_confirmed") in first.name
 
 
-def test_small_parts_are_one_cause() -> None:
+def test_small_parts_are_one_cause():
     parts = tuple(BudgetPart("curve", 1.0, 0.1, 0.2, axis=axis, rank="usual") for axis in range(1, 6))
     causes = summarise(diagnosis("nothing_unusual", budget=parts)).causes
     assert [cause.percent for cause in causes] == ["20.0 %", "20.0 %", "20.0 %", "40.0 %"]
@@ -251,7 +247,7 @@ def test_small_parts_are_one_cause() -> None:
     assert summarise(diagnosis("not_testable_here")).causes == ()
 
 
-def test_the_next_step_is_an_imperative_with_its_command_apart() -> None:
+def test_the_next_step_is_an_imperative_with_its_command_apart():
     for condition, acts in ACTS.items():
         for act in acts:
             assert "rig correct" not in ActWords(diagnosis(condition), EN).imperative(act)
@@ -259,7 +255,7 @@ def test_the_next_step_is_an_imperative_with_its_command_apart() -> None:
     assert summary.command == "rig correct m.yaml -o D" and keys_of(summary.next)[0].startswith("do_load")
 
 
-def test_an_error_and_its_uncertainty_have_the_same_decimals() -> None:
+def test_an_error_and_its_uncertainty_have_the_same_decimals():
     assert error_size(126.08, 2.64) == "126.1 ± 2.6"
     assert error_size(126.08, 12.4) == "126 ± 12"
     assert error_size(6.84, 12.4) == "6.8 ± 12.4"
@@ -268,7 +264,7 @@ def test_an_error_and_its_uncertainty_have_the_same_decimals() -> None:
     assert error_size(float("nan"), 1.0) == "–"
 
 
-def test_error_names_its_region_or_is_unknown() -> None:
+def test_error_names_its_region_or_is_unknown():
     found = diagnosis("named")
     used = replace(found, accuracy=replace(found.accuracy, place="used"))
     assert keys_of(summarise(used).error.basis)[0] == "basis_used"
@@ -280,7 +276,7 @@ def test_error_names_its_region_or_is_unknown() -> None:
     assert keys_of(summarise(held).error.now_label) == ("error_left_by_model",)
 
 
-def test_a_summary_survives_the_file_of_a_session() -> None:
+def test_a_summary_survives_the_file_of_a_session():
     found = diagnosis("undecided", effects=(replace(PLAY, doubt="usual"),))
     summary = summarise(found)
     answer = Answer(
@@ -291,7 +287,7 @@ def test_a_summary_survives_the_file_of_a_session() -> None:
     assert Answer.model_validate(answer.model_dump(mode="json", exclude_defaults=True)).summary == summary
 
 
-def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_open() -> None:
+def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_open():
     done = SessionAct(kind="load", why="correction", words="w", step="A.", action="a")
     still_open = SessionAct(kind="repair", why="fault", words="w", step="B.", action="b", command="rig moved")
     answer = Answer(
@@ -317,7 +313,7 @@ def test_a_session_that_corrected_shows_the_measured_error_and_the_step_that_is_
     assert shown_summary(session.model_copy(update={"answer": answer.model_copy(update={"summary": None})})) is None
 
 
-def test_a_cause_that_is_unlikely_by_itself_is_no_headline() -> None:
+def test_a_cause_that_is_unlikely_by_itself_is_no_headline():
     """The headline was a zero with a probability of 4 %, although its rival had 71 %."""
     (rival,) = ZERO.rivals
     other = replace(rival, effect=ZERO.effect.model_copy(update={"axis": 4}), probability=0.25)
@@ -330,7 +326,7 @@ def test_a_cause_that_is_unlikely_by_itself_is_no_headline() -> None:
     assert summary.causes[0].name.startswith("length a of axis 5") and "4 %" not in summary.causes[0].name
 
 
-def test_an_assumed_noise_is_no_uncertainty_of_a_driven_error() -> None:
+def test_an_assumed_noise_is_no_uncertainty_of_a_driven_error():
     """A page said 107 ± 18 → < 18 µm of errors of 107 and 3 µm, because no circle was repeated."""
     before, after = (Deviation(um=um, largest_um=3 * um, u_um=0.0, runs=2) for um in (107.0, 2.9))
     error = with_driven_error(summarise(diagnosis("nothing_unusual")), before, after, EN).error
@@ -341,7 +337,7 @@ def test_an_assumed_noise_is_no_uncertainty_of_a_driven_error() -> None:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_an_error_has_one_value_in_tile_sentence_and_table(language: Language) -> None:
+def test_an_error_has_one_value_in_tile_sentence_and_table(language):
     """The tile stated an error as < 17 µm, and the details of the same page as 3.8 µm."""
     texts, found = texts_of(language), diagnosis("named")
     noisy = replace(found.train, noise_floor_um=24.6, calibrated_um=3.8)
@@ -356,7 +352,7 @@ def test_an_error_has_one_value_in_tile_sentence_and_table(language: Language) -
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_small_undecided_part_does_not_hide_certain_ones(language: Language) -> None:
+def test_small_undecided_part_does_not_hide_certain_ones(language):
     """The headline was an undecided 0.7 % of the error, and the certain play of 97 % was not named."""
     texts = texts_of(language)
     play = replace(PLAY, doubt="usual", probability=1.0)

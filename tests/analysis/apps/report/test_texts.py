@@ -12,7 +12,7 @@ import pytest
 
 from analysis.apps.report.diagnosis_answer import sections_of
 from analysis.apps.report.summary_words import summarise
-from analysis.apps.report.texts import LANGUAGES, Language, capital, joined, keys_of, label, texts_of
+from analysis.apps.report.texts import LANGUAGES, capital, joined, keys_of, label, texts_of
 from analysis.diagnosis.judge.result import Condition
 from rigs.schema.limits import Limits
 from tests.support.handmade_diagnosis import diagnosis
@@ -24,7 +24,7 @@ def places_in(text: str) -> set[str]:
     return {name for _, name, _, _ in string.Formatter().parse(text) if name}
 
 
-def test_the_english_texts_are_those_of_the_snapshot() -> None:
+def test_the_english_texts_are_those_of_the_snapshot():
     texts = texts_of("en")
     found = {condition: diagnosis(condition) for condition in get_args(Condition)}
     lines = [f"{key}: {text}" for key, text in texts.words.items()]
@@ -40,20 +40,20 @@ def test_the_english_texts_are_those_of_the_snapshot() -> None:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_a_language_has_every_text_with_the_same_places(language: Language) -> None:
+def test_a_language_has_every_text_with_the_same_places(language):
     english, other = texts_of("en").words, texts_of(language).words
     assert english.keys() == other.keys()
     assert [key for key in english if places_in(english[key]) != places_in(other[key])] == []
 
 
 @pytest.mark.parametrize("language", ["de", "ko"])
-def test_every_figure_with_a_limit_has_a_label(language: Language) -> None:
+def test_every_figure_with_a_limit_has_a_label(language):
     texts = texts_of(language)
     names = {name for test in ("yaw", "radial", "repeatability") for name in type(getattr(Limits(), test)).model_fields}
     assert [name for name in names if texts.label(name) == label(name)] == []
 
 
-def test_texts_keep_the_keys_of_the_texts_inserted_into_them() -> None:
+def test_texts_keep_the_keys_of_the_texts_inserted_into_them():
     texts = texts_of("en")
     inner = texts("axis_numbered", axis=2)
     outer = joined([capital(texts("part_curve", joint=inner)), "", texts("do_next")])

@@ -1,7 +1,5 @@
 """Wrong use of a session: each mistake has its code, and the stored state is unchanged."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -12,7 +10,7 @@ from typer.testing import CliRunner
 from analysis.apps.makers.motion_plan import demand_of
 from analysis.apps.makers.writing import programs_of
 from analysis.apps.session.session_plan import BY_HAND, FIXED, minutes_of, planned, programs_of_steps
-from analysis.apps.session.session_state import Aim, Emulated, SessionDirectory, Try
+from analysis.apps.session.session_state import Emulated, SessionDirectory, Try
 from analysis.cli import app
 from daq.store import durable
 from rigs.errors import CellError, RigError
@@ -23,7 +21,7 @@ from tests.support.session_cell import begun, cell_file
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Path:
+def cell(tmp_path):
     return cell_file(tmp_path)
 
 
@@ -41,7 +39,7 @@ def refused(*words: str | Path) -> str:
     return error.code
 
 
-def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: Path) -> None:
+def test_status_shows_every_step_and_json_the_whole_state(cell, tmp_path):
     session = begun(cell, tmp_path / "own")
     shown = ran("session", cell, "-o", tmp_path / "own", "--status")
     assert shown.returncode == 0 and all(step.program in shown.stdout for step in session.steps)
@@ -66,7 +64,7 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
         ("driven_minutes", "-5", "driven_minutes"),
     ],
 )
-def test_impossible_value_is_refused_with_its_line(key: str, value: str, said: str, cell: Path, tmp_path: Path) -> None:
+def test_impossible_value_is_refused_with_its_line(key, value, said, cell, tmp_path):
     begun(cell, tmp_path / "own")
     file = tmp_path / "own" / "session.yaml"
     kept = [line for line in file.read_text().splitlines() if not line.startswith(f"{key}:")]
@@ -86,7 +84,7 @@ def test_impossible_value_is_refused_with_its_line(key: str, value: str, said: s
         ("minutes:", "minutes: .nan\nminuten:", "minuten"),
     ],
 )
-def test_edited_file_is_checked_with_its_line(old: str, new: str, said: str, cell: Path, tmp_path: Path) -> None:
+def test_edited_file_is_checked_with_its_line(old, new, said, cell, tmp_path):
     begun(cell, tmp_path / "own")
     file = tmp_path / "own" / "session.yaml"
     edited = file.read_text().replace(old, new, 1)
@@ -97,14 +95,14 @@ def test_edited_file_is_checked_with_its_line(old: str, new: str, said: str, cel
     assert file.read_text() == edited
 
 
-def test_other_rig_file_is_refused(cell: Path, tmp_path: Path) -> None:
+def test_other_rig_file_is_refused(cell, tmp_path):
     begun(cell, tmp_path / "own")
     cell.write_text(cell.read_text() + "# changed\n")
     for option in (("--for", "kuka"), ("--status",)):
         assert refused(cell, "-o", tmp_path / "own", *option) == "session.other_rig_file"
 
 
-def test_session_with_a_missing_run_is_refused(cell: Path, tmp_path: Path) -> None:
+def test_session_with_a_missing_run_is_refused(cell, tmp_path):
     session, place = begun(cell, tmp_path / "own"), SessionDirectory(tmp_path / "own")
     place.write(session.with_try(0, Try(run="there")))
     for option in (("--for", session.maker), ("--status",)):
@@ -113,12 +111,12 @@ def test_session_with_a_missing_run_is_refused(cell: Path, tmp_path: Path) -> No
     assert ran("session", cell, "-o", place.directory, "--status").returncode == 0
 
 
-def test_session_of_a_real_cell_is_not_continued_in_an_emulated_one(cell: Path, tmp_path: Path) -> None:
+def test_session_of_a_real_cell_is_not_continued_in_an_emulated_one(cell, tmp_path):
     begun(cell, tmp_path / "own")
     assert refused(cell, "-o", tmp_path / "own", "--for", "kuka", "--emulated") == "session.other_cell"
 
 
-def test_second_session_in_a_directory_is_refused(cell: Path, tmp_path: Path) -> None:
+def test_second_session_in_a_directory_is_refused(cell, tmp_path):
     begun(cell, tmp_path / "own")
     with SessionDirectory(tmp_path / "own"):
         assert refused(cell, "-o", tmp_path / "own", "--for", "kuka") == "session.in_use"
@@ -135,19 +133,19 @@ def test_second_session_in_a_directory_is_refused(cell: Path, tmp_path: Path) ->
         (("--for", "kuka", "--minutes", "60", "--entered"), "session.no_entries"),
     ],
 )
-def test_impossible_option_is_refused(options: tuple[str, ...], code: str, cell: Path, tmp_path: Path) -> None:
+def test_impossible_option_is_refused(options, code, cell, tmp_path):
     assert refused(cell, "-o", tmp_path / "own", *options) == code
     assert not (tmp_path / "own" / "session.yaml").exists()
 
 
-def test_unknown_maker_is_asked_for(cell: Path, tmp_path: Path) -> None:
+def test_unknown_maker_is_asked_for(cell, tmp_path):
     data = yaml.safe_load(cell.read_text())
     data["robot"]["name"] = "arm"
     cell.write_text(yaml.safe_dump(data, sort_keys=False))
     assert refused(cell, "-o", tmp_path / "own") == "session.maker"
 
 
-def test_missing_ports_end_the_session_and_keep_its_state(cell: Path, tmp_path: Path) -> None:
+def test_missing_ports_end_the_session_and_keep_its_state(cell, tmp_path):
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("XDG_RUNTIME_DIR", str(tmp_path))
         tmp_path.chmod(0o700)
@@ -156,7 +154,7 @@ def test_missing_ports_end_the_session_and_keep_its_state(cell: Path, tmp_path: 
     assert kept is not None and kept.steps[0].is_open
 
 
-def test_full_disk_keeps_the_stored_state(cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_keeps_the_stored_state(cell, tmp_path, monkeypatch):
     session = begun(cell, tmp_path / "own")
 
     def full(*_: object, **__: object) -> None:
@@ -170,7 +168,7 @@ def test_full_disk_keeps_the_stored_state(cell: Path, tmp_path: Path, monkeypatc
 
 
 @pytest.mark.parametrize(("aim", "minutes"), [("check", 20), ("faults", 50)])
-def test_plan_fits_its_time_and_its_names_every_language(aim: Aim, minutes: int) -> None:
+def test_plan_fits_its_time_and_its_names_every_language(aim, minutes):
     rig, _ = load("ur10e")
     stages, steps = planned(rig, aim, minutes, BY_HAND, lambda _: None)
     assert minutes_of(steps, BY_HAND) + BY_HAND.thinking_min <= minutes

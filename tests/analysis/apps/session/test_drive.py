@@ -103,16 +103,16 @@ class Bench:
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
+def session(tmp_path_factory):
     return begun(find("paper-fanuc"), tmp_path_factory.mktemp("drive"), 11)
 
 
 @pytest.fixture
-def bench(session: Session, monkeypatch: pytest.MonkeyPatch) -> Bench:
+def bench(session, monkeypatch):
     return Bench(session, Time(monkeypatch), monkeypatch)
 
 
-def test_program_is_recorded_from_start_to_end(bench: Bench) -> None:
+def test_program_is_recorded_from_start_to_end(bench):
     cell = Cell(bench, bench.robot("p01-yaw-acw"))
     assert bench.drive(cell) == ProgramRun("20260101T000000Z_run", "p01-yaw-acw", "")
     (start, fields), (stop, _) = cell.requests
@@ -121,14 +121,14 @@ def test_program_is_recorded_from_start_to_end(bench: Bench) -> None:
     assert (fields["operator"], fields["placement"], fields["corrected"]) == ("ada", "yaw", "")
 
 
-def test_corrected_program_is_labelled(bench: Bench) -> None:
+def test_corrected_program_is_labelled(bench):
     cell = Cell(bench, bench.robot("p01-yaw-acw"))
     bench.programs = {name: replace(one, corrected="targets") for name, one in bench.programs.items()}
     bench.drive(cell)
     assert cell.requests[0][1]["corrected"] == "targets"
 
 
-def test_other_program_is_recorded_with_its_own_label(bench: Bench) -> None:
+def test_other_program_is_recorded_with_its_own_label(bench):
     cell = Cell(bench, bench.robot("p02-yaw-cw"))
     assert bench.drive(cell).program == "p02-yaw-cw"
     assert cell.requests[0][1]["direction"] == "cw"
@@ -136,12 +136,12 @@ def test_other_program_is_recorded_with_its_own_label(bench: Bench) -> None:
     assert "p02-yaw-cw" in line and "p01-yaw-acw" in line
 
 
-def test_stopped_program_is_unusable_and_states_the_place(bench: Bench) -> None:
+def test_stopped_program_is_unusable_and_states_the_place(bench):
     run = bench.drive(Cell(bench, bench.robot("p01-yaw-acw", 0.3)))
     assert "30 %" in run.why and "g1: 3 silent" in run.why
 
 
-def test_robot_that_never_starts_ends_the_step_and_the_recording(bench: Bench) -> None:
+def test_robot_that_never_starts_ends_the_step_and_the_recording(bench):
     cell = Cell(bench, bench.robot("p01-yaw-acw", leaves_s=1e9))
     with pytest.raises(CellError) as error:
         bench.drive(cell)
@@ -150,7 +150,7 @@ def test_robot_that_never_starts_ends_the_step_and_the_recording(bench: Bench) -
     assert [command for command, _ in cell.requests] == ["record_start", "record_stop"]
 
 
-def test_robot_elsewhere_is_asked_for_its_program(bench: Bench) -> None:
+def test_robot_elsewhere_is_asked_for_its_program(bench):
     away = bench.ways["p01-yaw-acw"].q_deg[500]
     cell = Cell(bench, lambda now_s: away + min(now_s, 5) * np.array([2.0, 0, 0, 0, 0, 0]))
     with refused("program.not_started"):
@@ -158,7 +158,7 @@ def test_robot_elsewhere_is_asked_for_its_program(bench: Bench) -> None:
     assert len(bench.screen.lines) == 1 and "p01-yaw-acw" in bench.screen.lines[0] and not cell.requests
 
 
-def test_silent_gauge_is_reported_once_and_named_at_the_end(bench: Bench) -> None:
+def test_silent_gauge_is_reported_once_and_named_at_the_end(bench):
     cell = Cell(bench, bench.robot("p01-yaw-acw", leaves_s=1e9))
     cell.set_up(Stage(name="yaw", words=""), bench.programs)
     cell.missing = ["g2"]
@@ -168,7 +168,7 @@ def test_silent_gauge_is_reported_once_and_named_at_the_end(bench: Bench) -> Non
     assert len(bench.screen.lines) == 1 and "g2" in bench.screen.lines[0]
 
 
-def test_refused_recording_is_repeated_while_the_robot_waits(bench: Bench) -> None:
+def test_refused_recording_is_repeated_while_the_robot_waits(bench):
     cell = Cell(bench, bench.robot("p01-yaw-acw", leaves_s=20))
     cell.refusals = [CellError("disk", "nearly full", "free some space")] * 3
     assert bench.drive(cell).why == ""
@@ -176,7 +176,7 @@ def test_refused_recording_is_repeated_while_the_robot_waits(bench: Bench) -> No
     assert [command for command, _ in cell.requests].count("record_start") == 4
 
 
-def test_program_that_began_unrecorded_is_requested_again(bench: Bench) -> None:
+def test_program_that_began_unrecorded_is_requested_again(bench):
     once, again = bench.robot("p01-yaw-acw", leaves_s=8), bench.robot("p01-yaw-acw", leaves_s=100)
     cell = Cell(bench, lambda now_s: once(now_s) if now_s < 75 else again(now_s))
     cell.refusals = [CellError("disk", "nearly full", "free some space")] * 8

@@ -2,8 +2,6 @@
 processes.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -36,7 +34,7 @@ def processes_of(directory: Path) -> list[str]:
 
 @pytest.mark.real_time
 @pytest.mark.timeout(300)
-def test_a_session_that_is_killed_goes_on_and_leaves_no_process(tmp_path: Path) -> None:
+def test_a_session_that_is_killed_goes_on_and_leaves_no_process(tmp_path):
     cell, directory = cell_file(tmp_path), tmp_path / "own"
     runtime = tmp_path / "runtime"
     runtime.mkdir(mode=0o700)

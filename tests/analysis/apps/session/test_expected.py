@@ -1,7 +1,5 @@
 """Expected result of a correction in a session: with u where the runs of the model state it, otherwise none."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -20,7 +18,7 @@ from tests.worlds.arms.seven_axes import run_of
 
 
 @pytest.mark.parametrize(("most_deg", "is_known"), [(29.0, True), (40.0, False)])
-def test_u_is_known_only_in_the_region_of_the_runs(most_deg: float, is_known: bool) -> None:
+def test_u_is_known_only_in_the_region_of_the_runs(most_deg, is_known):
     rig = load("paper-fanuc")[0].with_calibration(None, calibrated_model())
     q = np.radians(np.random.default_rng(1).uniform(-20, 20, (40, 6)))
     q[-1, 3] = math.radians(most_deg)
@@ -35,7 +33,7 @@ def test_u_is_known_only_in_the_region_of_the_runs(most_deg: float, is_known: bo
 
 
 @pytest.mark.parametrize(("unknown", "key"), [(0.0, None), (0.82, "work_unknown"), (1.0, "work_unknown_all")])
-def test_error_over_the_work_states_the_unmeasured_share(unknown: float, key: str | None) -> None:
+def test_error_over_the_work_states_the_unmeasured_share(unknown, key):
     side = Deviation(um=50, largest_um=90, u_um=1, runs=2)
     work = Work(before_um=312, after_um=133, u_um=46, unknown=unknown)
     after = BeforeAfter("Load them.", "programs", (Side("same", side, side, None),), work)

@@ -1,7 +1,5 @@
 """A complete session: undisturbed, killed at each step, with rejected runs, and with runs of other users."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -40,7 +38,7 @@ of the time.
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Path:
+def place(tmp_path):
     return tmp_path / "session"
 
 
@@ -51,7 +49,7 @@ def _blank_page(_: Session, __: object, place: SessionDirectory, ___: object) ->
 
 
 @pytest.fixture
-def page_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def page_at_once(monkeypatch):
     """Write the page without charts, which take most of a session's time."""
     monkeypatch.setattr(report, "write_report", _blank_page)
 
@@ -69,7 +67,7 @@ class Whole:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     place = folder / "session"
     begun(cell_file(folder), place)
@@ -101,7 +99,7 @@ def finished(session: Session, place: Path) -> None:
         assert after.um < 0.3 * before.um
 
 
-def test_session_measures_diagnoses_corrects_and_verifies(whole: Whole) -> None:
+def test_session_measures_diagnoses_corrects_and_verifies(whole):
     session = whole.session
     finished(session, whole.place)
     assert whole.driver.stages == ["yaw", "other", "yaw"]
@@ -113,7 +111,7 @@ def test_session_measures_diagnoses_corrects_and_verifies(whole: Whole) -> None:
     assert {"before_after", "about_before_after"} <= set(keys) and f"is_now_{session.correction.way}" in keys
 
 
-def test_page_contains_charts(whole: Whole) -> None:
+def test_page_contains_charts(whole):
     place = SessionDirectory(whole.place)
     (place.directory / report.PAGE).unlink()  # an empty page, which rig does not replace
     correction = whole.session.correction
@@ -131,7 +129,7 @@ def test_page_contains_charts(whole: Whole) -> None:
 
 @pytest.mark.cpu_limit(150)
 @pytest.mark.usefixtures("page_at_once")
-def test_session_killed_at_each_step_gives_the_same_result(whole: Whole, place: Path, tmp_path: Path) -> None:
+def test_session_killed_at_each_step_gives_the_same_result(whole, place, tmp_path):
     begun(cell_file(tmp_path), place)
     mortal = Simulated(place)
     for life in range(_MOST_LIVES):
@@ -155,7 +153,7 @@ def test_session_killed_at_each_step_gives_the_same_result(whole: Whole, place: 
 
 
 @pytest.mark.usefixtures("page_at_once")
-def test_certain_diagnosis_stops_the_search(place: Path, tmp_path: Path) -> None:
+def test_certain_diagnosis_stops_the_search(place, tmp_path):
     begun(cell_file(tmp_path), place, minutes=3.6)
     session = gone_on(place, Simulated(place), Oracle())
     skipped = [step for step in session.steps if step.skipped]
@@ -165,7 +163,7 @@ def test_certain_diagnosis_stops_the_search(place: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.usefixtures("page_at_once")
-def test_ambiguous_diagnosis_schedules_the_separating_test(place: Path, tmp_path: Path) -> None:
+def test_ambiguous_diagnosis_schedules_the_separating_test(place, tmp_path):
     begun(cell_file(tmp_path), place)
     ambiguous = NAMED.model_copy(update={"condition": "ambiguous", "next_test": "roll on the circle"})
     driver = Simulated(place)
@@ -182,7 +180,7 @@ def test_ambiguous_diagnosis_schedules_the_separating_test(place: Path, tmp_path
 
 @pytest.mark.usefixtures("page_at_once")
 @pytest.mark.parametrize("aim", AIMS)
-def test_unusable_run_is_repeated_and_the_third_ends_with_an_error(aim: Aim, place: Path, tmp_path: Path) -> None:
+def test_unusable_run_is_repeated_and_the_third_ends_with_an_error(aim, place, tmp_path):
     begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place, {1: "g1: 3 silent", 2: "g1: 3 silent", 3: "g1: 3 silent"})
     with pytest.raises(CellError) as error:
@@ -196,7 +194,7 @@ def test_unusable_run_is_repeated_and_the_third_ends_with_an_error(aim: Aim, pla
 
 @pytest.mark.usefixtures("page_at_once")
 @pytest.mark.parametrize("aim", AIMS)
-def test_wrong_program_is_accepted_as_the_program_it_is(aim: Aim, place: Path, tmp_path: Path) -> None:
+def test_wrong_program_is_accepted_as_the_program_it_is(aim, place, tmp_path):
     begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place)
     driver.instead = {0: "p02-yaw-cw"}
@@ -207,7 +205,7 @@ def test_wrong_program_is_accepted_as_the_program_it_is(aim: Aim, place: Path, t
 
 @pytest.mark.usefixtures("page_at_once")
 @pytest.mark.parametrize("aim", AIMS)
-def test_runs_of_other_users_are_ignored(aim: Aim, place: Path, tmp_path: Path) -> None:
+def test_runs_of_other_users_are_ignored(aim, place, tmp_path):
     begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place)
     with pytest.raises(Killed):
@@ -227,7 +225,7 @@ def test_runs_of_other_users_are_ignored(aim: Aim, place: Path, tmp_path: Path) 
 
 
 @pytest.mark.usefixtures("page_at_once")
-def test_unconfirmed_entries_end_with_instructions(place: Path, tmp_path: Path) -> None:
+def test_unconfirmed_entries_end_with_instructions(place, tmp_path):
     begun(cell_file(tmp_path), place)
     driver = Simulated(place)
     driver.can_enter = False
@@ -243,7 +241,7 @@ def test_unconfirmed_entries_end_with_instructions(place: Path, tmp_path: Path) 
     finished(session, place)
 
 
-def test_next_step_depends_only_on_the_state(tmp_path: Path) -> None:
+def test_next_step_depends_only_on_the_state(tmp_path):
     session = begun(cell_file(tmp_path), tmp_path / "session")
     assert next_of(session) == Drive(0)
     driven = tuple(
@@ -266,7 +264,7 @@ def test_next_step_depends_only_on_the_state(tmp_path: Path) -> None:
         assert why_nothing(known.model_copy(update={"judged": refused})).startswith("Do not correct: ")
 
 
-def test_stalled_computer_is_reported_before_the_cell(place: Path, tmp_path: Path) -> None:
+def test_stalled_computer_is_reported_before_the_cell(place, tmp_path):
     begun(cell_file(tmp_path), place)
 
     class HeldUp(Simulated):

@@ -1,7 +1,5 @@
 """An emulated cell of a session: the lines typed at its events, and errors that end the session."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -54,7 +52,7 @@ class Cell(ServedCell):
 
 
 @pytest.fixture
-def session(tmp_path: Path) -> Session:
+def session(tmp_path):
     return begun(find("paper-fanuc"), tmp_path / "begun", 11)
 
 
@@ -64,7 +62,7 @@ def cell_at(session: Session, directory: Path, **answers: tuple[CellEvent, ...])
     return cell
 
 
-def test_waiting_program_continues_once_it_is_recorded(session: Session, tmp_path: Path) -> None:
+def test_waiting_program_continues_once_it_is_recorded(session, tmp_path):
     cell = cell_at(session, tmp_path, run=(CellEvent("waits", "p01", "in another language"),))
     cell.start_program(PROGRAM)
     cell.check()
@@ -75,7 +73,7 @@ def test_waiting_program_continues_once_it_is_recorded(session: Session, tmp_pat
     assert cell.typed == ["run p01-yaw-acw", "go on"]
 
 
-def test_next_program_is_not_preceded_by_a_stop_if_the_last_is_done(session: Session, tmp_path: Path) -> None:
+def test_next_program_is_not_preceded_by_a_stop_if_the_last_is_done(session, tmp_path):
     cell = cell_at(session, tmp_path, run=(CellEvent("driving", "p01", ""), CellEvent("done", "p01", "")))
     for _ in range(2):
         cell.start_program(PROGRAM)
@@ -83,7 +81,7 @@ def test_next_program_is_not_preceded_by_a_stop_if_the_last_is_done(session: Ses
     assert cell.typed == ["run p01-yaw-acw"] * 2
 
 
-def test_refusal_ends_the_session_except_of_a_late_stop(session: Session, tmp_path: Path) -> None:
+def test_refusal_ends_the_session_except_of_a_late_stop(session, tmp_path):
     cell = cell_at(session, tmp_path, stop=(CellEvent("refused", "stop", "error: stop: no program drives"),))
     cell.type_line("stop")
     cell.check()
@@ -93,27 +91,27 @@ def test_refusal_ends_the_session_except_of_a_late_stop(session: Session, tmp_pa
     assert not cell.entered
 
 
-def test_entered_values_are_entered_again_at_each_stage(session: Session, tmp_path: Path) -> None:
+def test_entered_values_are_entered_again_at_each_stage(session, tmp_path):
     cell = Cell(session, tmp_path, {"enter": (CellEvent("entered", "corrections.yaml", ""),)})
     assert cell.enter(Path("corrections.yaml")) and not cell.typed
     cell.mount(Stage(name="yaw", words="the ball"), Path("yaml"))
     assert cell.typed == ["enter corrections.yaml"]
 
 
-def test_resumed_session_has_new_noise(session: Session, tmp_path: Path) -> None:
+def test_resumed_session_has_new_noise(session, tmp_path):
     first = cell_at(session, tmp_path)
     (tmp_path / "runs" / "20260101T000000Z_p01-yaw-acw").mkdir(parents=True)
     assert first.seeds != cell_at(session, tmp_path).seeds
 
 
-def test_cell_that_has_ended_ends_the_session(session: Session, tmp_path: Path) -> None:
+def test_cell_that_has_ended_ends_the_session(session, tmp_path):
     cell = cell_at(session, tmp_path)
     cell.runs = False
     with refused("process.ended"):
         cell.check()
 
 
-def test_inference_that_fails_or_is_killed_says_so(tmp_path: Path) -> None:
+def test_inference_that_fails_or_is_killed_says_so(tmp_path):
     for kill, code in ((False, "run.missing"), (True, "process.ended")):
         inference = Inference([tmp_path / "none"], [], Path("paper-fanuc"), tmp_path / "found")
         if kill:
@@ -124,7 +122,7 @@ def test_inference_that_fails_or_is_killed_says_so(tmp_path: Path) -> None:
             inference.result()
 
 
-def test_event_is_a_line_of_json_and_other_lines_are_ignored() -> None:
+def test_event_is_a_line_of_json_and_other_lines_are_ignored():
     events: list[CellEvent] = []
     robot = SimpleNamespace(stop=lambda: False, pause=None, go_on=None, show=lambda column, value: None)
     keyboard = Keyboard(robot, None, print, events.append)  # type: ignore[arg-type]

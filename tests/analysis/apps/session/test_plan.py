@@ -1,7 +1,5 @@
 """Plan of a session: programs with realistic times, short arcs, a place for validation, and further tests."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -21,24 +19,23 @@ from analysis.apps.session.session_state import Stage
 from analysis.robot.geometry.driven_programs import circle_laps
 from rigs.arms import load_arm
 from rigs.load import load, parse
-from rigs.rig import Rig
 from tests.support.refusals import refused
 
 MAIN = Stage(name="yaw", words="the ball")
 
 
 @pytest.fixture(scope="module")
-def rig() -> Rig:
+def rig():
     return load("paper-fanuc")[0]
 
 
-def test_time_of_a_program_is_that_of_its_motion(rig: Rig) -> None:
+def test_time_of_a_program_is_that_of_its_motion(rig):
     program = programs_for(rig, MAIN, "yaw")[0]
     stands_s = 6.0
     assert program.seconds == pytest.approx(circle_laps(rig, "acw").end_s + stands_s, rel=0.03)
 
 
-def test_short_arcs_are_the_same_circle(rig: Rig) -> None:
+def test_short_arcs_are_the_same_circle(rig):
     whole, fine = (programs_for(rig, MAIN, "yaw", arc_deg=arc)[1].plan for arc in (90.0, 5.0))
     arcs = [[step for step in plan.steps if isinstance(step, Arc)] for plan in (whole, fine)]
     assert len(arcs[1]) > 15 * len(arcs[0])
@@ -46,7 +43,7 @@ def test_short_arcs_are_the_same_circle(rig: Rig) -> None:
     np.testing.assert_allclose(arcs[1][-1].end.q, arcs[0][-1].end.q, atol=1e-6)
 
 
-def test_judging_place_is_another_and_finds_nothing(rig: Rig) -> None:
+def test_judging_place_is_another_and_finds_nothing(rig):
     stages, steps = planned(rig, "faults", 50, BY_HAND, lambda _: None)
     other = next(stage for stage in stages if stage.name == ELSEWHERE)
     assert other.circle is not None and rig.tests.circle is not None
@@ -57,14 +54,14 @@ def test_judging_place_is_another_and_finds_nothing(rig: Rig) -> None:
     assert order == sorted(order, key=[ELSEWHERE, "yaw"].index), "the ball is moved once"
 
 
-def test_text_of_a_stage_gives_its_rig(rig: Rig) -> None:
+def test_text_of_a_stage_gives_its_rig(rig):
     text = load("paper-fanuc")[1]
     stages, _ = planned(rig, "faults", 50, BY_HAND, lambda _: None)
     for stage in stages:
         assert parse(stage_text(text, stage), "here") == stage_rig(rig, stage)
 
 
-def test_test_with_another_link_is_not_inserted(rig: Rig) -> None:
+def test_test_with_another_link_is_not_inserted(rig):
     assert separating(rig, "circle of radius 50 mm", ("yaw",), 3) is None
     assert separating(rig, "circle with the ball 40 mm off axis 6", ("yaw",), 3) is None
     assert separating(rig, "no test of this name", ("yaw",), 3) is None
@@ -72,7 +69,7 @@ def test_test_with_another_link_is_not_inserted(rig: Rig) -> None:
     assert found is not None and [step.test for step in found[1]] == ["radial"]
 
 
-def test_shortest_session_fits_into_the_time_that_its_refusal_states(rig: Rig) -> None:
+def test_shortest_session_fits_into_the_time_that_its_refusal_states(rig):
     with refused("session.minutes") as refusal:
         planned(rig, "faults", 10, BY_HAND, lambda _: None)
     shortest_min = float(re.findall(r"[\d.]+", refusal.value.what)[0])
@@ -81,7 +78,7 @@ def test_shortest_session_fits_into_the_time_that_its_refusal_states(rig: Rig) -
         planned(rig, "faults", shortest_min - 0.1, BY_HAND, lambda _: None)
 
 
-def test_a_rig_without_gauges_is_refused() -> None:
+def test_a_rig_without_gauges_is_refused():
     bare = parse(f"name: cell\nrobot: {load_arm('ur5').robot.model_dump_json()}\n", "cell.yaml")
     with refused("session.no_gauges"):
         planned(bare, "faults", 50, BY_HAND, lambda _: None)

@@ -1,7 +1,5 @@
 """A play is corrected in a program, whose ways are known: judged by a play and an arm apart from the product's."""
 
-from __future__ import annotations
-
 import datetime as dt
 from pathlib import Path
 
@@ -57,7 +55,7 @@ def off_um(rig: Rig, q: Array) -> float:
 
 
 @pytest.mark.parametrize("maker", ["kuka", "ur"])
-def test_programs_that_know_a_play_take_most_of_it_away(maker: MakerName, tmp_path: Path) -> None:
+def test_programs_that_know_a_play_take_most_of_it_away(maker, tmp_path):
     rig, _ = load(cell_file(tmp_path))
     session = begun(tmp_path / "cell.yaml", tmp_path / "session")
     steps = [step for step in session.steps if step.purpose == "find"]

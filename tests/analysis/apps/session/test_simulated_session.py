@@ -1,10 +1,7 @@
 """A session with daemon, instruments and robot in simulated time: what trials of sessions rest on."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -55,7 +52,7 @@ class Killing(Told):
 
 
 @pytest.mark.cpu_limit(120)
-def test_session_in_simulated_time_continues_after_a_kill_of_rigd(tmp_path: Path) -> None:
+def test_session_in_simulated_time_continues_after_a_kill_of_rigd(tmp_path):
     cell, directory = cell_file(tmp_path), tmp_path / "own"
     rig, text = load(cell)
     emulated = Emulated(effects="paper-fanuc", seed=3)

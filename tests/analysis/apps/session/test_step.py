@@ -1,7 +1,5 @@
 """Decisions of a session: the requests to a cell and the stored state, for a given state and given runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -65,13 +63,13 @@ class Scripted(RealCell):
 
 
 @pytest.fixture(scope="module")
-def at_start(tmp_path_factory: pytest.TempPathFactory) -> Session:
+def at_start(tmp_path_factory):
     folder = tmp_path_factory.mktemp("step")
     return begun(cell_file(folder), folder / "session")
 
 
 @pytest.fixture(autouse=True)
-def no_files(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_files(monkeypatch):
     """Write no programs, which would take most of the time."""
     monkeypatch.setattr(Conductor, "_write_stage", lambda *_: None)
     monkeypatch.setattr(run_session, "programs_of_steps", lambda *_: {})
@@ -122,16 +120,14 @@ def known(session: Session) -> Session:
     ],
     ids=["usable", "unusable", "of another step", "of no step"],
 )
-def test_run_counts_for_the_step_of_its_program(
-    run: ProgramRun, tries: list[int], left_alone: tuple[str, ...], following: str, at_start: Session, tmp_path: Path
-) -> None:
+def test_run_counts_for_the_step_of_its_program(run, tries, left_alone, following, at_start, tmp_path):
     session, requests = conduct(at_start, tmp_path, [run])
     assert [len(step.tries) for step in session.steps[:2]] == tries
     assert session.left_alone == left_alone and requests == ["yaw", ACW, following]
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_both_directions_are_diagnosed_during_the_next_program(fails: bool, at_start: Session, tmp_path: Path) -> None:
+def test_both_directions_are_diagnosed_during_the_next_program(fails, at_start, tmp_path):
     answer = NAMED.model_copy(update={"runs": 2})
     diagnosis: Answer | CellError = CellError("inference", "no lap", "see the log") if fails else answer
     session, requests = conduct(at_start, tmp_path, [ProgramRun("a", ACW), ProgramRun("b", CW)], [diagnosis])
@@ -141,12 +137,12 @@ def test_both_directions_are_diagnosed_during_the_next_program(fails: bool, at_s
 
 @pytest.mark.parametrize(("correction", "requests"), [(BY_PROGRAMS, []), (BY_ENTRIES, ["enter"])])
 def test_correction_is_loaded_or_entered_before_the_verification(
-    correction: SessionCorrection,
-    requests: list[str],
-    at_start: Session,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    correction,
+    requests,
+    at_start,
+    tmp_path,
+    monkeypatch,
+):
     verify = {step.program for step in at_start.steps if step.purpose == "verify"}
     by_programs = correction.way == "programs"
     fixed = {
@@ -165,9 +161,7 @@ def test_correction_is_loaded_or_entered_before_the_verification(
 
 
 @pytest.mark.parametrize("refused", [True, False])
-def test_nothing_is_corrected_without_a_model_or_against_the_judgement(
-    refused: bool, at_start: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_corrected_without_a_model_or_against_the_judgement(refused, at_start, tmp_path, monkeypatch):
     session = known(at_start)
     assert session.answer and session.judged
     changed = {
@@ -182,7 +176,7 @@ def test_nothing_is_corrected_without_a_model_or_against_the_judgement(
     assert kept and kept.correction and kept.correction.way == "none" and not kept.open_steps
 
 
-def test_correction_changes_the_recommended_acts(at_start: Session) -> None:
+def test_correction_changes_the_recommended_acts(at_start):
     repair = SessionAct(kind="repair", why="fault", words="Repair it. Do it instead.", corrected="Repair it.")
     answer = NAMED.model_copy(update={"acts": (repair, GROUP)})
     before = driven(known(at_start), "find", "judge", "verify", correction=BY_PROGRAMS, answer=answer)
@@ -195,15 +189,13 @@ def test_correction_changes_the_recommended_acts(at_start: Session) -> None:
     ("used", "changed", "is_so"),
     [(4, {}, True), (3, {}, False), (4, {"acts": (GROUP,)}, False), (4, {"condition": "ambiguous"}, False)],
 )
-def test_question_is_answered_by_repeats_in_both_directions(
-    at_start: Session, used: int, changed: dict[str, Any], is_so: bool
-) -> None:
+def test_question_is_answered_by_repeats_in_both_directions(at_start, used, changed, is_so):
     answer = NAMED.model_copy(update={"runs": used, **changed})
     assert is_answered(driven(at_start, "find"), answer) == is_so
 
 
 @pytest.mark.parametrize("stage", ["yaw", "other"])
-def test_skipped_steps_are_reopened_while_the_ball_is_in_place(stage: str, at_start: Session, tmp_path: Path) -> None:
+def test_skipped_steps_are_reopened_while_the_ball_is_in_place(stage, at_start, tmp_path):
     twice = [at_start.steps[k].model_copy(update={"purpose": "find"}) for k in (0, 1, 0, 1, 2, 3)]
     steps = [step.model_copy(update={"tries": (Try(run=f"r{k}"),)}) for k, step in enumerate(twice[:4])]
     rest = [step for step in at_start.steps if step.purpose != "find"]

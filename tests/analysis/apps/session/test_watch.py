@@ -1,7 +1,5 @@
 """Recognise the program that a robot drives, from its joint angles: as expected, another, a stopped one, or none."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +30,7 @@ class Cell:
 
 
 @pytest.fixture(scope="module")
-def cell() -> Cell:
+def cell():
     rig, _ = load("paper-fanuc")
     stages, steps = planned(rig, "faults", 11, BY_ITSELF, lambda _: None)
     return Cell({name: ProgramPath.of(program.plan) for name, program in programs_of_steps(rig, stages, steps).items()})
@@ -50,26 +48,26 @@ def seen(watch: ProgramWatch, joints: list[Array]) -> list[str]:
     return found
 
 
-def test_a_program_is_followed_from_its_start_to_its_end_with_the_way_back_between_laps(cell: Cell) -> None:
+def test_a_program_is_followed_from_its_start_to_its_end_with_the_way_back_between_laps(cell):
     watch = ProgramWatch(cell.ways, "p01-yaw-acw")
     assert seen(watch, cell.driven("p01-yaw-acw")) == ["nothing", "at_start", "driving", "ended"]
     assert watch.program == "p01-yaw-acw" and watch.share > 0.99
 
 
-def test_a_way_of_two_laps_is_no_way_of_one(cell: Cell) -> None:
+def test_a_way_of_two_laps_is_no_way_of_one(cell):
     half = ProgramWatch(cell.ways, "p01-yaw-acw")
     assert seen(half, cell.driven("p01-yaw-acw", 0.33, 12))[-1] == "stopped"
     assert 0.3 < half.share < 0.36
 
 
-def test_another_program_is_recognised_at_its_start(cell: Cell) -> None:
+def test_another_program_is_recognised_at_its_start(cell):
     watch = ProgramWatch(cell.ways, "p01-yaw-acw")
     before = [cell.ways["p01-yaw-acw"].q_deg[900]] * 3
     assert seen(watch, [*before, *cell.driven("p03-yaw-acw-other")])[-1] == "ended"
     assert watch.program == "p03-yaw-acw-other"
 
 
-def test_no_program_begins_by_itself_after_another(cell: Cell) -> None:
+def test_no_program_begins_by_itself_after_another(cell):
     end = cell.ways["p01-yaw-acw"].q_deg[-1]
     assert np.abs(end - cell.ways["p02-yaw-cw"].q_deg[0]).max() < 0.1, "cw begins where acw ends"
     again = ProgramWatch(cell.ways, "p01-yaw-acw", ended="p01-yaw-acw")
@@ -78,21 +76,21 @@ def test_no_program_begins_by_itself_after_another(cell: Cell) -> None:
     assert seen(meant, [end] * 100)[-1] == "at_start"
 
 
-def test_a_robot_that_leaves_the_way_drives_something_else(cell: Cell) -> None:
+def test_a_robot_that_leaves_the_way_drives_something_else(cell):
     watch = ProgramWatch(cell.ways, "p01-yaw-acw")
     away = cell.driven("p01-yaw-acw", 0.2, 0)
     moved = away[-1] + np.outer(np.arange(30), [0, 0.5, 0, 0, 0, 0])
     assert seen(watch, [*away, *moved])[-1] == "astray"
 
 
-def test_a_robot_that_drives_no_program_is_seen_elsewhere(cell: Cell) -> None:
+def test_a_robot_that_drives_no_program_is_seen_elsewhere(cell):
     watch = ProgramWatch(cell.ways, "p01-yaw-acw")
     ramp = np.outer(np.arange(30), [1.0, 0, 0, 0, 0, 0])
     assert seen(watch, [*ramp, *([ramp[-1]] * 60)]) == ["nothing", "elsewhere"]
     assert watch.program == ""
 
 
-def test_flicker_is_no_motion(cell: Cell) -> None:
+def test_flicker_is_no_motion(cell):
     watch, chance = ProgramWatch(cell.ways, "p01-yaw-acw"), np.random.default_rng(1)
     start = cell.ways["p01-yaw-acw"].q_deg[0]
     assert seen(watch, list(start + chance.uniform(-0.01, 0.01, (200, 6))))[-1] == "at_start"

@@ -1,14 +1,11 @@
 """The window in a real browser: a lap, pages of all sizes, and no requests to other hosts."""
 
-from __future__ import annotations
-
 import json
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from importlib import resources
-from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -86,13 +83,13 @@ def hold_quiet(one: Browser, port: int, known: tuple[str, ...] = ()) -> None:
 
 
 @pytest.fixture(scope="module")
-def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def started(tmp_path_factory):
     with browser(tmp_path_factory.mktemp("profile")) as one:
         yield one
 
 
 @pytest.fixture
-def chromium(started: Browser) -> Browser:
+def chromium(started):
     """A fresh browser without output or cookies."""
     started.send("Page.navigate", url="about:blank")
     started.send("Network.clearBrowserCookies")
@@ -102,7 +99,7 @@ def chromium(started: Browser) -> Browser:
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("window")
     for seed, direction in ((1, "acw"), (2, "cw"), (3, "acw")):
         lap_run(folder / "runs" / f"{seed}", direction=direction, seed=seed)

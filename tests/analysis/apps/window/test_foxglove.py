@@ -1,7 +1,5 @@
 """Foxglove's protocol by an independent client, and the arm in an MCAP file, moved by an independent reader of URDF."""
 
-from __future__ import annotations
-
 import json
 import struct
 import sys

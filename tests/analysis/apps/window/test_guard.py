@@ -1,25 +1,21 @@
-from __future__ import annotations
-
-from collections.abc import Iterator
-
 import pytest
 
 from analysis.apps.window.guard import COOKIE, is_loopback, token_of
 from analysis.apps.window.serve import listening
 from rigs.errors import CellError, FileError, UseError
-from tests.support.windows import Served, served
+from tests.support.windows import served
 
 TOKEN = "-".join(("correct", "horse", "battery", "staple"))
 
 
 @pytest.fixture(scope="module")
-def open_one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+def open_one(tmp_path_factory):
     with served(tmp_path_factory.mktemp("open"), control=True) as one:
         yield one
 
 
 @pytest.fixture(scope="module")
-def closed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+def closed(tmp_path_factory):
     with served(tmp_path_factory.mktemp("closed"), token=TOKEN, control=True) as one:
         yield one
 

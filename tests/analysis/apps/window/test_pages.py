@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import asyncio
 import io
 import json
@@ -8,7 +6,7 @@ import re
 import shutil
 import time
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -60,7 +58,7 @@ TEMPLATES = ROOT / "analysis" / "templates" / "browser"
 
 
 @pytest.fixture(scope="module")
-def one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+def one(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
     run = lap_run(folder / "made-elsewhere", seed=1)
     (folder / "runs").mkdir()

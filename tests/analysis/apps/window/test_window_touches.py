@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +12,12 @@ from analysis.apps.window.control_posts import WindowCheck
 from analysis.apps.window.watcher import Watcher
 from daq.store.marks import load_marks
 from rigs.errors import RigError, UseError
-from tests.support.moved_cell import Case, moved_cell, touch_near, write_touches
+from tests.support.moved_cell import moved_cell, touch_near, write_touches
 from tests.support.windows import Served, no_daemon, served
 
 
 @pytest.fixture(scope="module")
-def case(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Case, Path]]:
+def case(tmp_path_factory):
     folder = tmp_path_factory.mktemp("moved")
     yield moved_cell(folder, "zero 3"), folder
 

@@ -1,7 +1,5 @@
 """Unknown causes: the quantity of an unnamed error is found, and named effects and noise leave little to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -21,7 +19,7 @@ _SURE = 7.0
 
 
 @pytest.fixture(scope="module")
-def causes() -> UnknownCauses:
+def causes():
     return UnknownCauses.in_runs(healthy())
 
 
@@ -58,7 +56,7 @@ ERRORS: dict[str, tuple[int, Callable[[Block], Array]]] = {
 
 
 @pytest.mark.parametrize("kind", ERRORS)
-def test_error_of_a_joint_is_found_by_its_quantity(causes: UnknownCauses, kind: str) -> None:
+def test_error_of_a_joint_is_found_by_its_quantity(causes, kind):
     linear = healthy()
     axis, error = ERRORS[kind]
     added = linear.without_set_up(linear.by_joint(axis, error))[:, 0]
@@ -69,7 +67,7 @@ def test_error_of_a_joint_is_found_by_its_quantity(causes: UnknownCauses, kind: 
     assert beside is not None and beside.gain < _SURE  # the named effect explains it
 
 
-def test_gain_is_the_ratio_of_densities(causes: UnknownCauses) -> None:
+def test_gain_is_the_ratio_of_densities(causes):
     """Densities with and without a cause of any amplitude, next to noise, background and names, by brute force."""
     linear = healthy()
     other = linear.columns([JointOffset(axis=axis, offset_deg=2e-3) for axis in (2, 3, 4, 5)])
@@ -108,21 +106,19 @@ def _dented(block: Block) -> Array:
         (_dented, (1.0, 1.0), "an error of the ball that varies with the position of the link"),
     ],
 )
-def test_error_of_the_gauges_is_found_by_its_quantity(
-    causes: UnknownCauses, error: Callable[[Block], Array], shares: tuple[float, float], kind: str
-) -> None:
+def test_error_of_the_gauges_is_found_by_its_quantity(causes, error, shares, kind):
     linear = healthy()
     added = linear.without_set_up(linear.by_gauge(shares, error))[:, 0]
     found = causes.likeliest(_beside(linear, white(linear, 2) + added * 30 / np.linalg.norm(added)))
     assert found is not None and found.kind == kind and found.gain > 4 * _SURE
 
 
-def test_noise_shows_no_unknown_cause(causes: UnknownCauses) -> None:
+def test_noise_shows_no_unknown_cause(causes):
     found = [causes.likeliest(_beside(healthy(), white(healthy(), seed))) for seed in range(10)]
     assert all(cause is not None and cause.gain < 0 for cause in found)
 
 
-def test_unknown_cause_replaces_a_name_that_imitates_it() -> None:
+def test_unknown_cause_replaces_a_name_that_imitates_it():
     linear = healthy()
     slip = linear.without_set_up(linear.by_joint(2, _slips))[:, 0]
     readings = white(linear, 5) + 300 * slip / np.linalg.norm(slip)
@@ -133,7 +129,7 @@ def test_unknown_cause_replaces_a_name_that_imitates_it() -> None:
     assert selection.evidence(compared) > selection.evidence(state)
 
 
-def test_no_unknown_cause_is_added_to_noise() -> None:
+def test_no_unknown_cause_is_added_to_noise():
     selection = Selection(holding(healthy(), white(healthy(), 5)), healthy_columns())
     state = selection.initial_state(())
     assert selection.against_unknown(state) is state

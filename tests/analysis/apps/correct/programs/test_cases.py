@@ -3,10 +3,7 @@
 In each case the robot has another tool, frame, displacement or posture than the nearby text suggests, or has not.
 """
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 
@@ -17,19 +14,19 @@ CASES = {f"{maker}: {name}": (maker, text) for maker in MAKERS for name, text in
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_exactly_the_certain_targets_are_corrected(name: str, tmp_path: Path) -> None:
+def test_exactly_the_certain_targets_are_corrected(name, tmp_path):
     case = case_of(*CASES[name])
     assert case.left_in(case.corrected(tmp_path)) == case.left
 
 
 @pytest.mark.parametrize("name", [name for name, (maker, _) in CASES.items() if maker == "yaskawa"])
-def test_lines_of_a_job_may_end_in_carriage_return(name: str, tmp_path: Path) -> None:
+def test_lines_of_a_job_may_end_in_carriage_return(name, tmp_path):
     case = case_of(*CASES[name])
     assert case.left_in(case.corrected(tmp_path, "\r")) == case.left
 
 
 @pytest.mark.parametrize("name", [name for name, (maker, _) in CASES.items() if maker == "linuxcnc"])
-def test_only_complete_lines_of_g_code_change(name: str, tmp_path: Path) -> None:
+def test_only_complete_lines_of_g_code_change(name, tmp_path):
     case = case_of(*CASES[name])
     lines = {int(place.partition(":")[2]) for place, _ in case.left}
     before, after = case.files["a.ngc"], case.corrected(tmp_path).files["a.ngc"].decode()

@@ -4,8 +4,6 @@ An interpreter gives the poses that the controller computes; the wrong arm, mult
 stands where the nominal arm was sent.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -61,9 +59,7 @@ MOVES = PointToPointMove | LinearMove | Round
 
 
 @pytest.mark.parametrize(("dialect", "name"), CASES)
-def test_the_wrong_arm_drives_the_corrected_program_as_the_right_one_the_given(
-    dialect: MakerName, name: str, tmp_path: Path
-) -> None:
+def test_the_wrong_arm_drives_the_corrected_program_as_the_right_one_the_given(dialect, name, tmp_path):
     rig = rig_of(name)
     path, angles = _written(dialect, rig, tmp_path)
     found = _corrected(known(rig), path)
@@ -89,7 +85,7 @@ def test_the_wrong_arm_drives_the_corrected_program_as_the_right_one_the_given(
 
 
 @pytest.mark.parametrize(("dialect", "name"), CASES)
-def test_nothing_but_numbers_of_targets_changes(dialect: MakerName, name: str, tmp_path: Path) -> None:
+def test_nothing_but_numbers_of_targets_changes(dialect, name, tmp_path):
     rig = rig_of(name)
     path, _ = _written(dialect, rig, tmp_path)
     for file, data in _corrected(known(rig), path).files.items():
@@ -100,7 +96,7 @@ def test_nothing_but_numbers_of_targets_changes(dialect: MakerName, name: str, t
 
 
 @pytest.mark.parametrize("dialect", MAKERS)
-def test_without_anything_to_correct_the_program_stays_byte_for_byte(dialect: MakerName, tmp_path: Path) -> None:
+def test_without_anything_to_correct_the_program_stays_byte_for_byte(dialect, tmp_path):
     rig = rig_of("paper-fanuc")
     circle = rig.tests.circle.model_copy(update={"laps": 1, "radius_mm": 40})
     rig = rig.model_copy(update={"effects": (), "tests": rig.tests.model_copy(update={"circle": circle})})

@@ -1,7 +1,5 @@
 """Programs of FANUC: other motion groups, extended axes, CONFIG, and the reason of a recursive program."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -29,9 +27,7 @@ from tests.worlds.interpreters.arms import rig_of
 
 
 @pytest.mark.parametrize(("called", "file", "line"), [("A", 0, 3), ("B", 1, 4)], ids=("itself", "another"))
-def test_reason_of_a_recursive_program_is_the_line_of_the_call(
-    called: str, file: int, line: int, tmp_path: Path
-) -> None:
+def test_reason_of_a_recursive_program_is_the_line_of_the_call(called, file, line, tmp_path):
     call = f"CALL {called}"
     rig, files = fanuc_files({"a.ls": selecting(call, L2), "b.ls": listing("R[1]=R[1]+1", call, name="B")})
     found = corrected_files(rig, tmp_path, files, *FANUC_STATED)
@@ -61,7 +57,7 @@ GROUPS = {
 
 
 @pytest.mark.parametrize("group", GROUPS)
-def test_other_motion_groups_do_not_matter_and_keep_their_bytes(group: str, tmp_path: Path) -> None:
+def test_other_motion_groups_do_not_matter_and_keep_their_bytes(group, tmp_path):
     text = selecting(J1, L2, L3, L4)
     plain = changed(tmp_path, text)
     found = changed(tmp_path, text, "\n};", f"{GROUPS[group]}\n}};")
@@ -70,7 +66,7 @@ def test_other_motion_groups_do_not_matter_and_keep_their_bytes(group: str, tmp_
     assert new.replace(GROUPS[group], "") == plain.files["a.ls"].decode()
 
 
-def test_position_without_the_arm_is_listed_and_a_group_before_the_arm_is_not(tmp_path: Path) -> None:
+def test_position_without_the_arm_is_listed_and_a_group_before_the_arm_is_not(tmp_path):
     assert not left_names(changed(tmp_path, selecting(J1, L2), "   GP1:", GUN[1:] + "\n   GP1:"))
     assert left_names(changed(tmp_path, selecting(L2, L4), "P[4]{\n   GP1:", "P[4]{\n   GP2:")) == [
         ("P[4]", "other_robot")
@@ -78,14 +74,14 @@ def test_position_without_the_arm_is_listed_and_a_group_before_the_arm_is_not(tm
 
 
 @pytest.mark.parametrize("mm", ["0.000", "-.000", ".001", "-.010", ".011", "232.799", ".949", "-1234.032"])
-def test_extended_axis_of_the_arm_has_to_be_at_zero(mm: str, tmp_path: Path) -> None:
+def test_extended_axis_of_the_arm_has_to_be_at_zero(mm, tmp_path):
     found = changed(tmp_path, selecting(J1, L2, L3), "\n};", f",\n\tE1= {mm:>9}  mm\n}};")
     moved = [] if abs(float(mm)) <= 0.01 else [("P[2]", "external_axes"), ("P[3]", "external_axes")]
     assert left_names(found) == moved
 
 
 @pytest.mark.parametrize("elbow_deg", [-100, -120, -150, 20, 170])
-def test_config_leaves_one_turn_of_the_elbow(elbow_deg: float, tmp_path: Path) -> None:
+def test_config_leaves_one_turn_of_the_elbow(elbow_deg, tmp_path):
     """J2 + J3 turns less than a full turn, although the range of J3 alone exceeds it."""
     rig = rig_of("fanuc-m-20ia")
     arm, q = arm_of(rig.robot), np.radians([10, 60, elbow_deg, 20, -60, 30])

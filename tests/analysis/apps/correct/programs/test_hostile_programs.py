@@ -1,7 +1,5 @@
 """Files that are no programs, or programs that mean harm: one line, or what cannot be corrected is listed, in time."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -31,7 +29,7 @@ def _corrected(path: Path, *effects: Effect) -> CorrectedProgram:
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Path:
+def cell(tmp_path):
     path = tmp_path / "cell.yaml"
     path.write_text(extended(load("ur10e")[1], list(EFFECTS), "cell"))
     return path
@@ -48,7 +46,7 @@ def cell(tmp_path: Path) -> Path:
         ("gone.jbi", None, "program.unreadable"),
     ],
 )
-def test_other_files_are_refused(name: str, data: bytes | None, code: str, tmp_path: Path, cell: Path) -> None:
+def test_other_files_are_refused(name, data, code, tmp_path, cell):
     path = tmp_path / name
     if data is not None:
         path.write_bytes(data)
@@ -85,20 +83,20 @@ def test_other_files_are_refused(name: str, data: bytes | None, code: str, tmp_p
         ("a.jbi", "///POSTYPE BASE\n///RECTAN\nC00000=1e999,nan,,,,\nC1=" + "1," * MANY + "\n//INST\nMOVJ C00000\n"),
     ],
 )
-def test_a_hostile_program_is_read_to_its_end_and_stays_as_it_is(name: str, text: str, tmp_path: Path) -> None:
+def test_a_hostile_program_is_read_to_its_end_and_stays_as_it_is(name, text, tmp_path):
     path = tmp_path / name
     path.write_text(text)
     assert _corrected(path).files[name] == text.encode() or name == "a.script"
 
 
-def test_no_text_of_a_program_reaches_the_terminal_raw(tmp_path: Path, cell: Path) -> None:
+def test_no_text_of_a_program_reaches_the_terminal_raw(tmp_path, cell):
     path = tmp_path / "a.script"
     path.write_bytes(b"movej(\x1b[31mred\x1b[0m)\nmovej(evil\xe2\x80\xae)\n")
     done = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
     assert done.returncode == 0 and "\x1b" not in done.stdout and "\x1b" not in done.stderr
 
 
-def test_a_correction_beyond_what_is_plausible_is_refused(tmp_path: Path) -> None:
+def test_a_correction_beyond_what_is_plausible_is_refused(tmp_path):
     path = tmp_path / "a.script"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     huge = JointOffset(axis=1, offset_deg=0.9, found=found(offset_deg=0.01))
@@ -107,7 +105,7 @@ def test_a_correction_beyond_what_is_plausible_is_refused(tmp_path: Path) -> Non
     assert refused.files["a.script"] == path.read_bytes()
 
 
-def test_gravity_is_corrected_and_a_target_outside_the_driven_range_is_marked(tmp_path: Path) -> None:
+def test_gravity_is_corrected_and_a_target_outside_the_driven_range_is_marked(tmp_path):
     """The twist under gravity is corrected as modelled. The joint zero is known only in another range."""
     path = tmp_path / "a.script"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\nmovej([1.5,-1.4,1.7,-0.3,1.4,0])\n")
@@ -120,7 +118,7 @@ def test_gravity_is_corrected_and_a_target_outside_the_driven_range_is_marked(tm
     assert f": {done.unknown[1]}" in "\n".join(words_of(blocks(done)))
 
 
-def test_an_arm_at_the_end_of_a_joint_or_out_of_reach_is_listed(tmp_path: Path) -> None:
+def test_an_arm_at_the_end_of_a_joint_or_out_of_reach_is_listed(tmp_path):
     path = tmp_path / "a.script"
     path.write_text(
         "movej([0,-1.4,1.7,-0.3,1.4,0])\nmovel(p[9,0,0,0,0,0])\nmovej([7,0,0,0,0,0])\nmovej([0,0,0,0,0,0])\n"
@@ -132,13 +130,13 @@ def test_an_arm_at_the_end_of_a_joint_or_out_of_reach_is_listed(tmp_path: Path) 
     ]
 
 
-def test_every_reason_completes_a_sentence() -> None:
+def test_every_reason_completes_a_sentence():
     assert all(
         why.split()[0].strip(",") in ("is", "has", "can", "may", "would", "does", "belongs") for why in WHY.values()
     )
 
 
-def test_command_writes_the_program_and_reports_it(tmp_path: Path, cell: Path) -> None:
+def test_command_writes_the_program_and_reports_it(tmp_path, cell):
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\nmovel(p[0.5,0.2,0.3,0,3.1,0])\nmovej(home)\n")
     given = path.read_bytes()
@@ -170,15 +168,13 @@ def test_command_writes_the_program_and_reports_it(tmp_path: Path, cell: Path) -
         (("--start-joints", "0,0,0,0,0,0"), "program.option"),
     ],
 )
-def test_options_of_programs_without_a_value_or_a_program_are_refused(
-    words: tuple[str, ...], code: str, tmp_path: Path, cell: Path
-) -> None:
+def test_options_of_programs_without_a_value_or_a_program_are_refused(words, code, tmp_path, cell):
     (tmp_path / "a.script").write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "-o", "out", "--json", *words, cwd=tmp_path)
     assert done.returncode == 2 and json.loads(done.stderr)["error"]["code"] == code
 
 
-def test_a_start_from_which_no_posture_comes_is_said(tmp_path: Path, cell: Path) -> None:
+def test_a_start_from_which_no_posture_comes_is_said(tmp_path, cell):
     path = tmp_path / "a.script"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--start-joints", "0,-80,100,-20,80,0")
@@ -186,14 +182,14 @@ def test_a_start_from_which_no_posture_comes_is_said(tmp_path: Path, cell: Path)
 
 
 @pytest.mark.parametrize(("text", "reasons"), [("x=1\n", []), ("movej([0,-9,0,0,0,0])\n", ["beyond_limits"])])
-def test_program_without_corrections_is_read_despite_a_play(text: str, reasons: list[str], tmp_path: Path) -> None:
+def test_program_without_corrections_is_read_despite_a_play(text, reasons, tmp_path):
     path = tmp_path / "a.script"
     path.write_text(text)
     done = _corrected(path, *EFFECTS, Backlash(axis=1, width_deg=0.2))
     assert [target.reason for target in done.left] == reasons and not done.names and not len(done.u_mm)
 
 
-def test_programs_of_one_name_are_refused(tmp_path: Path, cell: Path) -> None:
+def test_programs_of_one_name_are_refused(tmp_path, cell):
     paths = [tmp_path / name / "a.script" for name in ("x", "y")]
     for path in paths:
         path.parent.mkdir()
@@ -202,7 +198,7 @@ def test_programs_of_one_name_are_refused(tmp_path: Path, cell: Path) -> None:
     assert done.returncode == 3 and json.loads(done.stderr)["error"]["code"] == "program.twice"
 
 
-def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path: Path, cell: Path) -> None:
+def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path, cell):
     path = tmp_path / "a.src"
     path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
     for words in ((), ("--for", "fanuc")):
@@ -218,7 +214,7 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     [JointOffset(axis=3, offset_deg=0.0008, found=found(offset_deg=0.00079)), Backlash(axis=1, width_deg=0.02)],
     ids=["a sound arm", "a play alone"],
 )
-def test_no_program_is_written_without_a_gain(effect: Effect, tmp_path: Path, cell: Path) -> None:
+def test_no_program_is_written_without_a_gain(effect, tmp_path, cell):
     cell.write_text(extended(load("ur10e")[1], [effect], "cell"))
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
@@ -231,7 +227,7 @@ def test_no_program_is_written_without_a_gain(effect: Effect, tmp_path: Path, ce
     assert "next:" not in ran("correct", cell, "-o", tmp_path / "bare", "--anyway").stderr
 
 
-def test_corrected_program_excludes_values_to_enter(tmp_path: Path, cell: Path) -> None:
+def test_corrected_program_excludes_values_to_enter(tmp_path, cell):
     """Programs and entered values together would correct twice."""
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")

@@ -1,7 +1,5 @@
 """Programs of KUKA in a backup of the controller: routines, home and tools in other folders, and a whole directory."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -24,7 +22,7 @@ from tests.analysis.apps.correct.programs.cells import (
 
 
 @pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
-def test_line_ends_stay(ends: str, tmp_path: Path) -> None:
+def test_line_ends_stay(ends, tmp_path):
     rig, files = kuka_files({"a.src": HEAD + "PTP {q0}\nLIN {p1}\n$BASE.X=1\nPTP {p2}\nEND\n"})
     found = corrected_files(rig, tmp_path, files, *KUKA_STATED, ends=ends)
     assert uncorrected(found) == [(7, "unknown_frame")] and len(found.names) == 2
@@ -35,9 +33,7 @@ def test_line_ends_stay(ends: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("start", "k"), [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0), (0, 2)])
 @pytest.mark.parametrize("kept", ["S", "T"])
-def test_one_posture_flag_of_krl_is_enough_only_if_it_identifies_the_posture(
-    start: int, k: int, kept: str, tmp_path: Path
-) -> None:
+def test_one_posture_flag_of_krl_is_enough_only_if_it_identifies_the_posture(start, k, kept, tmp_path):
     rig, files = kuka_files({"a.src": HEAD + "PTP {q" + str(start) + "}\nPTP {p" + str(k) + "}\nEND\n"})
     partial = {"a.src": re.sub(rf",\s*{'T' if kept == 'S' else 'S'} \d+", "", files["a.src"])}
     found = corrected_files(rig, tmp_path, partial, *KUKA_STATED)
@@ -97,7 +93,7 @@ def in_backup(
     return corrected(rig, root / "R1" / at, *stated)
 
 
-def test_routines_home_and_tools_are_found_in_the_whole_backup(tmp_path: Path) -> None:
+def test_routines_home_and_tools_are_found_in_the_whole_backup(tmp_path):
     found = in_backup(tmp_path, BACKUP, "Program/cell/pick.src")
     assert uncorrected(found) == []
     assert found.names == ("XP1", "XP2")
@@ -105,14 +101,14 @@ def test_routines_home_and_tools_are_found_in_the_whole_backup(tmp_path: Path) -
     assert [notice.line for notice in found.notices] == [9]  # XHOME is shared, and keeps its numbers.
 
 
-def test_missing_routine_is_the_reason_instead_of_the_tool(tmp_path: Path) -> None:
+def test_missing_routine_is_the_reason_instead_of_the_tool(tmp_path):
     without = {name: text for name, text in BACKUP.items() if "grip" not in name}
     found = in_backup(tmp_path, without, "Program/cell/pick.src")
     assert {one.reason for one in found.left} == {"not_understood"}
     assert any("GRIP" in cause.why for one in found.left for cause in one.because)
 
 
-def test_directory_is_corrected_as_one_program(tmp_path: Path) -> None:
+def test_directory_is_corrected_as_one_program(tmp_path):
     shared = "DEFDAT points PUBLIC\nDECL GLOBAL E6POS XS={p2}\nENDDAT\n"
     second = "DEF other()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\nPTP XS\nPTP XP1\nEND\n"
     local = "DEFDAT other\nDECL E6POS XP1={p3}\nENDDAT\n"
@@ -124,7 +120,7 @@ def test_directory_is_corrected_as_one_program(tmp_path: Path) -> None:
     assert set(found.files) == found.changed
 
 
-def test_directory_with_an_earlier_correction_or_two_makers_is_refused(tmp_path: Path) -> None:
+def test_directory_with_an_earlier_correction_or_two_makers_is_refused(tmp_path):
     in_backup(tmp_path, BACKUP)
     (tmp_path / "R1/Program/done.dat").write_text(
         "DEFDAT done\n; corrected by rig on 2026-11-29: do not correct twice\nENDDAT\n"
@@ -136,7 +132,7 @@ def test_directory_with_an_earlier_correction_or_two_makers_is_refused(tmp_path:
         programs_at(tmp_path / "R1")
 
 
-def test_shifted_copy_is_off_by_the_stated_amount_only(tmp_path: Path) -> None:
+def test_shifted_copy_is_off_by_the_stated_amount_only(tmp_path):
     text = HEAD + "PTP {q0}\nAUX=XP\nAUX.Z=AUX.Z+5\nPTP AUX\nLIN XP\nEND\n"
     rig, files = kuka_files({"a.src": text, "a.dat": "DEFDAT a\nDECL E6POS XP={p1}\nDECL E6POS AUX\nENDDAT\n"})
     found = corrected_files(rig, tmp_path, files, *KUKA_STATED)
@@ -145,7 +141,7 @@ def test_shifted_copy_is_off_by_the_stated_amount_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["a", "x", "B", "S", "t", "e1"])
-def test_point_named_like_a_component_is_not_changed_by_components(name: str, tmp_path: Path) -> None:
+def test_point_named_like_a_component_is_not_changed_by_components(name, tmp_path):
     files = BACKUP | {
         "Program/cell/pick.src": INLINE.replace("XP1", name),
         "Program/cell/pick.dat": DATA.replace("XP1", name),

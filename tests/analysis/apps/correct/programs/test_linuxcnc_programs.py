@@ -1,9 +1,6 @@
 """G-code of LinuxCNC: the pose that the arm with errors reaches, and a program of rig itself."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +15,7 @@ from tests.analysis.apps.correct.programs.cells import (
 from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of
 
 
-def test_corrected_pose_is_reached_by_the_erroneous_arm(tmp_path: Path) -> None:
+def test_corrected_pose_is_reached_by_the_erroneous_arm(tmp_path):
     rig, files = linuxcnc_files({"a.ngc": LINUXCNC_HEAD + "G1 {p1}\n"})
     line = corrected_files(rig, tmp_path, files).files["a.ngc"].decode().splitlines()[-1]
     values = [float(number) for number in re.findall(rf"[XYZABC]({NUMBER})", line)]
@@ -28,7 +25,7 @@ def test_corrected_pose_is_reached_by_the_erroneous_arm(tmp_path: Path) -> None:
     assert np.linalg.norm(real[:3, 3] - wanted[:3, 3]) < 1e-3
 
 
-def test_program_of_rig_itself_is_corrected_except_arcs_by_their_centre(tmp_path: Path) -> None:
+def test_program_of_rig_itself_is_corrected_except_arcs_by_their_centre(tmp_path):
     """Whole turns in the offset of G59.3 and the check of the start do not make the state unknown."""
     text = (
         "G21 G90 G17 G40 G49 G80 G93\nG92.1\nG10 L2 P9 X0 Y0 Z0 A0 B0 C0 R0\nG59.3\nM68 E3 Q1\nM66 E0 L0\n"

@@ -1,9 +1,6 @@
 """Programs of ABB: a rail, a start posture, variants of a program, patterns, and the configuration of a target."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +24,7 @@ from tests.worlds.interpreters.arms import rig_of
 
 
 @pytest.mark.parametrize(("value", "left"), [("9E9", []), ("0", []), ("120", ["external_axes"])])
-def test_rail_of_the_rig_file_must_be_at_zero(value: str, left: list[str], tmp_path: Path) -> None:
+def test_rail_of_the_rig_file_must_be_at_zero(value, left, tmp_path):
     rig = rig_of("abb-irb-120")
     rail = Rail(direction=(0, 1, 0), limits_mm=(-500, 500))
     railed = rig.model_copy(update={"robot": rig.robot.model_copy(update={"rail": rail})})
@@ -35,7 +32,7 @@ def test_rail_of_the_rig_file_must_be_at_zero(value: str, left: list[str], tmp_p
     assert [one.reason for one in corrected_files(railed, tmp_path, files).left] == left
 
 
-def test_line_that_turns_the_tool_half_around_is_left(tmp_path: Path) -> None:
+def test_line_that_turns_the_tool_half_around_is_left(tmp_path):
     """The direction of the rotation, and thus a turn of axis 6, may depend on the smallest change."""
     rig = rig_of("abb-irb-120")
     begin, end = (20, 10, 20, 30, 60, -90.0), (20, 10, 20, 30, 60, 89.5)
@@ -49,27 +46,27 @@ VARIANTS = {name: text for name, text in cases_of("abb").items() if name.startsw
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_stated_tool_counts_if_variants_declare_it_with_other_numbers(name: str, tmp_path: Path) -> None:
+def test_stated_tool_counts_if_variants_declare_it_with_other_numbers(name, tmp_path):
     case = case_of("abb", VARIANTS[name])
     assert bool(case.corrected(tmp_path).notices) == bool(case.left)
     stated = corrected_files(case.rig, tmp_path, case.files, ["h=5,0,90,0,45,0"])
     assert not stated.left and len(stated.names) == 1 and not stated.overruled
 
 
-def test_external_axis_that_is_constant_everywhere_is_noticed(tmp_path: Path) -> None:
+def test_external_axis_that_is_constant_everywhere_is_noticed(tmp_path):
     cases = cases_of("abb")
     assert case_of("abb", cases["external axis: constant everywhere"]).corrected(tmp_path).notices
     assert not case_of("abb", cases["external axis: zero everywhere"]).corrected(tmp_path).notices
 
 
-def test_every_name_has_a_single_effect() -> None:
+def test_every_name_has_a_single_effect():
     names = [name for effect in EFFECTS.values() for name in effect]
     assert len(names) == len(set(names)) and not set(names) & set(SWITCHES)
     assert not [name for name in names if MOVE.fullmatch(name)]
     assert not FUNCTIONS & {"load", "callbyvar"}
 
 
-def test_modules_of_a_backup_are_read_from_the_folder_of_the_task(tmp_path: Path) -> None:
+def test_modules_of_a_backup_are_read_from_the_folder_of_the_task(tmp_path):
     rig, files = abb_files(
         {
             "a.mod": "MODULE a\nPROC main()\nMoveJ {p1},v9,fine,t;\nENDPROC\nENDMODULE\n",
@@ -90,9 +87,7 @@ def test_modules_of_a_backup_are_read_from_the_folder_of_the_task(tmp_path: Path
         ((20, 10, 20, 30, 60, 0.0), 5), ((20, 10, 20, 30, 60, 180.0), 5), ((20, 10, 20, 30, 60, -90.0), 5),
     ],
 )  # fmt: skip
-def test_configuration_follows_a_correction_across_the_end_of_a_quadrant(
-    q_deg: tuple[float, ...], axis: int, tmp_path: Path
-) -> None:
+def test_configuration_follows_a_correction_across_the_end_of_a_quadrant(q_deg, axis, tmp_path):
     rig = rig_of("abb-irb-120")
     _, files = abb_files(module_of(f"MoveJ {robtarget_of(rig, q_deg, np.eye(4))},v9,fine,t;\n"))
     found = corrected_files(rig, tmp_path, files)
@@ -109,7 +104,7 @@ def test_configuration_follows_a_correction_across_the_end_of_a_quadrant(
 
 
 @pytest.mark.parametrize("offset", ["0,0,n", "n,0,0", "Abs(n),0,0"])
-def test_configuration_stays_if_an_approach_is_at_an_unknown_place(offset: str, tmp_path: Path) -> None:
+def test_configuration_stays_if_an_approach_is_at_an_unknown_place(offset, tmp_path):
     pose = robtarget_of(rig_of("abb-irb-120"), (20, 10, 20, 30, 60, 0.0), np.eye(4))
     data = f"VAR num n;\nCONST robtarget p:={pose};"
     rig, files = abb_files(module_of(f"MoveJ p,v9,fine,t;\nMoveL Offs(p,{offset}),v9,fine,t;\n", data=data))
@@ -118,6 +113,6 @@ def test_configuration_stays_if_an_approach_is_at_an_unknown_place(offset: str, 
 
 
 @pytest.mark.parametrize("name", ["a.mod", "a.MOD", "a.modx", "a.prg", "A.PRG"])
-def test_files_of_a_program(name: str, tmp_path: Path) -> None:
+def test_files_of_a_program(name, tmp_path):
     rig, files = abb_files(module_of("MoveAbsJ {q0},v9,fine,t;\nMoveL {p1},v9,fine,t;\n"))
     assert len(corrected_files(rig, tmp_path, {name: files["a.mod"]}).names) == 2

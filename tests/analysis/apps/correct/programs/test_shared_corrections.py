@@ -1,7 +1,5 @@
 """Approaches and via points of arcs share the correction of a point: the point is right, and their error is listed."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -69,7 +67,7 @@ def _pose_of_p(text: str) -> Array:
 
 
 @pytest.mark.parametrize("approach", APPROACHES)
-def test_work_point_is_corrected_and_its_approach_listed_with_its_error(approach: str, tmp_path: Path) -> None:
+def test_work_point_is_corrected_and_its_approach_listed_with_its_error(approach, tmp_path):
     rig, files = abb_files(
         module_of(
             "MoveAbsJ {q1},v9,fine,t;\nConfJ\\Off;\nConfL\\Off;\nMoveL p,v9,fine,t;\n"
@@ -91,14 +89,14 @@ def test_work_point_is_corrected_and_its_approach_listed_with_its_error(approach
     assert listed.after_mm > 0.1 * listed.before_mm
 
 
-def test_fanuc_approach_by_a_register_is_listed(tmp_path: Path) -> None:
+def test_fanuc_approach_by_a_register_is_listed(tmp_path):
     rig, files = fanuc_files({"a.ls": selecting(*ZERO, "PR[5,3]=250", L2 + " Offset,PR[5]", L2)})
     found = corrected_files(rig, tmp_path, files, *FANUC_STATED)
     assert [one.kind for one in found.shared] == ["offset"] and found.shared[0].after_mm < found.shared[0].before_mm
 
 
 @pytest.mark.parametrize("turned_deg", [10, 25, 45, 60, 85])
-def test_point_stays_if_its_approach_would_leave_the_configuration(turned_deg: float, tmp_path: Path) -> None:
+def test_point_stays_if_its_approach_would_leave_the_configuration(turned_deg, tmp_path):
     """The approach has axis 6 at the end of its quadrant, where the correction would need another configuration."""
     rig = rig_of("abb-irb-120")
     X = flange_at(rig, np.radians((20, 10, 20, 30, 60, turned_deg)))
@@ -111,7 +109,7 @@ def test_point_stays_if_its_approach_would_leave_the_configuration(turned_deg: f
     assert [one.reason for one in found.left] == ["changes_flags"] and not found.names
 
 
-def test_approach_without_a_solution_is_listed_as_unknown(tmp_path: Path) -> None:
+def test_approach_without_a_solution_is_listed_as_unknown(tmp_path):
     rig, files = abb_files(
         module_of("MoveJ p,v9,fine,t;\nMoveL Offs(p,0,0,2000),v9,fine,t;\n", data="CONST robtarget p:={p1};")
     )
@@ -129,9 +127,7 @@ def test_approach_without_a_solution_is_listed_as_unknown(tmp_path: Path) -> Non
         ("MoveJ Offs(p,0,0,5000),v9,fine,t;\n", False),
     ],
 )
-def test_point_used_only_with_offsets_is_corrected_if_every_position_gains(
-    moves: str, corrected: bool, tmp_path: Path
-) -> None:
+def test_point_used_only_with_offsets_is_corrected_if_every_position_gains(moves, corrected, tmp_path):
     rig, files = abb_files(module_of(moves, data="VAR num n;\nCONST robtarget p:={p1};"))
     found = corrected_files(rig, tmp_path, {"a.mod": files["a.mod"].replace("ENDMODULE", "")})
     assert ("p" in found.names) == corrected
@@ -186,9 +182,7 @@ def _corrected(maker: str, rig: Rig, q: list[Array], directory: Path) -> Correct
 
 
 @pytest.mark.parametrize("turned_deg", [35, 45, 60, 75, 90])
-def test_via_point_of_another_orientation_is_listed_with_the_error_on_the_arc(
-    turned_deg: float, tmp_path: Path
-) -> None:
+def test_via_point_of_another_orientation_is_listed_with_the_error_on_the_arc(turned_deg, tmp_path):
     rig, q, poses = _arc("ur", turned_deg)
     found = _corrected("ur", rig, q, tmp_path)
     (listed,) = found.shared
@@ -206,7 +200,7 @@ def test_via_point_of_another_orientation_is_listed_with_the_error_on_the_arc(
 
 
 @pytest.mark.parametrize("maker", ["ur", "abb", "kuka", "fanuc"])
-def test_arcs_of_every_maker_are_listed_only_if_the_orientation_differs(maker: str, tmp_path: Path) -> None:
+def test_arcs_of_every_maker_are_listed_only_if_the_orientation_differs(maker, tmp_path):
     rig, q, _ = _arc(maker, 70)
     assert [one.kind for one in _corrected(maker, rig, q, tmp_path).shared] == ["via"]
     rig, q, _ = _arc(maker, 0)
@@ -217,7 +211,7 @@ def test_arcs_of_every_maker_are_listed_only_if_the_orientation_differs(maker: s
 APPROACH = "MoveJ Offs(p,0,0,50),v9,fine,t;\nMoveL p,v9,fine,t;\n"
 
 
-def test_error_kept_by_an_approach_is_reported(tmp_path: Path) -> None:
+def test_error_kept_by_an_approach_is_reported(tmp_path):
     rig, files = abb_files(module_of(APPROACH, data="CONST robtarget p:={p1};"))
     found = corrected_files(rig, tmp_path, files)
     (given_mm,) = found.given_away_mm
@@ -228,7 +222,7 @@ def test_error_kept_by_an_approach_is_reported(tmp_path: Path) -> None:
     assert reported["targets"][0]["given_away_mm"] == round(given_mm, 6)
 
 
-def test_error_kept_by_an_approach_is_at_the_tip_of_the_programs_tool(tmp_path: Path) -> None:
+def test_error_kept_by_an_approach_is_at_the_tip_of_the_programs_tool(tmp_path):
     """The arm of the library has no tool. A rotation moves the tip of a long tool more than the flange."""
     rig, filled = abb_files(module_of(APPROACH, data="CONST robtarget p:={p1};"))
     tool = frame((-60.0, 90.0, 220.0), Rotation.from_matrix(ABB_TOOL[:3, :3]))

@@ -1,9 +1,6 @@
 """Tools, frames and neutral routines stated by the user, and the report on them and on the corrected program."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 
@@ -31,14 +28,14 @@ from tests.support.refusals import refused
 from tests.worlds.interpreters.arms import rig_of
 
 
-def test_stated_tool_that_the_program_sets_otherwise_is_reported(tmp_path: Path) -> None:
+def test_stated_tool_that_the_program_sets_otherwise_is_reported(tmp_path):
     rig, files = ur_files({"a.script": "movej({q0})\n" + OTHER + "movel({p1})\nmovel({p2})\n"})
     found = corrected_files(rig, tmp_path, files, ["tcp=0,0,145,0,0,0"])
     assert not found.left and [(one.name, one.line) for one in found.overruled] == [("tcp", 2)]
     assert not corrected_files(rig, tmp_path, files, ["tcp=0,0,200,0,0,0"]).overruled
 
 
-def test_partly_corrected_program_is_reported_and_held_on_request(tmp_path: Path) -> None:
+def test_partly_corrected_program_is_reported_and_held_on_request(tmp_path):
     rig, files = ur_files({"a.script": TCP + "movej({q0})\nmovel({p1})\nmovel({p2})\nset_tcp(x)\nmovel({p4})\n"})
     found = corrected_files(rig, tmp_path, files)
     assert uncorrected(found) == [(6, "unknown_tool")] and not found.held
@@ -49,7 +46,7 @@ def test_partly_corrected_program_is_reported_and_held_on_request(tmp_path: Path
     assert held.held and "--all-or-nothing" in words_of(program_report.blocks(held))[1]
 
 
-def test_tool_stated_twice_with_other_numbers_is_refused() -> None:
+def test_tool_stated_twice_with_other_numbers_is_refused():
     robot = rig_of("ur10e").robot
     for tools, frames in ((["1=0", "1=0,50,200,0,20,10"], []), ([], ["2=0", "2=1,0,0,0,0,0"])):
         with refused("program.frame"):
@@ -57,7 +54,7 @@ def test_tool_stated_twice_with_other_numbers_is_refused() -> None:
     assert set(frames_of(robot, ["1=0", "1=0,0,0,0,0,0"], []).tools) == {"1"}
 
 
-def test_tool_that_nothing_uses_or_that_is_in_metres_is_doubted(tmp_path: Path) -> None:
+def test_tool_that_nothing_uses_or_that_is_in_metres_is_doubted(tmp_path):
     rig, files = kuka_files({"a.src": HEAD + "PTP {q0}\nPTP {p1}\nEND\n"})
     tools, frames = ["1=0,0.05,0.2,0,20,10", "4=0,0,200,0,0,0"], ["2=500,-100,30,0,0,45", "3=0"]
     found = corrected_files(rig, tmp_path, files, tools, frames)
@@ -66,7 +63,7 @@ def test_tool_that_nothing_uses_or_that_is_in_metres_is_doubted(tmp_path: Path) 
     assert "206.2 mm" in doubts[0] and "uses" not in doubts[0]
 
 
-def test_jobs_of_the_second_robot_and_functions_of_other_programs_are_noticed(tmp_path: Path) -> None:
+def test_jobs_of_the_second_robot_and_functions_of_other_programs_are_noticed(tmp_path):
     rig, files = yaskawa_files({"a.jbi": job_of(M1, M2)})
     files = {"a.jbi": files["a.jbi"].replace("///GROUP1 RB1", "///GROUP1 RB2")}
     found = corrected_files(rig, tmp_path, files, *YASKAWA_STATED)
@@ -79,7 +76,7 @@ def test_jobs_of_the_second_robot_and_functions_of_other_programs_are_noticed(tm
     assert program_report.as_object(found)["notices"][0]["line"] == 4
 
 
-def test_place_in_another_file_is_reported_with_that_file(tmp_path: Path) -> None:
+def test_place_in_another_file_is_reported_with_that_file(tmp_path):
     found = case_of("kuka", cases_of("kuka")["LIN_REL of some coordinates in a file that is called"]).corrected(
         tmp_path
     )
@@ -87,7 +84,7 @@ def test_place_in_another_file_is_reported_with_that_file(tmp_path: Path) -> Non
     assert [one["file"] for one in program_report.as_object(found)["left"]] == ["step.src"]
 
 
-def test_neutral_routines_are_reported(tmp_path: Path) -> None:
+def test_neutral_routines_are_reported(tmp_path):
     found = case_of("fanuc", cases_of("fanuc")["neutral routine: CALL GRIP"]).corrected(tmp_path)
     assert found.neutral == ("GRIP", "Hand open")
     assert "GRIP" in " ".join(words_of(program_report.blocks(found)))
@@ -98,6 +95,6 @@ def test_neutral_routines_are_reported(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("names", ["", "GRIP,", "../GRIP", "GRIP{}", "GRIP\nCALL"])
-def test_text_that_is_not_the_name_of_a_routine_is_refused(names: str) -> None:
+def test_text_that_is_not_the_name_of_a_routine_is_refused(names):
     with pytest.raises(UseError):
         frames_of(rig_of("ur10e").robot, [], [], [names])

@@ -1,9 +1,6 @@
 """Scripts of Universal Robots: calls, starts, arcs, and points that reach a move through a routine or an expression."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,7 +32,7 @@ from tests.worlds.interpreters.arms import rig_of
     "name",
     ["get_part", "set_down", "read_it", "is_there", "write_it", "request_it", "str_it", "pose_it", "socket_it", "pick"],
 )
-def test_routine_named_like_a_built_in_function_is_followed(name: str, tmp_path: Path) -> None:
+def test_routine_named_like_a_built_in_function_is_followed(name, tmp_path):
     """The routine turns the wrist over, so the line after it has that posture."""
     rig, files = ur_files(
         {"a.script": f"def {name}():\nmovej({{q7}})\nend\n{TCP}movej({{q0}})\n{name}()\nmovel({{p1}})\n"}
@@ -47,13 +44,13 @@ def test_routine_named_like_a_built_in_function_is_followed(name: str, tmp_path:
     assert whole.files["a.script"].splitlines()[-1] == jumped.files["b.script"].splitlines()[-1]
 
 
-def test_start_beyond_the_limits_is_refused(tmp_path: Path) -> None:
+def test_start_beyond_the_limits_is_refused(tmp_path):
     rig, files = ur_files({"a.script": TCP + "movel({p1})\n"})
     with refused("program.start"):
         corrected_files(rig, tmp_path, files, start=(7.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-def test_stated_start_has_the_effect_of_a_joint_move_to_it(tmp_path: Path) -> None:
+def test_stated_start_has_the_effect_of_a_joint_move_to_it(tmp_path):
     for name, joints in (("near", 0), ("turned", 7)):
         rig, files = ur_files({f"{name}.script": TCP + f"movej({{q{joints}}})\nmovel({{p1}})\n"})
         angles = re.search(r"movej\(\[(.*)\]\)", files[f"{name}.script"])
@@ -70,7 +67,7 @@ def test_stated_start_has_the_effect_of_a_joint_move_to_it(tmp_path: Path) -> No
         assert found.start and np.allclose(np.radians(stated), found.start)
 
 
-def test_line_is_corrected_for_the_posture_in_which_the_arm_stands(tmp_path: Path) -> None:
+def test_line_is_corrected_for_the_posture_in_which_the_arm_stands(tmp_path):
     """The arm with errors comes from the other posture, so it does not use the taught angles of the waypoint."""
     rig, files = ur_files({"a.script": TCP + "W_p={p1}\nW_q={q1}\nmovej({q7})\nmovel(W_p)\n"})
     (start,) = re.findall(r"movej\(\[(.*)\]\)", files["a.script"])
@@ -91,7 +88,7 @@ def test_line_is_corrected_for_the_posture_in_which_the_arm_stands(tmp_path: Pat
     assert off_mm[0] > 0.1 and off_mm[1] < 1e-3
 
 
-def test_arc_that_turns_the_tool_as_it_is_written_is_corrected(tmp_path: Path) -> None:
+def test_arc_that_turns_the_tool_as_it_is_written_is_corrected(tmp_path):
     rig = rig_of("ur10e")
     begin = flange_at(rig, np.radians(UR[0])) @ UR_TOOL
     centre = begin[:3, 3] + begin[:3, 0] * 60
@@ -137,7 +134,7 @@ def _poses(text: bytes, routines: int) -> list[bytes]:
 
 
 @pytest.mark.parametrize("row", HANDED)
-def test_point_handed_to_a_routine_is_corrected_as_if_written_there(row: str, tmp_path: Path) -> None:
+def test_point_handed_to_a_routine_is_corrected_as_if_written_there(row, tmp_path):
     routine, calls, written = HANDED[row]
     rig, files = ur_files({"a.script": routine + TCP + "movej({q0})\n" + calls})
     found = corrected_files(rig, tmp_path, files)
@@ -161,7 +158,7 @@ ABOVE = {
 
 @pytest.mark.parametrize("form", ["movel({})", "b = {}\nmovel(b)", "def go(g):\nmovel({})\nmovel(g)\nend\ngo(a)"])
 @pytest.mark.parametrize("row", ABOVE)
-def test_place_above_a_point_shares_its_correction(row: str, form: str, tmp_path: Path) -> None:
+def test_place_above_a_point_shares_its_correction(row, form, tmp_path):
     before, above = ABOVE[row]
     above = re.sub(r"\ba(?=\[|,)", "g", above) if "def" in form else above
     text = TCP + "a = {p1}\n" + before + "movej({q0})\n" + form.format(above) + "\nmovel(a)\n"
@@ -191,7 +188,7 @@ IN_PLANE: dict[str, tuple[str, Left]] = {
 
 
 @pytest.mark.parametrize("row", IN_PLANE)
-def test_point_in_a_plane_is_corrected_in_the_plane(row: str, tmp_path: Path) -> None:
+def test_point_in_a_plane_is_corrected_in_the_plane(row, tmp_path):
     """The plane is turned by a quarter about z, so its coordinates are those of the base in another order."""
     text, left = IN_PLANE[row]
     rig, files = ur_files({"b.script": TCP + "movej({q0})\nmovel({p1})\n"})
@@ -224,7 +221,7 @@ def _in_plane(place: tuple[float, float, float], vector: list[float]) -> str:
 
 
 @pytest.mark.parametrize("name", ["a.urp", "A.URP", "b.tp", "B.TP"])
-def test_binary_program_is_refused_with_the_form_to_give(name: str, tmp_path: Path) -> None:
+def test_binary_program_is_refused_with_the_form_to_give(name, tmp_path):
     path = tmp_path / name
     path.write_bytes(b"\x1f\x8b")
     with refused("program.unknown") as error:

@@ -4,12 +4,9 @@ After the correction the numbers are read back by expressions of the test, and t
 nominal arm was sent.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -118,7 +115,7 @@ def _from_ur(line: str, tool: Array) -> Array:
     return frame(1e3 * np.array(values[:3]), Rotation.from_rotvec(values[3:])) @ np.linalg.inv(tool)
 
 
-def test_urscript(tmp_path: Path) -> None:
+def test_urscript(tmp_path):
     rig = rig_of("ur10e")
     T = [flange_at(rig, np.radians(q)) @ UR_TOOL for q in UR]
     poses = {f"p{k}": ur_pose(one) for k, one in enumerate(T)}
@@ -139,7 +136,7 @@ def test_urscript(tmp_path: Path) -> None:
     assert found.rounded_um.max() < 0.1 and found.moved_mm.min() > 0.1
 
 
-def test_urscript_without_a_tool_leaves_poses_until_it_is_stated(tmp_path: Path) -> None:
+def test_urscript_without_a_tool_leaves_poses_until_it_is_stated(tmp_path):
     rig, files = ur_files({"a.urscript": "movej({q0})\nmovel({p1})\n"})
     assert uncorrected(corrected_files(rig, tmp_path, files)) == [(2, "unknown_tool")]
     found = corrected_files(rig, tmp_path, files, ["tcp=0,0,145,0,0,0"])
@@ -180,7 +177,7 @@ DEFAULT_GROUP\t= 1,*,*,*,*;\r
 """
 
 
-def test_fanuc(tmp_path: Path) -> None:
+def test_fanuc(tmp_path):
     rig = rig_of("fanuc-m-10ia")
     base = np.eye(4)
     poses = [fanuc_pose(rig, q, base) for q in FANUC]
@@ -263,7 +260,7 @@ def _from_krl(line: str) -> Array:
     return KUKA_BASE @ frame((x, y, z), Rotation.from_euler("ZYX", turn, degrees=True)) @ np.linalg.inv(KUKA_TOOL)
 
 
-def test_kuka(tmp_path: Path) -> None:
+def test_kuka(tmp_path):
     rig = rig_of("kuka-kr-10-r1100-2")
     path, data_path = tmp_path / "Pick.src", tmp_path / "Pick.dat"
     path.write_bytes(KUKA_SOURCE.encode())
@@ -305,7 +302,7 @@ def test_kuka(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("k", range(5))
-def test_kuka_status_and_turn_state_the_posture(k: int, tmp_path: Path) -> None:
+def test_kuka_status_and_turn_state_the_posture(k, tmp_path):
     """The posture of a pose is that of its S and T; a different S has no solution."""
     rig, files = kuka_files({"a.src": f"{HEAD}PTP {{p{k}}}\nEND\n"})
     found = corrected_files(rig, tmp_path, files, *KUKA_STATED)
@@ -317,7 +314,7 @@ def test_kuka_status_and_turn_state_the_posture(k: int, tmp_path: Path) -> None:
         assert uncorrected(corrected_files(rig, tmp_path, other, *KUKA_STATED)) == [(4, "other_flags")]
 
 
-def test_line_that_arrives_in_another_posture_than_its_flags_is_left(tmp_path: Path) -> None:
+def test_line_that_arrives_in_another_posture_than_its_flags_is_left(tmp_path):
     """KUKA keeps the posture along a line, whatever S and T say: here the wrist is turned over."""
     turned = (-25, -75, 95, 95 - 180, 60, 190 - 180)
     for start, why in ((turned, [(5, "two_postures")]), (KUKA[3], [])):
@@ -371,7 +368,7 @@ def _from_rapid(line: str) -> Array:
     return frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True)) @ np.linalg.inv(ABB_TOOL)
 
 
-def test_abb(tmp_path: Path) -> None:
+def test_abb(tmp_path):
     rig, path = rig_of("abb-irb-120"), tmp_path / "MainModule.mod"
     text = ABB_PROGRAM.format(
         tool=quaternion(ABB_TOOL),
@@ -396,7 +393,7 @@ def test_abb(tmp_path: Path) -> None:
     assert _left_mm(rig, _from_rapid(lines[19]), ABB[2], ABB_TOOL) < 2e-3
 
 
-def test_line_without_configuration_keeps_the_posture_at_its_start(tmp_path: Path) -> None:
+def test_line_without_configuration_keeps_the_posture_at_its_start(tmp_path):
     rig = rig_of("abb-irb-120")
     pose = re.sub(r"\[-?\d+,-?\d+,-?\d+,\d\]", "[0,0,0,0]", robtarget_of(rig, ABB[3], np.eye(4)))
     _, files = abb_files(module_of(f"ConfL\\Off;\nMoveAbsJ {{q0}},v9,fine,t;\nMoveL {pose},v9,fine,t;\n"))
@@ -409,16 +406,14 @@ def test_line_without_configuration_keeps_the_posture_at_its_start(tmp_path: Pat
     ("switch", "left"),
     [("", []), ("ConfJ\\Off;", []), ("WHILE reg1<5 DO\nConfJ\\Off;\nENDWHILE", ["two_postures"])],
 )
-def test_configuration_that_only_counts_on_some_paths_leaves_the_target(
-    switch: str, left: list[str], tmp_path: Path
-) -> None:
+def test_configuration_that_only_counts_on_some_paths_leaves_the_target(switch, left, tmp_path):
     """The wrist is turned over before the move: with its flags it turns back, without them it does not."""
     over = "MoveAbsJ [[-30,5,25,75,-50,-25],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;"
     rig, files = abb_files(module_of(f"{over}\n{switch}\nMoveJ {{p2}},v9,fine,t;\n"))
     assert [one.reason for one in corrected_files(rig, tmp_path, files).left] == left
 
 
-def test_end_of_a_line_past_the_singularity_of_the_wrist_is_left(tmp_path: Path) -> None:
+def test_end_of_a_line_past_the_singularity_of_the_wrist_is_left(tmp_path):
     """Axis 5 comes within a degree of 0 on the way: a controller may leave on either side."""
     rig = rig_of("ur10e")
     begin, end = (18.38, -53.75, 61.05, 85.82, 9.19, -88.1), (-11.97, -55.13, 65.49, 78.83, -4.74, -104.68)
@@ -430,7 +425,7 @@ def test_end_of_a_line_past_the_singularity_of_the_wrist_is_left(tmp_path: Path)
 
 
 @pytest.mark.parametrize(("q_deg", "cfx"), [((20, 40, -50, 30, 60, -40), 0), ((20, 40, -105, 30, 60, -40), 2)])
-def test_cfx_decides_between_elbows(q_deg: Sequence[float], cfx: int, tmp_path: Path) -> None:
+def test_cfx_decides_between_elbows(q_deg, cfx, tmp_path):
     """Both elbows are within the limits; a cfx of the other wrist has no solution."""
     rig = rig_of("abb-irb-120")
     for conf, left in ((cfx, []), (cfx + 1, ["other_flags"])):
@@ -455,7 +450,7 @@ def test_cfx_decides_between_elbows(q_deg: Sequence[float], cfx: int, tmp_path: 
         ("X = 1.23456789012 mm", 2.0, "X = 2.0000000 mm"),
     ],
 )
-def test_a_number_keeps_its_style_and_its_column(text: str, value: float, new: str) -> None:
+def test_a_number_keeps_its_style_and_its_column(text, value, new):
     found = re.search(NUMBER, text)
     assert found
     number = Number(found.start(), found.end(), float(found[0]))
@@ -505,7 +500,7 @@ END\r
 """
 
 
-def test_yaskawa(tmp_path: Path) -> None:
+def test_yaskawa(tmp_path):
     rig, path = rig_of("yaskawa-gp7"), tmp_path / "PICK.JBI"
     (flags,) = {configuration_of(arm_of(rig.robot), np.radians(q)) for q in YASKAWA}
     form = f"{','.join(str(int(not flag)) for flag in flags)},0,0,0"

@@ -1,13 +1,9 @@
 """The page in a real browser: no request, no error, hover and rotation work, and it prints whole."""
 
-from __future__ import annotations
-
 import base64
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +28,7 @@ DRAWN = (
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(tmp_path_factory):
     rig, text = load("ur10e")
     folder = tmp_path_factory.mktemp("page")
     hidden = load_hidden("ur10e").apply_to(rig)
@@ -45,7 +41,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def stepped(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def stepped(page, tmp_path_factory):
     """The same runs with a diagnosis made by hand, whose gap shrinks in two steps."""
     found = diagnosis("named")
     curves = tuple(np.stack([one.before_um, (one.before_um + one.after_um) / 2, one.after_um]) for one in found.curves)
@@ -58,14 +54,14 @@ def stepped(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def opened(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def opened(page, tmp_path_factory):
     with browser(tmp_path_factory.mktemp("profile")) as one:
         one.send("Page.navigate", url=page.as_uri())
         one.until(DRAWN)
         yield one
 
 
-def test_no_request_leaves_the_file_and_no_error_is_said(opened: Browser, page: Path) -> None:
+def test_no_request_leaves_the_file_and_no_error_is_said(opened, page):
     asked = [event["request"]["url"] for event in opened.named("Network.requestWillBeSent")]
     assert {url.partition(":")[0] for url in asked} <= {"file", "data", "blob"}
     assert [url for url in asked if url.startswith("file:")] == [page.as_uri()]
@@ -76,7 +72,7 @@ def test_no_request_leaves_the_file_and_no_error_is_said(opened: Browser, page: 
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 800)])
-def test_the_tiles_are_above_the_fold(stepped: Path, tmp_path: Path, width: int, height: int) -> None:
+def test_the_tiles_are_above_the_fold(stepped, tmp_path, width, height):
     with browser(tmp_path / "profile") as one:
         one.send(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500
@@ -99,7 +95,7 @@ def _middle(opened: Browser, kind: str) -> tuple[float, float]:
     return x + width / 2, y + height / 2
 
 
-def test_the_mouse_over_a_curve_shows_both_directions(opened: Browser) -> None:
+def test_the_mouse_over_a_curve_shows_both_directions(opened):
     shown, end = "", time.monotonic() + PATIENCE_S
     for step in count():  # a busy computer draws what is above only after the mouse came
         x, y = _middle(opened, "straight")
@@ -110,7 +106,7 @@ def test_the_mouse_over_a_curve_shows_both_directions(opened: Browser) -> None:
     assert "acw" in shown and "cw" in shown and "°" in shown
 
 
-def test_dragging_rotates_the_sphere(opened: Browser) -> None:
+def test_dragging_rotates_the_sphere(opened):
     eye = "JSON.stringify(document.querySelector('figure.sphere .live')._fullLayout.scene._scene.getCamera().eye)"
     before, end = opened.until(eye), time.monotonic() + PATIENCE_S
     while opened.value(eye) == before and time.monotonic() < end:  # a busy computer may still move the picture
@@ -123,7 +119,7 @@ def test_dragging_rotates_the_sphere(opened: Browser) -> None:
     assert opened.value(eye) != before
 
 
-def test_on_paper_every_picture_is_there_and_no_table_is_wider(opened: Browser) -> None:
+def test_on_paper_every_picture_is_there_and_no_table_is_wider(opened):
     opened.send("Emulation.setEmulatedMedia", media="print")
     # A4 less the margins, at 96 px an inch.
     opened.send("Emulation.setDeviceMetricsOverride", width=688, height=1009, deviceScaleFactor=1, mobile=False)
@@ -141,7 +137,7 @@ def test_on_paper_every_picture_is_there_and_no_table_is_wider(opened: Browser) 
         opened.send("Emulation.setEmulatedMedia", media="")
 
 
-def test_a_telephone_scrolls_in_its_tables_and_not_the_page(page: Path, tmp_path: Path) -> None:
+def test_a_telephone_scrolls_in_its_tables_and_not_the_page(page, tmp_path):
     with browser(tmp_path / "profile") as one:
         one.send("Page.navigate", url=page.as_uri())
         one.until(DRAWN)  # wide first, as on a screen that is turned or a window that is made smaller
@@ -152,7 +148,7 @@ def test_a_telephone_scrolls_in_its_tables_and_not_the_page(page: Path, tmp_path
         assert one.value("[...document.querySelectorAll('table')].every(table => table.closest('.wide'))")
 
 
-def test_the_arrow_keys_go_through_the_steps_and_the_curves_follow(stepped: Path, tmp_path: Path) -> None:
+def test_the_arrow_keys_go_through_the_steps_and_the_curves_follow(stepped, tmp_path):
     picture = "document.querySelector('#steps ~ .pictures .live')"
     curve = f"Array.from({picture}._fullData[1].y)"
     with browser(tmp_path / "profile") as one:
@@ -176,7 +172,7 @@ def test_the_arrow_keys_go_through_the_steps_and_the_curves_follow(stepped: Path
         assert np.allclose(2 * np.array(halfway), last, rtol=1e-4, atol=1e-4)
 
 
-def test_dark_paper_has_light_ink(opened: Browser) -> None:
+def test_dark_paper_has_light_ink(opened):
     line = "getComputedStyle(document.querySelector('figure.straight .lines path')).stroke"
     light = opened.value(line)
     opened.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
@@ -187,7 +183,7 @@ def test_dark_paper_has_light_ink(opened: Browser) -> None:
         opened.send("Emulation.setEmulatedMedia", features=[])
 
 
-def test_without_scripts_text_tables_and_pictures_are_seen(page: Path, tmp_path: Path) -> None:
+def test_without_scripts_text_tables_and_pictures_are_seen(page, tmp_path):
     with browser(tmp_path / "profile") as one:
         one.send("Emulation.setScriptExecutionDisabled", value=True)
         one.send("Page.navigate", url=page.as_uri())
@@ -220,7 +216,7 @@ _LAID_OUT = """
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_no_label_is_cut_and_no_legend_covers_a_title(opened: Browser, page: Path, width: int) -> None:
+def test_no_label_is_cut_and_no_legend_covers_a_title(opened, page, width):
     narrow = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
     opened.send("Emulation.setDeviceMetricsOverride", **narrow)
     try:
