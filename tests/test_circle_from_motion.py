@@ -29,7 +29,6 @@ def test_the_rig_file_learns_the_circle_that_the_robot_drives(tmp_path):
         checked = bench.run("rig", "check", bench.rig)
         assert checked.returncode == 0 and "circle of 75" in checked.stdout, checked.stdout + checked.stderr
     circle = load(bench.rig)[0].tests.circle
-    assert circle is not None
     assert circle.centre_mm == pytest.approx(DRIVEN["centre_mm"], abs=0.05)
     assert circle.radius_mm == pytest.approx(DRIVEN["radius_mm"], abs=0.05)
     length = sum(part**2 for part in DRIVEN["normal"]) ** 0.5

@@ -48,7 +48,6 @@ def person():
     for process in (rigd, arm):
         process.terminate()
         process.wait()
-    assert person.controller is not None
     person.controller.stop()
     shutil.rmtree(directory)
 

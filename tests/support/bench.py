@@ -228,7 +228,6 @@ class Bench(Watched):
 
     def signalled(self, number: signal.Signals) -> tuple[int, str]:
         """Send a signal to the daemon and wait for it to exit. Return the exit code and the output."""
-        assert self.daemon is not None
         self.daemon.send_signal(number)
         _, said = self.daemon.communicate(timeout=PATIENCE_S)
         return self.daemon.returncode, said

@@ -85,7 +85,6 @@ class Case:
         q = np.empty((0, self.q.shape[1]))
         while len(sockets) < count:
             posture = next_posture(self.reference, candidates, compared)
-            assert posture is not None
             row = int(np.abs(self.q - posture.angles).max(axis=1).argmin())
             name, near = self.touch([self.sockets[row]], self.q[row : row + 1])
             sockets, q = sockets + name, np.concatenate([q, near])

@@ -259,7 +259,7 @@ def survivors(before: IoWorker, log: list[Change], random: Random | None) -> IoW
             if isinstance(change, Link):
                 disk.make(change)
             if sure or (random and random.random() < keep_names):
-                torn = not sure and random is not None and random.random() < 0.1
+                torn = not sure and random.random() < 0.1
                 _name(disk.names[change.directory], change, torn)
     for node, changes in pending.items():
         assert random is not None

@@ -105,7 +105,6 @@ def replug(folder: Path, kind: str, cycles: int, seed: int) -> Replugged:
             found.problems.append(f"the daemon held {found.held}")
         if (done := bench.run("rig", "record", "stop")).returncode:
             found.problems.append(done.stderr)
-        assert bench.daemon is not None
         bench.daemon.send_signal(signal.SIGTERM)
         said.join()
     found.problems += verify(path)
@@ -185,7 +184,6 @@ def _held(bench: Bench) -> str:
     """Open resources of the daemon, excluding files of the run, after the served clients have
     disconnected.
     """
-    assert bench.daemon is not None
     time.sleep(0.5)
     process, descriptors = Path(f"/proc/{bench.daemon.pid}"), 0
     for entry in (process / "fd").iterdir():
@@ -196,7 +194,6 @@ def _held(bench: Bench) -> str:
 
 def swallow(bench: Bench) -> None:
     """Read and discard the log of the daemon, which would block on a full pipe."""
-    assert bench.daemon is not None and bench.daemon.stderr is not None
     bench.daemon.stderr.read()
 
 

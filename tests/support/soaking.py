@@ -63,7 +63,6 @@ def in_real_time(folder: Path, minutes: float, every_s: float) -> Iterator[Held]
         threading.Thread(target=swallow, args=(bench,), daemon=True).start()
         bench.all_reading()
         path = bench.record()
-        assert bench.daemon is not None
         began = time.monotonic()
         while (now := time.monotonic() - began) < minutes * 60:
             with Client(bench.socket) as client:

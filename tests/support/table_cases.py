@@ -33,7 +33,6 @@ def circle_values(test: TestName, direction: Direction) -> tuple[Array, Array, A
     file.
     """
     circle = rig().tests.circle
-    assert circle is not None
     phi = np.radians(np.arange(-10.0, 371.0, 2.0))
     order = slice(None) if direction == "acw" else slice(None, None, -1)
     arm, frame = arm_of(rig().robot), frame_of(circle)

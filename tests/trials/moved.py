@@ -115,7 +115,6 @@ def _touches_needed(case: Case, cause: str, most: int, *, planned: bool) -> tupl
     for count in range(1, most + 1):
         if planned:
             posture = next_posture(case.reference, candidates, compared)
-            assert posture is not None
             row = int(np.abs(case.q - posture.angles).max(axis=1).argmin())
         else:
             row = int(order[count - 1])

@@ -18,7 +18,7 @@ def test_a_drawing_is_shown_and_has_colours_for_the_dark(path):
     root = ET.parse(path).getroot()  # noqa: S314 - our own file
     assert root.get("aria-label") and f"images/{path.name}" in PAGE
     style = root.find("{http://www.w3.org/2000/svg}style")
-    assert style is not None and style.text and "prefers-color-scheme: dark" in style.text
+    assert style.text and "prefers-color-scheme: dark" in style.text
     assert root.find("{http://www.w3.org/2000/svg}rect[@class='paper']") is not None
 
 

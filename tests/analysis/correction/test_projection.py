@@ -174,7 +174,7 @@ def test_error_after_correction_agrees_with_its_prediction():
         apart = np.linalg.norm((tool_poses(model_of(rig, true), found.q) - wanted)[:, :3, 3], axis=1)
         within += (apart < 2 * found.u_mm).tolist()
         worst += (apart / found.u_mm).tolist()
-        assert found.covered is not None and found.covered.all()
+        assert found.covered.all()
     assert np.mean(within) >= 0.93
     assert 0.6 < np.sqrt(np.mean(np.square(worst))) < 1.4  # neither too sure nor too careful
 

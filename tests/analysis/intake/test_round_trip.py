@@ -73,12 +73,10 @@ def test_an_imported_run_is_a_run(tmp_path, test):
     assert manifest.rig_text == load(RIG_FILE)[1]
     assert manifest.exit_status == "complete"
     assert manifest.counters == {"table": {"samples": count}}
-    assert manifest.table is not None
     assert (manifest.table.file, manifest.table.sha256) == ("run table.csv", sha256(csv_text(rows).encode()))
     assert list(manifest.table.columns) == list(rows)
     run = read_run(path)
     assert (run.streams, run.faults) == ({}, [])
-    assert run.table is not None
     assert run.table.num_rows == count
     assert sorted(file.name for file in path.iterdir()) == [
         ".lock",
@@ -126,7 +124,6 @@ def test_names_without_utf8_are_kept_as_far_as_possible(tmp_path):
     source.write_text(csv_text(plain("pose")))
     import_table(source, tmp_path / latin, rig_file=RIG_FILE, test="pose", direction=None, operator=latin)
     manifest = read_run(tmp_path / latin).manifest
-    assert manifest.table is not None
     assert (manifest.table.file, manifest.operator) == ("k\\udcf6ln.csv", "k\\udcf6ln")
     assert verify(tmp_path / latin) == []
 

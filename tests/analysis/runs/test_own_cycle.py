@@ -40,7 +40,7 @@ def test_ticks_are_found_to_a_fraction_of_the_requests(stated):
     asked = requests()
     ticks = latest(asked, grid(100.0))
     found = through_cycle(asked, swing(ticks, noise_mm=1e-3)[:, None], stated and stated * MS)
-    assert found is not None and found.steady and found.period_ns == pytest.approx(100 * MS, rel=1e-4)
+    assert found.steady and found.period_ns == pytest.approx(100 * MS, rel=1e-4)
     inside = asked > asked[0] + 200 * MS
     assert np.abs(found.ns - ticks)[inside].max() < 0.5 * MS
 
@@ -51,7 +51,7 @@ def test_requests_in_step_with_the_cycle_leave_the_phase_uncertain():
     for shift_ms in (1.0, 12.0, 24.0):
         ticks = latest(asked, grid(100.0) + shift_ms * MS)
         found = through_cycle(asked, swing(ticks)[:, None], 100 * MS)
-        assert found is not None and found.u_s == pytest.approx(25e-3 / np.sqrt(12), rel=0.15)
+        assert found.u_s == pytest.approx(25e-3 / np.sqrt(12), rel=0.15)
         assert np.mean(np.abs(found.ns - ticks) <= 2e9 * np.hypot(found.u_s, found.own_u_s)) > 0.9
 
 

@@ -117,19 +117,25 @@ def test_message_without_a_gauge_does_not_end_its_error():
     assert told.detail.startswith("g1_g2 ")
 
 
-def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path):
+def _in_error(folder: Path) -> tuple[Recorder, StreamBuffer]:
+    """A recorder with a run in which gauge g1 reports errors, and the buffer of the gauge."""
     buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
-    recorder = Recorder(buffers, lambda label, _: _create(tmp_path, label), lambda: None)
+    recorder = Recorder(buffers, lambda label, _: _create(folder, label), lambda: None)
     now_ns = time.monotonic_ns()
     buffers["g1"].deliver([_sample([0.1], now_ns)])
     buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
     recorder.start_run(RecordingRequest(RunLabel(name="x", test="radial"))).result()
     for _ in range(TIMES_IN_ERROR):
         buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
+    return recorder, buffers["g1"]
+
+
+def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path):
+    recorder, g1 = _in_error(tmp_path)
     recorder.start()
-    while FaultKind.DOUBTFUL not in buffers["g1"].state().counters:
+    while FaultKind.DOUBTFUL not in g1.state().counters:
         time.sleep(0.02)
-    assert "of error" in buffers["g1"].state().last_fault
+    assert "of error" in g1.state().last_fault
     ended = recorder.stop_run().result()
     recorder.shut_down("complete", "")
     assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1
@@ -137,20 +143,13 @@ def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path):
 
 
 def test_doubt_about_the_last_readings_is_in_their_run(tmp_path):
-    buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
-    recorder = Recorder(buffers, lambda label, _: _create(tmp_path, label), lambda: None)
-    now_ns = time.monotonic_ns()
-    buffers["g1"].deliver([_sample([0.1], now_ns)])
-    buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
-    recorder.start_run(RecordingRequest(RunLabel(name="x", test="radial"))).result()
-    for _ in range(TIMES_IN_ERROR):
-        buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
+    recorder, g1 = _in_error(tmp_path)
     ended = recorder.stop_run().result()
     recorder.start()
     recorder.shut_down("complete", "")
     assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1
     assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
-    assert buffers["g1"].state().counters[FaultKind.DOUBTFUL] == 1 and buffers["g1"].drain() == []
+    assert g1.state().counters[FaultKind.DOUBTFUL] == 1 and g1.drain() == []
 
 
 def _create(folder: Path, label: RunLabel) -> RunWriter:

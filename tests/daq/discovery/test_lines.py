@@ -29,13 +29,12 @@ def joined(values: tuple[float, ...], separator: str = ",") -> str:
 )
 def test_layouts(line, fields, separator):
     layout = layout_of(printed(line))
-    assert layout is not None
     assert (layout.fields, layout.separator, layout.sure) == (fields, separator, True)
 
 
 def test_a_joint_that_turns_is_not_taken_for_a_clock():
     layout = layout_of(printed(lambda k: f"{10 * k},{0.2 * k},{joined(ANGLES[1:])}\n"))
-    assert layout is not None and layout.fields == ("t_ms", *JOINTS)
+    assert layout.fields == ("t_ms", *JOINTS)
 
 
 def test_small_angles_could_be_radians():

@@ -166,7 +166,7 @@ def test_the_drift_of_a_clock_shows_through_late_messages():
     assert watch.state() is None
     watch.feed(_samples(300, 30, 509, rng, 1009))
     state = watch.state()
-    assert state is not None and state.drift_ppm == pytest.approx(30, abs=3)
+    assert state.drift_ppm == pytest.approx(30, abs=3)
     assert state.offset_s == pytest.approx(-500 + 0.009, abs=1e-3) and 0.003 < state.late_s < 0.02
 
 
@@ -175,7 +175,7 @@ def test_restarted_clock_is_watched_again():
     watch.feed(_samples(100, 0, 500, rng))
     watch.feed(_samples(25, 0, 600, rng, device_s=3.0))
     state = watch.state()
-    assert state is not None and state.offset_s == pytest.approx(597, abs=1e-3) and state.drift_ppm is None
+    assert state.offset_s == pytest.approx(597, abs=1e-3) and state.drift_ppm is None
 
 
 def test_an_instrument_without_a_clock_has_no_drift():

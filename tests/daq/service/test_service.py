@@ -130,7 +130,6 @@ Recorder._drain_buffers = break_down
 def test_program_error_fails_the_run_and_ends_the_daemon(bench, patch, thread, error):
     _failing_daemon(bench, patch).all_reading()
     path = bench.record()
-    assert bench.daemon is not None
     _, said = bench.daemon.communicate(timeout=PATIENCE_S)
     assert bench.daemon.returncode == 1
     assert f"thread '{thread}' died" in said and "Traceback" in said and "no_such_thing" in said.replace(" ", "_")

@@ -116,7 +116,6 @@ def test_parquet_keeps_every_bit_and_the_opening():
     table = table_of(tuple(BATCHES), SCHEMA)
     data = to_parquet(table)
     back = from_parquet(data)
-    assert back is not None
     assert back["g1_mm"].to_numpy().tobytes() == bits([s.values[0] for s in samples(15)])
     assert opening_in(data) == opening_in(FILE) == b'{"run": 1}'
 

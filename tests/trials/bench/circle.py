@@ -47,7 +47,6 @@ def rig_with(rows: int) -> Rig:
     """A shipped rig whose circle lasts for so many readings: more laps, then slower ones."""
     rig = load(RIG)[0]
     circle = rig.tests.circle
-    assert circle is not None
     # A lap and the way back, twice as fast; lead-in and pauses are little beside them.
     round_s = 1.5 * 2 * math.pi * circle.radius_mm / circle.speed_mm_s
     laps = max(1, min(LAPS, round(rows / GAUGE_RATE_HZ / round_s)))

@@ -112,7 +112,6 @@ def run_of(given: Poses, placement: str, rig_file: Path, work: Path) -> Measured
 def predicted(found: Diagnosis, rig: Rig, placement: str, q: Array, taught: Array) -> tuple[Array, Array]:
     """Return where the instrument of a placement sees its target (m, 3) mm at joint angles q (m, 6) rad by what was
     found, and u (m,) mm, NaN where it is not known; taught (k, 6) rad: the poses by which its frame is known."""
-    assert found.calibrated is not None
     model = model_of(rig, [*rig.effects, *(one.effect for one in found.standing), *found.calibrated.effects])
     placed_at = next(one for name, one in found.calibrated.setups.items() if name.endswith(f"at {placement}"))
     instrument, target = (np.array(T) for T in (placed_at.T_instrument_world, placed_at.T_tool_target))

@@ -121,7 +121,6 @@ def cell(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     """The instruments; the rig file of the folder gets their ports."""
     rig = folder / "rig.yaml"
     with _process(folder, sys.executable, HERE / "pace_cell.py", rig, folder / "sent.npz", *options) as process:
-        assert process.stdout is not None
         text = ""
         while not text.endswith("\0"):
             text += process.stdout.read(1)
@@ -186,7 +185,6 @@ def _settle(client: Client) -> None:
 
 def by_plain_loop(folder: Path, instruments: subprocess.Popen[str], seconds: float) -> Taken:
     with _process(folder, sys.executable, HERE / "plain_loop.py", "rig.yaml", "kept.npz") as loop:
-        assert loop.stdout is not None
         loop.stdout.readline()
         window_ns, cpu = _window(loop.pid, seconds)
         _stop(instruments)

@@ -138,7 +138,6 @@ class Controller:
         return self._wake_ns or now_ns
 
     def _do(self, step: ConversationStep) -> None:
-        assert self._socket is not None
         self._wake_ns = step.wake_ns
         before_ns = time.monotonic_ns()
         self._socket.sendall(step.send)

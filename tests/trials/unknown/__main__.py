@@ -40,7 +40,6 @@ def judged(case: tuple[int, str, bool, Path | None]) -> Row:
 
 def judged_cell(cell: Cell, directory: Path, with_sound: bool) -> Row:
     """Diagnose a cell, and the same cell without its cause; judge both."""
-    assert cell.cause is not None
     row: Row = {
         "seed": cell.seed,
         "arm": cell.arm_name,

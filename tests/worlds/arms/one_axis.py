@@ -36,7 +36,6 @@ def true_curve(truth: Truth, table: PoseTable, curve: AxisCurve) -> tuple[Array,
     A constant and a wave of one per turn are removed from all, because the fitted circle absorbs them.
     """
     joint, q, came = curve.axis - 1, table.q, table.came_from
-    assert came is not None
     alone = (np.delete(np.abs(q - came), joint, axis=1) < 1e-4).all(axis=1)
     off = np.degrees(truth.link_q(q, came) - q)[:, joint]
     ways = []

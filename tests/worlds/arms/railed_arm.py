@@ -52,7 +52,6 @@ def railed_poses(
     robot: Robot, arm: Truth, rail: RailTruth, rng: np.random.Generator, ball_mm: Array, poses: int
 ) -> PoseTable:
     """Simulate ball positions measured by a tracker with an unknown frame, at random rail positions."""
-    assert robot.rail is not None
     q, e1_mm = draw_postures(robot, rng, poses), rng.uniform(*robot.rail.limits_mm, poses)
     seen = railed_places(arm, rail, q, np.vstack([q[:1], q[:-1]]), e1_mm, ball_mm)
     seen += rng.normal(0, arm.scatter_mm, (poses, 3))

@@ -119,7 +119,6 @@ def _follow(user: str, motion: Motion, lock: threading.Lock) -> None:
     command = [*as_user(user), "stdbuf", "-oL", "halsampler", "-t", "-c", "1"]
     while True:
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as sampler:
-            assert sampler.stdout is not None
             rest = b""
             # A controller that was killed leaves a halsampler that waits for ever.
             while select.select([sampler.stdout], [], [], _SILENT_S)[0]:
@@ -159,7 +158,6 @@ def _answer(request: dict[str, Any], motion: Motion, gauges: Gauges, lock: threa
             case "error":
                 motion.recording = False
                 p, set_up = np.array(motion.path), gauges.set_up
-                assert set_up is not None
                 on_path = circle_in(p, set_up)
                 base, taught = circle_error_um(on_path, set_up.centre_mm, set_up.radius_mm)
                 return {"samples": len(on_path), "base_um": base, "taught_um": taught, "lost": motion.lost}

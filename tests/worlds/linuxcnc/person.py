@@ -158,7 +158,6 @@ class Person:
             elif change := re.match(r"# HOME_OFFSET = ([-+.\d]+) \+", line):
                 self.home_deg[joint] += float(change[1])
         self.files = ("rig.hal", "rig-arm.hal")
-        assert self.controller is not None
         self.controller.stop()
         self.start_controller()
 

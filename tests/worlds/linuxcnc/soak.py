@@ -85,7 +85,6 @@ def main(directory: Path, user: str, minutes: float) -> int:
         print(rig("verify", long).strip())
         start("killed")
         time.sleep(10)
-        assert person.controller is not None
         person.controller.kill()
         time.sleep(5)
         person.start_controller()

@@ -103,7 +103,6 @@ def test_gravity_torque_is_the_slope_of_the_potential(make):
 @pytest.mark.parametrize("seed", range(len(CAUSES)), ids=[kind.kind for kind in CAUSES])
 def test_each_cause_can_be_seen_and_vanishes_at_size_0(seed):
     cell = draw_cell(seed)
-    assert cell.cause is not None
     assert cell.cause.kind == CAUSES[seed].kind
     planned = motions(cell)
     sound = seen_without_noise(cell.sound(), planned)

@@ -196,7 +196,6 @@ def test_growing_error_dates_the_end_of_the_tolerance():
     assert drift.rate == pytest.approx(0.002 / 0.29, rel=0.05)
     moved, work = np.array([[[0.1, 0, 0]]]), Work(*(np.zeros((1, 6)) for _ in range(4)))
     found = until(load("paper-fanuc")[0], drift, work, moved, lambda at: float(np.linalg.norm(at) < 0.2))
-    assert found is not None
     assert found.date == dt.date(2026, 4, 6) + dt.timedelta(days=round(1 / drift.rate))
     assert found.earliest < found.date < (found.latest or dt.date.max)
     steady = Drift("play_j1_deg", 0, 1e-9, 0.0, dt.date(2026, 1, 1))

@@ -86,7 +86,7 @@ def test_unmoved_is_concluded_only_after_enough_touches(tmp_path):
     case = moved_cell(tmp_path, "nothing", seed=5)
     person, check = Person(case), GuidedCheck.of_runs([load_run(tmp_path / "runs" / "before")])
     check = follow_touches(person, check, person.say)
-    assert check.result.named is not None and check.result.named.what == "nothing"
+    assert check.result.named.what == "nothing"
     assert len(check.touches) >= 4
     answers = [line for line in person.said if "touch " in line and "agree" in line]
     assert all("nothing moved" in line for line in answers[:3])
@@ -99,7 +99,7 @@ def test_the_posture_at_the_start_is_no_touch(tmp_path):
     person = Person(case)
     person.rests_first = np.degrees(case.before[3])
     check = follow_touches(person, check, person.say)
-    assert check.result.named is not None and check.result.named.what == "zero"
+    assert check.result.named.what == "zero"
     assert all(np.abs(q - case.before[3]).max() > 1e-9 for _, q in check.touches)
 
 
@@ -145,7 +145,7 @@ def test_an_answer_is_stored_with_new_runs_only_if_asked(tmp_path):
     assert load_marks(tmp_path / "runs" / "after").moved is None
     assert CliRunner().invoke(app, [*words, "--mark"]).exit_code == 0
     marked = load_marks(tmp_path / "runs" / "after").moved
-    assert marked is not None and marked.what == "base"
+    assert marked.what == "base"
     assert marked.answer.startswith("The base ")
     table = [*words[:-1], str(tmp_path / "after.csv"), "--rig", str(tmp_path / "cell.yaml"), "--mark"]
     assert isinstance(CliRunner().invoke(app, table).exception, UseError)

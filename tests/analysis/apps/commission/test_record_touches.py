@@ -34,7 +34,6 @@ class Served:
     def __init__(self, touches: int = 12, end: BaseException | None = None) -> None:
         self._end = end or KeyboardInterrupt()
         planned = planned_touches(parse(TEXT, "cell.yaml"))
-        assert planned.came_from is not None
         self.planned = planned
         rows = guided(planned.q[:touches], planned.came_from[:touches])
         columns = [f"q{axis}_deg" for axis in range(1, 7)]

@@ -75,7 +75,6 @@ def test_a_name_that_would_be_more_than_a_name():
 
 def test_a_circle_from_one_pose_has_that_pose():
     rig, _ = load("paper-fanuc")
-    assert rig.tests.circle is not None
     q_deg = list(rig.tests.circle.posture_deg)
     circle = circle_from_start(rig.robot, q_deg, 55.0)
     T = forward(arm_of(rig.robot), np.radians([q_deg]))[0]

@@ -50,7 +50,6 @@ def refused(run: Run) -> str:
 
 def test_home_position_is_not_used():
     run = of_simulation(3).run
-    assert run.table is not None
     q1 = run.table["q1_deg"].to_numpy().copy()
     q1[[0, -1]] += 12.0
     place = run.table.column_names.index("q1_deg")
@@ -60,7 +59,6 @@ def test_home_position_is_not_used():
 
 
 def rows_of(run: Run, rows: list[int]) -> Run:
-    assert run.table is not None
     return replace(run, table=run.table.take(rows))
 
 

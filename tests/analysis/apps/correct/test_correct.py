@@ -411,7 +411,7 @@ def test_a_frame_taught_at_the_targets_removes_error_and_never_adds_it():
     q = np.radians(TARGETS[0] + np.random.default_rng(1).normal(0, 0.2, (15, 6)))
     error, few = corrected(rig, supports(rig), q).error, corrected(rig, supports(rig), q[:4]).error
     assert error is not None and not error.taught_elsewhere and error.before_um < error.base.before_um
-    assert few is not None and few.taught_elsewhere
+    assert few.taught_elsewhere
 
 
 def test_a_value_to_check_in_the_controller_is_named_before_the_correction():

@@ -258,7 +258,6 @@ def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path):
         "</joint>"
     )
     section = import_urdf(urdf(tmp_path, GOOD.replace("</robot>", f"{rail}</robot>"))).section
-    assert section.robot.rail is not None
     assert section.robot.rail.limits_mm == (-500, 2500)
     np.testing.assert_allclose(section.robot.rail.direction, [np.sin(0.5), -np.cos(0.5), 0], atol=1e-9)
     q = np.zeros((2, 7))

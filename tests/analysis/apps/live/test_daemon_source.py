@@ -108,7 +108,7 @@ def watched_until(source: DaemonSource, view: LiveView, shown: Callable[[LiveVie
 def test_samples_become_rows_and_each_is_asked_for_once(path):
     with fake(path) as daemon, DaemonSource(path) as source:
         view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and view.state)
-        assert view.cell is not None and view.cell.name == "ur10e"
+        assert view.cell.name == "ur10e"
         assert view.readings["g1"].age_s < 5 and (np.diff(view.rows.t_s) > 0).all()
         asked = [request for request in list(daemon.asked) if request["command"] == "samples"]
         assert [request["rig"] for request in asked][:3] == [True, False, False]

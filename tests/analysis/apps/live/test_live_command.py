@@ -77,7 +77,6 @@ def test_lines_of_a_running_daemon_go_on_until_they_are_stopped(tmp_path, option
     with Bench(tmp_path) as bench:
         bench.start().all_reading()
         process = subprocess.Popen([BIN / "rig", "live", option], stdout=subprocess.PIPE, env=bench.env, text=True)
-        assert process.stdout is not None
         line = next(line for line in process.stdout if "0.1" in line and "g2" in line)
         assert option == "--plain" or json.loads(line)["gauges"]["g1"]["mm"] == pytest.approx(0.1)
         process.send_signal(signal.SIGINT)

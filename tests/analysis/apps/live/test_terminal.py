@@ -67,7 +67,7 @@ def test_keys_of_a_person_reach_the_view(playing):
     playing.until(lambda text: "be recorded" in text, "start")
     playing.type("q")
     assert playing.ended() == 0 and playing.is_as_before()
-    assert playing.process.stderr is not None and playing.process.stderr.read() == b""
+    assert playing.process.stderr.read() == b""
     assert playing.received.endswith(b"\x1b[?1049l\x1b[?25h")
 
 

@@ -21,7 +21,7 @@ RIG, TEXT = load("paper-errors")
 
 
 @pytest.fixture(scope="module")
-def rows() -> dict[tuple[str, str], PaperRow]:
+def rows():
     return {(row.where, row.figure): row for row in rows_of(RIG)}
 
 
@@ -128,9 +128,10 @@ def test_data_figures_are_drawn_with_the_figures_of_the_table(rows, tmp_path, mo
     for number, row in ((13, "sphere, measured: band"), (14, "sphere, simulated: band")):
         sphere_chart, _ = charts[number]
         assert np.ptp(sphere_chart.deviation_mm) == pytest.approx(rows[f"Fig. {number}", row].ours, abs=0.02)
-    monkeypatch.setattr(pictures, "charts_of", lambda rig, text: charts)
+    assert [*charts] == [*pictures.FIGURES]
+    monkeypatch.setattr(pictures, "charts_of", lambda rig, text: {number: charts[number] for number in (6, 13)})
     written = pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "pictures")
-    assert [int(path.name.split("-")[1]) for path in written] == [*pictures.FIGURES] == [*charts]
+    assert [int(path.name.split("-")[1]) for path in written] == [6, 13]
     assert all(path.stat().st_size > 10_000 for path in written)
 
 

@@ -80,7 +80,6 @@ def test_the_numbers_are_those_of_the_rig_file():
     assert {name: part.count for name, part in parts.items()} == {"holder": 1, "socket": 2, "bar": 1}
     link = by_name(load("ur10e")[0])["link"]
     circle = load("ur10e")[0].tests.circle
-    assert circle is not None
     assert link.numbers["ball to ball"] == circle.radius_mm
 
 

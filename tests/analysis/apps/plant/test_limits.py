@@ -73,7 +73,7 @@ def test_wild_run_that_later_ones_contradict_crosses_no_limit():
     runs = runs_of([0.005, 0.5, 0.005])
     trend = Trend((), np.array([False, True, False]), 0.0)
     judged = judge(Series("yaw acw", "range_deg", tuple(runs), trend, Limit(fail=0.02)))
-    assert judged is not None and judged.standing == "pass" and not judged.beyond and judged.count == 2
+    assert judged.standing == "pass" and not judged.beyond and judged.count == 2
 
 
 @pytest.mark.parametrize("last", [1, 2, 3, 5])

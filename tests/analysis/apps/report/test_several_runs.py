@@ -112,7 +112,6 @@ def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps, tmp_path):
 
 
 def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Rig:
-    assert rig.tests.circle is not None
     circle = rig.tests.circle.model_copy(update={"eccentricity_mm": ball_mm})
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
 

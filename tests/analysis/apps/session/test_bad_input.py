@@ -151,7 +151,7 @@ def test_missing_ports_end_the_session_and_keep_its_state(cell, tmp_path):
         tmp_path.chmod(0o700)
         assert refused(cell, "-o", tmp_path / "own", "--for", "kuka") == "process.ended"
     kept = SessionDirectory(tmp_path / "own").read()
-    assert kept is not None and kept.steps[0].is_open
+    assert kept.steps[0].is_open
 
 
 def test_full_disk_keeps_the_stored_state(cell, tmp_path, monkeypatch):

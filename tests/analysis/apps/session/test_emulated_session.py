@@ -71,7 +71,7 @@ def test_a_session_that_is_killed_goes_on_and_leaves_no_process(tmp_path):
             break
     assert done.returncode == 0, done.stdout + done.stderr
     session = SessionDirectory(directory).read()
-    assert session is not None and session.report and (directory / session.report).exists()
+    assert session.report and (directory / session.report).exists()
     assert broken.name in session.left_alone
     assert [step.program for step in session.steps if step.run] == ["p01-yaw-acw", "p02-yaw-cw"]
     assert session.answer is not None and session.correction is None

@@ -169,7 +169,6 @@ def test_ambiguous_diagnosis_schedules_the_separating_test(place, tmp_path):
     driver = Simulated(place)
     with SessionDirectory(place) as held:
         session = held.read()
-        assert session is not None
         held.write(session.model_copy(update={"minutes": 30.0}))
     session = gone_on(place, driver, Oracle([ambiguous] * 6 + [NAMED]))
     assert "roll" in driver.stages and driver.stages.index("roll") < driver.stages.index("other")
@@ -234,10 +233,10 @@ def test_unconfirmed_entries_end_with_instructions(place, tmp_path):
     except CellError as error:
         assert "--entered" in error.remedy
         kept = SessionDirectory(place).read()
-        assert kept is not None and kept.correction is not None and not kept.correction.entered
+        assert kept.correction is not None and not kept.correction.entered
         driver.can_enter = True
         session = gone_on(place, driver, Oracle())
-        assert session.correction is not None and session.correction.entered
+        assert session.correction.entered
     finished(session, place)
 
 

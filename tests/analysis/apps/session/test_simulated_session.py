@@ -71,7 +71,7 @@ def test_session_in_simulated_time_continues_after_a_kill_of_rigd(tmp_path):
         go_on(Stopping)
         assert 10 < simulated.elapsed_s < 600
     session = SessionDirectory(directory).read()
-    assert session is not None and session.report
+    assert session.report
     whys = [[one.why for one in step.tries] for step in session.steps]
     assert whys[0][0] and [step[-1] for step in whys] == ["", ""]
     for step in session.steps:

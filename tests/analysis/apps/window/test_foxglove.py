@@ -84,7 +84,7 @@ def test_an_mcap_reader_moves_the_arm(tmp_path):
     reader = make_reader(BytesIO(file.getvalue()), validate_crcs=True)
     messages: dict[str, list[dict[str, object]]] = {}
     for schema, channel, message in reader.iter_messages(["/joint_states", "/robot_description"]):
-        assert schema is not None and schema.name in ("foxglove.JointStates", "std_msgs/String")
+        assert schema.name in ("foxglove.JointStates", "std_msgs/String")
         messages.setdefault(channel.topic, []).append(json.loads(message.data))
     (described,) = messages["/robot_description"]
     (attached,) = (one for one in reader.iter_attachments() if one.name == "robot.urdf")

@@ -18,7 +18,6 @@ def test_it_serves_without_a_daemon_and_leaves_nothing_behind(tmp_path, end, cod
     process = subprocess.Popen(
         command, cwd=tmp_path, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    assert process.stdout is not None
     address = process.stdout.readline().split(" ")[0]
     with urllib.request.urlopen(f"{address}/events", timeout=300) as answer:  # noqa: S310 - of the test
         assert "retry" in answer.readline().decode()

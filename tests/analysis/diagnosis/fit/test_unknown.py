@@ -62,9 +62,9 @@ def test_error_of_a_joint_is_found_by_its_quantity(causes, kind):
     added = linear.without_set_up(linear.by_joint(axis, error))[:, 0]
     left = white(linear, 1) + added * 30 / np.linalg.norm(added)
     found = causes.likeliest(_beside(linear, left))
-    assert found is not None and found.kind == kind and found.gain > 4 * _SURE
+    assert found.kind == kind and found.gain > 4 * _SURE
     beside = causes.likeliest(_beside(linear, left, added[:, None]))
-    assert beside is not None and beside.gain < _SURE  # the named effect explains it
+    assert beside.gain < _SURE  # the named effect explains it
 
 
 def test_gain_is_the_ratio_of_densities(causes):
@@ -110,7 +110,7 @@ def test_error_of_the_gauges_is_found_by_its_quantity(causes, error, shares, kin
     linear = healthy()
     added = linear.without_set_up(linear.by_gauge(shares, error))[:, 0]
     found = causes.likeliest(_beside(linear, white(linear, 2) + added * 30 / np.linalg.norm(added)))
-    assert found is not None and found.kind == kind and found.gain > 4 * _SURE
+    assert found.kind == kind and found.gain > 4 * _SURE
 
 
 def test_noise_shows_no_unknown_cause(causes):

@@ -117,7 +117,7 @@ def test_a_calibration_by_few_poses_has_a_widened_u():
     run = cell_with("ur10e", [{}], np.random.default_rng(21)).runs[0]
     few = pose_run("ur10e", run.table.q[:22], run.table.xyz_mm[:22])
     calibrated = calibrate([few]).calibrated
-    assert calibrated is not None and calibrated.widened > 1.13  # Student of eleven neighbourhoods
+    assert calibrated.widened > 1.13  # Student of eleven neighbourhoods
 
 
 def test_few_poses_leave_the_widths_of_the_joint_curves_open():

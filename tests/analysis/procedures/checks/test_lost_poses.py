@@ -46,7 +46,6 @@ def test_one_lost_point_of_130_is_ignored_and_reported():
 
 def test_a_wild_turn_is_left_out_too():
     sound = table(60, turned=True)
-    assert sound.rpy is not None
     rpy = sound.rpy.copy()
     rpy[20] += (0.0, 0.0, 0.2)
     found, truth = evaluated(replace(sound, rpy=rpy)), evaluated(sound)

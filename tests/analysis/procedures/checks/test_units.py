@@ -43,7 +43,6 @@ def changed(test: TestName, factors: dict[str, float]) -> Rows:
 def unknown_ball() -> Rig:
     """As for a real cell: the rig file does not tell the eccentricity."""
     tests = rig().tests
-    assert tests.circle is not None
     circle = tests.circle.model_copy(update={"eccentricity_mm": (0.0, 0.0, 0.0)})
     return rig().model_copy(update={"tests": tests.model_copy(update={"circle": circle})})
 

@@ -141,7 +141,6 @@ def test_imported_table_is_assumed_corrected_with_a_doubt(tmp_path, test, direct
     (path,) = write_simulated(rig, text, test, (direction,), [1], tmp_path)
     simulated = read_run(path)
     assert not any("assumed" in doubt for doubt in measured_of(simulated).doubts)
-    assert simulated.manifest.table is not None
     source = simulated.manifest.table.model_copy(update={"file": "lap.csv"})
     imported = replace(simulated, manifest=simulated.manifest.model_copy(update={"table": source}))
     (doubt,) = [doubt for doubt in measured_of(imported).doubts if "assumed" in doubt]

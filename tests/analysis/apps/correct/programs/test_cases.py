@@ -8,6 +8,7 @@ import re
 import pytest
 
 from tests.analysis.apps.correct.programs.cases import case_of, cases_of
+from tests.support.nightly import cases
 
 MAKERS = ("ur", "kuka", "abb", "fanuc", "yaskawa", "linuxcnc")
 CASES = {f"{maker}: {name}": (maker, text) for maker in MAKERS for name, text in cases_of(maker).items()}
@@ -19,7 +20,10 @@ def test_exactly_the_certain_targets_are_corrected(name, tmp_path):
     assert case.left_in(case.corrected(tmp_path)) == case.left
 
 
-@pytest.mark.parametrize("name", [name for name, (maker, _) in CASES.items() if maker == "yaskawa"])
+JOBS = [name for name, (maker, _) in CASES.items() if maker == "yaskawa"]
+
+
+@pytest.mark.parametrize("name", cases(JOBS, JOBS[::10]))
 def test_lines_of_a_job_may_end_in_carriage_return(name, tmp_path):
     case = case_of(*CASES[name])
     assert case.left_in(case.corrected(tmp_path, "\r")) == case.left

@@ -137,15 +137,16 @@ def test_on_paper_every_picture_is_there_and_no_table_is_wider(opened):
         opened.send("Emulation.setEmulatedMedia", media="")
 
 
-def test_a_telephone_scrolls_in_its_tables_and_not_the_page(page, tmp_path):
-    with browser(tmp_path / "profile") as one:
-        one.send("Page.navigate", url=page.as_uri())
-        one.until(DRAWN)  # wide first, as on a screen that is turned or a window that is made smaller
-        one.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
-        one.until("innerWidth === 390")
-        assert one.value("document.documentElement.scrollWidth") <= 390
-        one.until("[...document.querySelectorAll('.live .main-svg')].every(svg => svg.clientWidth <= 390)")
-        assert one.value("[...document.querySelectorAll('table')].every(table => table.closest('.wide'))")
+def test_a_telephone_scrolls_in_its_tables_and_not_the_page(opened):
+    """Wide first, like a screen that is turned or a window that is made smaller."""
+    opened.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
+    try:
+        opened.until("innerWidth === 390")
+        assert opened.value("document.documentElement.scrollWidth") <= 390
+        opened.until("[...document.querySelectorAll('.live .main-svg')].every(svg => svg.clientWidth <= 390)")
+        assert opened.value("[...document.querySelectorAll('table')].every(table => table.closest('.wide'))")
+    finally:
+        opened.send("Emulation.clearDeviceMetricsOverride")
 
 
 def test_the_arrow_keys_go_through_the_steps_and_the_curves_follow(stepped, tmp_path):
