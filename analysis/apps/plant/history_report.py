@@ -44,8 +44,9 @@ def answer_of(
     span = sorted({str(min(days)), str(max(days))}) if days else []
     title = " · ".join([history.robot, *filter(None, [" to ".join(span)])])
     return [
+        *(Sentence(line, "doubt") for line in [origin(history)] if line),
         *(Sentence(sentence, "strong") for sentence in sentences(history) or [too_few(history)]),
-        *(Sentence(line, "doubt") for line in (origin(history), *lines) if line),
+        *(Sentence(line, "doubt") for line in lines),
         Heading(title),
         _table(history.series, dated=dated),
         *figures,
@@ -75,7 +76,7 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
             by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
             rounded = by.rounded_size(spread) if np.isfinite(spread) else "–"
             ways = "".join("↑" if change.after > change.before else "↓" for change in series.trend.changes)
-            first, last = by.rounded(quantities[0].value), str(quantities[-1])
+            first, last = str(quantities[0]) if dated else by.rounded(quantities[0].value), str(quantities[-1])
             ends = replace(begin, text=first), replace(end, text=last)
             cells = [Cell(f"{len(quantities)}"), *ends, *map(Cell, (rounded, sparkline(series.values), ways))]
         if is_limited:
@@ -176,7 +177,7 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
         caption = f"{series.title}: {series.label}, {counted(len(series.runs), 'run')}{limit}"
         figures.append(Figure(caption, _picture(series, moved)))
     answer = answer_of(history, figures, max(0, len(drawn) - _MOST), dated=True)
-    boxed = sum(isinstance(block, Sentence) and block.tone == "strong" for block in answer)
+    boxed = sum(isinstance(block, Sentence) and block.tone == "strong" for block in answer) + bool(origin(history))
     title = f"{history.robot}: history"
     write_html(answer_page(title, answer, boxed=boxed, made_of=made_of, overview=overview), path)
 
