@@ -138,7 +138,7 @@ def _show(
             "features": [one.to_dict() for one in judged], "not_understood": notes,
             "errors": [error.to_dict() for error in errors],
         })  # fmt: skip
-    else:
+    elif judged:
         say_answer(answer_of(judged))
     for note in notes[:_MOST_NOTES]:
         say(f"{program}: {note}", err=True, mark="note: ")
@@ -146,6 +146,7 @@ def _show(
 
 def _say_next(rig: Rig, rig_file: str, program: Path, judged: Sequence[Certified]) -> None:
     from analysis.apps.makers import maker_of_file
+    from analysis.correction.reasons import POSE_OF_UNKNOWN_CONTROLLER
 
     if gains := sum(one.corrected.verdict == "accept" and one.now.verdict != "accept" for one in judged):
         option = "--program" if program.is_dir() or maker_of_file(program) else "--path"
@@ -157,5 +158,7 @@ def _say_next(rig: Rig, rig_file: str, program: Path, judged: Sequence[Certified
         if proposed.u_mm is not None:
             gain = f"u of {one.feature.name} falls from {proposed.u_mm:.3f} to {proposed.after_mm:.3f} mm"
         say(f"next: {proposed.reading.words}  # {gain}", err=True)
+    if any(one.why == POSE_OF_UNKNOWN_CONTROLLER for one in judged):
+        say("next: add --calibration FILE  # constants of this controller; data_sheet if it has none", err=True)
     if rig.calibrated is None and any(one.why for one in judged):
-        say(f"next: rig plan {as_argument(rig_file)} --poses 40 -o poses  # measure this arm", err=True)
+        say(f"next: rig plan {as_argument(rig_file)} --next  # the first reading of this arm", err=True)

@@ -15,7 +15,7 @@ from analysis.apps.makers import maker_of_file
 from analysis.apps.makers.reading import is_marked
 from analysis.apps.makers.tool_paths import straight_path
 from analysis.apps.postures.target_errors import Work
-from analysis.apps.postures.targets import read_targets
+from analysis.apps.programs.target_path import read_targets
 from analysis.correction.corrected_targets import angles_for
 from analysis.correction.reasons import WHY
 from analysis.correction.support import supports

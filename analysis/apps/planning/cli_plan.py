@@ -224,15 +224,16 @@ def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, 
         return
     if why := why_nothing(rig):
         say(f"{why[0].upper()}{why[1:]}.")
-    after = f"{step.corrected_mm:.3f} mm after a correction by the readings so far"
+    error = f"The error {'at the targets' if targets else 'over the work area'} is"
     if step.now_mm is not None and step.now_mm < step.corrected_mm:
-        say(f"The error at the targets is hardly known: {step.now_mm:.3f} mm rms with u = {step.corrected_mm:.3f} mm.")
+        say(f"{error} hardly known: {step.now_mm:.3f} mm rms with u = {step.corrected_mm:.3f} mm.")
     elif step.now_mm is not None:
-        say(f"The error at the targets is {step.now_mm:.3f} mm rms now, and {after}.")
+        after = f"{step.corrected_mm:.3f} mm after a correction by the readings so far"
+        say(f"{error} {step.now_mm:.3f} mm rms now, and {after}.")
     elif rig.calibrated is None or why:
-        say(f"The error at the targets is unknown; of a typical arm it is {step.corrected_mm:.3f} mm rms.")
+        say(f"{error} unknown; of a typical arm it is {step.corrected_mm:.3f} mm rms.")
     else:
-        say("The error at the targets is unknown: they are outside the measured region.")
+        say(f"{error} unknown, because it lies outside the measured region.")
     say(step.words)
     if step.now_mm is not None and not step.is_validated:
         say("No left-out reading validated the calibration, so the real error may be larger.")
@@ -243,19 +244,25 @@ def _say_next_reading(rig_file: str, targets: Path | None, sight: Sight | None, 
 
 
 def _targets_of(rig: Rig, path: Path) -> tuple[Array, Array]:
-    """Postures (n, axes) rad and poses (n, 4, 4) of the reachable targets of a table."""
+    """Postures (n, axes) rad and poses (n, 4, 4) of the reachable targets of a table; the others are reported."""
     import numpy as np
 
-    from analysis.apps.programs.target_path import read_path
+    from analysis.apps.programs.target_path import read_targets
     from analysis.correction.corrected_targets import angles_for
-    from analysis.robot.kinematics.arm import arm_of, forward
 
-    read = read_path(path, len(rig.robot.axes))
-    q = read.angles() if read.joints else angles_for(rig, read.poses())[0]
+    read, poses, q = read_targets(path, rig)
+    if q is not None:
+        return q, poses
+    q, left = angles_for(rig, poses)
+    if len(left) == len(q):
+        problem, remedy = f"none of the targets is usable: the first {left[0].what}", "give targets within reach"
+        if left[0].reason == "controller_unknown":
+            remedy = "give joint angles, or repeat the calibration with --calibration FILE (data_sheet if it has none)"
+        raise FileError(str(path), problem, remedy, code="plan.targets")
+    for target in left:
+        say(f"{path}, line {read.lines[target.place]}: {target.what}; left out", err=True, mark="note: ")
     known = np.isfinite(q).all(axis=1)
-    if not known.any():
-        raise FileError(str(path), "has no target with a known posture", "give joint angles", code="plan.targets")
-    return q[known], forward(arm_of(rig.robot), q[known]) if read.joints else read.poses()[known]
+    return q[known], poses[known]
 
 
 _SHOWN_OF_FAMILY = 0.1

@@ -141,7 +141,7 @@ class NextStep:
             decided = f"These {self.taken} {self.reading.noun} decide" if self.taken > 1 else "The readings decide"
             return f"{decided}: {_ACTS[self.act]}. {self.many} more would change {change_mm:.3f} mm."
         words = self.reading.words
-        later = f"{self.next_mm:.3f} mm after it, {self.many_mm:.3f} mm after {self.many}"
+        later = f"the error is then {self.next_mm:.3f} mm, and {self.many_mm:.3f} mm after {self.many}"
         worth = f"{self.worthwhile} readings are worth their" if self.worthwhile > 1 else "it is worth its"
         return f"{words[0].upper()}{words[1:]}: {later}; {worth} {self.minutes:.0f} minutes."
 

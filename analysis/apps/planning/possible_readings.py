@@ -71,7 +71,7 @@ class Reading:
     @property
     def words(self) -> str:
         if self.circle is not None:
-            return f"drive the circle: {self.circle.words}"
+            return f"drive a circle ({self.circle.words})"
         angles = ", ".join(f"{angle:z.1f}" for angle in self.q_deg or ())
         return f"{f'touch socket {self.socket}' if self.socket else 'measure'} at joint angles {angles}°"
 

@@ -73,7 +73,8 @@ def postures(
     A posture is within the joint limits and clear of singularities. Obstacles are not known."""
     from analysis.apps.postures.report import answer_of
     from analysis.apps.postures.result import choose_postures
-    from analysis.apps.postures.targets import labels_of, read_targets, target_errors
+    from analysis.apps.postures.targets import labels_of, target_errors
+    from analysis.apps.programs.target_path import read_targets
     from analysis.apps.report.blocks import say_answer
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with_errors
