@@ -150,10 +150,14 @@ def controller_line(rig: Rig) -> str:
     practice = practice_of(rig.maker or rig.robot.name)
     if rig.controller != "unknown" or practice is None:
         return ""
-    may = "has" if practice.own_constants == "always" else "may have (option)"
-    asks = f"give {practice.get}, or five rows of joints and flange pose from the pendant (tool: none)"
+    has, how = (
+        "may have constants of its own, an option of the maker",
+        "(tool: none; five rows show whether it has any)",
+    )
+    if practice.own_constants == "always":
+        has, how = "has constants of its own", "or five rows of joints and flange pose from the pendant (tool: none)"
     without = "until then targets given as poses are not corrected"
-    return f"the controller {may} constants of its own: {asks}, with the option --calibration; {without}"
+    return f"the controller {has}: give {practice.get} {how}, with the option --calibration; {without}"
 
 
 def calibration_lines(model: CalibratedModel) -> list[str]:

@@ -16,7 +16,7 @@ class Practice:
     get: str
 
 
-_PAIRS = "20 rows of joint angles and flange pose from the pendant, if it has"
+_PAIRS = "20 rows of joint angles and flange pose from the pendant"
 PRACTICE: dict[str, Practice] = {
     "universalrobots": Practice(
         "always",

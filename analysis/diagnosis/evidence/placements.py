@@ -31,7 +31,10 @@ from analysis.runs.loading import Measured
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.text import counted
 
+_NEEDS = {"touch": ("touch", "touches", "its socket"), "pose": ("pose", "poses", "base and target")}
+"""Readings of a test, and what the first of them determine."""
 _APART = 3.0
 """Ratio of the common residual of two runs to the separate residuals, above which they have separate frames. Chosen."""
 _APART_MM = 5 * BALL_MM.high
@@ -149,17 +152,19 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
         terms = run.facts.setup_terms - 3 * shares
         readings = _readings(runs, run.setup)
         if readings <= terms:
-            reasons[run.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
+            noun, plural, needs = _NEEDS.get(run.table.test, ("reading", "readings", "the set-up"))
+            count = counted(readings // 3 if run.facts.of_places else readings, noun, plural)
+            reasons[run.setup] = f"has only {count}, no more than the fit of {needs} needs"
     kept = [k for k, run in enumerate(runs) if run.setup not in reasons]
     if not kept:
         setup, why = next(iter(reasons.items()))
         raise FileError(
             f"set-up {setup}",
             why,
-            "give more runs of this placement, or readings in more postures",
+            "measure in more postures",
             code="run.few_readings",
         )
-    return kept, [f"{setup} is ignored: {why}" for setup, why in reasons.items()]
+    return kept, [f"{setup} is ignored, because it {why}" for setup, why in reasons.items()]
 
 
 def reach_mm(judged: SetUps, used: SetUps) -> float:

@@ -215,7 +215,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     wrong, right = [kind_of(table.test).off_path(table, rig, T) for T in ways] or (None, None)
     if wrong and right and right.on and wrong.off > _MUCH_MORE * right.off:
         columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
-        fact = f"q1_deg … {columns[-1]} are in radians: only then does the robot of the rig file follow the program"
+        fact = f"q1_deg … {columns[-1]} are in radians: only then do the readings fit the robot of the rig file"
         yield Finding(UNITS, "impossible", columns, "radians", fact, "convert them to degrees")
         yield from kind_of(table.test).unit_findings(table, rig, forward(arm, degrees))
         return

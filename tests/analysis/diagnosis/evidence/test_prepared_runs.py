@@ -59,4 +59,4 @@ def test_a_placement_that_takes_up_all_its_readings_is_left_out():
     two = replace(two, run=replace(two.run, manifest=placed))
     (used,), told = prepare_runs(RIG, [run, two])
     assert [run.setup for run in used] == ["pose"]
-    assert len(told) == 1 and told[0].startswith("pose at wall ") and "6 readings" in told[0]
+    assert len(told) == 1 and told[0].startswith("pose at wall ") and "2 poses" in told[0]
