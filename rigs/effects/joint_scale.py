@@ -25,7 +25,7 @@ class JointScale(Effect):
 
     STAGE = "joint"
     FORM_U = 0.0
-    KIND_NAME = "angle scale"
+    KIND_NAME = "gear ratio"
     USUAL_TIMES: ClassVar[dict[Build, float]] = {"servo": 30.0}
     """A multiple of thirty for hobby servos, 0.15 %: magnet and sensor are not centred; assumed."""
     CORRECTION = BY_TARGETS

@@ -16,6 +16,7 @@ from analysis.diagnosis.plan.plan_next import JOINED
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of
+from rigs.text import as_argument
 
 _KEYS = {
     "elsewhere": "act_elsewhere", "revisit": "act_revisit", "commanded": "act_commanded",
@@ -62,9 +63,7 @@ class ActWords(AnswerWords):
             return texts("act_check_contradicted", constants="; ".join(map(self.constant_name, made)), keys=stated)
         if act.effect is None:
             rig = self.diagnosis.rig
-            load = f"act_load{load_variant(rig)}"
-            if act.command[:1] != ("correct",) or any(word.startswith(FOUND) for word in act.command):
-                load += "_unwritten"
+            load = f"act_load{load_variant(rig)}" + "_unwritten" * bool(self._unwritten_model(act))
             keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early", "load": load}
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act), maker=rig.maker or "MAKER")
         kind, part = act.kind, {"clocks": "gauges", "gravity": "base"}.get(act.effect.part, act.effect.part)
@@ -82,8 +81,26 @@ class ActWords(AnswerWords):
 
     def imperative(self, act: Act) -> str:
         if act.kind == "load":
-            return self.texts(f"do_load{load_variant(self.diagnosis.rig)}")
+            step = self.texts(f"do_load{load_variant(self.diagnosis.rig)}")
+            return joined([step, self.texts("do_write_model") if self._unwritten_model(act) else ""])
         return self.texts("do_convert") if act.kind == "convert" else self.what(act)
+
+    def commands(self, act: Act) -> str:
+        """The command of an act, and of a correction also the command that uses the model written by the first."""
+        if not (model := self._unwritten_model(act)):
+            return command(act)
+        option = {"_joints": " --program FILE", "_targets": " --path TARGETS.csv"}
+        corrects = option.get(load_variant(self.diagnosis.rig), "")
+        return f"{command(act)}\nrig correct {as_argument(model)}{corrects} -o corrections"
+
+    def _unwritten_model(self, act: Act) -> str:
+        """The rig file that the command of a correction writes first; empty for `rig correct`, which reads it."""
+        words, name = act.command, f"{self.diagnosis.rig.name}.yaml"
+        if act.kind != "load" or not words:
+            return ""
+        if words[0] == "correct":
+            return f"found/{name}" if words[1].startswith(FOUND) else ""
+        return words[-1] if words[-1].endswith(".yaml") else f"{words[-1]}/{name}"
 
     def action_of(self, act: Act) -> str:
         """An act in a few words. A correction says whether it compensates the faults or precedes their repair."""
@@ -94,7 +111,7 @@ class ActWords(AnswerWords):
             return self.texts(key, axes=self.texts("and").join(names))
         axis = self._numbered(act.effect)
         keys = (f"do_now_{act.why}", f"do_now_{act.kind}_axis" if axis else "", f"do_now_{act.kind}")
-        return self.texts(next(key for key in keys if key in self.texts.words), axis=axis)
+        return self.texts(self._of_places(next(key for key in keys if key in self.texts.words)), axis=axis)
 
     @property
     def not_compensated(self) -> list[Effect]:
@@ -165,7 +182,8 @@ class ActWords(AnswerWords):
         texts, test = self.texts, act.test
         if act.why in ("few_runs", "one_lap"):
             cause = self.noun(act.effect) if act.effect else ""
-            return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
+            key = self._of_places("next_repeat") if act.why == "few_runs" else "act_one_lap"
+            return texts(key, cause=cause, count=act.runs)
         if act.why in _KEYS:
             return texts(self._of_places(_KEYS[act.why]))
         if act.why == "follows" and (followed := self.diagnosis.residual.likeliest):
@@ -209,5 +227,5 @@ def load_variant(rig: Rig) -> str:
 def command(act: Act) -> str:
     """Command line of an act, or of the diagnosis that writes the missing model; empty if there is none."""
     if any(word.startswith(FOUND) for word in act.command):
-        return "rig diagnose RUN… -o found"
+        return "rig diagnose RUN… -o found" if act.kind == "load" else ""
     return " ".join(["rig", *act.command]) if act.command else ""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.apps.report.diagnosis_words import (
+    LEAST_ODDS,
     error_size,
     measured_u,
     micrometres,
@@ -60,6 +61,12 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
     ]
 
 
+def is_mostly_scatter(diagnosis: Diagnosis) -> bool:
+    """True if the scatter of the measured places is so large that smaller errors cannot be recognised."""
+    share = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
+    return diagnosis.residual.scatter_um is not None and share > LARGE_SHARE
+
+
 def is_certain_except_small(diagnosis: Diagnosis) -> bool:
     """True if an undecided diagnosis is certain about a large part of the error, and open only in small parts.
 
@@ -110,7 +117,7 @@ class AnswerWords:
     def unrepeated(self) -> list[str]:
         """Deviations above the usual scatter, if no target was visited twice."""
         residual = self.diagnosis.residual
-        if residual.unrepeated_um is None or residual.scatter_um is not None:
+        if residual.unrepeated_um is None or is_mostly_scatter(self.diagnosis):
             return []
         return [self.texts("finding_unrepeated", um=micrometres(residual.unrepeated_um))]
 
@@ -186,6 +193,12 @@ class AnswerWords:
         named = self.diagnosis.named_of(part)
         return size(named) if named else ""
 
+    def likely_members(self, part: BudgetPart) -> str:
+        """The effects of which one may cause a group of small errors; empty if none is likely."""
+        likely = [member for member in part.members if member.odds >= LEAST_ODDS][:_MOST_NAMED]
+        members = [f"{self.noun(member.effect)} ({sure(member.odds)})" for member in likely]
+        return self.texts("likely_members", members=self.texts("or").join(members)) if members else ""
+
     def times_usual(self, part: BudgetPart) -> str:
         times = part.times_usual
         if times is None or not math.isfinite(times):
@@ -250,7 +263,7 @@ class AnswerWords:
 
     def _condition(self) -> tuple[str, dict[str, str]]:
         diagnosis, values = self.diagnosis, {"um": micrometres(self.diagnosis.residual.um)}
-        if scatter_um := diagnosis.residual.scatter_um:
+        if (scatter_um := diagnosis.residual.scatter_um) and is_mostly_scatter(diagnosis):
             return "scatter", {"um": _length(math.sqrt(3) * scatter_um)}  # of a place, like every error
         if is_complete(diagnosis):
             return self._complete()

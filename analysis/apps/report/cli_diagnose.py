@@ -258,3 +258,5 @@ def say_correct(diagnosis: Diagnosis, model: Path) -> None:
     holds_some = is_correctable and bool(diagnosis.written or (calibrated and calibrated.effects))
     if holds_some and (calibrated is None or verdict_of(calibrated) == "correct"):
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)
+    elif calibrated and diagnosis.acts[0].kind == "measure" and diagnosis.rig.robot.rail is None:
+        say(f"next: rig plan {as_argument(model)} --next  # the reading that helps most", err=True)

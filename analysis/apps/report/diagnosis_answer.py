@@ -30,7 +30,7 @@ from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Act, Doubt
 from analysis.diagnosis.judge.residuals import ResidualPlace
-from analysis.diagnosis.judge.result import Diagnosis, Named
+from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Named
 from rigs.effect_names import name_in_words, names_in_words, parameter_in_words
 from rigs.schema.vocabulary import CIRCLES
 from rigs.text import counted
@@ -47,7 +47,7 @@ Sections = dict[str, list[Block]]
 
 def summary_parts(summary: Summary, texts: Texts) -> list[list[Block]]:
     error = summary.error
-    command = [Command(summary.command)] if summary.command else []
+    commands = map(Command, summary.command.splitlines())
     basis = Sentence(f"{error.basis} {error.standing}".rstrip())
     return [
         [
@@ -56,7 +56,7 @@ def summary_parts(summary: Summary, texts: Texts) -> list[list[Block]]:
         ],
         [Heading(error.title, 3), Sentence(error.words, "strong"), basis],
         [Heading(texts("main_causes"), 3), Segments(summary.causes) if summary.causes else Sentence("–")],
-        [Heading(texts("do_next"), 3), Sentence(summary.next or "–"), *command],
+        [Heading(texts("do_next"), 3), Sentence(summary.next or "–"), *commands],
     ]
 
 
@@ -124,7 +124,8 @@ def _budget(words: AnswerWords) -> list[Block]:
     rows: list[tuple[str | Cell, ...]] = []
     for part, share in zip(large, shown, strict=False):
         doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
-        below = [words.size_of(part), *doubt, *words.describe_parts_alone(part.shown_together)]
+        below = [_size_and_odds(words, part), words.likely_members(part), *doubt]
+        below += words.describe_parts_alone(part.shown_together)
         rank = Cell(texts(f"rank_{part.rank}") if part.rank else "", tuple(filter(None, [words.times_usual(part)])))
         name = Cell(words.part_name(part), tuple(filter(None, below)))
         rows.append((name, share, error_size(part.um, part.u_um), rank))
@@ -134,6 +135,14 @@ def _budget(words: AnswerWords) -> list[Block]:
     ranks = (*(part.rank or "other" for part in large), *["other"] * bool(small))
     about = texts("about_budget", whole=micrometres(diagnosis.train.before_um), cut_off=f"{FAULT:g}")
     return [Table(columns, tuple(rows), frozenset({2}), ranks, "budget"), Sentence(about, "note")]
+
+
+def _size_and_odds(words: AnswerWords, part: BudgetPart) -> str:
+    """Size of an effect and its probability, which for a usual effect no other section shows."""
+    named = words.diagnosis.named_of(part)
+    if named is None or words.diagnosis.given:
+        return words.size_of(part)
+    return f"{size(named)}, {words.texts('likely', odds=sure(named.probability))}"
 
 
 def _tenths(shares: Sequence[float]) -> list[int]:

@@ -45,6 +45,7 @@ class Summary:
     causes: tuple[BarSegment, ...]
     next: str
     command: str = ""
+    """One or more lines."""
     tone: BadgeTone = "unjudged"
     action: str = ""
     """The next step in a few words, at the end of the first sentence."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.apps.report.act_words import ActWords, command, without_idle_mounts
+from analysis.apps.report.act_words import ActWords, without_idle_mounts
 from analysis.apps.report.answer_words import (
     HARMLESS,
     has_model,
     is_certain_except_small,
     is_complete,
+    is_mostly_scatter,
     judged_gap,
     large_parts,
     part_of,
@@ -76,7 +77,7 @@ def summarise(diagnosis: Diagnosis, texts: Texts | None = None) -> Summary:
         error=words.error,
         causes=tuple(words.causes),
         next=words.step(act) if act else "",
-        command=command(act) if act else "",
+        command=words.commands(act) if act else "",
         action=action,
     )
 
@@ -98,8 +99,8 @@ class _SummaryWords(ActWords):
         diagnosis = self.diagnosis
         if diagnosis.contradictions or diagnosis.movements:
             return "contradicted" if diagnosis.contradictions else "moved"
-        # Plain scatter hides every other error, so that nothing is shown to be usual.
-        if diagnosis.residual.scatter_um is not None:
+        # Large scatter hides every other error, so that nothing is shown to be usual.
+        if is_mostly_scatter(diagnosis):
             return "undecided"
         if any(part.share > LEAST_SHARE for part in unusual_groups(diagnosis)):
             return "unusual_group"
@@ -161,7 +162,7 @@ class _SummaryWords(ActWords):
         if not first.is_fault and (faults := [cause for cause in others if cause.is_fault]):
             others = others[1:]
             words = self.texts("also_a_fault", first=words, fault=faults[0].words)
-        more = self.texts("and_more", count=len(others)) if others else ""
+        more = self.texts.counted("and_more_causes", len(others)) if others else ""
         return capital(Phrase(f"{joined([words, more], ', ')}.", keys_of(words)))
 
     def leading(self) -> list[_Cause]:
@@ -208,7 +209,8 @@ class _SummaryWords(ActWords):
         first = joined([self.noun(named.effect), size(named), odds, kind, share], ", ")
         others_too = (*named.twins, *(rival.effect for rival in likely_rivals(named)))
         rivals = list(dict.fromkeys(map(self.noun, others_too)))
-        unnamed = [self.texts("and_more", count=len(rivals) - _MOST_RIVALS)] if len(rivals) > _MOST_RIVALS else []
+        unlisted = len(rivals) - _MOST_RIVALS
+        unnamed = [self.texts.counted("and_more_causes", unlisted)] if unlisted > 0 else []
         others = ", ".join([self.texts("or").join(rivals[:_MOST_RIVALS]), *unnamed])
         return self.texts("otherwise", first=first, others=others) if rivals else first
 

@@ -315,7 +315,7 @@ class Conductor:
         self._keep(stages=stages, steps=numbered(insert_find_steps(session.steps, steps), session.steps))
         self.stage = ""
         measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
-        self._say(f"  {answer.condition}: {measure}", f"  next stage: {stage.name}")
+        self._say(f"  further measurement: {measure}", f"  next stage: {stage.name}")
 
     # ------------------------------------------------------------------------------------------------------------------
     # Correction and the end.

@@ -146,14 +146,16 @@ class Act:
 
 
 def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> tuple[Act, ...]:
-    """Put the user's `model` into the commands. Without a model, commands that need it become `again`, the arguments of
-    the command that writes the model.
+    """Put the user's `model` into the commands. Without a model, the command of a correction becomes `again`, the
+    arguments of the command that writes the model, and other commands that need it become empty.
     """
-    named = [tuple(model if word.startswith(FOUND) else word for word in act.command) for act in acts]
-    return tuple(
-        replace(act, command=again if not model and words != act.command else words)
-        for act, words in zip(acts, named, strict=True)
-    )
+
+    def command(act: Act) -> tuple[str, ...]:
+        if model or not any(word.startswith(FOUND) for word in act.command):
+            return tuple(model if word.startswith(FOUND) else word for word in act.command)
+        return again if act.kind == "load" else ()
+
+    return tuple(replace(act, command=command(act)) for act in acts)
 
 
 def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
