@@ -155,8 +155,8 @@ def there(effects: tuple[Effect, ...], count: int = 1) -> list[Measured]:
 
 @made_once
 def demo() -> Diagnosis:
-    """Diagnose two laps in each direction of the demo cell, validated at a different place."""
-    return found_in(circles(DEMO), unseen=there(DEMO))
+    """Diagnose a lap in each direction of the demo cell, validated at a different place."""
+    return found_in(circles(DEMO, count=1), unseen=there(DEMO))
 
 
 def seen(runs: Sequence[Measured]) -> list[ObservedRun]:

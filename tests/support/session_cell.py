@@ -74,12 +74,10 @@ def _model_files() -> dict[str, bytes]:
 
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch)
-        cell = cell_file(place)
-        (place / "hidden.yaml").write_text(yaml.safe_dump(HIDDEN))
+        cell, hidden = cell_file(place), place / "hidden.yaml"
+        hidden.write_text(yaml.safe_dump(HIDDEN))
         ways: tuple[Direction, ...] = ("acw", "cw")
-        runs = [
-            analysis.simulate(cell, "yaw", way, seed=k, effects=place / "hidden.yaml") for way in ways for k in (1, 2)
-        ]
+        runs = [analysis.simulate(cell, "yaw", way, seed=k, effects=hidden) for k, way in enumerate(ways)]
         from analysis.apps.report.diagnosis_report import write  # noqa: PLC0415
 
         found = analysis.calibrate(runs, "joint_offset:3")
@@ -263,7 +261,6 @@ def gone_on(
     """Continue a session to its end or its next death, and return it."""
     with place or SessionDirectory(directory) as held:
         session = held.read()
-        assert session is not None
         rig, text = load(session.rig_file)
         driver.oracle = oracle
         return Conductor(rig, text, held, session, driver, screen or Screen(), asked_for(session)).run()

@@ -17,7 +17,7 @@ from rigs.load import load
 from tests.support.handmade_diagnosis import diagnosis
 
 # Without limits: figures that nobody looks at would take a quarter of each diagnosis.
-CELL = re.sub(r"(?ms)^limits:.*?(?=^\S|\Z)", "", load("paper-fanuc")[1])
+CELL = re.sub(r"(?ms)^limits:.*?(?=^\S|\Z)", "", load("paper-fanuc")[1]).replace("speed_mm_s: 25", "speed_mm_s: 50")
 CENTRE = "centre_mm: [930.766, -87.820, 273.2]"
 HIDDEN = "eccentricity_mm: [0.6, -0.4, 0.1]\neffects:\n  - {effect: backlash, axis: 1, width_deg: 0.06}\n"
 
@@ -49,7 +49,7 @@ class Cell:
 
 
 @pytest.fixture(scope="module")
-def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
+def cell(tmp_path_factory):
     directory = tmp_path_factory.mktemp("cell")
     rig, other, hidden = (directory / name for name in ("cell.yaml", "elsewhere.yaml", "hidden.yaml"))
     rig.write_text(CELL)
@@ -64,7 +64,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
 
 
 @pytest.fixture(scope="module")
-def found(cell: Cell) -> tuple[dict[str, Any], str, Path]:
+def found(cell):
     output = cell.directory / "found"
     done = _rig("diagnose", *cell.judged, "--json", "-o", output)
     assert done.exit_code == 0, (done.output, done.exception)

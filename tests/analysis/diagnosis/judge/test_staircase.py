@@ -31,7 +31,7 @@ def test_step_has_the_remaining_error_of_its_model():
     step = found.staircase.steps[1]
     (part,) = (found.budget[k] for k in step.parts)
     assert part.index is not None  # a fault is the largest part here
-    _, left = fit_run_setups(with_effects(seen(circles(DEMO)), [found.effects[part.index].effect]))
+    _, left = fit_run_setups(with_effects(seen(circles(DEMO, count=1)), [found.effects[part.index].effect]))
     assert step.used.um == pytest.approx(1e3 * rms(left), rel=0.03)
 
 
