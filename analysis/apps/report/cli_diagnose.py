@@ -252,11 +252,11 @@ def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequen
 def say_correct(diagnosis: Diagnosis, model: Path) -> None:
     from rigs.calibration import verdict_of
 
-    calibrated = diagnosis.calibrated
+    calibrated, first = diagnosis.calibrated, diagnosis.next_act
+    if calibrated and first and first.why in ("elsewhere", "few_runs") and diagnosis.rig.robot.rail is None:
+        say(f"next: rig plan {as_argument(model)} --next  # the reading that helps most", err=True)
     kinds = [act.kind for act in diagnosis.acts if act.kind in ("check", "load")]
     is_correctable = kinds[:1] == ["load"]  # a wrong parameter is checked before a correction hides it
     holds_some = is_correctable and bool(diagnosis.written or (calibrated and calibrated.effects))
     if holds_some and (calibrated is None or verdict_of(calibrated) == "correct"):
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)
-    elif calibrated and diagnosis.acts[0].kind == "measure" and diagnosis.rig.robot.rail is None:
-        say(f"next: rig plan {as_argument(model)} --next  # the reading that helps most", err=True)
