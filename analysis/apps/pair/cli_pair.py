@@ -200,5 +200,5 @@ def _simulated(first: Rig, second: Rig, planned: PlannedTouches, seed: int) -> s
 
     touches, state = simulated_touches(first, second, planned.table, seed)
     place = ", ".join(f"{value:z.3f}" for value in base_of(first, second, state))
-    say(f"drawn: base of {second.name} in {first.name} at {place} mm", err=True)
+    say(f"true place of the base of {second.name} in {first.name}: {place} mm", err=True)
     return type(planned)(touches, planned.expected).csv()
