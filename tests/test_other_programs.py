@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
 
-from analysis.cli import app
+from tests.support.command_line import ran
 from tests.support.recorded_lap import recorded
 
 PAGE = (Path(__file__).parents[1] / "docs" / "other-programs.md").read_text()
@@ -29,7 +28,7 @@ def work(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(directory)
         _, *words = snippet("sh").partition("#")[0].split()
-        assert CliRunner().invoke(app, words).exit_code == 0
+        assert ran(*words).returncode == 0
     return directory
 
 

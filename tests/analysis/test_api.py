@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv
 import pytest
-from typer.testing import CliRunner
 
 import analysis
 from analysis import (
@@ -29,7 +28,6 @@ from analysis import (
     save_run,
     simulate,
 )
-from analysis.cli import app
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.shared.test_kind import Noise
 from analysis.procedures.simulate import simulated_run
@@ -37,6 +35,7 @@ from rigs import entry
 from rigs.arms import load_arm
 from rigs.effects.backlash import Backlash
 from rigs.load import load
+from tests.support.command_line import ran
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.refusals import refused
 from tests.support.table_cases import RIG_FILE, csv_text, plain
@@ -195,10 +194,10 @@ def test_saved_run_is_loaded_unchanged_and_never_overwritten(laps, tmp_path):
 
 def test_command_prints_the_results_of_the_functions(laps, tmp_path):
     paths = [str(save_run(run, tmp_path / run.path)) for run in laps]
-    done = CliRunner().invoke(app, ["analyse", *paths, "--json"])
+    done = ran("analyse", *paths, "--json")
     runs = [load_run(path) for path in paths]
     assert json.loads(done.stdout)["runs"] == [one.to_dict() for one in evaluate_runs(runs)]
-    done = CliRunner().invoke(app, ["compare", *paths, "--json"])
+    done = ran("compare", *paths, "--json")
     assert json.loads(done.stdout) == compare(runs).to_dict()
 
 

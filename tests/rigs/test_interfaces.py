@@ -4,16 +4,15 @@ from typing import Annotated, ClassVar, Literal
 
 import pytest
 from pydantic import Field
-from typer.testing import CliRunner
 
 import daq.gauge_drivers
 import daq.robot_drivers
-from analysis.cli import app
 from rigs.interfaces import NO_DEFAULT, list_interfaces, models, name_of
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Origin
 from rigs.schema.probe import Probe
+from tests.support.command_line import ran
 
 
 def test_every_driver_is_listed_once():
@@ -59,12 +58,12 @@ def test_a_class_added_to_a_union_appears_by_itself():
 
 
 def test_the_command_as_json_and_as_a_table():
-    done = CliRunner().invoke(app, ["interfaces", "--json"])
+    done = ran("interfaces", "--json")
     listed = json.loads(done.stdout)["interfaces"]
     by_name = {one["name"]: one for one in listed}
     assert len(listed) == len(list_interfaces())
     assert by_name["magnescale_lt"]["origin"]["standing"] == "weak"
     assert by_name["heidenhain_nd281b"]["timing"].endswith("within 1 ms")
     assert by_name["tesa_tt"]["line"] == "4800 7E2" and by_name["ur_rtde"]["kind"] == "robot"
-    table = CliRunner().invoke(app, ["interfaces"], env={"COLUMNS": "160"}).stdout
+    table = ran("interfaces", COLUMNS="160").stdout
     assert all(one.name in table for one in list_interfaces()) and f"{len(listed)} interfaces" in table

@@ -8,9 +8,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from analysis.cli import app
 from daq.acquisition.streams import streams_of
 from rigs.arms import load_arm
 from rigs.errors import FileError
@@ -18,6 +16,7 @@ from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_
 from rigs.problems import RigFileError
 from rigs.schema.probe import Certificate
 from rigs.schema.vocabulary import MAKERS
+from tests.support.command_line import ran
 from tests.support.refusals import refused
 
 TEXT = (
@@ -74,10 +73,10 @@ def test_check_reports_initial_effects_with_their_provenance(tmp_path):
     file = tmp_path / "cell.yaml"
     found = "found: {date: 2026-05-01, runs: [mon, tue]}"
     file.write_text(TEXT + f"  - {{effect: joint_offset, axis: 2, offset_deg: 0.01, {found}}}\n")
-    told = CliRunner().invoke(app, ["check", str(file)]).stdout
+    told = ran("check", file).stdout
     said = ("3 effects", "play of axis 1, play of axis 5", "2026-05-01 in mon, tue: zero of axis 2")
     assert all(told.count(part) == 1 for part in said)
-    assert "begins with" not in CliRunner().invoke(app, ["check", "paper-fanuc"]).stdout
+    assert "begins with" not in ran("check", "paper-fanuc").stdout
 
 
 def _problems(text: str) -> dict[str, tuple[int, str]]:

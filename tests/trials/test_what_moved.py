@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from analysis import load_run
 from analysis.api import diagnose
@@ -15,11 +14,11 @@ from analysis.apps.commission.what_moved import moved_of, what_moved, what_to_do
 from analysis.apps.report.movement_words import movement_sentence
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import keys_of, texts_of
-from analysis.cli import app
 from analysis.movement.between import find_step, without_moved
 from analysis.movement.evidence import condition
 from analysis.movement.inference import compare, study
 from rigs.errors import FileError
+from tests.support.command_line import ran
 from tests.support.moved_cell import Case, label, observed
 from tests.worlds import moved as world
 
@@ -146,7 +145,7 @@ def _write_runs(to: Path, drawn: Case, tables: dict[str, tuple[list[str], np.nda
         rows = [",".join([s, *(f"{a:.6f}" for a in np.degrees(row))]) for s, row in zip(sockets, q, strict=True)]
         (to / f"{name}.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
         words = ["import", str(to / f"{name}.csv"), "--rig", str(to / "cell.yaml"), "--test", "touch"]
-        assert CliRunner().invoke(app, [*words, "-o", str(to / name)]).exit_code == 0
+        assert ran(*words, "-o", to / name).returncode == 0
 
 
 def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path):
@@ -163,15 +162,13 @@ def test_command_names_the_moved_part(tmp_path):
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(6)})
     page = tmp_path / "moved.html"
     words = ["moved", str(tmp_path / "before"), "--new", str(tmp_path / "after")]
-    done = CliRunner().invoke(app, [*words, "-o", str(page)])
-    assert done.exit_code == 0
+    done = ran(*words, "-o", page)
+    assert done.returncode == 0
     assert done.stdout.splitlines()[0].split(".")[0] in page.read_text(encoding="utf-8")
-    said = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)
+    said = json.loads(ran(*words, "--json").stdout)
     assert said["causes"][0]["what"] == "base" and len(said["causes"][0]["translation_mm"]) == 3
     assert "together" not in said["causes"][0]
     tables = ["moved", str(tmp_path / "before.csv"), "--new", str(tmp_path / "after.csv"), "--json"]
-    of_tables = json.loads(CliRunner().invoke(app, [*tables, "--rig", str(tmp_path / "cell.yaml")]).stdout)
+    of_tables = json.loads(ran(*tables, "--rig", tmp_path / "cell.yaml").stdout)
     assert of_tables["causes"] == said["causes"]
-    assert (
-        CliRunner().invoke(app, ["moved", str(tmp_path / "before"), "--plan"]).stdout.count("Next: touch socket") == 1
-    )
+    assert ran("moved", tmp_path / "before", "--plan").stdout.count("Next: touch socket") == 1

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from analysis import cli
 from analysis.cli import app
 from analysis.cli.commands import JOBS
-from tests.support.command_line import all_imported
+from tests.support.command_line import all_imported, ran
 
 BIN = Path(sys.executable).parent
 ROOT = all_imported()
@@ -75,5 +75,5 @@ def test_a_wrong_call_of_rigd_is_one_line(words, line):
 @pytest.mark.parametrize("word", ["ccw", "CCW", "anticlockwise", "acw"])
 def test_ccw_is_accepted(word, tmp_path):
     words = ["simulate", "paper-fanuc", "--test", "yaw", "--direction", word, "-o", str(tmp_path)]
-    assert CliRunner().invoke(app, words).exit_code == 0
+    assert ran(*words).returncode == 0
     assert [run.name for run in tmp_path.iterdir()] == ["yaw-acw-000"]

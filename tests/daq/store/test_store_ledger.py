@@ -15,6 +15,7 @@ from daq.store import judge, load_manifest, read_run, recover, relabel, verify
 from daq.store.ledger import Ledger, LedgerEntry, claim_in, line_of, verified
 from daq.store.verify import END_UNKNOWN
 from rigs.errors import CellError, FileError
+from tests.support.command_line import ran
 from tests.support.nightly import examples
 from tests.support.refusals import refused
 from tests.support.store_cases import (
@@ -85,7 +86,7 @@ def test_a_stream_that_is_gone_is_missed(run):
         forget_chunk(run, file.name)
     verdict, counted, missing = said(run).splitlines()
     assert verdict == "not whole" and counted.startswith("g1 has 0 rows") and missing.startswith("rows 0 to 19 of g1 ")
-    assert CliRunner().invoke(app, ["verify", str(run)]).exit_code == 3
+    assert ran("verify", run).returncode == 3
 
 
 def test_faults_that_are_gone_are_missed(run):
@@ -235,8 +236,8 @@ def test_recovery_after_a_failed_end_names_the_missing_rows(tmp_path, monkeypatc
     count, missing = said(path).splitlines()
     assert count.startswith("recovered: 4 rows") and missing.startswith("rows 8 to 11 of g1 ")
     assert load_manifest(path).counters == {"g1": {"samples": 8}}
-    done = CliRunner().invoke(app, ["verify", str(path)])
-    assert done.exit_code == 3 and "4 rows" in done.stdout
+    done = ran("verify", path)
+    assert done.returncode == 3 and "4 rows" in done.stdout
     assert recover(path).nothing_to_do
 
 
@@ -364,4 +365,4 @@ def test_the_seal_stays_the_one_that_was_printed(run, tmp_path):
     assert judge(writer.path).seal == writer.seal != judge(run).seal
     relabel(writer.path, operator="somebody else")
     assert judge(writer.path).seal == writer.seal
-    assert CliRunner().invoke(app, ["verify", str(writer.path), "--seal", writer.seal]).exit_code == 0
+    assert ran("verify", writer.path, "--seal", writer.seal).returncode == 0

@@ -4,15 +4,14 @@ from pathlib import Path
 
 import pyarrow as pa
 import pytest
-from typer.testing import CliRunner
 
 from analysis import save_run
-from analysis.cli import app
 from analysis.runs.loading import load_measured
 from daq.store import durable, judge, load_manifest, read_run, recover, relabel, survey, table_run, write_table_run
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
 from rigs.load import load
+from tests.support.command_line import ran
 from tests.support.refusals import refused
 from tests.support.store_cases import crash, finished, record
 from tests.support.written_runs import write_simulated
@@ -126,7 +125,7 @@ def test_a_disk_that_refuses_leaves_the_old_label(run, monkeypatch):
 def test_command_relabels_several_runs_and_analyse_reports_it_once(tmp_path):
     rig, text = load("paper-fanuc")
     runs = list(write_simulated(rig, text, "yaw", ("acw",), [1, 2], tmp_path))
-    done = CliRunner().invoke(app, ["relabel", *map(str, runs), "--operator", "bob", "--test", "roll"])
+    done = ran("relabel", *runs, "--operator", "bob", "--test", "roll")
     assert all(f"{run}: roll acw" in line for run, line in zip(runs, done.stdout.splitlines(), strict=True))
     told = [doubt for doubt in load_measured(runs[0]).doubts if "relabelled" in doubt]
     assert len(told) == 1
@@ -134,9 +133,9 @@ def test_command_relabels_several_runs_and_analyse_reports_it_once(tmp_path):
     relabel(runs[0], operator="rig simulate", test="yaw")
     assert not any("relabelled" in doubt for doubt in load_measured(runs[0]).doubts)  # it is what it was
     relabel(runs[0], operator="bob", test="roll")
-    listed = json.loads(CliRunner().invoke(app, ["runs", str(tmp_path), "--json"]).stdout)
+    listed = json.loads(ran("runs", tmp_path, "--json").stdout)
     assert [(one["test"], one["operator"], one["relabelled"]) for one in listed] == [("roll", "bob", True)] * 2
-    assert CliRunner().invoke(app, ["relabel", str(runs[0])]).exit_code == 2
+    assert ran("relabel", runs[0]).returncode == 2
 
 
 def test_a_relabelled_table_saved_again_is_whole_and_keeps_its_history(tmp_path):

@@ -15,6 +15,7 @@ from daq.store.marks import MARKS, Export, RunMarks, load_marks
 from daq.store.retention import RunInfo, decide, delete, look
 from rigs.errors import CellError
 from rigs.schema.declared_tests import Retention
+from tests.support.command_line import ran
 from tests.support.refusals import refused
 from tests.support.store_cases import finished, record
 
@@ -75,8 +76,8 @@ def test_unmarkable_run_is_reported(run, tmp_path, monkeypatch):
     with refused("run.not_writable"):
         mark_kept(run, True)
     output = tmp_path / "raw.mcap"
-    done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap", "-o", str(output)])
-    assert done.exit_code == 0 and output.exists()  # the export itself is good
+    done = ran("export", run, "--to", "mcap", "-o", output)
+    assert done.returncode == 0 and output.exists()  # the export itself is good
     assert "not delete" in done.stderr
 
 
@@ -95,18 +96,18 @@ def test_run_counts_as_exported_once_its_copy_is_synced(run, monkeypatch):
 
 
 def test_an_export_marks_its_run_and_the_list_shows_it(run):
-    done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap", "-o", str(run.parent.parent / "raw.mcap")])
-    assert done.exit_code == 0 and done.stderr == ""
+    done = ran("export", run, "--to", "mcap", "-o", run.parent.parent / "raw.mcap")
+    assert done.returncode == 0 and done.stderr == ""
     assert [(export.format, Path(export.file).name) for export in load_marks(run).exports] == [("mcap", "raw.mcap")]
-    assert CliRunner().invoke(app, ["keep", str(run)]).stdout == f"{run}: kept\n"
-    listed = CliRunner().invoke(app, ["runs", str(run.parent)], env={"COLUMNS": "200"}).stdout
+    assert ran("keep", run).stdout == f"{run}: kept\n"
+    listed = ran("runs", run.parent, COLUMNS="200").stdout
     assert (
         run.name in listed and "yaw cw" in listed and "complete" in listed and " kept" in listed and "1 run " in listed
     )
-    narrow = CliRunner().invoke(app, ["runs", str(run.parent)], env={"COLUMNS": "30"}).stdout
+    narrow = ran("runs", run.parent, COLUMNS="30").stdout
     assert str(run) in narrow and len(narrow.splitlines()) == 3  # a directory in pieces cannot be copied
-    assert CliRunner().invoke(app, ["keep", "--not", str(run)]).stdout.startswith(f"{run}: ")
-    assert '"kept": false' in CliRunner().invoke(app, ["runs", str(run.parent), "--json"]).stdout
+    assert ran("keep", "--not", run).stdout.startswith(f"{run}: ")
+    assert '"kept": false' in ran("runs", run.parent, "--json").stdout
 
 
 # --- What may go ---

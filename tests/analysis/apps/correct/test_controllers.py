@@ -21,6 +21,7 @@ from rigs.effects import Backlash, Compliance, Effect, EffectProvenance, JointOf
 from rigs.errors import UseError
 from rigs.schema.vocabulary import MAKERS, MakerName, maker_of
 from tests.support import command_line
+from tests.support.command_line import ran
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
 from tests.support.stated_controller import load
 from tests.worlds.arms.independent_arm import Wrong as WrongArm
@@ -54,8 +55,8 @@ def _cell(tmp_path: Path, rig: str, effects: Sequence[Effect]) -> Path:
 
 
 def _printed(cell: Path, out: Path, *options: str) -> dict[str, Any]:
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(out), *options])
-    assert done.exit_code == 0, done.output
+    done = ran("correct", cell, "-o", out, *options)
+    assert done.returncode == 0, done.stderr
     entries: dict[str, Any] = yaml.safe_load((out / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
     return entries
 
@@ -198,7 +199,7 @@ def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path):
     """At a controller without lengths, where a soft joint was `not entered` before."""
     soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
     cell = _cell(tmp_path, "paper-fanuc", [soft])
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--for", "abb"])
+    done = ran("correct", cell, "-o", tmp_path / "out", "--for", "abb")
     entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
     before, after, targets = (entries[name] for name in ("before_um", "after_um", "corrected_targets_um"))
     assert targets < 0.1 * before < after < 0.95 * before
@@ -222,7 +223,7 @@ def test_twin_effects_share_the_uncertainty_of_their_sum(tmp_path):
 
 def test_without_a_scale_counts_are_degrees_of_the_reading(tmp_path):
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--for", "fanuc"])
+    done = ran("correct", cell, "-o", tmp_path / "out", "--for", "fanuc")
     assert "--scale" in done.stdout
     entries = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text(encoding="utf-8"))["controller"]
     assert [(one["parameter"], round(one["add"], 6), one["unit"]) for one in entries["entries"]] == [
@@ -291,7 +292,7 @@ def test_an_unknown_maker_is_refused_with_the_known_ones(tmp_path):
 def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path):
     assert maker_of(load("paper-fanuc")[0].feedback.interface) is None
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--json"])
+    done = ran("correct", cell, "-o", tmp_path / "out", "--json")
     assert json.loads(done.stdout)["controller"] is None
     assert f"next: rig correct {cell} --for fanuc -o {tmp_path / 'out-fanuc'}  # " in done.stderr
 
@@ -299,8 +300,8 @@ def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path):
 @pytest.mark.parametrize("name", MAKERS)
 def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why(tmp_path, name):
     cell = _cell(tmp_path, "paper-fanuc", [JointOffset(axis=3, offset_deg=0.05)])
-    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", name.upper()])
-    assert done.exit_code == 0, done.output
+    done = ran("correct", cell, "-o", tmp_path / "out", "--controller", name.upper())
+    assert done.returncode == 0, done.stderr
     assert "(682 µm rms)" in " ".join(done.stdout.split())
     written = yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text())
     (effect,) = written["effects"]

@@ -226,8 +226,8 @@ def test_command_reports_the_error_of_an_uncorrected_play_at_each_target(tmp_pat
     cell, path, out = tmp_path / "cell.yaml", _path(tmp_path), tmp_path / "out"
     cell.write_text(extended(load("paper-fanuc")[1], [ZERO_3, play], "cell"))
     monkeypatch.setenv("COLUMNS", "300")
-    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
-    assert done.exit_code == 0, done.output
+    done = ran("correct", cell, "--path", path, "-o", out)
+    assert done.returncode == 0, done.stderr
     told = _written(out / "corrected-path.csv", tuple(HEAD.split(",")[1:]))
     half, off = np.eye(6)[1] * 0.05, np.eye(6)[2] * 0.05
     away = [[np.linalg.norm(_stands_mm(q + off + way * half) - _stands_mm(q + off)) for way in (1, -1)] for q in told]
@@ -242,9 +242,7 @@ def test_command_reports_the_error_of_an_uncorrected_play_at_each_target(tmp_pat
     stands = [np.linalg.norm(_stands_mm(q + off) - _stands_mm(sent)) for q, sent in zip(told, TARGETS, strict=True)]
     assert max(stands) < 1e-4
     assert f"{left_out_mm.max():.3f} mm" in done.stdout
-    found = json.loads(
-        CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", f"{out}2", "--json"]).stdout
-    )
+    found = json.loads(ran("correct", cell, "--path", path, "-o", f"{out}2", "--json").stdout)
     assert found["path"]["left_out_mm"]["backlash 2"] == pytest.approx(play_mm.max(), rel=0.01)
 
 
@@ -368,8 +366,8 @@ def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_co
     cell.write_text(extended(load("ur10e")[1], [A2], "cell"))
     good = "A,0,-80,100,-20,80,0", "D,10,-85,90,-20,70,30"
     path.write_text(f"{HEAD}\n{good[0]}\nB,0,-80,0,-20,80,0\nC,0,-80,100,-20,400,0\n{good[1]}\n")
-    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
-    assert done.exit_code == FileError.exit_code
+    done = ran("correct", cell, "--path", path, "-o", out)
+    assert done.returncode == FileError.exit_code
     assert "line 3: " in done.stderr and "line 4: axis 5 " in done.stderr and "400.000°" in done.stderr
     with (out / "corrected-path.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

@@ -29,6 +29,7 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import KnownSocketDistance, Touch
 from rigs.schema.effect import name_of, scaled, size_of
 from rigs.schema.vocabulary import TestName
+from tests.support.command_line import ran
 from tests.support.diagnosis_cells import RIG, plan_of_circles, plan_without_further_tests
 from tests.support.nightly import cases
 
@@ -205,13 +206,13 @@ def test_the_command_prints_words_or_one_object(monkeypatch, circle_alone):
         lambda *_: replace(circle_alone, impossible=(("a flight", "no wings"),)),
     )
     monkeypatch.setenv("COLUMNS", "140")
-    told = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll"])
+    told = ran("plan", "paper-fanuc", "--tests", "yaw,roll")
     assert "further test: hemisphere (radial)" in told.stdout
     assert "length a of axis 6 (a5)" in told.stdout
     assert " a flight: no wings" in told.stdout
     assert "Assumed noise" in told.stdout and "24.5 µm" in " ".join(told.stdout.split())
     assert "of 87 possible errors" in told.stdout  # a gear is one name, regardless of its orders
-    found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
+    found = json.loads(ran("plan", "paper-fanuc", "--tests", "yaw,roll", "--json").stdout)
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
     by_name = {effect["name"]: effect for effect in found["effects"]}
     assert by_name["joint_offset 1"]["limit"] is None
@@ -233,7 +234,7 @@ def test_plan_of_touches_names_neither_circles_nor_gauges(tmp_path, monkeypatch)
     (tmp_path / "cell.yaml").write_text(
         f"name: cell\n{load_arm('franka-fr3').text}tests: {{touch: {{sockets: [A, B]}}}}\n"
     )
-    said = CliRunner().invoke(app, ["plan", str(tmp_path / "cell.yaml"), "--tests", "touch"]).stdout
+    said = ran("plan", tmp_path / "cell.yaml", "--tests", "touch").stdout
     assert "touch: 3 runs" in said
     assert not [word for word in ("circle", "gauge") if word in said]
 

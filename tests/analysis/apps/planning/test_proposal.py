@@ -19,6 +19,7 @@ from rigs.errors import FileError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
+from tests.support.command_line import ran
 from tests.support.made_once import made_once
 from tests.support.refusals import refused
 
@@ -130,13 +131,13 @@ def test_command_prints_circles_and_next_step(proposed, tmp_path, monkeypatch):
     monkeypatch.setattr(proposals, "propose", lambda *_: proposed)
     monkeypatch.setenv("COLUMNS", "140")
     out = tmp_path / "circles"
-    done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "-o", str(out)])
-    assert done.exit_code == 0, done.output
+    done = ran("plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "-o", out)
+    assert done.returncode == 0, done.stderr
     assert "1. " in done.stdout and "detectable" in done.stdout
     first = out / "paper-fanuc-circle-1.yaml"
     assert f"next: rig program {first} --for fanuc --test yaw -o programs\n" in done.stderr
     asked = ["plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "--json"]
-    found = json.loads(CliRunner().invoke(app, asked).stdout)
+    found = json.loads(ran(*asked).stdout)
     assert found["circles"][0]["words"] == proposed.circles[0].candidate.words
     assert len(found["after"]["not_testable"]) < len(found["before"]["not_testable"])
 

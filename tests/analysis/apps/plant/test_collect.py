@@ -3,16 +3,15 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from analysis.apps.plant import collect as module
 from analysis.apps.plant.collect import Collected, Workers
 from analysis.apps.plant.records import RunRecord, record_of
 from analysis.apps.plant.store import FILE, entries
-from analysis.cli import app
 from analysis.runs.loading import load_measured, refuse_copies
 from daq.store import Manifest, relabel
 from rigs.errors import FileError
+from tests.support.command_line import ran
 from tests.support.dated_runs import dated_run
 from tests.support.plant_runs import known_robot, write_visits
 from tests.support.refusals import refused
@@ -106,10 +105,10 @@ def test_a_copy_counts_once(runs):
 
 def test_a_table_that_was_imported_twice_counts_once(runs):
     lap = runs.parent / "lap.csv"
-    assert CliRunner().invoke(app, ["export", str(runs / "000-acw"), "--to", "csv", "-o", str(lap)]).exit_code == 0
+    assert ran("export", runs / "000-acw", "--to", "csv", "-o", lap).returncode == 0
     for name in ("one", "two"):
         words = ["import", str(lap), "--rig", "ur10e", "--test", "yaw", "-o", str(runs / name)]
-        assert CliRunner().invoke(app, words).exit_code == 0
+        assert ran(*words).returncode == 0
     found = collect(runs, "ur10e")
     assert len(found.runs) == 3
     assert {"000-acw", "one"} & {run.name for run in found.runs} == set()  # the newest import is kept

@@ -19,6 +19,7 @@ from analysis.procedures.results import by_test
 from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
+from tests.support.command_line import ran
 from tests.support.refusals import refused
 from tests.support.written_runs import write_simulated
 
@@ -56,7 +57,7 @@ def test_runs_of_other_poses_have_no_common_mean(tmp_path):
         lines = [",".join(f"{value:.6f}" for value in row) for row in np.concatenate([rows, places], axis=1)]
         table.write_text("\n".join([",".join(names), *lines]) + "\n")
         words = ["import", str(table), "--rig", "ur10e", "--test", "pose", "-o", str(tmp_path / name)]
-        assert CliRunner().invoke(app, words).exit_code == 0
+        assert ran(*words).returncode == 0
         runs.append(tmp_path / name)
     results = evaluate_runs([load_run(run) for run in runs])
     for order in (results, results[::-1]):
