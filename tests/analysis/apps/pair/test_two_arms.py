@@ -105,8 +105,10 @@ def test_a_ball_that_was_not_seated_is_left_out():
     q[17, 1] += np.radians(0.5)  # some 8 mm
     fit = fit_pair(pair_of(*rigs("four"), replace(table, q=q), "t"))
     assert [row for row, _ in fit.odd] == [18]
-    assert any("row 18" in doubt for doubt in result_of(fit).doubts)
-    assert fit.state.T_first_second == pytest.approx(fitted().state.T_first_second, abs=0.3)
+    found = result_of(fit)
+    assert any("row 18" in doubt for doubt in found.doubts)
+    off = np.array(found.base.xyz_mm) - known_base("four")[:3, 3]
+    assert (np.abs(off) < 4 * np.array(found.base.u_xyz_mm)).all()
 
 
 def test_rows_of_other_touches_are_refused():
