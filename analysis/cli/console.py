@@ -18,6 +18,7 @@ from typing import Any
 
 import typer
 
+from analysis.runs.tabular import for_json
 from rigs.errors import RigError
 from rigs.signals import COMPLETED, REPLACED
 from rigs.text import plain
@@ -57,8 +58,8 @@ def say_interrupted() -> None:
 
 
 def say_json(value: Any) -> None:
-    """Print JSON without control characters: the encoder escapes all except DEL."""
-    typer.echo(json.dumps(value, indent=2).replace("\x7f", "\\u007f"))
+    """Print a value (see `for_json`) without control characters: the encoder escapes all except DEL."""
+    typer.echo(json.dumps(for_json(value), indent=2).replace("\x7f", "\\u007f"))
 
 
 _SILENT_S, _STEP_S = 1.0, 0.1

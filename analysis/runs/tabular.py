@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import is_dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from rigs.errors import RigError
 
@@ -48,15 +48,21 @@ def table_of_rows(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> 
 
 
 def for_json(value: Any) -> Any:
-    """Convert a value to plain types. NaN and infinity become null, because JSON lacks them."""
+    """Convert a value to plain types, data classes by field. NaN and infinity become null, because JSON lacks them."""
     match value:
+        case bool() | int() | str() | None:
+            return value
+        case float():
+            return float(value) if math.isfinite(value) else None
         case Mapping():
             return {str(key): for_json(item) for key, item in value.items()}
         case list() | tuple():
             return [for_json(item) for item in value]
-        case np.ndarray():
-            return for_json(value.tolist())
-        case bool() | int() | str() | None:
-            return value
-    number = float(value)
-    return number if math.isfinite(number) else None
+        case Path():
+            return str(value)
+    return for_json(vars(value) if is_dataclass(value) else value.tolist())
+
+
+def pick_fields(value: object, *names: str) -> dict[str, Any]:
+    """Attributes by name, for an object of JSON."""
+    return {name: getattr(value, name) for name in names}

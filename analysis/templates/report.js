@@ -24,10 +24,10 @@ function plotted(picture, looks) {
     yaxis: { title: { text: picture.y_label }, zeroline: true, automargin: true },
     hovermode: picture.frame === "straight" ? "x unified" : "closest",
     shapes: [
-      ...picture.marks.map(({ at_deg }) => ({ ...mark, x0: at_deg, x1: at_deg })),
+      ...picture.marks.map(([at]) => ({ ...mark, x0: at, x1: at })),
       ...picture.shaded.map(([low, high]) => ({ ...shade, x0: low, x1: high })),
     ],
-    annotations: picture.marks.map(({ at_deg, text }) => ({ ...word, x: at_deg, text, showarrow: false })),
+    annotations: picture.marks.map(([x, text]) => ({ ...word, x, text, showarrow: false })),
   };
   if (picture.frame === "plane") layout.yaxis.scaleanchor = "x";
   if (picture.frame === "straight") Object.assign(layout.xaxis, { range: [0, 360], dtick: 30, ticksuffix: "°" });

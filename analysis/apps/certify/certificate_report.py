@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from analysis.apps.certify.certificate import RISK, Certified, Judged
 from analysis.apps.certify.program import Listed
-from analysis.apps.report.blocks import Block, Figure, Sentence, Table
+from analysis.apps.report.blocks import Block, Figure, Sentence, Table, paragraphs
 from analysis.apps.report.html_page import answer_page, write_html
 from rigs.text import counted
 
@@ -49,8 +49,8 @@ def answer_of(judged: Sequence[Certified]) -> list[Block]:
     ]
     return [
         Sentence(headline, "pass" if now["accept"] == len(judged) else "watch"),
-        *(Sentence(line, "doubt") for line in lines),
-        Table(_COLUMNS, rows, frozenset({1, 2})),
+        *paragraphs(lines, "doubt"),
+        Table(_COLUMNS, rows, {1, 2}),
         Sentence(_NOTE, "note"),
     ]
 

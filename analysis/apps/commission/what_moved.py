@@ -16,7 +16,7 @@ from analysis.apps.commission.next_touch import (
     hidden_causes,
     next_posture,
 )
-from analysis.apps.report.blocks import Block, Sentence, Table
+from analysis.apps.report.blocks import Block, Sentence, Table, paragraphs
 from analysis.apps.report.diagnosis_words import sure
 from analysis.apps.report.html_page import answer_page, write_html
 from analysis.apps.report.movement_words import act_after, act_of, movement_sentence, name_of, size_of
@@ -200,7 +200,7 @@ def answer_of(moved: MovementResult, texts: Texts) -> list[Block]:
         Sentence(headline(moved, texts), "pass" if is_unmoved else "watch"),
         Sentence(what_to_do(moved, texts)),
         *([Table(columns, tuple(rows), frozenset({1}), key="causes")] if rows else []),
-        *(Sentence(line, "doubt") for line in remarks(moved, texts)),
+        *paragraphs(remarks(moved, texts), "doubt"),
         Sentence(f"{texts('check_note')} {footer}", "note"),
     ]
 

@@ -10,6 +10,7 @@ from analysis.apps.correct.controller_entries import ControllerChange, Controlle
 from analysis.apps.report.blocks import Block, Heading, Sentence, Table
 from analysis.apps.report.diagnosis_words import plain
 from analysis.apps.report.texts import joined, texts_of
+from analysis.runs.tabular import pick_fields
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
@@ -85,7 +86,7 @@ def _table(entries: Sequence[ControllerChange]) -> Table:
         turns_only = not round(entry.worth_um)
         moves = ("turns only", "") if turns_only else (f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm")
         rows.append((entry.parameter, *now, *value, reading, *moves))
-    return Table(columns, tuple(rows), frozenset(range(1, len(columns))) - {3 + is_length})
+    return Table(columns, rows, set(range(1, len(columns))) - {3 + is_length})
 
 
 def as_object(entries: ControllerEntries) -> dict[str, Any]:
@@ -100,20 +101,7 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
     }
     return {
         "name": entries.name,
-        "entries": [
-            {
-                "parameter": entry.parameter,
-                "axis": entry.axis,
-                "add": short(entry.add),
-                "u": short(entry.u),
-                "unit": entry.unit,
-                "now": entry.now and short(entry.now),
-                "reading_deg": short(entry.reading_deg),
-                "worth_um": round(entry.worth_um, 3),
-                "leaves_um": round(entry.leaves_um, 3),
-            }
-            for entry in entries.entries
-        ],
+        "entries": [_entry_object(entry) for entry in entries.entries],
         "readings_deg": [short(degrees) for degrees in entries.readings_deg],
         "not_entered": [{"name": label_of(effect), "worth_um": round(um, 3)} for effect, um in entries.not_entered],
         **{name: round(um, 3) for name, um in errors.items()},
@@ -123,6 +111,12 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
         "source": entries.controller.source,
         "not_found_in_public": entries.controller.missing,
     }
+
+
+def _entry_object(entry: ControllerChange) -> dict[str, Any]:
+    values = pick_fields(entry, "parameter", "axis", "add", "u", "unit", "now", "reading_deg", "worth_um", "leaves_um")
+    floats = {key: value for key, value in values.items() if isinstance(value, float)}
+    return values | {key: round(value, 3) if key.endswith("_um") else short(value) for key, value in floats.items()}
 
 
 def short(value: float) -> float:

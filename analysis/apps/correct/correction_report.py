@@ -18,7 +18,7 @@ from analysis.apps.correct.corrected_constants import CONSTANTS, corrected_table
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.reading import mark_of, with_remark
 from analysis.apps.programs.target_path import corrected_columns
-from analysis.apps.report.blocks import Block, Cell, Sentence, Table
+from analysis.apps.report.blocks import Block, Cell, Row, Sentence, Table, paragraphs
 from analysis.apps.report.blocks import as_object as blocks_object
 from analysis.apps.report.diagnosis_words import plain
 from analysis.apps.report.texts import joined, texts_of
@@ -65,8 +65,8 @@ def answer_of(corrections: Corrections) -> list[Block]:
     if rig.calibrated:
         blocks.append(Sentence(_TEXTS("correct_of_runs", um=f"{rig.calibrated.before_um:.0f}")))
     if rows := tuple(_effect(support, rig) for support in (*corrections.effects, *corrections.calibrated)):
-        blocks.append(Table(("error", "value ± u", "corrected by", "reason"), rows, frozenset({1})))
-    blocks += map(Sentence, (*_changes(corrections), *_path_lines(corrections)))
+        blocks.append(Table(("error", "value ± u", "corrected by", "reason"), rows, {1}))
+    blocks += paragraphs((*_changes(corrections), *_path_lines(corrections)))
     if corrections.at_controller:
         blocks += controller_report.blocks(corrections.at_controller, rig, entered=corrections.entered)
     blocks += [block for program in corrections.programs for block in program_report.blocks(program)]
@@ -76,7 +76,7 @@ def answer_of(corrections: Corrections) -> list[Block]:
     return blocks
 
 
-def _effect(support: Support, rig: Rig) -> tuple[str | Cell, ...]:
+def _effect(support: Support, rig: Rig) -> Row:
     field = size_field(support.effect)
     quantity = quantity_of(support.effect, field, {field: support.u})
     value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()

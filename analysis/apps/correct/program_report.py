@@ -11,12 +11,13 @@ import numpy as np
 
 from analysis.apps.correct.corrected_program import MOST_MM, CorrectedProgram
 from analysis.apps.correct.shared_corrections import REMAINING_SHARE, SharedCorrection
-from analysis.apps.report.blocks import Block, Heading, Sentence
+from analysis.apps.report.blocks import Block, Heading, Sentence, paragraphs
 from analysis.apps.report.texts import joined, texts_of
 from analysis.correction.corrected_targets import WorkError
 from analysis.correction.reasons import WHY, Reason
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
+from analysis.runs.tabular import pick_fields
 from rigs.text import counted
 
 _TEXTS = texts_of("en")
@@ -40,7 +41,7 @@ def blocks(program: CorrectedProgram) -> list[Block]:
     name, targets = program.path.name, counted(count, "target")
     head = _TEXTS("program_head", name=name, maker=program.maker, targets=targets, places=places)
     between = _TEXTS("program_between", steps=counted(steps, "step")) if steps else ""
-    parts: list[Block] = [Heading(joined([head, between], ", "), 3), *map(Sentence, _remarks(program)), *_left(program)]
+    parts: list[Block] = [Heading(joined([head, between], ", "), 3), *paragraphs(_remarks(program)), *_left(program)]
     return [*parts, Sentence(_TEXTS("program_not_tried"), "doubt")] if count else parts
 
 
@@ -135,7 +136,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "neutral_routines": list(program.neutral),
         "start_joints_deg": np.degrees(program.start).round(6).tolist() if program.start else None,
         "beside_left": {"steps": len(beside), "mean_mm": float(beside.mean()) if len(beside) else None},
-        "overruled": [{"name": one.name, "kind": one.kind} | at(one) for one in program.overruled[:_KEPT]],
+        "overruled": [pick_fields(one, "name", "kind") | at(one) for one in program.overruled[:_KEPT]],
         "moved_mm": {
             "largest": float(program.moved_mm.max(initial=0.0)),
             "rms": rms(program.moved_mm) if len(program.moved_mm) else 0.0,
@@ -148,10 +149,8 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         },
         "shared_corrections": [
             at(one)
-            | {
-                "name": one.name, "kind": one.kind, "before_mm": _mm(one.before_mm), "after_mm": _mm(one.after_mm),
-                "unknown": one.unknown,
-            }
+            | pick_fields(one, "name", "kind")
+            | {"before_mm": _rounded(one.before_mm), "after_mm": _rounded(one.after_mm), "unknown": one.unknown}
             for one in program.shared[:_KEPT]
         ],
         "notices": [at(notice) | {"text": notice.text} for notice in program.notices[:_KEPT]],
@@ -159,18 +158,9 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "outside_driven_ranges": sum(map(bool, program.unknown)),
         "error": program.error and error_object(program.error),
         "targets": [
-            {
-                "name": name,
-                "file": program.sources[program.places[k][0]],
-                "line": program.places[k][1],
-                "moved_mm": _mm(program.moved_mm[k]),
-                "u_mm": _mm(program.u_mm[k]),
-                "u_frame_mm": _mm(program.u_frame_mm[k]),
-                "rounded_um": round(float(program.rounded_um[k]), 3),
-                "given_away_mm": _mm(program.given_away_mm[k]),
-                "outside_driven_ranges": bool(program.unknown[k]),
-                "unknown": program.unknown[k] or None,
-            }
+            {"name": name, "file": program.sources[program.places[k][0]], "line": program.places[k][1]}
+            | {key: _rounded(getattr(program, key)[k], digits) for key, digits in _DIGITS.items()}
+            | {"outside_driven_ranges": bool(program.unknown[k]), "unknown": program.unknown[k] or None}
             for k, name in enumerate(program.names)
         ],
         "left": [
@@ -188,9 +178,12 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _mm(value: float) -> float | None:
-    """Round to the nanometre; None for NaN."""
-    return None if np.isnan(value) else round(float(value), 6)
+_DIGITS = {"moved_mm": 6, "u_mm": 6, "u_frame_mm": 6, "rounded_um": 3, "given_away_mm": 6}
+"""Decimals of the figures of a target: a nanometre."""
+
+
+def _rounded(value: float, digits: int = 6) -> float | None:
+    return None if np.isnan(value) else round(float(value), digits)
 
 
 def error_object(error: WorkError) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from analysis.apps.pair.calibrations import calibrations, placed_texts
 from analysis.apps.pair.fit_pair import FittedPair
 from analysis.apps.pair.plan_touches import PlannedTouches
 from analysis.apps.pair.result import PairResult
-from analysis.apps.report.blocks import Block, Heading, Sentence, Table, Tone
+from analysis.apps.report.blocks import Block, Heading, Row, Sentence, Table, Tone
 from analysis.apps.report.diagnosis_report import extended_files
 from analysis.apps.report.html_page import answer_page
 from analysis.apps.report.texts import Language, Texts, texts_of
@@ -35,16 +35,16 @@ def answer_of(result: PairResult, texts: Texts) -> list[Block]:
     corrections = (*(texts(f"pair_{name}") for name in ("arm", "constant", "correction")), "± u", "")
     hidden = tuple((one.arm or "–", one.what, one.reason) for one in result.not_testable)
     parts: list[Block] = [Sentence(head, tone), Heading(texts("pair_frame_heading"))]
-    parts.append(Table(base, tuple(base_rows(result, texts)), frozenset({1, 2})))
+    parts.append(Table(base, tuple(base_rows(result, texts)), {1, 2}))
     if rows := constant_rows(result):
-        parts += [Heading(texts("pair_corrections")), Table(corrections, tuple(rows), frozenset({2, 3}))]
+        parts += [Heading(texts("pair_corrections")), Table(corrections, rows, {2, 3})]
     heads = tuple(texts(f"pair_{name}") for name in ("arm", "constant", "reason"))
     parts += [Heading(texts("pair_not_testable")), Table(heads, hidden)]
     parts += [Sentence(texts("pair_doubt", line=line), "doubt") for line in result.doubts]
     return [*parts, Sentence(f"{texts('pair_note')} {footer}", "note")]
 
 
-def base_rows(result: PairResult, texts: Texts) -> list[tuple[str, ...]]:
+def base_rows(result: PairResult, texts: Texts) -> list[Row]:
     """Name, value, u, unit."""
     base = result.base
     places = zip("xyz", base.xyz_mm, base.u_xyz_mm, strict=True)
@@ -62,10 +62,10 @@ def _triple(values: Vector) -> str:
     return ", ".join(f"{value:z.3f}" for value in values)
 
 
-def constant_rows(result: PairResult) -> list[tuple[str, ...]]:
+def constant_rows(result: PairResult) -> list[Row]:
     """Certain corrections: arm, constant, correction, u, unit."""
     certain = [it for it in result.constants if it.shown and abs(it.delta) > _CERTAIN * it.u]
-    rows: list[tuple[str, ...]] = []
+    rows = list[Row]()
     for constant in sorted(certain, key=lambda constant: (constant.arm, constant.axis, constant.key)):
         digits = 3 if constant.unit == "mm" else 4
         size, u = f"{constant.delta:+.{digits}f}", f"{constant.u:.{digits}f}"

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
-
-import numpy as np
 
 from analysis.apps.planning.detectability import (
     ASSUMED_JOINT_DEG,
@@ -15,12 +12,13 @@ from analysis.apps.planning.detectability import (
     SeparatingTest,
     assumed_noise_um,
 )
-from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
+from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table
 from analysis.diagnosis.evidence.significance import CERTAIN_SIGMA, ODDS
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.plan.expected import SEPARABLE, is_detectable, is_separable
 from analysis.procedures.shared.quantity import quantity_of
+from analysis.runs.tabular import pick_fields
 from rigs.effect_names import kind_in_words, name_in_words, names_in_words
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
@@ -86,7 +84,7 @@ def _is_small(sight: Detectability) -> bool:
 
 
 def _joint_errors(plan: CapabilityOfTests) -> Table:
-    kinds, rows = _by_seat(plan, joints=True), list[tuple[str | Cell, ...]]()
+    kinds, rows = _by_seat(plan, joints=True), list[Row]()
     axes = range(1, max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)]) + 1)
     for kind, by_axis in kinds.items():
         effect = next(iter(by_axis.values()))[0].effect
@@ -95,7 +93,7 @@ def _joint_errors(plan: CapabilityOfTests) -> Table:
         name = Cell(f"{kind_in_words(kind)} {_unit(effect)}", below)
         rows.append((name, f"{healthy_size(effect):g}", *sizes))
     heads = ("error", "usual", *(f"axis {axis}" for axis in axes))
-    return Table(heads, tuple(rows), frozenset(range(1, len(heads))))
+    return Table(heads, rows, range(1, len(heads)))
 
 
 def _other_errors(plan: CapabilityOfTests) -> Table:
@@ -105,7 +103,7 @@ def _other_errors(plan: CapabilityOfTests) -> Table:
         for seat, sights in seats.items()
         for effect in [sights[0].effect]
     ]
-    return Table(("error", "unit", "usual", "detected from"), tuple(rows), frozenset({2, 3}))
+    return Table(("error", "unit", "usual", "detected from"), rows, {2, 3})
 
 
 def _unit(effect: Effect) -> str:
@@ -139,7 +137,7 @@ def _similar_pairs(plan: CapabilityOfTests) -> list[Block]:
     if not plan.pairs:
         return [Sentence("All detectable errors can be separated.", "pass")]
     symbols = {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
-    rows: list[tuple[str | Cell, ...]] = []
+    rows = list[Row]()
     for group in plan.groups:
         pairs = [pair for pair in plan.pairs if pair.names[0] in group]
         for pair in pairs[:_MOST_PAIRS]:
@@ -151,7 +149,7 @@ def _similar_pairs(plan: CapabilityOfTests) -> list[Block]:
             kinds = names_in_words(group)
             rows.append((f"{len(pairs) - _MOST_PAIRS} more pairs (--json lists all): {kinds}", "", Cell("")))
     title = f"Look alike (odds below {ODDS:g} to 1 at the size of a fault)"
-    return [Heading(title, 3), Table(("errors", "distance", "separated by"), tuple(rows), frozenset({1}))]
+    return [Heading(title, 3), Table(("errors", "distance", "separated by"), rows, {1})]
 
 
 def _separating(further: Sequence[SeparatingTest]) -> Cell:
@@ -180,12 +178,12 @@ def _undetected(plan: CapabilityOfTests) -> list[Block]:
             text = f"{test} ({' … '.join(ends)} σ at the usual size)"
         rows.append((Cell(names[0], tuple(names[1:])), why, text))
     title = f"Not detected, even at {LARGEST_FAULT:g} times the usual size"
-    return [Heading(title, 3), Table(("errors", "reason", "detected by"), tuple(rows))]
+    return [Heading(title, 3), Table(("errors", "reason", "detected by"), rows)]
 
 
 def as_object(plan: CapabilityOfTests) -> dict[str, Any]:
     return {
-        "tests": list(plan.tests),
+        "tests": plan.tests,
         "runs": plan.runs,
         "noise": {"source": "assumed", "um": assumed_noise_um(plan.tests), "joint_deg": ASSUMED_JOINT_DEG},
         "alike_below_sigma": SEPARABLE,
@@ -194,7 +192,7 @@ def as_object(plan: CapabilityOfTests) -> dict[str, Any]:
                 "name": sight.name,
                 "unit": sight.effect.unit(size_field(sight.effect)),
                 "healthy": healthy_size(sight.effect),
-                "sd": sight.sd if np.isfinite(sight.sd) else None,
+                "sd": sight.sd,
                 "limit": None if sight.hidden else sight.limit,
                 **({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {}),
             }
@@ -202,13 +200,13 @@ def as_object(plan: CapabilityOfTests) -> dict[str, Any]:
         ],
         "groups": plan.groups,
         "pairs": [
-            {"names": list(pair.labels), "sigma": pair.sigma, "others": pair.others, "further": _partings(pair.further)}
+            {"names": pair.labels} | pick_fields(pair, "sigma", "others") | {"further": _partings(pair.further)}
             for pair in plan.pairs
         ],
-        "further": [asdict(gain) for gain in plan.gains],
+        "further": plan.gains,
         "not_possible": [{"test": test, "reason": reason} for test, reason in plan.impossible],
     }
 
 
 def _partings(partings: Sequence[SeparatingTest]) -> list[dict[str, Any]]:
-    return [{"test": parting.test, "sigma": parting.sigma} for parting in partings]
+    return [pick_fields(parting, "test", "sigma") for parting in partings]

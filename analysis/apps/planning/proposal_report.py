@@ -9,6 +9,7 @@ from analysis.apps.planning.detectability import Judgement
 from analysis.apps.planning.plan_report import noise_in_words
 from analysis.apps.planning.proposal import SET_UP_MIN, CircleProposal, ProposedCircle
 from analysis.apps.report.blocks import Block, Heading, Sentence, Table
+from analysis.runs.tabular import pick_fields
 from analysis.runs.written_files import refuse_existing
 from rigs.edit import Keys, Value, with_values
 from rigs.effect_names import name_in_words, names_in_words
@@ -38,7 +39,7 @@ def answer_of(proposal: CircleProposal) -> list[Block]:
         used_min = sum(circle.candidate.minutes for circle in proposal.circles)
         title = f"{used_min:.0f} min in total, including {SET_UP_MIN:g} min to set up each circle"
         heads = ("circle", "min", "also detects", "separates")
-        blocks += [Heading(title, 3), Table(heads, tuple(rows), frozenset({1}))]
+        blocks += [Heading(title, 3), Table(heads, rows, {1})]
     else:
         blocks.append(Sentence("Within this time, no further circle makes more errors detectable.", "doubt"))
     judgements = {"before": proposal.before} | ({"with these circles": proposal.after} if proposal.circles else {})
@@ -61,37 +62,29 @@ def _separated(proposal: CircleProposal, circle: ProposedCircle) -> list[tuple[s
 
 
 def as_object(proposal: CircleProposal, written: list[Path]) -> dict[str, Any]:
-    return {
-        "tests": list(proposal.tests),
-        "runs": proposal.runs,
-        "minutes": proposal.minutes,
+    return pick_fields(proposal, "tests", "runs", "minutes") | {
         "driveable": proposal.feasible,
-        "refused": dict(proposal.refused),
+        "refused": proposal.refused,
         "circles": [
-            {
-                "words": circle.candidate.words,
-                "minutes": circle.candidate.minutes,
+            pick_fields(circle.candidate, "words", "minutes")
+            | {
                 "testable": _testable(proposal, circle),
-                "separated": [list(pair) for pair in _separated(proposal, circle)],
-                "tool_xyz_mm": list(circle.candidate.rig.robot.tool.xyz_mm),
+                "separated": _separated(proposal, circle),
+                "tool_xyz_mm": circle.candidate.rig.robot.tool.xyz_mm,
                 "circle": _circle(circle.candidate.rig),
             }
             for circle in proposal.circles
         ],
         "before": _judgement(proposal.before),
         "after": _judgement(proposal.after),
-        "files": [str(path) for path in written],
+        "files": written,
     }
 
 
 def _judgement(judgement: Judgement) -> dict[str, Any]:
-    return {
-        "not_testable": list(judgement.undetectable),
-        "alike": [list(pair.names) for pair in judgement.pairs],
-        "effects": [
-            {"name": sight.name, "sd": sight.sd if not sight.hidden else None} for sight in judgement.detectabilities
-        ],
-    }
+    effects = [{"name": sight.name, "sd": None if sight.hidden else sight.sd} for sight in judgement.detectabilities]
+    alike = [pair.names for pair in judgement.pairs]
+    return {"not_testable": judgement.undetectable, "alike": alike, "effects": effects}
 
 
 def _circle(rig: Rig) -> dict[str, Any]:

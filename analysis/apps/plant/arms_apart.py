@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.interchange.exported_arm import joint_traits
-from analysis.apps.report.blocks import Block, Heading, Sentence, Table
+from analysis.apps.report.blocks import Block, Heading, Sentence, Table, paragraphs
 from analysis.correction.calibrated_arm import CalibratedArm
 from analysis.correction.work import rest_mm
 from analysis.robot.kinematics.arm import Array, pose_error
@@ -154,5 +154,5 @@ def answer_of(apart: ArmsApart) -> list[Block]:
         Sentence(f"Farthest apart at joint angles {place} °."),
         Heading(f"{second} less {first}", 3),
         Table(columns, tuple(rows), frozenset(range(len(columns)))),
-        *(Sentence(doubt, "doubt") for doubt in apart.doubts),
+        *paragraphs(apart.doubts, "doubt"),
     ]

@@ -17,7 +17,7 @@ from analysis.apps.plant.changes import FALSE_ALARMS, trend_of
 from analysis.apps.plant.history import WATCHED, label_of, programs_of
 from analysis.apps.plant.records import RunRecord, fingerprint_of, in_time, record_of
 from analysis.apps.plant.store import FILE, read_records
-from analysis.apps.report.blocks import Block, Sentence, Table
+from analysis.apps.report.blocks import Block, Sentence, Table, paragraphs
 from analysis.procedures.shared.quantity import Quantity, student_factor
 from analysis.runs.loading import refuse_copies
 from analysis.runs.remote import fetched
@@ -98,7 +98,7 @@ def differences_answer(compared: Sequence[Difference]) -> list[Block]:
     heads = ("", "", "before", "after", "difference", "u", "", "explained", "more than that")
     ranks = tuple("unusual" if difference.is_larger else "" for difference in compared)
     table = Table(heads, tuple(rows), frozenset({2, 3, 4, 5, 7}), ranks)
-    return [*(Sentence(sentence, "strong") for sentence in headlines(compared)), table, Sentence(u, "note")]
+    return [*paragraphs(headlines(compared), "strong"), table, Sentence(u, "note")]
 
 
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:

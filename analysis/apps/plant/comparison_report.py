@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.apps.report.blocks import Block, Heading, Sentence, Table
+from analysis.apps.report.blocks import Block, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.diagnosis_answer import places_blocks, stairs_table
 from analysis.apps.report.diagnosis_picture import disagreement_picture
 from analysis.apps.report.model_charts import compared_chart
@@ -28,7 +28,7 @@ def answer_of(compared: Compared) -> list[Block]:
     texts, blocks = texts_of("en"), list[Block]()
     for comparison in compared.runs:
         figures, simulated = comparison.result.found.figures, comparison.simulated.figures
-        rows: list[tuple[str, ...]] = []
+        rows = list[Row]()
         for name in (names := in_order(figures.keys() & simulated.keys())):
             figure, value = figures[name], simulated[name].value
             rows.append((label(name), str(figure), figure.rounded(value), figure.rounded(figure.value - value)))
@@ -37,7 +37,7 @@ def answer_of(compared: Compared) -> list[Block]:
         ranks = (*("unusual" if name in LEADING else "" for name in names), "", "")
         columns = ("", "measured", "simulated", "difference")
         blocks.append(Heading(f"{comparison.result.title} · {comparison.result.name}", 3))
-        blocks.append(Table(columns, tuple(rows), frozenset({1, 2, 3}), ranks))
+        blocks.append(Table(columns, rows, {1, 2, 3}, ranks))
     blocks += [
         Sentence(
             f"{run_poses.run}: {run_poses.poses} poses, unexplained {run_poses.rms_um:.1f} µm rms, "
@@ -50,7 +50,7 @@ def answer_of(compared: Compared) -> list[Block]:
         blocks += [Heading(texts("where_heading")), *places_blocks(compared.disagreement.where)]
         if stairs := stairs_of_model(compared.disagreement):
             blocks += [Heading(texts("steps")), stairs_table(stairs, texts)]
-    blocks += [Sentence(doubt, "doubt") for doubt in compared.doubts]
+    blocks += paragraphs(compared.doubts, "doubt")
     for name, setup in compared.setups.items():
         ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
         blocks.append(Sentence(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", "note"))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.report.blocks import Block, Sentence, Table
+from analysis.apps.report.blocks import Block, Sentence, Table, paragraphs
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.diagnosis.evidence.observation import by_socket, rms
 from analysis.diagnosis.evidence.placements import observe_runs, split_by_frame, split_by_target
@@ -67,7 +67,7 @@ def answer_of(fitting: FittingArm) -> list[Block]:
         )
     rows = tuple((fit.file, f"{fit.rms_um:.1f}", f"{fit.largest_um:.1f}") for fit in fitting.fits)
     table = Table(("arm", "µm rms left", "at most"), rows, frozenset({1, 2}))
-    return [Sentence(head), table, *(Sentence(doubt, "doubt") for doubt in fitting.doubts)]
+    return [Sentence(head), table, *paragraphs(fitting.doubts, "doubt")]
 
 
 def _fit(runs: Sequence[Measured], file: str, rig: Rig) -> tuple[ArmFit, tuple[str, ...]]:

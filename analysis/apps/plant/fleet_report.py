@@ -19,10 +19,10 @@ from analysis.apps.plant.history import history_of, simulated_runs, without_figu
 from analysis.apps.plant.history_report import write_page
 from analysis.apps.plant.records import RunRecord
 from analysis.apps.plant.store import Key, made_by
-from analysis.apps.report.blocks import Block, Cell, Sentence, Table, Tone
+from analysis.apps.report.blocks import Block, Cell, Sentence, Table, Tone, paragraphs
 from analysis.apps.report.html_page import answer_page, write_html
 from analysis.runs.batch import FailedItem, each
-from analysis.runs.tabular import for_json
+from analysis.runs.tabular import pick_fields
 from daq.store import durable
 from daq.store.chunk import storable
 from rigs.errors import FileError
@@ -68,29 +68,26 @@ def answer_of(fleet: Fleet, links: Mapping[Key, str] | None = None, failed: Sequ
     read = f"{fleet.runs} runs, {fleet.examined} of them read (new, changed, or unreadable the last time){gone}"
     return [
         Sentence(f"{counted(len(robots), 'robot')}: {states or 'none found'}.", "strong"),
-        *(Sentence(line, "doubt") for line in (origin, *fleet.notes, *without_figures(left_out), *failed) if line),
-        Table(heads, tuple(rows), frozenset({5}), key="stack"),
+        *paragraphs((origin, *fleet.notes, *without_figures(left_out), *failed), "doubt"),
+        Table(heads, rows, {5}, key="stack"),
         Sentence(f"{_ORDER} {read}", "note"),
     ]
 
 
 def as_object(fleet: Fleet) -> dict[str, Any]:
-    plain: dict[str, Any] = for_json(
-        {
-            "directory": str(fleet.directory),
-            "catalogue": str(fleet.catalogue),
-            "robots": [
-                asdict(state) | {"attention": state.attention, "without_figures": dict(state.without_figures)}
-                for state in fleet.robots
-            ],
-            "without_robot": dict(fleet.strays),
-            "notes": list(fleet.notes),
-            "runs": fleet.runs,
-            "runs_read": fleet.examined,
-            "runs_gone": fleet.gone,
-        }
-    )
-    return plain
+    return {
+        "directory": fleet.directory,
+        "catalogue": fleet.catalogue,
+        "robots": [
+            vars(state) | {"attention": state.attention, "without_figures": dict(state.without_figures)}
+            for state in fleet.robots
+        ],
+        "without_robot": dict(fleet.strays),
+        "notes": fleet.notes,
+        "runs": fleet.runs,
+        "runs_read": fleet.examined,
+        "runs_gone": fleet.gone,
+    }
 
 
 def write_figures(fleet: Fleet, path: Path) -> None:
@@ -144,8 +141,7 @@ def _of_run(record: RunRecord) -> dict[str, Any]:
     started = None
     with suppress(ValueError):
         started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB needs pytz for times with a zone.
-    names = ("test", "direction", "placement", "program", "corrected")
-    return {"started_utc": started} | {name: getattr(record, name) for name in names}
+    return {"started_utc": started} | pick_fields(record, "test", "direction", "placement", "program", "corrected")
 
 
 _HEAD_BYTES = 2000

@@ -23,11 +23,11 @@ from analysis.apps.plant.history import (
     sentences,
     too_few,
 )
-from analysis.apps.report.blocks import Block, Cell, Figure, Heading, Sentence, Table
+from analysis.apps.report.blocks import Block, Cell, Figure, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.html_page import answer_page, write_html
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
-from analysis.runs.tabular import for_json, table_of_rows
+from analysis.runs.tabular import pick_fields, table_of_rows
 from rigs.text import counted
 
 _BARS = "▁▂▃▄▅▆▇█"
@@ -44,14 +44,14 @@ def answer_of(
     span = sorted({str(min(days)), str(max(days))}) if days else []
     title = " · ".join([history.robot, *filter(None, [" to ".join(span)])])
     return [
-        *(Sentence(line, "doubt") for line in [origin(history)] if line),
-        *(Sentence(sentence, "strong") for sentence in sentences(history) or [too_few(history)]),
-        *(Sentence(line, "doubt") for line in lines),
+        *paragraphs([origin(history)], "doubt"),
+        *paragraphs(sentences(history) or [too_few(history)], "strong"),
+        *paragraphs(lines, "doubt"),
         Heading(title),
         _table(history.series, dated=dated),
         *figures,
         *([Sentence(_LEGEND, "note")] if figures else []),
-        *(Sentence(line, "note") for line in (*remarks(history), _U)),
+        *paragraphs((*remarks(history), _U), "note"),
     ]
 
 
@@ -66,7 +66,7 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
     is_one = all(len(series.runs) == 1 for series in all_series)
     is_limited = any(series.limit for series in all_series)
     columns = ["test", "figure", *(("value ± u",) if is_one else ("runs", "first", "last", "spread", "course", ""))]
-    rows: list[tuple[str | Cell, ...]] = []
+    rows = list[Row]()
     title_before = ""
     for series in all_series:
         quantities, spread = series.quantities, series.trend.spread
@@ -85,7 +85,7 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
         title_before = series.title
     ranks = tuple("unusual" if series.trend.changes else "" for series in all_series)
     heads = (*columns, *["limit"] * is_limited)
-    return Table(heads, tuple(rows), frozenset({2} if is_one else {2, 3, 4, 5}), ranks)
+    return Table(heads, rows, {2} if is_one else {2, 3, 4, 5}, ranks)
 
 
 def sparkline(values: Array) -> str:
@@ -98,41 +98,38 @@ def sparkline(values: Array) -> str:
 
 
 def as_object(history: History) -> dict[str, Any]:
-    plain: dict[str, Any] = for_json(
-        {
-            "robot": history.robot,
-            "origin": origin(history),
-            "sentences": sentences(history),
-            "remarks": remarks(history),
-            "movements": [
-                {"run": marked.run, "started": marked.when.isoformat()}
-                | {key: getattr(marked.check, key) for key in ("reference", "axis", "probability", "answer")}
-                | {key: getattr(marked.check, key) or None for key in ("what", "name")}
-                for marked in history.collected.checks
-            ],
-            "series": [_series_object(series) for series in history.series],
-            "without_figures": {record.name: record.problem for record in history.collected.broken},
-            "notes": list(history.collected.notes),
-        }
-    )
-    return plain
+    checked = ("reference", "axis", "probability", "answer")
+    return {
+        "robot": history.robot,
+        "origin": origin(history),
+        "sentences": sentences(history),
+        "remarks": remarks(history),
+        "movements": [
+            {"run": marked.run, "started": marked.when.isoformat(), **pick_fields(marked.check, *checked)}
+            | {key: value or None for key, value in pick_fields(marked.check, "what", "name").items()}
+            for marked in history.collected.checks
+        ],
+        "series": [_series_object(series) for series in history.series],
+        "without_figures": {record.name: record.problem for record in history.collected.broken},
+        "notes": history.collected.notes,
+    }
 
 
 def _series_object(series: Series) -> dict[str, Any]:
     changes = [
         {
             "after_run": series.runs[change.first].name, "by_run": series.runs[change.last].name,
-            "when": dates(series, change), "before": change.before, "after": change.after, "u": change.u,
-            "chance": change.chance, "may_go_on": change.is_last,
+            "when": dates(series, change), **pick_fields(change, "before", "after", "u", "chance"),
+            "may_go_on": change.is_last,
         }
         for change in series.trend.changes
     ]  # fmt: skip
     judged = judge(series)
     limit = judged and {
-        "watch": judged.limit.watch, "fail": judged.limit.fail, "standing": judged.standing,
+        **pick_fields(judged.limit, "watch", "fail"), "standing": judged.standing,
         "since": judged.since.started, "since_run": judged.since.name, "beyond": [run.name for run in judged.beyond],
     }  # fmt: skip
-    about = {"title": series.title, "figure": series.figure, "spread": series.trend.spread}
+    about = pick_fields(series, "title", "figure") | {"spread": series.trend.spread}
     return about | {"points": _points(series), "changes": changes, "limit": limit}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.apps.postures.result import Postures
-from analysis.apps.report.blocks import Block, Sentence, Table
+from analysis.apps.report.blocks import Block, Sentence, Table, paragraphs
 from analysis.apps.report.texts import Language, Texts, texts_of
 from analysis.robot.kinematics.arm import RAIL_MM
 from analysis.runs.tables import RAIL, joint_columns
@@ -32,12 +32,12 @@ def answer_of(postures: Postures, labels: Sequence[str], language: Language = "e
     unlisted = len(postures.poses) - _MOST_ROWS
     below = [texts("postures_more", count=unlisted) if unlisted > 0 else "", play_words(postures, texts)]
     return [
-        *(Sentence(line, "doubt") for line in doubt_lines(postures, texts)),
+        *paragraphs(doubt_lines(postures, texts), "doubt"),
         Sentence(gain_words(postures, texts), "strong"),
         Sentence(motion),
-        *(Sentence(placed, "strong") for placed in [map_words(postures, texts)] if placed),
+        *paragraphs([map_words(postures, texts)], "strong"),
         _table(postures, labels, texts),
-        *(Sentence(line) for line in below if line),
+        *paragraphs(below),
         Sentence(texts("postures_collisions"), "note"),
     ]
 

@@ -5,6 +5,7 @@ against it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import takewhile
 
 from analysis.apps.report.answer_words import AnswerWords
 from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, with_uncertainty
@@ -18,6 +19,8 @@ from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of
 from rigs.text import as_argument
 
+REPAIRS = ("repair", "remaster", "enter", "mount")
+"""Kinds of acts that change the arm or its set-up, so that a correction from the same runs no longer fits."""
 _KEYS = {
     "elsewhere": "act_elsewhere", "revisit": "act_revisit", "commanded": "act_commanded",
     "not_visible": "next_plan", "visits_differ": "act_repeats_differ", "gauges_differ": "act_gauges_differ",
@@ -36,16 +39,13 @@ class ActWords(AnswerWords):
 
         corrected: leaves out the effect of the act on the correction, which the caller states once for all acts.
         """
-        against, acts = self.against(act), self.diagnosis.acts
-        before = acts[: acts.index(act)] if act in acts else acts
-        # The act changes the arm for which an earlier act in the list makes a correction.
-        is_instead = act.kind in ("remaster", "enter", "repair", "mount", "check") and any(
-            earlier.kind == "load" for earlier in before
-        )
-        is_otherwise = act.kind == "load" and any(earlier.kind == "check" for earlier in before)
+        earlier = {one.kind for one in takewhile(lambda one: one != act, self.diagnosis.acts)}
+        is_otherwise = act.kind == "load" and "check" in earlier
         condition = self.texts("act_otherwise") if is_otherwise else ""  # before the command that it restricts
+        # The act changes the arm for which an earlier act in the list makes a correction.
+        is_instead = "load" in earlier and act.kind in (*REPAIRS, "check")
         instead = self.texts("act_instead") if is_instead and not corrected else ""
-        sentence = joined([condition, self.what(act), self.removes(act), instead])
+        sentence, against = joined([condition, self.what(act), self.removes(act), instead]), self.against(act)
         keys = (*keys_of(sentence), *keys_of(against))
         return Phrase(f"{sentence.removesuffix('.')} ({against}).", keys) if against else sentence
 
@@ -63,17 +63,16 @@ class ActWords(AnswerWords):
             return texts("act_check_contradicted", constants="; ".join(map(self.constant_name, made)), keys=stated)
         if act.effect is None:
             rig = self.diagnosis.rig
-            load = f"act_load{load_variant(rig)}" + "_unwritten" * bool(self._unwritten_model(act))
-            keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early", "load": load}
-            return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act), maker=rig.maker or "MAKER")
+            key = f"act_{act.kind}" + load_variant(rig) * (act.kind == "load")
+            keys = (f"{key}_{act.why}", *[f"{key}_unwritten"] * bool(self._unwritten_model(act)), key)
+            return self.of_places(*keys, command=command(act), maker=rig.maker or "MAKER")
         kind, part = act.kind, {"clocks": "gauges", "gravity": "base"}.get(act.effect.part, act.effect.part)
         ends = (f"_{act.effect.effect}", f"_{part}", f"_{act.why}", "")
-        key = next(key for end in ends if (key := f"act_{kind}{end}") in texts.words)
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
         twins = next((named.twins for named in self.diagnosis.effects if named.effect == act.effect), ())
         return texts(
-            key,
+            *(f"act_{kind}{end}" for end in ends),
             cause=texts("or").join(map(self.noun, (act.effect, *twins))),
             size=size if act.kind != "remaster" or size.startswith("-") else f"+{size}",
             axis=self.joint(act.effect),
@@ -109,9 +108,8 @@ class ActWords(AnswerWords):
             names = dict.fromkeys(self._numbered(effect) or self.noun(effect) for effect in remaining)
             key = "do_now_load_first" if names else "do_now_load_fault"
             return self.texts(key, axes=self.texts("and").join(names))
-        axis = self._numbered(act.effect)
-        keys = (f"do_now_{act.why}", f"do_now_{act.kind}_axis" if axis else "", f"do_now_{act.kind}")
-        return self.texts(self._of_places(next(key for key in keys if key in self.texts.words)), axis=axis)
+        axis, key = self._numbered(act.effect), f"do_now_{act.kind}"
+        return self.of_places(f"do_now_{act.why}", *[f"{key}_axis"] * bool(axis), key, axis=axis)
 
     @property
     def not_compensated(self) -> list[Effect]:
@@ -182,26 +180,21 @@ class ActWords(AnswerWords):
         texts, test = self.texts, act.test
         if act.why in ("few_runs", "one_lap"):
             cause = self.noun(act.effect) if act.effect else ""
-            key = self._of_places("next_repeat") if act.why == "few_runs" else "act_one_lap"
-            return texts(key, cause=cause, count=act.runs)
+            key = "next_repeat" if act.why == "few_runs" else "act_one_lap"
+            return self.of_places(key, cause=cause, count=act.runs)
         if act.why in _KEYS:
-            return texts(self._of_places(_KEYS[act.why]))
+            return self.of_places(_KEYS[act.why])
         if act.why == "follows" and (followed := self.diagnosis.residual.likeliest):
             return texts(f"act_follows_{followed.what}", joint=self.joint(followed))
         if test is None:
-            key = "next_elsewhere" if act.why == "rivals" else self._of_places("act_group_no_test")
-            return texts(key, parts=self.parts(act))
+            key = "next_elsewhere" if act.why == "rivals" else "act_group_no_test"
+            return self.of_places(key, parts=self.parts(act))
         share = percent(sum(self.diagnosis.budget[k].share for k in act.parts))
         if test.test == JOINED:
             return texts("act_joined", parts=self.parts(act), share=share)
         minutes = texts("minutes", count=max(1, round(act.cost.minutes))) if act.cost.minutes else texts("zero_minutes")
         which = "act_rivals" if act.why == "rivals" else "act_group"
         return texts(which, test=test.test, minutes=minutes, parts=self.parts(act), share=share)
-
-    def _of_places(self, key: str) -> str:
-        """The variant of a text for runs of poses or touches, which have no ball and gauges, if there is one."""
-        of_places = f"{key}_places"
-        return of_places if of_places in self.texts.words and self.diagnosis.train.of_places else key
 
 
 def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:

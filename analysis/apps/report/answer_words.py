@@ -139,11 +139,15 @@ class AnswerWords:
         """The difference between repeats or between two gauges; empty if it is usual."""
         residual = self.diagnosis.residual
         if residual.visits_um:
-            places = "_places" if self.diagnosis.train.of_places else ""
-            return self.texts(f"finding_repeats_differ{places}", um=_length(residual.visits_um))
+            return self.of_places("finding_repeats_differ", um=_length(residual.visits_um))
         if residual.gauges_um:
             return self.texts("finding_gauges_differ", um=_length(residual.gauges_um))
         return ""
+
+    def of_places(self, *keys: str, **values: str) -> str:
+        """The first text that exists, in its variant for runs of poses or touches, which have no ball and gauges."""
+        ends = ("_places", "") if self.diagnosis.train.of_places else ("",)
+        return self.texts(*(f"{key}{end}" for key in keys for end in ends), **values)
 
     @property
     def accuracy(self) -> str:

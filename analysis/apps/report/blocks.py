@@ -5,7 +5,7 @@ A command builds its list once. Decisions are made before; a block only holds th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -92,20 +92,39 @@ class Cell:
     link: str = ""
 
 
+Row = Sequence[str | Cell]
+
+
 @dataclass(frozen=True)
 class Table:
     """numbers: columns aligned right."""
 
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str | Cell, ...], ...]
-    numbers: frozenset[int] = frozenset()
-    ranks: tuple[str, ...] = ()
+    columns: Sequence[str]
+    rows: Sequence[Row]
+    numbers: Collection[int] = ()
+    ranks: Sequence[str] = ()
     """Class of each row on the page; unusual rows are bold."""
     key: str = ""
     """Class of the table on the page."""
 
     def cells(self) -> list[list[Cell]]:
         return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Split into several tables if the columns of numbers do not fit on the terminal."""
+        boundless, columns = options.update(max_width=10_000), range(1, len(self.columns))
+        can_split = set(columns) <= set(self.numbers)
+        while True:
+            shown = _columns(self, columns)
+            while (
+                can_split and len(columns) > 1 and console.measure(shown, options=boundless).maximum > options.max_width
+            ):
+                columns = columns[:-1]
+                shown = _columns(self, columns)
+            yield shown
+            columns = range(columns.stop, len(self.columns))
+            if not columns:
+                return
 
 
 @dataclass(frozen=True)
@@ -119,6 +138,11 @@ class Figure:
 Block = Heading | Sentence | Command | Segments | Table | Figure
 
 
+def paragraphs(lines: Iterable[str], tone: Tone = "plain") -> list[Block]:
+    """A sentence for each line that is not empty."""
+    return [Sentence(line, tone) for line in lines if line]
+
+
 def on_screen(blocks: Sequence[Block]) -> RenderableType:
     shown: list[RenderableType] = []
     level = 0
@@ -129,44 +153,14 @@ def on_screen(blocks: Sequence[Block]) -> RenderableType:
         elif isinstance(block, Command):  # a single line, so that it can be copied
             shown.append(Text("  " * bool(level) + block.words, style="bold", no_wrap=True, overflow="ignore"))
         elif not isinstance(block, Figure):
-            shown.append(Padding(_shown(block), (0, 0, 0, 2)) if level else _shown(block))
+            words = Text(block.words, style=_STYLES[block.tone]) if isinstance(block, Sentence) else block
+            shown.append(Padding(words, (0, 0, 0, 2)) if level else words)
     return Group(*shown)
 
 
 def say_answer(blocks: Sequence[Block], *, aside: bool = False) -> None:
     """aside: on standard error."""
     PlainConsole(stderr=aside).print(on_screen(blocks), crop=False)
-
-
-def _shown(block: Sentence | Segments | Table) -> RenderableType:
-    match block:
-        case Sentence():
-            return Text(block.words, style=_STYLES[block.tone])
-        case Table():
-            return _Abreast(block)
-    return block
-
-
-@dataclass(frozen=True)
-class _Abreast:
-    """A table, split into several if its columns of numbers do not fit on the terminal."""
-
-    table: Table
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        boundless, columns = console.options.update(max_width=10_000), range(1, len(self.table.columns))
-        can_split = self.table.numbers >= set(columns)
-        while True:
-            shown = _columns(self.table, columns)
-            while (
-                can_split and len(columns) > 1 and console.measure(shown, options=boundless).maximum > options.max_width
-            ):
-                columns = columns[:-1]
-                shown = _columns(self.table, columns)
-            yield shown
-            columns = range(columns.stop, len(self.table.columns))
-            if not columns:
-                return
 
 
 def _columns(table: Table, columns: range) -> RichTable:
@@ -189,21 +183,21 @@ def _cell(cell: Cell) -> Text:
 
 
 def as_object(blocks: Sequence[Block]) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = []
-    for block in blocks:
-        plain: dict[str, Any] = {"kind": type(block).__name__.lower()}
-        match block:
-            case Heading() | Sentence():
-                plain |= {"text": str(block.text), "keys": list(keys_of(block.text))}
-                plain |= {"tone": block.tone, "lead": str(block.lead)} if isinstance(block, Sentence) else {}
-            case Command():
-                plain |= {"words": block.words}
-            case Figure():
-                plain |= {"text": block.caption}
-            case Segments():
-                plain |= {"parts": [{"name": str(part.name), "share": part.share} for part in block.parts]}
-            case Table():
-                rows = [[[str(cell.text), *map(str, cell.below)] for cell in row] for row in block.cells()]
-                plain |= {"columns": list(map(str, block.columns)), "rows": rows}
-        found.append(plain)
-    return found
+    return [{"kind": type(block).__name__.lower()} | _contents(block) for block in blocks]
+
+
+def _contents(block: Block) -> dict[str, Any]:
+    match block:
+        case Heading(text):
+            return {"text": text, "keys": list(keys_of(text))}
+        case Sentence(text, tone, lead):
+            return {"text": text, "keys": list(keys_of(text)), "tone": tone, "lead": lead}
+        case Command(words):
+            return {"words": words}
+        case Figure(caption):
+            return {"text": caption}
+        case Segments(parts):
+            return {"parts": [{"name": part.name, "share": part.share} for part in parts]}
+        case Table(columns):
+            rows = [[[cell.text, *cell.below] for cell in row] for row in block.cells()]
+            return {"columns": list(columns), "rows": rows}

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from analysis.apps.report.texts import Texts
 from analysis.robot.kinematics.arm import Array
+from analysis.runs.tabular import pick_fields
 from rigs.text import plain_values
 
 Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
@@ -69,15 +70,13 @@ class ChartLine:
     steps: Array | None = None
 
 
-@dataclass(frozen=True)
-class CircleMark:
-    at_deg: float
-    text: str
+Marks = tuple[tuple[float, str], ...]
+"""Places on the circle in degrees, each with a text."""
 
 
 @dataclass(frozen=True)
 class Chart:
-    """marks, shaded (from, to): in degrees of the circle. ticks: names at the positions x of the targets."""
+    """shaded (from, to): in degrees of the circle. ticks: names at the positions x of the targets."""
 
     title: str
     caption: str
@@ -86,7 +85,7 @@ class Chart:
     y_label: str
     unit: str
     lines: tuple[ChartLine, ...]
-    marks: tuple[CircleMark, ...] = ()
+    marks: Marks = ()
     shaded: tuple[tuple[float, float], ...] = ()
     ticks: tuple[tuple[float, str], ...] = ()
     panels: tuple[str, ...] = ()
@@ -156,7 +155,7 @@ class SphereChart:
 Picture = Chart | SphereChart
 
 
-def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[CircleMark, ...]:
+def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> Marks:
     """Marks of reversals, given as angle in degrees and axis. Close marks share a label."""
     groups: list[list[tuple[float, int]]] = []
     for turn in sorted(turns):
@@ -166,7 +165,7 @@ def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[CircleMa
             groups.append([turn])
     names = [texts("marked", axes=", ".join(dict.fromkeys(str(axis) for _, axis in group))) for group in groups]
     return tuple(
-        CircleMark(at_deg, name if place == 0 else "")
+        (at_deg, name if place == 0 else "")
         for group, name in zip(groups, names, strict=True)
         for place, (at_deg, _) in enumerate(group)
     )
@@ -181,42 +180,34 @@ def stretches(places: Sequence[tuple[float, float]]) -> tuple[tuple[float, float
 
 def live(picture: Picture) -> dict[str, Any]:
     """Contents for the script of the page (`templates/report.js`), which draws them with plotly."""
-    contents: dict[str, Any] = {"frame": picture.frame}
     if isinstance(picture, SphereChart):
-        contents |= {
+        contents = pick_fields(picture, "frame", "names", "words") | {
             "sphere": _places(picture.grid * picture.radius_mm),
             "surface": _places(picture.chart_points(picture.grid, picture.grid_deviation_mm)),
             "targets": _places(picture.chart_points(picture.targets, picture.deviation_mm)),
             "deviation": picture.grid_deviation_mm.round(6).tolist(),
             "limit": float(np.abs(picture.deviation_mm).max()),
-            "names": picture.names,
-            "words": picture.words,
         }
     else:
-        names = ["x_label", "y_label", "unit", "shaded", "ticks", "steps"]
+        names = ["frame", "x_label", "y_label", "unit", "marks", "shaded", "ticks", "steps"]
         names += ["hole", "largest", "largest_shown"] if picture.frame == "polar" else []
         names += ["reach"] if picture.steps else []
-        contents |= {name: getattr(picture, name) for name in names}
-        contents |= {
-            "marks": [asdict(mark) for mark in picture.marks],
-            "lines": [_line(line) for line in picture.lines],
-        }
+        lines = [{name: _packed(value) for name, value in vars(line).items()} for line in picture.lines]
+        contents = pick_fields(picture, *names) | {"lines": lines}
     plain: dict[str, Any] = plain_values(contents)
     return plain
-
-
-def _line(line: ChartLine) -> dict[str, Any]:
-    return {
-        "name": line.name, "role": line.role, "points": line.points, "x": _packed(line.x), "y": _packed(line.y),
-        "half": None if line.half is None else _packed(line.half),
-        "steps": None if line.steps is None else [_packed(values) for values in line.steps],
-    }  # fmt: skip
 
 
 def _places(points: Array) -> dict[str, Any]:
     return {axis: values.round(4).tolist() for axis, values in zip("xyz", np.moveaxis(points, -1, 0), strict=True)}
 
 
-def _packed(values: Array) -> str:
-    """Single precision: finer than the screen, at a third of the size of text."""
+def _packed(value: object) -> object:
+    """An array, or each of its rows, in single precision: finer than the screen, at a third of the size of text."""
+    if not isinstance(value, np.ndarray):
+        return value
+    return _base64(value) if value.ndim == 1 else list(map(_base64, value))
+
+
+def _base64(values: Array) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()

@@ -8,7 +8,18 @@ from typing import Any
 
 from analysis.apps.report.act_words import ActWords, without_idle_mounts
 from analysis.apps.report.answer_words import SMALL_SHARE, AnswerWords
-from analysis.apps.report.blocks import Block, Cell, Command, Heading, Segments, Sentence, Table, as_object
+from analysis.apps.report.blocks import (
+    Block,
+    Cell,
+    Command,
+    Heading,
+    Row,
+    Segments,
+    Sentence,
+    Table,
+    as_object,
+    paragraphs,
+)
 from analysis.apps.report.diagnosis_words import (
     LEAST_ODDS,
     error_size,
@@ -52,7 +63,7 @@ def summary_parts(summary: Summary, texts: Texts) -> list[list[Block]]:
     return [
         [
             Sentence(summary.headline, summary.tone, summary.badge),
-            *(Sentence(unknown, "doubt") for unknown in summary.unknowns),
+            *paragraphs(summary.unknowns, "doubt"),
         ],
         [Heading(error.title, 3), Sentence(error.words, "strong"), basis],
         [Heading(texts("main_causes"), 3), Segments(summary.causes) if summary.causes else Sentence("–")],
@@ -81,7 +92,7 @@ def sections_of(
         groups.append(Sentence(f"and {others} more groups (--json lists all)", "note"))
     is_sound = bool(diagnosis.next_act and diagnosis.next_act.why == "sound")
     sections: dict[str, tuple[str, Iterable[Block]]] = {
-        "details": ("details", [Sentence(line) for line in details if line]),
+        "details": ("details", paragraphs(details)),
         "passport": ("passport", _passport(words)),
         "budget": ("budget", _budget(words)),
         "faults": ("fitted" if diagnosis.given else "faults", _faults(words)),
@@ -92,7 +103,7 @@ def sections_of(
         "inseparable": ("inseparable", groups),
         "undetectable": ("undetectable", _undetectable(diagnosis)),
         "where": ("where_heading", places_blocks(diagnosis.where)),
-        "doubts": ("doubts_heading", [Sentence(doubt, "doubt") for doubt in diagnosis.doubts]),
+        "doubts": ("doubts_heading", paragraphs(diagnosis.doubts, "doubt")),
     }
     return {key: [Heading(texts(name)), *blocks] for key, (name, given) in sections.items() if (blocks := list(given))}
 
@@ -121,7 +132,7 @@ def _budget(words: AnswerWords) -> list[Block]:
     shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
     shown = [Cell(f"{tenths / 10:.1f} %", bar=max(0.0, share / max(shares)))
              for share, tenths in zip(shares, _tenths(shares), strict=True)]  # fmt: skip
-    rows: list[tuple[str | Cell, ...]] = []
+    rows = list[Row]()
     for part, share in zip(large, shown, strict=False):
         doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
         below = [_size_and_odds(words, part), words.likely_members(part), *doubt]
@@ -134,7 +145,7 @@ def _budget(words: AnswerWords) -> list[Block]:
     columns = tuple(texts(name) for name in ("part", "share", "rms_and_u", "rank"))
     ranks = (*(part.rank or "other" for part in large), *["other"] * bool(small))
     about = texts("about_budget", whole=micrometres(diagnosis.train.before_um), cut_off=f"{FAULT:g}")
-    return [Table(columns, tuple(rows), frozenset({2}), ranks, "budget"), Sentence(about, "note")]
+    return [Table(columns, rows, {2}, ranks, "budget"), Sentence(about, "note")]
 
 
 def _size_and_odds(words: AnswerWords, part: BudgetPart) -> str:
@@ -162,7 +173,7 @@ def _passport(words: AnswerWords) -> list[Block]:
     names = ", ".join(map(words.noun, passport.changed))
     changed = texts(f"passport_{'moved' if passport.last_visit else 'changed'}", names=names) if names else ""
     rows = tuple((texts(f"passport_{name}"), error_size(of.value, of.u)) for name, of in passport.distances.items())
-    return [Sentence(joined([texts("about_passport"), changed])), Table(("", "µm"), rows, frozenset({1}))]
+    return [Sentence(joined([texts("about_passport"), changed])), Table(("", "µm"), rows, {1})]
 
 
 def _faults(words: AnswerWords) -> list[Block]:
@@ -185,13 +196,13 @@ def _faults(words: AnswerWords) -> list[Block]:
     rows = tuple(_fault(words, named) for named in faults)
     likeliest = [Sentence(texts("likeliest_first"), "note")] if diagnosis.condition == "ambiguous" else []
     return [
-        Table(tuple(map(texts, keys)), rows, frozenset({1, 2, 3, 4}), ("unusual",) * len(rows)),
+        Table([*map(texts, keys)], rows, {1, 2, 3, 4}, ("unusual",) * len(rows)),
         *likeliest,
         *doubted,
     ]
 
 
-def _fault(words: AnswerWords, named: Named) -> tuple[str | Cell, ...]:
+def _fault(words: AnswerWords, named: Named) -> Row:
     diagnosis, texts = words.diagnosis, words.texts
     below = [f"{parameter_in_words(field)} {with_uncertainty(named.effect, field, named.sd)}"
              for field in other_parameters(named)]  # fmt: skip
@@ -222,18 +233,18 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
 
 
 def stairs_table(stairs: Stairs, texts: Texts) -> Table:
-    rows: list[tuple[str | Cell, ...]] = []
+    rows = list[Row]()
     for name, (used, *others) in zip(stairs.step_names(texts), stairs.left, strict=True):
         rows.append((name, Cell(residual_words(used), bar=used.um / stairs.largest_um), *map(residual_words, others)))
     columns = (texts("step_left"), *(texts(f"runs_{place}") for place in stairs.places))
-    return Table(columns, tuple(rows), frozenset(range(2, len(columns))), key="steps")
+    return Table(columns, rows, range(2, len(columns)), key="steps")
 
 
 def _gaps(words: AnswerWords) -> list[Block]:
     diagnosis, texts = words.diagnosis, words.texts
     has_share = bool(diagnosis.standing)
     columns = (texts("gap_rms"), *map(texts, words.gap_cells(diagnosis.train)), *[texts("explained")] * has_share)
-    rows: list[tuple[str | Cell, ...]] = []
+    rows = list[Row]()
     for place, gap in (("used", diagnosis.train), ("held_out", diagnosis.held_out), ("unseen", diagnosis.unseen)):
         if gap is not None:
             name = Cell(texts(f"runs_{place}"), () if gap.keeps_setup else (texts("separate_setup"),))
@@ -249,8 +260,8 @@ def _gaps(words: AnswerWords) -> list[Block]:
         "" if diagnosis.shows_noise else texts("noise_assumed"),
         texts("about_scatter") if diagnosis.train.of_places else "",
     ]
-    table = Table(columns, tuple(rows), frozenset(range(1, len(columns))))
-    return [table, *(Sentence(note, "note") for note in notes if note)]
+    table = Table(columns, rows, range(1, len(columns)))
+    return [table, *paragraphs(notes, "note")]
 
 
 def _unexplained(words: AnswerWords) -> list[Block]:
@@ -286,4 +297,4 @@ def places_blocks(where: Sequence[ResidualPlace]) -> list[Block]:
     notes = [f"and {len(where) - _MOST_PLACES} more (--json lists all)"] * (len(where) > _MOST_PLACES)
     if any(place.test in CIRCLES for place in where):
         notes.append("distance: mean of both gauges; angle: difference of the gauges; axis: this axis reverses there")
-    return [Table(columns, rows, frozenset({3, 5, 6})), *(Sentence(note, "note") for note in notes)]
+    return [Table(columns, rows, {3, 5, 6}), *paragraphs(notes, "note")]

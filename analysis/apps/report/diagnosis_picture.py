@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
+import numpy as np
 from matplotlib.figure import Figure, SubFigure
 
 from analysis.apps.report.model_charts import residual_charts
@@ -57,22 +58,20 @@ def _stairs(stairs: Stairs) -> Part:
     def draw(sheet: SubFigure) -> None:
         axes, texts = sheet.subplots(), texts_of("en")
         for k, (key, left) in enumerate(zip(stairs.places, zip(*stairs.left, strict=True), strict=True)):
-            rows, u_um = [row + k * _BAR for row in range(len(left))], [residual.u_um for residual in left]
-            um = [residual.um for residual in left]
-            axes.barh(rows, um, _BAR, xerr=u_um, label=texts(f"runs_{key}"), error_kw={"elinewidth": 0.7})
-        for row, step in enumerate(stairs.left):
-            end = max(residual.um + residual.u_um for residual in step), row
-            words = " · ".join(map(residual_words, step))
-            axes.annotate(words, end, (5, 0), textcoords="offset points", va="center", fontsize=8)
+            um, u_um = zip(*((residual.um, residual.u_um) for residual in left), strict=True)
+            rows, name = np.arange(len(left)) + k * _BAR, texts(f"runs_{key}")
+            bars = axes.barh(rows, um, _BAR, xerr=u_um, label=name, error_kw={"elinewidth": 0.7})
+            axes.bar_label(bars, list(map(residual_words, left)), padding=5, fontsize=6.5)
         # The name of a part with many cancelling parts takes three lines, which would squeeze the bars.
         wrapped = [
             textwrap.wrap(name, _NAME_COLUMNS, max_lines=2, placeholder=" …") for name in stairs.step_names(texts)
         ]
         axes.set_yticks(range(len(wrapped)), list(map("\n".join, wrapped)), fontsize=8)
         axes.invert_yaxis()
-        axes.set_xlim(0, (1.04 + 0.12 * len(stairs.places)) * stairs.largest_um)
+        axes.margins(x=0.12)
+        axes.set_xlim(left=0)
         axes.set_xlabel("left of the error, rms / µm", fontsize=8)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.legend(fontsize=7.5, loc="lower right", frameon=False)
+        sheet.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
 
-    return 0.9 + 0.28 * len(stairs.left), draw
+    return 1.1 + 0.28 * len(stairs.left), draw

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
+from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table, paragraphs
 from analysis.apps.report.run_object import (
     TruthComparison,
     eccentricities_in_words,
@@ -46,7 +46,7 @@ def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
 
 
 def figure_table(columns: Sequence[Column], texts: Texts, *more: tuple[str, ...]) -> Table:
-    rows: list[tuple[str | Cell, ...]] = []
+    rows = list[Row]()
     names = in_order(name for column in columns for name in column.figures)
     for name in names:
         cells = []
@@ -59,7 +59,7 @@ def figure_table(columns: Sequence[Column], texts: Texts, *more: tuple[str, ...]
         rows.append((texts.label(name), *cells))
     ranks = (*("unusual" if name in LEADING else "" for name in names), *[""] * len(more))
     titles = (texts("value_and_u"), *(column.title for column in columns))
-    return Table(titles, (*rows, *more), frozenset(range(1, len(titles))), ranks, "stack")
+    return Table(titles, (*rows, *more), range(1, len(titles)), ranks, "stack")
 
 
 def answer_of(
@@ -86,13 +86,13 @@ def answer_of(
             blocks.append(figure_table(columns, texts, *_facts(group, len(columns))))
         hint = "; --each shows the single runs" if repeated and not each else ""
         first, *remarks = remarks_of(group)
-        blocks += [Sentence(remark, "note") for remark in (first + hint, *remarks)]
+        blocks += paragraphs((first + hint, *remarks), "note")
     if truths:
         agree = [abs(one.deviation_u) <= 2 for by_name in truths for one in by_name.values()]
         verdict = f"{sum(agree)} of {len(agree)} figures agree with the truth within 2 u"
         blocks.append(Sentence(verdict, "pass" if all(agree) else "fail"))
     doubts = [doubt for group in by_test(results) for doubt in doubts_of(group)]
-    return [*blocks, *(Sentence(line, "doubt") for line in doubt_lines(doubts, with_title=True))]
+    return [*blocks, *paragraphs(doubt_lines(doubts, with_title=True), "doubt")]
 
 
 def _facts(group: Sequence[Result], columns: int) -> list[tuple[str, ...]]:

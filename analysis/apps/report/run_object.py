@@ -17,7 +17,6 @@ from analysis.procedures.circle import CircleResult
 from analysis.procedures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.quantity import Quantity
-from analysis.runs.tabular import for_json
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
@@ -123,28 +122,25 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
     runs = [result.to_dict() for result in results]
     for run, truth in zip(runs, truths, strict=False):
-        run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
+        run["truth"] = truth
     groups = by_test(results)
-    plain: dict[str, Any] = for_json(
-        {
-            "runs": runs,
-            "between_runs": [_pooled_object(runs_mean) for group in groups for runs_mean in pooled(group)],
-            "remarks": [what_u_is(group) for group in groups],
-            "acw_against_cw": [
-                {
-                    "rig": group[0].measured.rig.name,
-                    "test": group[0].test,
-                    "runs": [str(result.measured.path) for acw_and_cw in both.runs for result in acw_and_cw],
-                    "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
-                    "lag": None if both.lag is None else asdict(both.lag),
-                    "refused": list(both.refused),
-                }
-                for group in groups
-                if (both := pairs_of(group))
-            ],
-        }
-    )
-    return plain
+    return {
+        "runs": runs,
+        "between_runs": [_pooled_object(runs_mean) for group in groups for runs_mean in pooled(group)],
+        "remarks": [what_u_is(group) for group in groups],
+        "acw_against_cw": [
+            {
+                "rig": group[0].measured.rig.name,
+                "test": group[0].test,
+                "runs": [result.measured.path for acw_and_cw in both.runs for result in acw_and_cw],
+                "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
+                "lag": both.lag,
+                "refused": both.refused,
+            }
+            for group in groups
+            if (both := pairs_of(group))
+        ],
+    }
 
 
 def _pooled_object(runs_mean: Pooled) -> dict[str, Any]:
@@ -153,13 +149,13 @@ def _pooled_object(runs_mean: Pooled) -> dict[str, Any]:
         "rig": every[0].measured.rig.name,
         "test": every[0].test,
         "direction": every[0].measured.run.manifest.direction,
-        "runs": [str(result.measured.path) for result in runs_mean.runs],
+        "runs": [result.measured.path for result in runs_mean.runs],
         "left_out": {str(result.measured.path): why for result, why in runs_mean.left_out},
         "figures": {name: _between_object(figure) for name, figure in runs_mean.figures.items()},
     }
 
 
-def _between_object(figure: BetweenRuns | Quantity) -> dict[str, Any]:
+def _between_object(figure: BetweenRuns | Quantity) -> Quantity | dict[str, Any]:
     if isinstance(figure, Quantity):
-        return asdict(figure)
+        return figure
     return asdict(figure.mean) | {"sd_between_runs": figure.sd, "runs": figure.runs}

@@ -166,11 +166,11 @@ def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
         _draw(axes, line)
     for low, high in chart.shaded:
         axes.axvspan(low, high, color=_SHADE, alpha=0.35, lw=0, zorder=0)
-    for mark in chart.marks:
-        axes.axvline(mark.at_deg, color=_GREY, lw=0.7, ls=":")
+    for at_deg, text in chart.marks:
+        axes.axvline(at_deg, color=_GREY, lw=0.7, ls=":")
         axes.text(
-            mark.at_deg, 1.02, "" if shared else mark.text, transform=axes.get_xaxis_transform(), rotation=45,
-            fontsize=6.5, color=_GREY,
+            at_deg, 1.02, "" if shared else text, transform=axes.get_xaxis_transform(), rotation=45, fontsize=6.5,
+            color=_GREY,
         )  # fmt: skip
     if chart.frame == "straight":
         axes.set_xlim(0, 360)

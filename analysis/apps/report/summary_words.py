@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.apps.report.act_words import ActWords, without_idle_mounts
+from analysis.apps.report.act_words import REPAIRS, ActWords, without_idle_mounts
 from analysis.apps.report.answer_words import (
     HARMLESS,
     has_model,
@@ -54,8 +54,6 @@ _LEAST_SHARE = 0.01
 _TENTH_PERCENT = 0.001
 _LIKELY = 0.5
 """Odds below which the likeliest member of a part is not named in the headline: another member is likelier."""
-_REPAIRS = ("repair", "remaster", "enter", "mount")
-"""Kinds of acts that change the arm or its set-up, so that a correction from the same runs no longer fits."""
 _OPEN = ("cause_open", "ambiguous", "undecided", "unusual_group")
 """Headings of an open cause. A correction does not need the cause, and the first line says so."""
 _UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
@@ -239,7 +237,7 @@ class _SummaryWords(ActWords):
         return self.texts("do_now_load_open") if is_open else self.action_of(act)
 
     def _is_optional(self, act: Act) -> bool:
-        return self._is_within_limits and act.kind in ("load", "approach", *_REPAIRS)
+        return self._is_within_limits and act.kind in ("load", "approach", *REPAIRS)
 
     @property
     def error(self) -> ErrorChange:
@@ -289,14 +287,14 @@ class _SummaryWords(ActWords):
         """The acts after which the second error is reached."""
         acts = [self._correction_alone] if self._correction_alone else without_idle_mounts(self.diagnosis.acts)
         kinds = {act.kind for act in acts if act.kind == "check" or act.removes}
-        ways = ["correction"] * bool(kinds & {"load", "approach"}) + ["repair"] * bool(kinds & {"check", *_REPAIRS})
+        ways = ["correction"] * bool(kinds & {"load", "approach"}) + ["repair"] * bool(kinds & {"check", *REPAIRS})
         return self.texts(f"error_after_{'_'.join(ways)}") if ways else ""
 
     @property
     def _each_by_itself(self) -> str:
         """The errors after only the correction and only the repairs; empty unless both exist."""
         acts = [act for act in self.diagnosis.acts if act.removes and act.place == self.diagnosis.accuracy.place]
-        corrections, repairs = ([act for act in acts if act.kind in kinds] for kinds in (("load",), _REPAIRS))
+        corrections, repairs = ([act for act in acts if act.kind in kinds] for kinds in (("load",), REPAIRS))
         if not corrections or not repairs:
             return ""
         after_all_um = repairs[-1].with_before_um  # None for a single repair

@@ -5,7 +5,7 @@ Answers in English only have their sentences in `english.yaml`. Doubts and remed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -46,15 +46,14 @@ LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 
 class Phrase(str):
-    """A text that knows its key, the keys of the texts inserted into it, and the values."""
+    """A text that knows its key and the keys of the texts inserted into it."""
 
-    __slots__ = ("keys", "values")
+    __slots__ = ("keys",)
     keys: tuple[str, ...]
-    values: Mapping[str, object]
 
-    def __new__(cls, text: str, keys: tuple[str, ...] = (), values: Mapping[str, object] | None = None) -> Phrase:
+    def __new__(cls, text: str, keys: tuple[str, ...] = ()) -> Phrase:
         sentence = super().__new__(cls, text)
-        sentence.keys, sentence.values = keys, values or {}
+        sentence.keys = keys
         return sentence
 
     def __getnewargs__(self) -> tuple[str, tuple[str, ...]]:  # type: ignore[override]
@@ -83,13 +82,14 @@ class Texts:
     labels: dict[str, str]
     nouns: dict[str, str]
 
-    def __call__(self, key: str, /, **values: object) -> Phrase:
-        keys = (key, *(inner for value in values.values() for inner in keys_of(value)))
-        return Phrase(self.words[key].format(**values), keys, values)
+    def __call__(self, *keys: str, **values: object) -> Phrase:
+        """The text of the first key that exists, with its values."""
+        key = next((key for key in keys if key in self.words), keys[-1])
+        inner = (inner for value in values.values() for inner in keys_of(value))
+        return Phrase(self.words[key].format(**values), (key, *inner))
 
     def counted(self, key: str, count: int, **values: object) -> str:
-        singular = f"{key}_single"
-        return self(singular if count == 1 and singular in self.words else key, count=count, **values)
+        return self(f"{key}_single" if count == 1 else key, key, count=count, **values)
 
     def test(self, name: str) -> str:
         return self.words.get(f"test_{name}", name)

@@ -9,7 +9,7 @@ from typing import Literal
 import yaml
 
 from analysis.api import Diagnosis, Result
-from analysis.apps.report.blocks import Block, Cell, Heading, Sentence, Table
+from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table
 from analysis.apps.report.texts import Texts, joined, whole_label
 from analysis.diagnosis.judge.verdict import JudgedFigure, judged_figures
 from analysis.procedures.shared.test_kind import labels_of
@@ -65,7 +65,7 @@ def verdict_sentence(verdict: PageVerdict, texts: Texts) -> str:
 
 
 def limits_blocks(verdict: PageVerdict, texts: Texts, heading: str) -> list[Block]:
-    rows: list[tuple[str | Cell, ...]] = []
+    rows = list[Row]()
     for one in verdict.judged:
         watch, fail = (
             "" if bound is None else f"{bound:g} {one.figure.sign}" for bound in (one.limit.watch, one.limit.fail)
@@ -75,7 +75,7 @@ def limits_blocks(verdict: PageVerdict, texts: Texts, heading: str) -> list[Bloc
         standing = Cell(texts(f"standing_{one.standing}"), remark, tone=one.standing)
         rows.append((figure_title(one, texts), str(one.figure), watch, Cell(fail, source), standing))
     columns = tuple(map(texts, ("figure", "value", "watch_above", "fail_above", "standing")))
-    table = Table(columns, tuple(rows), frozenset({1, 2, 3}), key="stack")
+    table = Table(columns, rows, {1, 2, 3}, key="stack")
     rule = Sentence(texts("rule", coverage=f"{COVERAGE:g}"), "note")
     return [Heading(texts(heading)), table, rule] if rows else []
 

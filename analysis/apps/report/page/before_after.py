@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from analysis.apps.report.blocks import Block, Command, Heading, Sentence, Table
+from analysis.apps.report.blocks import Block, Command, Heading, Sentence, Table, paragraphs
 from analysis.apps.report.diagnosis_words import micrometres
 from analysis.apps.report.page.accuracy import PageVerdict, verdict_blocks
 from analysis.apps.report.summary import Summary
@@ -80,9 +80,9 @@ def path_blocks(after: BeforeAfter, texts: Texts) -> list[Block]:
     for row in after.rows:
         cells = (_measured(row.before, texts), _measured(row.after, texts), _expected(row.expected, texts))
         rows.append((texts(f"place_{row.place}"), *cells[: len(keys)]))
-    table = Table(tuple(map(texts, ("driven_where", *keys))), tuple(rows), key="stack")
+    table = Table([*map(texts, ("driven_where", *keys))], rows, key="stack")
     head = Heading(texts("before_after" if is_driven else "path_error"))
-    return [head, *map(Sentence, lines), *([table] if rows else [])]
+    return [head, *paragraphs(lines), *([table] if rows else [])]
 
 
 def _measured(error: Deviation | None, texts: Texts) -> str:

@@ -7,7 +7,7 @@ from typing import get_args
 
 import numpy as np
 
-from analysis.apps.report.blocks import Block, Heading, Sentence, Table
+from analysis.apps.report.blocks import Block, Heading, Sentence, Table, paragraphs
 from analysis.apps.report.chart import Picture
 from analysis.apps.report.model_charts import simulated_charts
 from analysis.apps.report.run_answer import columns_of, doubt_lines, doubts_of, figure_table, remarks_of
@@ -48,7 +48,7 @@ def test_sections(
         charts += [joint_chart(group, texts)] if group is first_circle else []  # yaw and roll share one circle
         place = group[0].measured.run.manifest.placement
         title = texts.test(group[0].test) + (f" · {place}" if place and place != group[0].test else "")
-        doubts = (Sentence(line, "doubt") for line in doubt_lines(doubts_of(group)))
+        doubts = paragraphs(doubt_lines(doubts_of(group)), "doubt")
         above: list[Block] = [Heading(title), Sentence(about), *doubts]
         sections.append((above, charts, _below(group, texts)))
     return sections
@@ -78,4 +78,4 @@ def _reversals(result: Result, texts: Texts) -> Table | None:
         joint, measured = texts.axis(result.measured.rig.robot, turn.axis), f"{np.degrees(turn.phi):.1f}°"
         rows.append((joint, measured, nominal, texts("upper" if turn.upper else "lower")))
     heads = tuple(map(texts, ("joint", "turns_at", "nominal", "sense")))
-    return Table(heads, tuple(rows), frozenset({1, 2}), key="narrow stack") if rows else None
+    return Table(heads, rows, {1, 2}, key="narrow stack") if rows else None

@@ -160,7 +160,7 @@ def trace_table(results: Sequence[Result], texts: Texts) -> Table:
         files += [f"{chunk.file} {chunk.sha256}" for chunk in manifest.chunks]
         started = Cell(manifest.started[:19].replace("T", " "), tuple(filter(None, who)))
         rows.append((Cell(result.title, (result.name,)), started, Cell(str(result.measured.path), tuple(files))))
-    return Table(tuple(map(texts, ("run", "when_and_who", "files"))), tuple(rows), key="stack")
+    return Table([*map(texts, ("run", "when_and_who", "files"))], rows, key="stack")
 
 
 def instruments_table(rig: Rig, texts: Texts) -> Table:
@@ -176,7 +176,7 @@ def instruments_table(rig: Rig, texts: Texts) -> Table:
         for name, kind, one, calibrated in parts
     )
     heads = ("instrument", "kind", "certificate", "calibrated", "due")
-    return Table(tuple(map(texts, heads)), rows, key="narrow stack")
+    return Table([*map(texts, heads)], rows, key="narrow stack")
 
 
 def write_page(report: Report, file: Path, language: Language = "en", heading: PageHead = NO_HEAD) -> Path:
