@@ -63,26 +63,20 @@ def analyse(
     if not results:
         end_with(worst_code(errors))
         return
-    truths = []
-    if truth:
-        from analysis.apps.report.run_object import compare
+    from analysis.apps.report.blocks import say_answer
+    from analysis.apps.report.run_answer import answer_of, as_object, compare
 
-        truths = compare(results, truth)
+    truths = compare(results, truth) if truth else []
     if plot:
-        from analysis.apps.report.run_pictures import save_all_pictures
+        from analysis.apps.report.run_charts import save_all_pictures
         from analysis.cli.console import progress_of
 
         with progress_of("drawing the pictures"):
             pictures = list(save_all_pictures(results, plot))
         say_written(pictures)
     if as_json:
-        from analysis.apps.report.run_object import as_object
-
         say_json(as_object(results, truths))
     else:
-        from analysis.apps.report.blocks import say_answer
-        from analysis.apps.report.run_answer import answer_of
-
         say_answer(answer_of(results, truths, each=each))
     end_with(worst_code(errors))
 

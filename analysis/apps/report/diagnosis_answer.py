@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from analysis.apps.report.act_words import ActWords, without_idle_mounts
@@ -23,9 +24,11 @@ from analysis.apps.report.blocks import (
 from analysis.apps.report.diagnosis_words import (
     LEAST_ODDS,
     error_size,
+    has_measured_noise,
     micrometres,
     other_parameters,
     percent,
+    plain,
     remains_rows,
     runs_of,
     size,
@@ -33,14 +36,14 @@ from analysis.apps.report.diagnosis_words import (
     sure,
     with_uncertainty,
 )
-from analysis.apps.report.stairs import Stairs, residual_words, stairs_of
 from analysis.apps.report.summary import Summary
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Texts, joined, texts_of
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Act, Doubt
-from analysis.diagnosis.judge.residuals import ResidualPlace
+from analysis.diagnosis.judge.comparison import LocatedResidual
+from analysis.diagnosis.judge.residuals import ModelResidual, ResidualPlace, Staircase
 from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Named
 from rigs.effect_names import name_in_words, names_in_words, parameter_in_words
 from rigs.schema.vocabulary import CIRCLES
@@ -232,14 +235,6 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
     return texts("where", places=listed) if listed else ""
 
 
-def stairs_table(stairs: Stairs, texts: Texts) -> Table:
-    rows = list[Row]()
-    for name, (used, *others) in zip(stairs.step_names(texts), stairs.left, strict=True):
-        rows.append((name, Cell(residual_words(used), bar=used.um / stairs.largest_um), *map(residual_words, others)))
-    columns = (texts("step_left"), *(texts(f"runs_{place}") for place in stairs.places))
-    return Table(columns, rows, range(2, len(columns)), key="steps")
-
-
 def _gaps(words: AnswerWords) -> list[Block]:
     diagnosis, texts = words.diagnosis, words.texts
     has_share = bool(diagnosis.standing)
@@ -298,3 +293,68 @@ def places_blocks(where: Sequence[ResidualPlace]) -> list[Block]:
     if any(place.test in CIRCLES for place in where):
         notes.append("distance: mean of both gauges; angle: difference of the gauges; axis: this axis reverses there")
     return [Table(columns, rows, {3, 5, 6}), *paragraphs(notes, "note")]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The staircase of the gap: the part that each step adds, and the residual after it.
+
+
+@dataclass(frozen=True)
+class Stairs:
+    places: tuple[str, ...]
+    """Text keys of the places, the runs used first."""
+    names: tuple[str, ...]
+    """The initial model, then the part that each step adds."""
+    left: tuple[tuple[ModelResidual, ...], ...]
+    """Residuals of each step by place."""
+
+    def step_names(self, texts: Texts) -> list[str]:
+        return [self.names[0], *(texts("step_with", part=part) for part in self.names[1:])]
+
+    @property
+    def largest_um(self) -> float:
+        return max(1e-9, *(residual.um for step in self.left for residual in step))
+
+
+def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None:
+    if diagnosis.staircase is None:
+        return None
+    texts = texts or texts_of("en")
+    words, names = AnswerWords(diagnosis, texts), [str(texts("step_first"))]
+    for step in diagnosis.staircase.steps[1:]:
+        single = words.part_name(diagnosis.budget[step.parts[0]]) if len(step.parts) == 1 else ""
+        names.append(single or texts.counted("smaller_parts", len(step.parts)))
+    return _stairs(diagnosis.staircase, names, has_u=has_measured_noise(diagnosis))
+
+
+def stairs_of_model(residual: LocatedResidual) -> Stairs | None:
+    if residual.staircase is None:
+        return None
+    texts, rig = texts_of("en"), residual.rig
+    parts = [*(plain(rig, effect) for effect in rig.effects), texts("step_calibration")]
+    added = [parts[step.parts[0]] for step in residual.staircase.steps[1:]]
+    return _stairs(residual.staircase, [texts("step_bare"), *added], has_u=True)
+
+
+def _stairs(staircase: Staircase, names: Sequence[str], *, has_u: bool) -> Stairs:
+    left = [[residual for residual in (step.used, step.held_out, step.unseen) if residual] for step in staircase.steps]
+    shown = (tuple(residual if has_u else replace(residual, u_um=0.0) for residual in step) for step in left)
+    return Stairs(staircase.places, tuple(names), tuple(shown))
+
+
+def residual_words(residual: ModelResidual) -> str:
+    return error_size(residual.um, residual.u_um)
+
+
+def step_sentences(stairs: Stairs, texts: Texts) -> list[str]:
+    first, *parts = stairs.names
+    later = [texts("step_now", number=number, count=len(parts), part=part) for number, part in enumerate(parts, 1)]
+    return [texts("step_start", count=len(parts), name=first), *later]
+
+
+def stairs_table(stairs: Stairs, texts: Texts) -> Table:
+    rows = list[Row]()
+    for name, (used, *others) in zip(stairs.step_names(texts), stairs.left, strict=True):
+        rows.append((name, Cell(residual_words(used), bar=used.um / stairs.largest_um), *map(residual_words, others)))
+    columns = (texts("step_left"), *(texts(f"runs_{place}") for place in stairs.places))
+    return Table(columns, rows, range(2, len(columns)), key="steps")

@@ -7,8 +7,8 @@ import textwrap
 import numpy as np
 from matplotlib.figure import Figure, SubFigure
 
+from analysis.apps.report.diagnosis_answer import Stairs, residual_words, stairs_of, stairs_of_model
 from analysis.apps.report.model_charts import residual_charts
-from analysis.apps.report.stairs import Stairs, residual_words, stairs_of, stairs_of_model
 from analysis.apps.report.still_chart import Part, sheet_of
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import texts_of

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.apps.report.chart import Chart, ChartLine, Role, marks_of, stretches
+from analysis.apps.report.diagnosis_answer import Stairs
 from analysis.apps.report.diagnosis_words import runs_of
-from analysis.apps.report.stairs import Stairs
 from analysis.apps.report.texts import Texts
 from analysis.diagnosis.judge.comparison import Compared, Comparison, LocatedResidual
 from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace

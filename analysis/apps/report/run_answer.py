@@ -1,28 +1,67 @@
-"""The answer of analysed runs as blocks: a table of figures for each test, and remarks on uncertainties."""
+"""The answer of analysed runs: figures of each test, remarks on uncertainties, the truth of an emulated cell, JSON."""
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from analysis.apps.report.blocks import Block, Cell, Heading, Row, Sentence, Table, paragraphs
-from analysis.apps.report.run_object import (
-    TruthComparison,
-    eccentricities_in_words,
-    figure_in_words,
-    lag_in_words,
-    warmth_in_words,
-    what_u_is,
-)
 from analysis.apps.report.texts import LEADING, Texts, in_order, joined, texts_of
-from analysis.procedures.pooled import figure_columns, pairs_of, pooled
+from analysis.procedures.circle import CircleResult
+from analysis.procedures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, figure_columns, pairs_of, pooled
 from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.quantity import Quantity
+from rigs.errors import FileError
+from rigs.files import read_bytes
 from rigs.text import counted
 
 _UNPLACED_DEG = 15.0
 """Standard uncertainty beyond which no place is shown: ± 2 u would cover a sixth of the circle."""
+_LARGEST_OF_NOISE = ("hysteresis_max_deg", "hysteresis_max_mm")
+_BEYOND = 4.0
+"""Multiple of u beyond which two eccentricities contradict each other. Chosen: odds of 10 000 to 1."""
+
+
+_MOST_BYTES = 1_000_000
+_REMEDY = "give the truth.json that rig emulate wrote"
+
+
+@dataclass(frozen=True)
+class TruthComparison:
+    """deviation_u: deviation in standard uncertainties."""
+
+    truth: float
+    deviation_u: float
+
+
+def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthComparison]]:
+    """Raises FileError if the file is not the truth of these runs. Results without a truth have no comparisons."""
+    try:
+        truth = json.loads(read_bytes(path, _MOST_BYTES))
+        comparisons = []
+        for result in results:
+            manifest = result.measured.run.manifest
+            if truth["rig"] != manifest.rig_name:
+                raise KeyError(manifest.rig_name)
+            values = truth[manifest.test][manifest.direction] if manifest.test in truth else {}
+            figures = ((name, result.figures[name], float(value)) for name, value in values.items())
+            comparisons.append(
+                {name: TruthComparison(true, (seen.value - true) / seen.u) for name, seen, true in figures}
+            )
+    except OSError as error:
+        raise FileError.of_os(path, error, _REMEDY, code="truth.unreadable") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise FileError(str(path), "is not the truth of these runs", _REMEDY, code="truth.other_runs") from None
+    if not any(comparisons):
+        problem = f"does not cover the {results[0].test} test"
+        raise FileError(str(path), problem, "leave --truth out", code="truth.other_test")
+    return comparisons
 
 
 @dataclass(frozen=True)
@@ -107,6 +146,64 @@ def remarks_of(group: Sequence[Result]) -> list[str]:
     return [what_u_is(group), *lines]
 
 
+def what_u_is(group: Sequence[Result]) -> str:
+    repeated = [means for means in pooled(group) if means.figures]
+    if not repeated:
+        return ONE_RUN
+    runs = " and ".join(f"{len(mean.runs)} {mean.title} runs" for mean in repeated)
+    means = f"mean of {runs} ± standard uncertainty of the mean; sd: standard deviation between the runs"
+    titles = dict.fromkeys(result.title for result in group)
+    single = [title for title in titles if title not in {mean.title for mean in repeated}]
+    return f"{means}; {' and '.join(single)}: {ONE_RUN}" if single else means
+
+
+def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
+    """A largest hysteresis below u is noise, and shown as the bound u."""
+    value = figure.mean if isinstance(figure, BetweenRuns) else figure
+    if name in _LARGEST_OF_NOISE and value.value < value.u < np.inf:
+        return f"≤ {value.rounded_u} {value.sign}"
+    return str(figure)
+
+
+def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
+    apart_mm = []
+    for result in group:
+        angle, distance = (result.figures.get(f"{by}eccentricity_mm") for by in ("", "distance_"))
+        if angle and distance and abs(angle.value - distance.value) > _BEYOND * np.hypot(angle.u, distance.u):
+            apart_mm.append(abs(angle.value - distance.value))
+    words = "the two estimates of the ball's place, by angle and by distance, differ by {:.0f} µm: take this as the "
+    return [f"{words.format(1000 * max(apart_mm))}uncertainty of the place"] if apart_mm else []
+
+
+def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
+    if not isinstance(group[0].found, CircleResult):
+        return []
+    if both is None:
+        return ["a single direction cannot show a lag between gauges and robot: analyse acw and cw together"]
+    lag, lines = both.lag, list(both.refused)
+    if lag is None:
+        return lines
+    if abs(lag.value) < 2 * lag.u:
+        return [*lines, f"no significant lag between gauges and robot: {lag}"]
+    driven = both.runs[0][0].found
+    rad_s = abs(driven.curve.rate) if isinstance(driven, CircleResult) else 0.0
+    off_deg = np.degrees(rad_s * abs(lag.value) / 1000)
+    words = f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {off_deg:.2g}° in opposite "
+    words += "directions, which their u does not include; describe the gauge by `timing` in the rig file, or run rig "
+    return [*lines, f"{words}diagnose"]
+
+
+def warmth_in_words(group: Sequence[Result]) -> list[str]:
+    lines = []
+    for result in group:
+        if warmth := result.measured.condition.warmth:
+            means, rises = ([getattr(warming, key) for warming in warmth.values()] for key in ("mean_c", "rise_c"))
+            most = max(rises, key=abs)
+            line = f"{result.title}, {result.name}: joints {min(means):.1f} to {max(means):.1f} °C in the mean"
+            lines.append(f"{line}; axis {list(warmth)[rises.index(most)]} changed by {most:+z.1f} °C within the run")
+    return lines
+
+
 def doubts_of(group: Sequence[Result]) -> list[tuple[Result, str]]:
     doubts = [(result, doubt) for result in group for doubt in result.doubts]
     return doubts + [(result, why) for means in pooled(group) for result, why in means.left_out]
@@ -129,3 +226,45 @@ def doubt_lines(doubts: Sequence[tuple[Result, str]], *, with_title: bool = Fals
 
 
 _FIGURE = re.compile(r"-?\d+\.\d+")
+
+
+def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
+    runs = [result.to_dict() for result in results]
+    for run, truth in zip(runs, truths, strict=False):
+        run["truth"] = truth
+    groups = by_test(results)
+    return {
+        "runs": runs,
+        "between_runs": [_pooled_object(runs_mean) for group in groups for runs_mean in pooled(group)],
+        "remarks": [what_u_is(group) for group in groups],
+        "acw_against_cw": [
+            {
+                "rig": group[0].measured.rig.name,
+                "test": group[0].test,
+                "runs": [result.measured.path for acw_and_cw in both.runs for result in acw_and_cw],
+                "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
+                "lag": both.lag,
+                "refused": both.refused,
+            }
+            for group in groups
+            if (both := pairs_of(group))
+        ],
+    }
+
+
+def _pooled_object(runs_mean: Pooled) -> dict[str, Any]:
+    every = runs_mean.runs or tuple(result for result, _ in runs_mean.left_out)
+    return {
+        "rig": every[0].measured.rig.name,
+        "test": every[0].test,
+        "direction": every[0].measured.run.manifest.direction,
+        "runs": [result.measured.path for result in runs_mean.runs],
+        "left_out": {str(result.measured.path): why for result, why in runs_mean.left_out},
+        "figures": {name: _between_object(figure) for name, figure in runs_mean.figures.items()},
+    }
+
+
+def _between_object(figure: BetweenRuns | Quantity) -> Quantity | dict[str, Any]:
+    if isinstance(figure, Quantity):
+        return figure
+    return asdict(figure.mean) | {"sd_between_runs": figure.sd, "runs": figure.runs}

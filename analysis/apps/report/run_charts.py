@@ -1,19 +1,23 @@
-"""Charts of evaluated runs: circles, hemisphere, repeatability, poses, and the cube and paths of ISO 9283 on their
-plane.
+"""Charts of evaluated runs, for the page and as picture files: circles, hemisphere, repeatability, poses, and the cube
+and paths of ISO 9283 on their plane.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from analysis.apps.report.chart import Chart, ChartLine, Frame, Picture, Role, SphereChart, marks_of
-from analysis.apps.report.texts import Texts
+from analysis.apps.report.still_chart import as_png, sheet_of
+from analysis.apps.report.texts import LEADING, Texts, label, texts_of
 from analysis.procedures.circle import CircleResult
 from analysis.procedures.pose import PoseResult
-from analysis.procedures.results import Result
+from analysis.procedures.results import Result, by_test
 from analysis.procedures.shared.lap_curve import PHI
 from analysis.procedures.shared.result_curves import CircleCurve, PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.procedures.shared.scatter_figures import poses_of_cube
@@ -49,7 +53,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
     marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
     charts = []
     for frame in _FRAMES:
-        for part, unit, label in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
+        for part, unit, error in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
             lines = []
             for role in _DIRECTIONS:
                 of_role = [result.curve for result in group if result.measured.run.manifest.direction == role]
@@ -57,7 +61,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
                     many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
                     values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
                     lines.append(ChartLine(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
-            labels = texts("circle_angle"), f"{texts(label)} / {unit}"
+            labels = texts("circle_angle"), f"{texts(error)} / {unit}"
             chart = _chart(f"{part}_{frame}", frame, labels, unit, lines, texts, test=texts.test(test))
             charts.append(replace(chart, marks=marks))
     return charts
@@ -252,3 +256,43 @@ def _cube_view(result: Result) -> tuple[Array, Array, Array, float] | None:
     on_plane = np.stack([cube.level, cube.rising], axis=1)
     places = (cube.places_mm - cube.centre_mm) @ on_plane
     return places, places[pose[pose > 0] - 1], off @ on_plane, cube.side_mm
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Picture files: a sheet for each test on circles and each run at targets.
+
+
+def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
+    from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
+
+    texts, figures = texts_of("en"), dict[str, Callable[[], Figure]]()
+    for group in by_test(results):  # one test on one rig, both part of the file name
+        rig = group[0].measured.rig.name
+        stem = f"{rig}-{group[0].test}"
+        if isinstance(group[0].found, CircleResult):
+            title = f"{texts.test(group[0].test)} · {rig}"
+            for kind, charts in (("raw", raw_charts), ("error", circle_charts)):
+                figures[f"{stem}-{kind}.png"] = partial(_circles, title, charts, group)
+        else:
+            for name, result in distinctly_named(group):
+                figures[f"{stem}-{name}.png"] = partial(_targets, result)
+    return write_views(directory, {name: as_png(figure) for name, figure in figures.items()})
+
+
+def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
+    """Names of results; equal names, from different directories, are numbered."""
+    names = [result.name for result in results]
+    return [
+        (name if names.count(name) == 1 else f"{name}-{place}", result)
+        for place, (name, result) in enumerate(zip(names, results, strict=True), start=1)
+    ]
+
+
+def _circles(title: str, charts: Callable[..., Sequence[Picture]], group: Sequence[Result]) -> Figure:
+    return sheet_of([title], charts(group, texts_of("en")))
+
+
+def _targets(result: Result) -> Figure:
+    figures = [f"{label(name).strip()} {result.figures[name]}" for name in result.figures if name in LEADING]
+    title = f"{result.title} · {result.measured.rig.name} · {result.name}"
+    return sheet_of([title, *figures], target_charts(result, texts_of("en")))

@@ -23,14 +23,13 @@ from analysis.api import Compared, Diagnosis, Result, RigError, diagnose
 from analysis.apps.report.act_words import without_idle_mounts
 from analysis.apps.report.blocks import Block, Cell, Command, Heading, Sentence, Table
 from analysis.apps.report.chart import ROLE_STYLES, Picture, live
-from analysis.apps.report.diagnosis_answer import Sections, sections_of, summary_parts
+from analysis.apps.report.diagnosis_answer import Sections, sections_of, stairs_of, step_sentences, summary_parts
 from analysis.apps.report.diagnosis_report import calibration_file
 from analysis.apps.report.html_page import environment, is_pdf, write_html, write_pdf
 from analysis.apps.report.model_charts import residual_charts
 from analysis.apps.report.page.accuracy import PageVerdict, example_limits, judge, limits_blocks, verdict_blocks
 from analysis.apps.report.page.before_after import BeforeAfter, now_blocks, path_blocks
 from analysis.apps.report.page.sections import test_sections
-from analysis.apps.report.stairs import stairs_of, step_sentences
 from analysis.apps.report.still_chart import still
 from analysis.apps.report.summary_words import summarise
 from analysis.apps.report.texts import Language, Texts, joined, texts_of

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import analysis
-from analysis.apps.report.run_object import eccentricities_in_words
+from analysis.apps.report.run_answer import eccentricities_in_words
 from rigs.effects import JointOffset
 
 

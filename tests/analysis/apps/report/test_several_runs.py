@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 
 from analysis import evaluate, evaluate_runs, load_run
 from analysis.apps.report.blocks import Table, on_screen
-from analysis.apps.report.run_answer import answer_of
-from analysis.apps.report.run_object import as_object, compare
+from analysis.apps.report.run_answer import answer_of, as_object, compare
 from analysis.cli import app
 from analysis.procedures.pooled import pooled
 from analysis.procedures.results import by_test
