@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -152,8 +153,6 @@ _MOST = 60
 """Pictures on a page, exceeded limits and changes first: about 20 kB each."""
 _IN_SIGHT = 2.0
 """Multiple of the largest run below which a limit is drawn; otherwise the runs would look flat."""
-_DAY_S = 86400.0
-_MARGIN = 0.04
 _INK, _CHANGE, _OUTLIER, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
@@ -167,7 +166,7 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
     shown = sorted(history.series, key=place)
     # A single run, or simultaneous runs, have no time axis.
     drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
-    moved = [check.when.timestamp() / _DAY_S for check in history.collected.checks if check.has_moved]
+    moved = [check.when for check in history.collected.checks if check.has_moved]
     figures = []
     for series in drawn[:_MOST]:
         limit = f"; limit: {against_limit(series)}" if series.limit else ""
@@ -179,19 +178,20 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
     write_html(answer_page(title, answer, boxed=boxed, made_of=made_of, overview=overview), path)
 
 
-def _picture(series: Series, moved: Sequence[float]) -> Markup:
-    """moved: times of movements in days since 1970."""
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # noqa: PLC0415 - slow to import
+def _picture(series: Series, moved: Sequence[datetime]) -> Markup:
+    """moved: times of movements."""
+    import matplotlib as mpl  # noqa: PLC0415 - slow to import
 
     from analysis.apps.report.still_chart import Sheet, svg_of  # noqa: PLC0415
 
-    when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # Matplotlib's days since 1970
-    values, wild = series.values, series.trend.wild
+    when, values, wild = np.array([run.when for run in series.runs]), series.values, series.trend.wild
     u = np.nan_to_num(np.array([quantity.u for quantity in series.quantities]), posinf=0.0)
     figure = Sheet(8, 2.2)
     axes = figure.subplots()
-    axes.errorbar(when[~wild], values[~wild], 2 * u[~wild], fmt=".", ms=3, lw=0.6, color=_INK)
+    with mpl.rc_context({"date.converter": "concise"}):  # years, days or times, depending on the range
+        axes.errorbar(when[~wild], values[~wild], 2 * u[~wild], fmt=".", ms=3, lw=0.6, color=_INK)
     axes.plot(when[wild], values[wild], "x", ms=4, color=_OUTLIER)
+    axes.set_xlim(*axes.get_xlim())  # those of the runs
     for change in series.trend.changes:
         ends = [when[change.first], when[change.last]]
         axes.plot(ends, [change.before, change.after], "-o", ms=3, color=_CHANGE, lw=1.8)
@@ -201,14 +201,8 @@ def _picture(series: Series, moved: Sequence[float]) -> Markup:
             for side in (1, -1):  # A limit applies to the absolute value.
                 if np.any(side * values > 0):
                     axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
-    for day in moved:
-        axes.axvline(day, ls="-.", lw=1.0, color=_CHANGE)
-    axes.set_xlim(when[0] - _MARGIN * np.ptp(when), when[-1] + _MARGIN * np.ptp(when))
-    # Label the time axis with years, days or times, depending on the range.
-    zone = series.runs[-1].when.tzinfo
-    ticks = AutoDateLocator(tz=zone, minticks=2, maxticks=7)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(ticks)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(ticks, tz=zone))  # type: ignore[no-untyped-call]
+    for time in moved:
+        axes.axvline(time, ls="-.", lw=1.0, color=_CHANGE)  # type: ignore[arg-type]
     axes.set_ylabel(series.unit)
     axes.grid(color="#dddddd", lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)

@@ -237,9 +237,9 @@ def test_acw_and_cw_are_laid_over_each_other_straight_and_polar(report):
     charts = circle_charts(circles, texts_of("en"))
     assert [chart.frame for chart in charts] == ["straight", "straight", "polar", "polar"]
     assert all([line.role for line in chart.lines] == ["acw", "cw"] for chart in charts)
-    at_deg = [mark.at_deg for mark in charts[0].marks]
+    at_deg = [at for at, _ in charts[0].marks]
     assert at_deg == [one.phi_deg for one in circles[0].reversals]
-    named = [mark.text for mark in charts[0].marks if mark.text]
+    named = [text for _, text in charts[0].marks if text]
     assert all(text.startswith("axis ") for text in named) and {"1", "5"} <= {*" ".join(named).replace(",", "").split()}
 
 
