@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from itertools import takewhile
 
 from analysis.apps.report.answer_words import AnswerWords
-from analysis.apps.report.diagnosis_words import measured_u, micrometres, percent, with_uncertainty
+from analysis.apps.report.diagnosis_words import micrometres, percent, with_uncertainty
 from analysis.apps.report.movement_words import act_after
 from analysis.apps.report.texts import Phrase, joined, keys_of
 from analysis.diagnosis.judge.acts import FOUND, Act
@@ -141,12 +141,12 @@ class ActWords(AnswerWords):
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
         sentence = self.texts(
             falls if act.removes else f"act_{key}", before=micrometres(before),
-            after=micrometres(act.remains_um, measured_u(self.diagnosis, act.remains_u_um)),
+            after=f"{self.error_size(act.remains_um, act.remains_u_um)} µm",
             place=self.texts(f"place_{act.place}"),
         )  # fmt: skip
         if act.with_before_um is not None:
-            after = micrometres(act.with_before_um, measured_u(self.diagnosis, act.with_before_u_um))
-            return joined([sentence, self.texts("act_with_before", after=after)])
+            after = self.error_size(act.with_before_um, act.with_before_u_um)
+            return joined([sentence, self.texts("act_with_before", after=f"{after} µm")])
         # Parts that this effect cancels become visible in full once it is removed.
         lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together] if act.effect else []
         others = [line for line in lines if act.effect and line.label != label_of(act.effect)]

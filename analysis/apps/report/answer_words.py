@@ -165,9 +165,12 @@ class AnswerWords:
         cells = {key: self._bounded(*error) for key, error in errors.items()}
         return cells | {"noise" if diagnosis.shows_noise else "assumed_noise": error_size(gap.noise_floor_um, 0.0)}
 
+    def error_size(self, um: float, u_um: float | None) -> str:
+        """An error in µm with its measured standard uncertainty, or "< u" if it is much smaller."""
+        return error_size(um, measured_u(self.diagnosis, u_um))
+
     def _bounded(self, um: float, u_um: float) -> str:
-        """An error in µm, or "< u" if it is much smaller than its measured standard uncertainty."""
-        return error_size(um, measured_u(self.diagnosis, u_um)).partition(" ± ")[0]
+        return self.error_size(um, u_um).partition(" ± ")[0]
 
     @property
     def judged(self) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from heapq import nlargest
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from analysis.apps.report.diagnosis_answer import Stairs
 from analysis.apps.report.diagnosis_words import runs_of
 from analysis.apps.report.texts import Texts
 from analysis.diagnosis.judge.comparison import Compared, Comparison, LocatedResidual
-from analysis.diagnosis.judge.residuals import Curve, Map, ResidualPlace
+from analysis.diagnosis.judge.residuals import Map
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.repeatability import SIDES, RepeatabilityResult
 from analysis.procedures.results import Result
@@ -72,84 +73,45 @@ def _mean_curves(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
     return runs[0].x, measured, simulated
 
 
-@dataclass(frozen=True)
-class Strand:
-    """Angle or distance part of the residual of a circle.
-
-    phi_deg (n,) increases. steps_um (steps, n): residuals from the initial to the calibrated model.
-    """
-
-    curve: Curve
-    part: str
-    phi_deg: Array
-    steps_um: Array
-    places: tuple[ResidualPlace, ...]
-
-    @property
-    def title(self) -> str:
-        """`yaw acw, angle`."""
-        return f"{runs_of(self.curve)}, {self.part}"
-
-
-def strands_of(residuals: Diagnosis | LocatedResidual) -> list[Strand]:
-    """The part of each circle with the larger disagreement; the smallest residuals are omitted."""
-    steps = (
-        residuals.staircase.curves
-        if residuals.staircase
-        else [np.array([curve.before_um]) for curve in residuals.curves]
-    )
-    strands = []
-    for curve, steps_um in zip(residuals.curves, steps, strict=True):  # steps_um (steps, n, 2) µm
-        phi_deg = curve.phi_deg % 360
-        order = np.argsort(phi_deg)
-        ordered_um = steps_um[:, order]
-        places = [place for place in residuals.where if (place.test, place.direction) == (curve.test, curve.direction)]
-        # The part with the worst located place; if there is none, the part with the larger residual relative to noise
-        worst = max(places, key=lambda place: place.sigma, default=None)
-        sizes = {part: _size(ordered_um[0] @ direction, part) for part, direction in _PARTS.items()}
-        part = worst.part if worst else max(sizes, key=sizes.__getitem__)
-        of_part = tuple(place for place in places if place.part == part)
-        strands.append(Strand(curve, part, phi_deg[order], ordered_um @ _PARTS[part], of_part))
-    loudest = sorted(strands, key=lambda strand: -_size(strand.steps_um[0], strand.part))[:_MOST_ROWS]
-    chosen = {id(strand) for strand in loudest}
-    return [strand for strand in strands if id(strand) in chosen]
-
-
-def _size(values: Array, part: str) -> float:
-    """Rms in units of the gauge noise, which is larger in a difference than in a mean."""
-    return rms(values) / float(np.linalg.norm(_PARTS[part]))
-
-
 def residual_charts(residuals: Diagnosis | LocatedResidual, stairs: Stairs | None, texts: Texts) -> list[Chart]:
-    charts = strand_charts(residuals, texts)
+    """Measured error, accumulated parts and residual of circles and targets; without a staircase the residual only."""
+    charts, staircase = _strand_charts(residuals, texts), residuals.staircase
     if stairs and charts:
         charts[0] = replace(charts[0], panels=tuple(stairs.step_names(texts)))
-    staircase = residuals.staircase
-    steps = staircase.maps if staircase else [np.array([target_map.before_um]) for target_map in residuals.maps]
+    steps = staircase.maps if staircase else [target_map.before_um[None] for target_map in residuals.maps]
     maps = list(zip(residuals.maps, steps, strict=True))[:_MOST_MAPS]
     return [*charts, *(_target_chart(target_map, steps_um, texts) for target_map, steps_um in maps)]
 
 
-def strand_charts(residuals: Diagnosis | LocatedResidual, texts: Texts) -> list[Chart]:
-    """Measured error, accumulated parts, and residual on each circle; without a staircase the residual only."""
-    strands = strands_of(residuals)
-    charts, count, drawn = [], Counter(strand.title for strand in strands), Counter[str]()
-    for strand in strands:  # `yaw acw, angle`; circles at several places share a title and are numbered
-        name = strand.title
-        drawn[name] += 1
-        if count[name] > 1:
-            name = texts("chart_place", what=name, number=drawn[name])
-        steps, x = strand.steps_um, strand.phi_deg
-        so_far = steps[0] - steps
-        lines = [ChartLine(texts("measured"), "measured", x, steps[0])]
-        if len(steps) > 1:
+def _strand_charts(residuals: Diagnosis | LocatedResidual, texts: Texts) -> list[Chart]:
+    """The part of each circle, angle or distance, with the larger disagreement; the smallest residuals are omitted."""
+    staircase, strands = residuals.staircase, []
+    steps = staircase.curves if staircase else [curve.before_um[None] for curve in residuals.curves]
+    for curve, steps_um in zip(residuals.curves, steps, strict=True):  # steps_um (steps, n, 2) µm
+        places = [place for place in residuals.where if (place.test, place.direction) == (curve.test, curve.direction)]
+        # Rms in units of the gauge noise, which is larger in a difference than in a mean
+        sizes = {part: rms(steps_um[0] @ way) / float(np.linalg.norm(way)) for part, way in _PARTS.items()}
+        # The part with the worst located place; if there is none, the part with the larger residual relative to noise
+        worst = max(places, key=lambda place: place.sigma, default=None)
+        part = worst.part if worst else max(sizes, key=sizes.__getitem__)
+        shaded = stretches([(place.from_deg, place.to_deg) for place in places if place.part == part])
+        strands.append((sizes[part], f"{runs_of(curve)}, {part}", curve, steps_um @ _PARTS[part], shaded))
+    loudest = nlargest(_MOST_ROWS, range(len(strands)), key=lambda k: strands[k][0])
+    chosen = [strands[k] for k in sorted(loudest)]
+    charts, count, drawn = [], Counter(strand[1] for strand in chosen), Counter[str]()
+    for _, title, curve, steps_um, shaded in chosen:
+        drawn[title] += 1  # circles at several places share a title and are numbered
+        name = texts("chart_place", what=title, number=drawn[title]) if count[title] > 1 else title
+        order = np.argsort(curve.phi_deg % 360)
+        x, left_um = (curve.phi_deg % 360)[order], steps_um[:, order]
+        so_far = left_um[0] - left_um
+        lines = [ChartLine(texts("measured"), "measured", x, left_um[0])]
+        if len(left_um) > 1:
             lines.append(ChartLine(texts("so_far"), "model", x, so_far[-1], steps=so_far))
-            lines.append(ChartLine(texts("still_left"), "after", x, steps[-1], steps=steps))
-        title = texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=name)
-        labels = texts("circle_angle"), f"{texts('gap')} / µm"
-        marks = marks_of(strand.curve.turns, texts)
-        shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places])
-        charts.append(Chart(title, texts("caption_step"), "straight", *labels, "µm", tuple(lines), marks, shaded))
+            lines.append(ChartLine(texts("still_left"), "after", x, left_um[-1], steps=left_um))
+        about = texts("chart_simulated" if len(left_um) > 1 else "chart_gap", what=name), texts("caption_step")
+        labels, marks = (texts("circle_angle"), f"{texts('gap')} / µm"), marks_of(curve.turns, texts)
+        charts.append(Chart(*about, "straight", *labels, "µm", tuple(lines), marks, shaded))
     return charts
 
 

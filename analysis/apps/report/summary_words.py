@@ -19,9 +19,7 @@ from analysis.apps.report.answer_words import (
 )
 from analysis.apps.report.blocks import BadgeTone, BarSegment
 from analysis.apps.report.diagnosis_words import (
-    error_size,
     has_measured_noise,
-    measured_u,
     micrometres,
     percent,
     size,
@@ -246,7 +244,8 @@ class _SummaryWords(ActWords):
         An assumed noise is no measured uncertainty, and the basis says so.
         """
         diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
-        gap, crossed, is_used = judged_gap(diagnosis), diagnosis.residual.held_out, accuracy.place == "used"
+        gap = diagnosis.train if diagnosis.condition == "out_of_range" else judged_gap(diagnosis)
+        crossed, is_used = diagnosis.residual.held_out, accuracy.place == "used"
         now, after = (accuracy.before_there_um, gap.u_um), (accuracy.calibrated_um, gap.residual_u_um)
         label, basis = self._after_label, f"basis_{accuracy.place}"
         if correction := self._correction_alone:
@@ -256,14 +255,11 @@ class _SummaryWords(ActWords):
         elif is_used and is_complete(diagnosis):
             label, basis = "", "basis_now"
         elif diagnosis.condition == "out_of_range":
-            now, after = (
-                (accuracy.now_um, diagnosis.train.u_um),
-                (diagnosis.train.after_um, diagnosis.train.residual_u_um),
-            )
+            now, after = (accuracy.now_um, gap.u_um), (gap.after_um, gap.residual_u_um)
             basis = "basis_out_of_range"
         elif is_used and crossed:
             basis = "basis_crossed"
-        now_words, after_words = (error_size(um, measured_u(diagnosis, u_um)) for um, u_um in (now, after))
+        now_words, after_words = (self.error_size(*error) for error in (now, after))
         if not label or after_words.partition(" ± ")[0] == now_words.partition(" ± ")[0]:
             after_words = ""
         notes: list[str] = [texts(basis, um=micrometres(crossed.um) if crossed else "")]

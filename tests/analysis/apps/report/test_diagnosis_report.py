@@ -12,7 +12,7 @@ from matplotlib.text import Text
 from analysis.apps.report.diagnosis_picture import picture
 from analysis.apps.report.diagnosis_report import require_empty, write
 from analysis.apps.report.diagnosis_words import size, stretch, sure
-from analysis.apps.report.model_charts import residual_charts, strands_of
+from analysis.apps.report.model_charts import residual_charts
 from analysis.apps.report.texts import texts_of
 from analysis.correction.support import supports
 from analysis.diagnosis.judge.acts import Act
@@ -106,10 +106,10 @@ def test_picture_of_a_session_omits_the_expected_error(in_session):
 
 
 def test_a_circle_is_shown_in_the_part_that_disagrees_most():
-    strand, *_ = strands_of(diagnosis(where=()))
-    assert strand.part == "angle"  # g1 and g2 of the curve have opposite signs
-    strand, *_ = strands_of(diagnosis())
-    assert strand.part == "distance" and [place.from_deg for place in strand.places] == [352.0]
+    chart, *_ = residual_charts(diagnosis(where=()), None, texts_of("en"))
+    assert chart.title.endswith("angle")  # g1 and g2 of the curve have opposite signs
+    chart, *_ = residual_charts(diagnosis(), None, texts_of("en"))
+    assert chart.title.endswith("distance") and chart.shaded == ((352.0, 360.0), (0.0, 8.0))
 
 
 def test_every_drawn_place_is_shaded_also_of_a_complete_lap():
