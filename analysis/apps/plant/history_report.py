@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -71,22 +70,20 @@ def _table(all_series: Sequence[Series], *, dated: bool) -> Table:
     title_before = ""
     for series in all_series:
         quantities, spread = series.quantities, series.trend.spread
-        begin, end = (Cell("", (f"{run.when:%Y-%m-%d %H:%M}",) * dated) for run in (series.runs[0], series.runs[-1]))
-        cells = [replace(begin, text=str(quantities[0]))]
+        begin, end = ((f"{run.when:%Y-%m-%d %H:%M}",) * dated for run in (series.runs[0], series.runs[-1]))
+        cells: list[str | Cell] = [Cell(str(quantities[0]), begin)]
         if not is_one:
             by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
             rounded = by.rounded_size(spread) if np.isfinite(spread) else "–"
             ways = "".join("↑" if change.after > change.before else "↓" for change in series.trend.changes)
-            first, last = str(quantities[0]) if dated else by.rounded(quantities[0].value), str(quantities[-1])
-            ends = replace(begin, text=first), replace(end, text=last)
-            cells = [Cell(f"{len(quantities)}"), *ends, *map(Cell, (rounded, sparkline(series.values), ways))]
-        if is_limited:
-            cells.append(Cell(against_limit(series, dated=False)))
-        rows.append(("" if series.title == title_before else series.title, series.label, *cells))
+            first = str(quantities[0]) if dated else by.rounded(quantities[0].value)
+            ends = Cell(first, begin), Cell(str(quantities[-1]), end)
+            cells = [f"{len(quantities)}", *ends, rounded, sparkline(series.values), ways]
+        limit = [against_limit(series, dated=False)] * is_limited
+        rows.append(("" if series.title == title_before else series.title, series.label, *cells, *limit))
         title_before = series.title
-    ranks = tuple("unusual" if series.trend.changes else "" for series in all_series)
-    heads = (*columns, *["limit"] * is_limited)
-    return Table(heads, rows, {2} if is_one else {2, 3, 4, 5}, ranks)
+    ranks = ["unusual" if series.trend.changes else "" for series in all_series]
+    return Table([*columns, *["limit"] * is_limited], rows, {2} if is_one else {2, 3, 4, 5}, ranks)
 
 
 def sparkline(values: Array) -> str:

@@ -14,7 +14,7 @@ from analysis.apps.report.diagnosis_answer import Stairs
 from analysis.apps.report.diagnosis_words import runs_of
 from analysis.apps.report.texts import Texts
 from analysis.diagnosis.judge.comparison import Compared, Comparison, LocatedResidual
-from analysis.diagnosis.judge.residuals import Map
+from analysis.diagnosis.judge.residuals import Curve, Map
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.repeatability import SIDES, RepeatabilityResult
 from analysis.procedures.results import Result
@@ -83,8 +83,12 @@ def residual_charts(residuals: Diagnosis | LocatedResidual, stairs: Stairs | Non
     return [*charts, *(_target_chart(target_map, steps_um, texts) for target_map, steps_um in maps)]
 
 
-def _strand_charts(residuals: Diagnosis | LocatedResidual, texts: Texts) -> list[Chart]:
-    """The part of each circle, angle or distance, with the larger disagreement; the smallest residuals are omitted."""
+_Strand = tuple[str, Curve, Array, tuple[tuple[float, float], ...]]
+"""Name, circle, residuals (steps, n) µm, and shaded places of the angle or distance part of a circle."""
+
+
+def _loudest_strands(residuals: Diagnosis | LocatedResidual) -> list[_Strand]:
+    """The part of each circle with the larger disagreement; the smallest residuals are omitted."""
     staircase, strands = residuals.staircase, []
     steps = staircase.curves if staircase else [curve.before_um[None] for curve in residuals.curves]
     for curve, steps_um in zip(residuals.curves, steps, strict=True):  # steps_um (steps, n, 2) µm
@@ -95,11 +99,15 @@ def _strand_charts(residuals: Diagnosis | LocatedResidual, texts: Texts) -> list
         worst = max(places, key=lambda place: place.sigma, default=None)
         part = worst.part if worst else max(sizes, key=sizes.__getitem__)
         shaded = stretches([(place.from_deg, place.to_deg) for place in places if place.part == part])
-        strands.append((sizes[part], f"{runs_of(curve)}, {part}", curve, steps_um @ _PARTS[part], shaded))
+        strands.append((sizes[part], (f"{runs_of(curve)}, {part}", curve, steps_um @ _PARTS[part], shaded)))
     loudest = nlargest(_MOST_ROWS, range(len(strands)), key=lambda k: strands[k][0])
-    chosen = [strands[k] for k in sorted(loudest)]
-    charts, count, drawn = [], Counter(strand[1] for strand in chosen), Counter[str]()
-    for _, title, curve, steps_um, shaded in chosen:
+    return [strands[k][1] for k in sorted(loudest)]
+
+
+def _strand_charts(residuals: Diagnosis | LocatedResidual, texts: Texts) -> list[Chart]:
+    strands = _loudest_strands(residuals)
+    charts, count, drawn = [], Counter(title for title, *_ in strands), Counter[str]()
+    for title, curve, steps_um, shaded in strands:
         drawn[title] += 1  # circles at several places share a title and are numbered
         name = texts("chart_place", what=title, number=drawn[title]) if count[title] > 1 else title
         order = np.argsort(curve.phi_deg % 360)

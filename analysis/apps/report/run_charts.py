@@ -90,16 +90,16 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     """Joint angles over the circle minus their means, of the first run."""
     reversals, robot = group[0].reversals, group[0].measured.rig.robot
     lap = next(result.found for result in group if isinstance(result.found, CircleResult)).laps.first
-    phi_deg, q_deg = np.degrees(lap.phi % (2 * np.pi)), np.degrees(lap.q)
-    order, at_deg = np.argsort(phi_deg), np.arange(0.0, 360.0, _EACH_DEG)
-    lines, turns = [], list[tuple[float, float]]()
+    phi_deg, q_deg = np.degrees(lap.phi), np.degrees(lap.q)
+    at_deg, lines, turns = np.arange(0.0, 360.0, _EACH_DEG), [], list[tuple[float, float]]()
     for axis, (role, angle_deg) in enumerate(zip(_JOINT_ROLES, q_deg.T, strict=True), start=1):
         if np.ptp(angle_deg) > _FULL_TURN_DEG:
             continue
-        curve = np.interp(at_deg, phi_deg[order], angle_deg[order])
-        lines.append(ChartLine(texts.axis(robot, axis), role, at_deg, curve - curve.mean()))
+        curve = np.interp(at_deg, phi_deg, angle_deg, period=360)
+        curve -= curve.mean()
+        lines.append(ChartLine(texts.axis(robot, axis), role, at_deg, curve))
         places = [reversal.phi_deg for reversal in reversals if reversal.joint == axis]
-        turns += zip(places, np.interp(places, at_deg, curve - curve.mean()).tolist(), strict=True)
+        turns += zip(places, np.interp(places, at_deg, curve, period=360).tolist(), strict=True)
     if turns:
         phi, turn_deg = np.array(turns).T
         lines.append(ChartLine(texts("turns_back"), "model", phi, turn_deg, points=True))

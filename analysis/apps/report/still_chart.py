@@ -204,14 +204,12 @@ def _draw(axes: Axes, line: ChartLine) -> None:
 def _polar(sheet: FigureBase, chart: Chart) -> None:
     axes = sheet.add_subplot(projection="polar")
     assert isinstance(axes, PolarAxes)  # noqa: S101 - for the type checker
-    hole = chart.hole
-    axes.plot(np.linspace(0.0, 2 * np.pi, 181), np.full(181, hole), color=_GREY, lw=0.8, ls=":")
+    axes.plot(np.linspace(0.0, 2 * np.pi, 181), np.zeros(181), color=_GREY, lw=0.8, ls=":")
     for line in chart.lines:
-        closed = np.append(np.arange(len(line.x)), 0)
-        _draw(axes, replace(line, x=np.radians(line.x[closed]), y=hole + line.y[closed]))
-    axes.set_rlim(0, hole + 1.4 * chart.largest)
+        _draw(axes, replace(line, x=np.radians(np.append(line.x, line.x[0])), y=np.append(line.y, line.y[0])))
+    axes.set_rlim(-chart.hole, 1.4 * chart.largest)
     axes.set_xticks(np.radians(range(0, 360, 30)), [f"{angle}°" for angle in range(0, 360, 30)])
-    axes.set_yticks([hole, hole + chart.largest], ["", f"+{chart.largest_shown} {chart.unit}"], color=_GREY)
+    axes.set_yticks([0, chart.largest], ["", f"+{chart.largest_shown} {chart.unit}"], color=_GREY)
     axes.set_rlabel_position(45.0)
     axes.grid(color=_RULE, lw=0.5)
     axes.spines["polar"].set_visible(False)

@@ -68,13 +68,13 @@ def _reversals(result: Result, texts: Texts) -> Table | None:
         return None
     rows = []
     for turn in sorted(turns(result.found.laps), key=lambda turn: turn.phi):
-        away = {
-            reversal.phi_deg: abs(np.degrees(angle_difference(turn.phi, np.radians(reversal.phi_deg))))
+        near = {
+            abs(np.degrees(angle_difference(turn.phi, np.radians(reversal.phi_deg)))): f"{reversal.phi_deg:.1f}°"
             for reversal in result.reversals
             if (reversal.joint, reversal.upper) == (turn.axis, turn.upper)
         }
-        near = min(away, key=lambda phi: away[phi], default=None)
-        nominal = f"{near:.1f}°" if near is not None and away[near] < _NOMINAL_DEG else ""
+        away_deg = min(near, default=np.inf)
+        nominal = near[away_deg] if away_deg < _NOMINAL_DEG else ""
         joint, measured = texts.axis(result.measured.rig.robot, turn.axis), f"{np.degrees(turn.phi):.1f}°"
         rows.append((joint, measured, nominal, texts("upper" if turn.upper else "lower")))
     heads = tuple(map(texts, ("joint", "turns_at", "nominal", "sense")))
