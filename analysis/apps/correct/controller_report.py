@@ -30,7 +30,7 @@ def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
         instead = _TEXTS("entries_targets", targets=targets) if better else ""
         return joined([_TEXTS("entries_none", maker=maker, before=before), instead, note])
     count = len(entries.entries)
-    values = _TEXTS("entries_value") if count == 1 else _TEXTS("entries_values", count=count)
+    values = _TEXTS("entries_value" if count == 1 else "entries_values", count=count)
     first = _TEXTS(
         "entries_first", does=_TEXTS("entries_entered" if entered else "entries_enter", values=values), maker=maker,
         place=entries.controller.place, before=before, after=f"{entries.after_um:.0f}", targets=targets,
@@ -106,8 +106,8 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
         "not_entered": [{"name": label_of(effect), "worth_um": round(um, 3)} for effect, um in entries.not_entered],
         **{name: round(um, 3) for name, um in errors.items()},
         "elsewhere_um": [round(um, 3) for um in entries.elsewhere_um],
-        "known_only_together": [list(group) for group in entries.twins],
-        "steps": list(entries.steps),
+        "known_only_together": entries.twins,
+        "steps": entries.steps,
         "source": entries.controller.source,
         "not_found_in_public": entries.controller.missing,
     }

@@ -28,6 +28,7 @@ from analysis.correction.support import ANYWAY, Support, reason_against_model, w
 from analysis.correction.work import rest_effects
 from analysis.procedures.shared.quantity import quantity_of
 from analysis.robot.kinematics.arm import Array
+from analysis.runs.tabular import for_json, pick_fields
 from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -205,12 +206,11 @@ def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, An
             "left_out_mm": _budget(targets),
             "u_um": _each_um(targets.u_mm),
             "u_frame_um": _each_um(targets.u_frame_mm),
-            "covered": None if targets.covered is None else targets.covered.tolist(),
-            "doubts": list(targets.doubts),
+            "covered": targets.covered,
+            "doubts": targets.doubts,
             "error": targets.error and program_report.error_object(targets.error),
         }
-    files, blocks = [str(file) for file in written], blocks_object(answer_of(corrections))
-    return {**_contents(corrections), "path": path, "files": files, "blocks": blocks}
+    return _contents(corrections) | {"path": path, "files": written, "blocks": blocks_object(answer_of(corrections))}
 
 
 def _contents(corrections: Corrections) -> dict[str, Any]:
@@ -223,13 +223,8 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
             {"axis": zero.axis, "add_deg": short(zero.delta), "u_deg": short(zero.u)} for zero in corrections.zeros
         ],
         "link_constants": [
-            {
-                "axis": constant.axis,
-                "key": constant.key,
-                "nominal": constant.nominal,
-                "corrected": short(constant.corrected),
-                "u": short(constant.u),
-            }
+            pick_fields(constant, "axis", "key", "nominal")
+            | {"corrected": short(constant.corrected), "u": short(constant.u)}
             for constant in corrections.constants
         ],
         "effects": [
@@ -286,7 +281,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     against = [*(corrections.errors if why_nothing(corrections.rig) else corrections.in_vain)]
     if why := reason_against_model(corrections.rig) or (why_not(corrections) if corrections.errors else ""):
         head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
-    text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
+    text = head + yaml.safe_dump(for_json(contents), sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
     if corrections.constants:
         rows = corrected_table(corrections.rig, corrections.constants)

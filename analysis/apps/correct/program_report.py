@@ -120,7 +120,7 @@ def reached(u_frame_mm: Array, u_mm: Array) -> str:
 
 
 def as_object(program: CorrectedProgram) -> dict[str, Any]:
-    """Object for JSON."""
+    """Object for JSON (see `for_json`)."""
     beside, given_away = program.beside_left_mm, program.given_away_mm[np.isfinite(program.given_away_mm)]
 
     def at(place: Any) -> dict[str, Any]:
@@ -133,24 +133,24 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "corrected": len(program.names),
         "written": not program.held,
         "run_by_a_real_controller": False,
-        "neutral_routines": list(program.neutral),
-        "start_joints_deg": np.degrees(program.start).round(6).tolist() if program.start else None,
-        "beside_left": {"steps": len(beside), "mean_mm": float(beside.mean()) if len(beside) else None},
+        "neutral_routines": program.neutral,
+        "start_joints_deg": np.degrees(program.start).round(6) if program.start else None,
+        "beside_left": {"steps": len(beside), "mean_mm": beside.mean() if len(beside) else None},
         "overruled": [pick_fields(one, "name", "kind") | at(one) for one in program.overruled[:_KEPT]],
         "moved_mm": {
-            "largest": float(program.moved_mm.max(initial=0.0)),
+            "largest": program.moved_mm.max(initial=0.0),
             "rms": rms(program.moved_mm) if len(program.moved_mm) else 0.0,
         },
-        "rounded_um": float(program.rounded_um.max(initial=0.0)),
+        "rounded_um": program.rounded_um.max(initial=0.0),
         "used_with_offset": {
             "targets": len(given_away),
-            "largest_given_away_mm": float(given_away.max()) if len(given_away) else None,
+            "largest_given_away_mm": given_away.max() if len(given_away) else None,
             "bound_share": REMAINING_SHARE,
         },
         "shared_corrections": [
             at(one)
             | pick_fields(one, "name", "kind")
-            | {"before_mm": _rounded(one.before_mm), "after_mm": _rounded(one.after_mm), "unknown": one.unknown}
+            | {"before_mm": round(one.before_mm, 6), "after_mm": round(one.after_mm, 6), "unknown": one.unknown}
             for one in program.shared[:_KEPT]
         ],
         "notices": [at(notice) | {"text": notice.text} for notice in program.notices[:_KEPT]],
@@ -159,7 +159,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "error": program.error and error_object(program.error),
         "targets": [
             {"name": name, "file": program.sources[program.places[k][0]], "line": program.places[k][1]}
-            | {key: _rounded(getattr(program, key)[k], digits) for key, digits in _DIGITS.items()}
+            | {key: round(float(getattr(program, key)[k]), digits) for key, digits in _DIGITS.items()}
             | {"outside_driven_ranges": bool(program.unknown[k]), "unknown": program.unknown[k] or None}
             for k, name in enumerate(program.names)
         ],
@@ -180,10 +180,6 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
 
 _DIGITS = {"moved_mm": 6, "u_mm": 6, "u_frame_mm": 6, "rounded_um": 3, "given_away_mm": 6}
 """Decimals of the figures of a target: a nanometre."""
-
-
-def _rounded(value: float, digits: int = 6) -> float | None:
-    return None if np.isnan(value) else round(float(value), digits)
 
 
 def error_object(error: WorkError) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from analysis.apps.pair.calibrations import calibrations, placed_texts
 from analysis.apps.pair.fit_pair import FittedPair
 from analysis.apps.pair.plan_touches import PlannedTouches
 from analysis.apps.pair.result import PairResult
-from analysis.apps.report.blocks import Block, Heading, Row, Sentence, Table, Tone
+from analysis.apps.report.blocks import Block, Heading, Row, Sentence, Table
 from analysis.apps.report.diagnosis_report import extended_files
 from analysis.apps.report.html_page import answer_page
 from analysis.apps.report.texts import Language, Texts, texts_of
@@ -21,27 +21,30 @@ _CERTAIN = 2.0
 
 
 def answer_of(result: PairResult, texts: Texts) -> list[Block]:
-    first, second = result.names
-    tone: Tone = "pass" if result.left_mm < result.before_mm else "watch"
-    key = "pair_calibrated" if tone == "pass" else "pair_not_calibrated"
-    left, before = f"{result.left_mm:.3f}", f"{result.before_mm:.2f}"
-    head = texts(key, first=first, second=second, left=left, before=before)
-    (of_first, of_second), scatter = result.unexplained_mm, f"{result.scatter_mm:.3f}"
-    footer = texts(
-        "pair_footer", count=result.touches, scatter=scatter, first=first, second=second,
-        unexplained_first=f"{of_first:.3f}", unexplained_second=f"{of_second:.3f}",
+    names = dict(zip(("first", "second"), result.names, strict=True))
+    is_better = result.left_mm < result.before_mm
+    head = texts(
+        "pair_calibrated" if is_better else "pair_not_calibrated", **names, left=f"{result.left_mm:.3f}",
+        before=f"{result.before_mm:.2f}",
     )  # fmt: skip
-    base = (texts("pair_base", first=first, second=second), texts("pair_value"), "± u", "")
-    corrections = (*(texts(f"pair_{name}") for name in ("arm", "constant", "correction")), "± u", "")
-    hidden = tuple((one.arm or "–", one.what, one.reason) for one in result.not_testable)
-    parts: list[Block] = [Sentence(head, tone), Heading(texts("pair_frame_heading"))]
-    parts.append(Table(base, tuple(base_rows(result, texts)), {1, 2}))
+    of_first, of_second = (f"{mm:.3f}" for mm in result.unexplained_mm)
+    footer = texts(
+        "pair_footer", **names, count=result.touches, scatter=f"{result.scatter_mm:.3f}", unexplained_first=of_first,
+        unexplained_second=of_second,
+    )  # fmt: skip
+    arm, constant, correction, reason = map(texts, ("pair_arm", "pair_constant", "pair_correction", "pair_reason"))
+    base = (texts("pair_base", **names), texts("pair_value"), "± u", "")
+    parts: list[Block] = [Sentence(head, "pass" if is_better else "watch"), Heading(texts("pair_frame_heading"))]
+    parts.append(Table(base, base_rows(result, texts), {1, 2}))
     if rows := constant_rows(result):
-        parts += [Heading(texts("pair_corrections")), Table(corrections, rows, {2, 3})]
-    heads = tuple(texts(f"pair_{name}") for name in ("arm", "constant", "reason"))
-    parts += [Heading(texts("pair_not_testable")), Table(heads, hidden)]
+        parts += [Heading(texts("pair_corrections")), Table((arm, constant, correction, "± u", ""), rows, {2, 3})]
+    parts += [Heading(texts("pair_not_testable")), Table((arm, constant, reason), _hidden_rows(result))]
     parts += [Sentence(texts("pair_doubt", line=line), "doubt") for line in result.doubts]
     return [*parts, Sentence(f"{texts('pair_note')} {footer}", "note")]
+
+
+def _hidden_rows(result: PairResult) -> list[Row]:
+    return [(one.arm or "–", one.what, one.reason) for one in result.not_testable]
 
 
 def base_rows(result: PairResult, texts: Texts) -> list[Row]:
@@ -86,8 +89,8 @@ def plan_answer(planned: PlannedTouches) -> list[Block]:
         f"{count} touches show {shown} of {len(result.constants)} constants of both arms, and the frame of "
         f"{result.names[1]} at the work to {_triple(result.base.u_work_mm)} mm in x, y, z."
     )
-    rows = tuple((one.arm or "–", one.what, one.reason) for one in result.not_testable)
-    return [Sentence(first, "strong"), Heading("not testable"), Table(("arm", "constant", "reason"), rows)]
+    table = Table(("arm", "constant", "reason"), _hidden_rows(result))
+    return [Sentence(first, "strong"), Heading("not testable"), table]
 
 
 def write(

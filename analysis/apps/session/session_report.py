@@ -18,7 +18,7 @@ from analysis.apps.report.page.accuracy import judge
 from analysis.apps.report.page.write_page import gather, write_page
 from analysis.apps.session.correction_step import CORRECTIONS, reading_deg
 from analysis.apps.session.session_answer import before_after
-from analysis.apps.session.session_state import ELSEWHERE, Session, SessionDirectory, VerifiedError
+from analysis.apps.session.session_state import ELSEWHERE, ProgramStep, Session, SessionDirectory, VerifiedError
 from analysis.correction.deviation import Deviation
 from analysis.correction.work import tool_poses
 from analysis.diagnosis.judge.comparison import compare
@@ -43,24 +43,23 @@ def verified_by(session: Session, place: SessionDirectory) -> VerifiedError:
     """Path error before and after the correction, on the same tests and at the other place."""
     model: Rig | None = None
     added_deg: Sequence[float] = (0.0,) * 6
-    if session.answer is not None and session.correction is not None and session.correction.way != "none":
+    if session.answer and session.correction and session.correction.way != "none":
         model, _ = load(place.model_of(session.answer))
         if session.correction.way == "entries":
             added_deg = reading_deg(place.directory / CORRECTIONS)
     noise_um = session.answer.noise_um if session.answer else 0.0
+
+    def error(steps: Sequence[ProgramStep], model: Rig | None = None) -> Deviation | None:
+        return _path_error(place.runs_of(steps), model, added_deg, noise_um)
+
     verify = session.runs_for("verify")
     tests = {(step.stage, step.test, step.direction) for step in verify}
-    before = {
-        "same_before": [step for step in session.runs_for("find") if (step.stage, step.test, step.direction) in tests],
-        "elsewhere_before": session.runs_for("judge"),
-    }
-    after = {
-        "same_after": [step for step in verify if step.stage != ELSEWHERE],
-        "elsewhere_after": [step for step in verify if step.stage == ELSEWHERE],
-    }
-    errors = {name: _path_error(place.runs_of(steps), None, added_deg, noise_um) for name, steps in before.items()}
-    errors |= {name: _path_error(place.runs_of(steps), model, added_deg, noise_um) for name, steps in after.items()}
-    return VerifiedError(**errors)
+    return VerifiedError(
+        same_before=error([one for one in session.runs_for("find") if (one.stage, one.test, one.direction) in tests]),
+        same_after=error([step for step in verify if step.stage != ELSEWHERE], model),
+        elsewhere_before=error(session.runs_for("judge")),
+        elsewhere_after=error([step for step in verify if step.stage == ELSEWHERE], model),
+    )
 
 
 def _path_error(
