@@ -144,7 +144,7 @@ class AnswerWords:
             return self.texts("finding_gauges_differ", um=_length(residual.gauges_um))
         return ""
 
-    def of_places(self, *keys: str, **values: str) -> str:
+    def of_places(self, *keys: str, **values: object) -> str:
         """The first text that exists, in its variant for runs of poses or touches, which have no ball and gauges."""
         ends = ("_places", "") if self.diagnosis.train.of_places else ("",)
         return self.texts(*(f"{key}{end}" for key in keys for end in ends), **values)
