@@ -18,7 +18,6 @@ from typing import Any
 
 import typer
 
-from analysis.runs.tabular import for_json
 from rigs.errors import RigError
 from rigs.signals import COMPLETED, REPLACED
 from rigs.text import plain
@@ -59,6 +58,8 @@ def say_interrupted() -> None:
 
 def say_json(value: Any) -> None:
     """Print a value (see `for_json`) without control characters: the encoder escapes all except DEL."""
+    from analysis.runs.tabular import for_json
+
     typer.echo(json.dumps(for_json(value), indent=2).replace("\x7f", "\\u007f"))
 
 
