@@ -38,6 +38,12 @@ class Heading:
     text: str
     level: int = 2
 
+    @property
+    def anchor(self) -> str:
+        """Name on the page for links and tables: the key of its text; empty without one."""
+        keys = keys_of(self.text)
+        return keys[0].replace("_", "-") if keys and self.level == 2 else ""
+
 
 @dataclass(frozen=True)
 class Sentence:

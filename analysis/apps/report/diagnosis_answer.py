@@ -255,7 +255,7 @@ def _gaps(words: AnswerWords) -> list[Block]:
         "" if diagnosis.shows_noise else texts("noise_assumed"),
         texts("about_scatter") if diagnosis.train.of_places else "",
     ]
-    table = Table(columns, rows, range(1, len(columns)))
+    table = Table(columns, rows, range(1, len(columns)), key="narrow stack")
     return [table, *paragraphs(notes, "note")]
 
 

@@ -20,6 +20,7 @@ from analysis.apps.report.answer_words import (
 from analysis.apps.report.blocks import BadgeTone, BarSegment
 from analysis.apps.report.diagnosis_words import (
     has_measured_noise,
+    measured_u,
     micrometres,
     percent,
     size,
@@ -148,7 +149,9 @@ class _SummaryWords(ActWords):
         names_open = any(named.doubt == "commanded" for named in self.diagnosis.effects)
         condition = self.diagnosis.condition
         is_unknown = condition in ("out_of_range", "outside_library") or (condition == "undecided" and names_open)
-        if is_unknown or not causes or (self.standing == "undecided" and self.diagnosis.condition != "undecided"):
+        is_scatter = self.standing == "undecided" and condition != "undecided"
+        is_group = self.standing == "unusual_group" and not any(cause.is_single for cause in causes)
+        if is_unknown or not causes or is_scatter or is_group:
             return capital(self.usual_or_faults or self.condition_sentence)
         is_minor = causes[0].is_fault or is_certain_except_small(self.diagnosis)
         if (undecided := self.usual_or_faults) and not is_minor:
@@ -260,7 +263,9 @@ class _SummaryWords(ActWords):
         elif is_used and crossed:
             basis = "basis_crossed"
         now_words, after_words = (self.error_size(*error) for error in (now, after))
-        if not label or after_words.partition(" ± ")[0] == now_words.partition(" ± ")[0]:
+        # An error that the acts do not certainly reduce is not shown as one after them.
+        is_same = after_words.partition(" ± ")[0] == now_words.partition(" ± ")[0]
+        if not label or is_same or after[0] + measured_u(diagnosis, after[1]) >= now[0]:
             after_words = ""
         notes: list[str] = [texts(basis, um=micrometres(crossed.um) if crossed else "")]
         if after_words and basis in (f"basis_{accuracy.place}", "basis_crossed") and not correction:

@@ -161,3 +161,6 @@ def test_terminal_page_and_json_show_the_same_texts():
         assert "".join(text.split()) in screen
         assert environment().from_string("{{ text }}").render(text=text) in page
     assert plain[0]["keys"] == list(keys_of(summarise(found).headline))
+    ids = re.findall(r'<h2 id="([^"]*)"', page)
+    assert "budget" in ids and len(ids) == len(set(ids))
+    assert set(re.findall(r'aria-labelledby="([^"]*)"', page)) <= set(ids)

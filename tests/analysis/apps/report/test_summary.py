@@ -18,7 +18,7 @@ from analysis.apps.window.frames import shown_summary
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.residuals import HeldOutResidual, Residual
-from analysis.diagnosis.judge.result import BudgetPart, Condition, Movement
+from analysis.diagnosis.judge.result import BudgetPart, Condition, GroupMember, Movement
 from analysis.movement.between import with_movements
 from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, SMALL, ZERO, budget, diagnosis
 
@@ -88,6 +88,9 @@ def test_an_unusual_group_is_no_plain_pass():
     part = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")
     summary = summarise(diagnosis("nothing_unusual", budget=(part,)))
     assert (keys_of(summary.badge), summary.tone) == (("badge_unusual_group",), "watch")
+    usual = BudgetPart("constants", 60.0, 2.0, 0.5, rank="usual", members=(GroupMember(ZERO.effect, 50.0, 0.3),))
+    headline = summarise(diagnosis("nothing_unusual", budget=(usual, replace(part, share=0.4)))).headline
+    assert headline.startswith(AnswerWords(diagnosis("nothing_unusual", budget=(usual, part))).condition_sentence[:-1])
     small = replace(part, share=0.02)
     found = diagnosis("nothing_unusual", budget=(small,))
     assert summarise(found).tone == "pass" and "finding_unusual_group" in keys_of(AnswerWords(found).condition_sentence)
@@ -161,6 +164,12 @@ def test_an_error_that_no_act_changes_is_stated_once():
     same = replace(found.accuracy, calibrated_um=found.accuracy.before_there_um)
     error = summarise(replace(found, accuracy=same)).error
     assert error.after == "" and "→" not in error.words + error.title
+
+
+def test_an_error_that_the_acts_do_not_certainly_reduce_is_not_shown_after_them():
+    found = diagnosis("named")
+    hardly = replace(found.accuracy, calibrated_um=0.99 * found.accuracy.before_there_um)
+    assert summarise(found).error.after and not summarise(replace(found, accuracy=hardly)).error.after
 
 
 def test_effects_that_no_reading_separates_are_named_together():
