@@ -101,7 +101,13 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
     }
     return {
         "name": entries.name,
-        "entries": [_entry_object(entry) for entry in entries.entries],
+        "entries": [
+            pick_fields(entry, "parameter", "axis")
+            | {"add": short(entry.add), "u": short(entry.u), "unit": entry.unit}
+            | {"now": entry.now and short(entry.now), "reading_deg": short(entry.reading_deg)}
+            | {"worth_um": round(entry.worth_um, 3), "leaves_um": round(entry.leaves_um, 3)}
+            for entry in entries.entries
+        ],
         "readings_deg": [short(degrees) for degrees in entries.readings_deg],
         "not_entered": [{"name": label_of(effect), "worth_um": round(um, 3)} for effect, um in entries.not_entered],
         **{name: round(um, 3) for name, um in errors.items()},
@@ -111,12 +117,6 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
         "source": entries.controller.source,
         "not_found_in_public": entries.controller.missing,
     }
-
-
-def _entry_object(entry: ControllerChange) -> dict[str, Any]:
-    values = pick_fields(entry, "parameter", "axis", "add", "u", "unit", "now", "reading_deg", "worth_um", "leaves_um")
-    floats = {key: value for key, value in values.items() if isinstance(value, float)}
-    return values | {key: round(value, 3) if key.endswith("_um") else short(value) for key, value in floats.items()}
 
 
 def short(value: float) -> float:
