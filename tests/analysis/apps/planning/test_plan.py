@@ -211,7 +211,7 @@ def test_the_command_prints_words_or_one_object(monkeypatch, circle_alone):
     assert "length a of axis 6 (a5)" in told.stdout
     assert " a flight: no wings" in told.stdout
     assert "Assumed noise" in told.stdout and "24.5 µm" in " ".join(told.stdout.split())
-    assert "of 87 possible errors" in told.stdout  # a gear is one name, regardless of its orders
+    assert "of 92 possible errors" in told.stdout  # a gear is one name, regardless of its orders
     found = json.loads(ran("plan", "paper-fanuc", "--tests", "yaw,roll", "--json").stdout)
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
     by_name = {effect["name"]: effect for effect in found["effects"]}

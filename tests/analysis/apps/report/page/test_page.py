@@ -52,7 +52,7 @@ def runs(tmp_path_factory):
 @pytest.fixture(scope="module")
 def report(runs):
     results = evaluate_runs([load_run(run) for run in runs])
-    return gather(results, diagnosis=diagnosis("named"), progress=lambda doing: None)
+    return gather(results, diagnosis=diagnosis("named", rig=RIG), progress=lambda doing: None)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_the_page_says_the_hidden_play_before_anything_else(page):
     text = _text(page)
     first = text[text.index("Verdict") :][:1500]
     size = r"0\.0521 ± 0\.0011 °"
-    assert re.search(rf"Verdict: . {EN('badge_cause_found')} Play of axis 1 \(Theta\), {size}, ", first)
+    assert re.search(rf"Verdict: . {EN('badge_cause_found')} Play of axis 1 \(base\), {size}, ", first)
     headings = (
         "error_now_label", "main_causes", "do_next", "details", "budget", "limits", "trace",
     )  # fmt: skip
@@ -125,14 +125,14 @@ def test_the_trace_has_the_hash_of_each_file(page, runs):
 @pytest.mark.parametrize(
     ("language", "words", "play"),
     [
-        ("de", "Alle Schritte, in dieser Reihenfolge", "Spiel von Achse 1 (Theta)"),
-        ("ko", "모든 조치(이 순서대로)", "축 1(Theta)의 백래시"),
+        ("de", "Alle Schritte, in dieser Reihenfolge", "Spiel von Achse 1 (base)"),
+        ("ko", "모든 조치(이 순서대로)", "축 1(base)의 백래시"),
     ],
 )
 def test_fixed_texts_are_in_the_language_asked_for(report, page, language, words, play):
     text = rendered(replace(report, results=report.results[-1:]), texts_of(language))
     assert words in text and f'<html lang="{language}">' in text
-    assert play in _first_sentence(text) and "lay of axis 1 (Theta)" in _first_sentence(page)
+    assert play in _first_sentence(text) and "lay of axis 1 (base)" in _first_sentence(page)
     assert _shares(text) == _shares(page)
     assert len(_shares(page)) >= 3 and sum(_shares(page)) == pytest.approx(100.0, abs=1e-9)
 
@@ -229,7 +229,7 @@ def test_diagnose_writes_the_same_page(runs, report, page, tmp_path, monkeypatch
     assert done.exit_code == 0, done.exception
     written = _text((tmp_path / "page.html").read_text(encoding="utf-8"))
     first = slice(written.index("Verdict"), written.index("Verdict") + 1500)
-    assert written[first] in _text(page) and "play of axis 1 (Theta)" in written[first]
+    assert written[first] in _text(page) and "play of axis 1 (base)" in written[first]
 
 
 def test_acw_and_cw_are_laid_over_each_other_straight_and_polar(report):
