@@ -280,7 +280,7 @@ def test_a_plan_and_drawn_touches_lead_to_a_calibration(tmp_path):
     arms, base = ("ur10e", "kuka-lbr-iiwa-14"), ("--base", "1500,0,0,0,0,180")
     made = ran("pair", *arms, "--plan", "20", *base, "--simulate", "2", "-o", "t.csv", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
-    drawn = [float(x) for x in made.stderr.split(" at ")[1].split(" mm")[0].split(",")]
+    drawn = [float(x) for x in made.stderr.split("true place")[1].split(": ")[1].split(" mm")[0].split(",")]
     found = json.loads(ran("pair", *arms, "t.csv", "--json", cwd=tmp_path).stdout)
     assert np.abs(np.array(found["base"]["xyz_mm"]) - drawn).max() < 3.5 * max(found["base"]["u_xyz_mm"])
 
