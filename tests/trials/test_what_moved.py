@@ -153,7 +153,7 @@ def test_a_diagnosis_of_both_runs_begins_with_the_movement(tmp_path):
     _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
     summary = summarise(diagnose([tmp_path / "before", tmp_path / "after"]))
     assert keys_of(summary.badge) == ("badge_moved",)
-    assert keys_of(summary.headline)[0].startswith("moved_") and "moved_base_or_plate" in keys_of(summary.headline)
+    assert keys_of(summary.headline)[0] == "moved_between" and summary.headline.startswith("The base or the plate ")
     assert "check_act_base_or_plate" in keys_of(summary.next)
 
 
