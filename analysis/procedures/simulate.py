@@ -31,6 +31,7 @@ from analysis.robot.geometry.iso_cube import (
 )
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian, transform
+from analysis.robot.kinematics.joint_limits import wrapped
 from analysis.robot.predict import Model, Motion, Path, SetUp, model_of, moved, stops, visits
 from analysis.runs.loading import SIMULATED, Measured, measured_of, rig_of
 from analysis.runs.noise.cell_noise import SEAT_MM, TRACKER_MM
@@ -173,7 +174,10 @@ def _somewhere(
 
 
 def postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -> Array:
-    """Random postures (at most count, axes) rad with the tool at a position in any orientation."""
+    """Random postures (at most count, axes) rad with the tool at a position in any orientation.
+
+    Each joint stays within a turn about the middle of its range: an arm on its way from touch to touch is not wound up.
+    """
     low, high = arm.limits.T
     free = _OFF_LIMIT * (high - low)
     postures = np.empty((0, arm.axes))
@@ -188,7 +192,8 @@ def postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) ->
         postures = np.concatenate([postures, kept])
         if len(postures) >= count:
             break
-    return postures[:count]
+    middle: Array = (low + high) / 2
+    return middle + wrapped(postures[:count] - middle)
 
 
 def with_ball(arm: Arm, touch: Touch) -> Arm:

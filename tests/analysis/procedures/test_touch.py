@@ -4,10 +4,11 @@ import pytest
 
 from analysis.intake.read import check_sequence, parse_csv
 from analysis.procedures.checks.units import unit_findings
-from analysis.procedures.simulate import planned_touches
+from analysis.procedures.simulate import planned_touches, simulated_touches
 from analysis.procedures.touch import evaluate
 from analysis.robot.kinematics.arm import forward
 from analysis.robot.predict import model_of
+from analysis.runs.joint_turns import without_whole_turns
 from analysis.runs.tables import TouchTable, columns_of
 from rigs.arms import load_arm
 from rigs.errors import FileError
@@ -92,6 +93,15 @@ def test_simulated_sockets_have_the_distances_that_are_known():
     assert [one.distance.value for one in found.distances] == pytest.approx([50, 80, 60], abs=1e-3)
     with refused("touch.no_postures"):
         planned_touches(rig_with(9000.0, "ur5"))
+
+
+@pytest.mark.parametrize("arm", ["ur10e", "kuka-kr-6-r900-2"])
+def test_simulated_touches_stay_within_a_turn_of_each_joint(arm):
+    """They ranged over ±360°, were counted back by whole turns, and the user was told to check an export."""
+    rig = rig_with(50.0, arm)
+    table = simulated_touches(rig, 3)
+    assert np.ptp(table.q, axis=0).max() < 2 * np.pi
+    assert without_whole_turns(table, rig) == (table, ())
 
 
 def test_touches_in_radians_and_joints_that_the_arm_has_not_are_refused(touches):
