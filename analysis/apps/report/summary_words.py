@@ -41,6 +41,7 @@ from analysis.diagnosis.judge.result import (
     BudgetPart,
     Diagnosis,
     Named,
+    is_certain_part,
     is_sure,
     likely_rivals,
 )
@@ -176,8 +177,11 @@ class _SummaryWords(ActWords):
             is_certain = is_single and is_sure(diagnosis, part)
             causes.append(_Cause(part.share, self._part(part), is_certain, is_single=is_single))
         for part in diagnosis.budget:
-            if part.share > LARGE_SHARE and self._may_be_imitated(part):
-                causes.append(_Cause(part.share, joined([self._cause_name(part), self._share(part)], ", "), False))
+            imitated = diagnosis.named_of(part)
+            if part.share > LARGE_SHARE and imitated and self._may_be_imitated(part):
+                why = self.texts(f"doubt_{imitated.doubt}")
+                name = self.texts("not_confirmed_because", part=self.short_name(part), why=why)
+                causes.append(_Cause(part.share, joined([name, self._share(part)], ", "), False))
         return sorted(causes, key=lambda cause: -cause.share)
 
     def _share(self, part: BudgetPart) -> str:
@@ -187,10 +191,13 @@ class _SummaryWords(ActWords):
         if named := self.diagnosis.named_of(part):
             return self._effect(named, part)
         usual = self.texts("size_usual") if part.rank == "usual" else ""
-        name = joined([self.short_name(part), usual, self._share(part)], ", ")
-        if not part.members or part.members[0].odds < _LIKELY:
+        member = next((member for member in part.members[:1] if member.odds >= _LIKELY), None)
+        # The odds of a member assume that the group exists, so the doubt about the group is stated too.
+        is_open = member is not None and not is_certain_part(self.diagnosis, part)
+        uncertain = self.texts("size_uncertain", um=self.error_size(part.um, part.u_um)) if is_open else ""
+        name = joined([self.short_name(part), usual, uncertain, self._share(part)], ", ")
+        if member is None:
             return name
-        member = part.members[0]
         return self.texts("probable_member", part=name, member=self.noun(member.effect), odds=sure(member.odds))
 
     def _effect(self, named: Named, part: BudgetPart | None, *, is_fault: bool = False) -> str:

@@ -96,6 +96,34 @@ def test_an_unusual_group_is_no_plain_pass():
     assert summarise(found).tone == "pass" and "finding_unusual_group" in keys_of(AnswerWords(found).condition_sentence)
 
 
+@pytest.mark.parametrize(
+    ("u_um", "badge", "keys"), [(148.0, "badge_cause_open", ("size_uncertain",)), (30.0, "badge_cause_found", ())]
+)
+def test_a_likely_cause_that_is_not_certain_says_that_its_size_is_uncertain(u_um, badge, keys):
+    """The badge read "CAUSE NOT CERTAIN", and the sentence only "probability > 99.9 %"."""
+    member = GroupMember(ZERO.effect, 600.0, 0.9995, 30.0)
+    part = BudgetPart("curve", 618.0, u_um, 0.8, axis=3, rank="usual", members=(member,))
+    summary = summarise(diagnosis("nothing_unusual", budget=(part,)))
+    assert keys_of(summary.badge) == (badge,) and "probable_member" in keys_of(summary.headline)
+    assert tuple(key for key in keys_of(summary.headline) if key == "size_uncertain") == keys
+    assert ("618 ± 148 µm" in summary.headline) == bool(keys)
+
+
+@pytest.mark.parametrize(("standing", "key"), [(None, "act_none_sound"), ("pass", "act_none_sound_within")])
+def test_only_an_error_that_was_judged_is_within_the_limits(standing, key):
+    found = diagnosis("nothing_unusual", acts=(Act("none", "sound", (0,)),))
+    summary = summarise(replace(found, accuracy=replace(found.accuracy, standing=standing)))
+    assert key in keys_of(summary.next)
+
+
+@pytest.mark.parametrize("doubt", ["unexplained", "commanded"])
+def test_a_probable_effect_that_another_cause_may_imitate_says_so(doubt):
+    named = replace(PLAY, doubt=doubt, probability=0.9995)
+    summary = summarise(diagnosis("nothing_unusual", effects=(named,)))
+    assert keys_of(summary.badge) == ("badge_cause_open",)
+    assert {"not_confirmed_because", f"doubt_{doubt}"} <= set(keys_of(summary.headline))
+
+
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_every_condition_has_a_summary_in_every_language(condition, language):
