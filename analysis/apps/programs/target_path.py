@@ -67,7 +67,7 @@ class TargetPath:
 def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
     """Read the targets of an arm, as joint angles if the table contains them, with the rail position.
 
-    Raises FileError for an invalid path, and TableFileError with every bad cell.
+    Raises FileError for an invalid path or values in a wrong unit, and TableFileError with every bad cell.
     """
     names, rows = _rows(path)
     joints = (*joint_columns(axes), RAIL) if rail else joint_columns(axes)
@@ -77,7 +77,9 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
         what = f"has {required[0]} … {required[-1]} and {both[0]}: joint angles and poses cannot be combined"
         remedy = f"keep one of both; measured poses calibrate an arm: rig calibrate {as_argument(path)} --arm ARM"
         raise FileError(str(path), what, remedy, code="targets.mixed")
-    return _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
+    read = _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
+    _check_units(read, str(path))
+    return read
 
 
 def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]:
@@ -86,7 +88,6 @@ def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]
     if len(read.lines) > MOST_TARGETS:
         problem = f"has {len(read.lines)} targets, and at most {MOST_TARGETS} are compared"
         raise FileError(str(path), problem, "split the table", code="targets.too_many")
-    _check_units(read, str(path))
     if not read.joints:
         return read, read.poses(), None
     q = read.angles()

@@ -338,6 +338,8 @@ def test_the_command_writes_files_and_says_why_not(tmp_path, monkeypatch):
         (HEAD, "A,0,20,10,0,200,0", "targets.uncorrected", "line 2"),
         ("x_mm,y_mm,z_mm", "900,0,0", "targets.column", "rx_deg"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "targets.uncorrected", "line 2"),
+        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "0.9,0,0.4,0,180,0", "targets.units", "by 1000"),
+        (HEAD, "A,0,0.35,0.17,0,1.05,0", "targets.units", "by 57.29578"),
         (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "targets.already_corrected", "u_um"),
         (HEAD, "", "targets.empty", ""),
     ],
