@@ -150,12 +150,11 @@ def controller_line(rig: Rig) -> str:
     practice = practice_of(rig.maker or rig.robot.name)
     if rig.controller != "unknown" or practice is None:
         return ""
-    has, how = (
-        "may have constants of its own, an option of the maker",
-        "(tool: none; five rows show whether it has any)",
-    )
     if practice.own_constants == "always":
         has, how = "has constants of its own", "or five rows of joints and flange pose from the pendant (tool: none)"
+    else:
+        has = "may have constants of its own, an option of the maker"
+        how = "(tool: none; five rows show whether it has any)"
     without = "until then targets given as poses are not corrected"
     return f"the controller {has}: give {practice.get} {how}, with the option --calibration; {without}"
 

@@ -457,7 +457,7 @@ def _turn_words(turn: TurnColumns) -> str:
 
 
 def _with_controller(judge: Judge, table_map: TableMap, computed: FittingPlace) -> TableMap:
-    """Add the pose computed by the controller to a map, with its orientation if one fits clearly."""
+    """The map with the pose that the controller computed, and with its orientation if one reading fits."""
     place = computed.reading.value.place
     readings = _turn_readings(judge, computed.reading.value, computed.pose)
     turn = readings[0].value if readings and readings[0].left <= _RIGHT_DEG and not _rivals(readings) else None

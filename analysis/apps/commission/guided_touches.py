@@ -42,7 +42,7 @@ class GuidedCheck:
 
     @classmethod
     def of_runs(cls, runs: Sequence[Measured], rig: Rig | None = None) -> GuidedCheck:
-        """Check without touches yet. The touches of the reference runs must have one placement.
+        """A check that has no touches yet. All touches of the reference runs must have the same placement.
 
         rig: model of the arm, by default that of the first run.
         """

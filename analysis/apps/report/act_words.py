@@ -126,7 +126,8 @@ class ActWords(AnswerWords):
         indices = [self.diagnosis.budget[k].index for k in act.parts if act.why == "sound"]
         effects = [self.diagnosis.effects[k].effect for k in indices if k is not None]
         avoidable = ", ".join(self.noun(effect) for effect in effects if effect.part == "reversal")
-        sentence = self.texts(f"act_none_{act.why}{'_within' * bool(indices)}", parts=self.parts(act))
+        is_within = act.why == "sound" and self.diagnosis.accuracy.standing == "pass"
+        sentence = self.texts(f"act_none_{act.why}{'_within' * is_within}", parts=self.parts(act))
         return joined([sentence, self.texts("act_none_sound_avoidable", parts=avoidable)]) if avoidable else sentence
 
     def removes(self, act: Act) -> str:

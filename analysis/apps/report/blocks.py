@@ -40,7 +40,7 @@ class Heading:
 
     @property
     def anchor(self) -> str:
-        """Name on the page for links and tables: the key of its text; empty without one."""
+        """Anchor of a section on the page: the key of its heading; empty for a small heading or a text without key."""
         keys = keys_of(self.text)
         return keys[0].replace("_", "-") if keys and self.level == 2 else ""
 

@@ -46,7 +46,7 @@ LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 
 class Phrase(str):
-    """A text that knows its key and the keys of the texts inserted into it."""
+    """A text with its key and the keys of the texts inserted into it, which tests and the JSON show."""
 
     __slots__ = ("keys",)
     keys: tuple[str, ...]
@@ -83,7 +83,7 @@ class Texts:
     nouns: dict[str, str]
 
     def __call__(self, *keys: str, **values: object) -> Phrase:
-        """The text of the first key that exists, with its values."""
+        """Text with inserted values. Of several keys, the first that has a text is used."""
         key = next((key for key in keys if key in self.words), keys[-1])
         inner = (inner for value in values.values() for inner in keys_of(value))
         return Phrase(self.words[key].format(**values), (key, *inner))

@@ -44,7 +44,7 @@ different part. Chosen: odds of 150 to 1.
 
 @dataclass(frozen=True)
 class RivalOdds:
-    """Odds that a named effect, one of its rivals, or a healthy arm causes the readings."""
+    """Odds of the causes of the readings: a named effect, each of its rivals, and a healthy arm."""
 
     odds: float
     rivals: tuple[tuple[SelectionState, float], ...] = ()
@@ -132,7 +132,8 @@ def cautious_odds(selection: Selection, state: SelectionState, place: int, *, fa
 
 
 def rival_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Compare a named effect with its rivals: effects that explain as much in its place and add nothing to it.
+    """Odds of a named effect and of its rivals. A rival explains as much if it replaces the effect, and nothing more if
+    it is added to it.
 
     faults_only: only rivals that would be faults.
     """

@@ -65,14 +65,15 @@ class UnknownCauses:
     """Kinds of unknown causes that runs may show, each with its response (N, c) at unit amplitude."""
 
     responses: dict[str, Response]
-    at_rest: Collection[str] = ()
+    at_rest: frozenset[str] = frozenset()
     """Kinds that only readings at rest show."""
 
     @classmethod
     def in_runs(cls, linear: Linearisation) -> Self:
         of_places = dict(_of_places(linear))
         kinds = dict([*_of_joints(linear), *_of_circles(linear)]) | of_places
-        return cls({kind: Response(columns) for kind, columns in kinds.items() if np.any(columns)}, of_places.keys())
+        responses = {kind: Response(columns) for kind, columns in kinds.items() if np.any(columns)}
+        return cls(responses, frozenset(of_places))
 
     def of_circles(self) -> Self:
         return type(self)({kind: each for kind, each in self.responses.items() if kind not in self.at_rest})

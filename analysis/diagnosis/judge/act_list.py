@@ -155,7 +155,7 @@ def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
 
 
 def _parameters_first(acts: Sequence[Act], diagnosis: Diagnosis) -> list[Act]:
-    """Move the checks of large faults ahead of everything that would hide a wrong parameter."""
+    """Put checks of large faults first, because a correction or repair would hide a wrong parameter."""
 
     def is_first(act: Act) -> bool:
         return act.kind == "check" and any(diagnosis.budget[k].share > LEAST_SHARE for k in act.parts)
@@ -241,7 +241,7 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
 
 
 def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named) -> Act:
-    """The manual action for an effect of part k, its own or a fault that cancels some of it."""
+    """Manual action for `named`: the effect of part k, or a fault that cancels a share of it."""
     part = diagnosis.budget[k]
     u_um, um = (part.u_um, part.um) if diagnosis.named_of(part) is named else (named.u_um, named.contribution_um)
     figures = judged.removed([named.effect], u_um / um if um > 0 else 1.0)
