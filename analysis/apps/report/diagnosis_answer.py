@@ -199,7 +199,7 @@ def _faults(words: AnswerWords) -> list[Block]:
     rows = tuple(_fault(words, named) for named in faults)
     likeliest = [Sentence(texts("likeliest_first"), "note")] if diagnosis.condition == "ambiguous" else []
     return [
-        Table([*map(texts, keys)], rows, {1, 2, 3, 4}, ("unusual",) * len(rows)),
+        Table([*map(texts, keys)], rows, {1, 2, 3, 4}, ("unusual",) * len(rows), "stack"),
         *likeliest,
         *doubted,
     ]
@@ -292,7 +292,7 @@ def places_blocks(where: Sequence[ResidualPlace]) -> list[Block]:
     notes = [f"and {len(where) - _MOST_PLACES} more (--json lists all)"] * (len(where) > _MOST_PLACES)
     if any(place.test in CIRCLES for place in where):
         notes.append("distance: mean of both gauges; angle: difference of the gauges; axis: this axis reverses there")
-    return [Table(columns, rows, {3, 5, 6}), *paragraphs(notes, "note")]
+    return [Table(columns, rows, {3, 5, 6}, key="stack"), *paragraphs(notes, "note")]
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -39,10 +39,11 @@ def test_plain_noise_is_scatter_and_not_an_unknown_cause():
 
 def test_deviations_beyond_usual_scatter_may_be_an_unknown_error_unless_targets_are_repeated():
     """Robots and trackers scatter by about 60 µm rms; 0.045 mm in each coordinate is more."""
-    found = _found(40, 0.045)
-    assert found.residual.unrepeated_um == pytest.approx(np.sqrt(3) * 45, rel=0.3)
-    assert found.condition == "undecided" and not found.standing
-    assert found.acts[0].why == "revisit"
+    usual, unusual = _found(40, 0.02), _found(40, 0.045)
+    assert usual.residual.unrepeated_um is None
+    assert unusual.residual.unrepeated_um == pytest.approx(np.sqrt(3) * 45, rel=0.3)
+    assert unusual.condition == "undecided" and not unusual.standing
+    assert unusual.acts[0].why == "revisit"
 
 
 def test_gauges_that_differ_from_repeat_to_repeat_are_reported_first():

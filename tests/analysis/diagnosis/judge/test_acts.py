@@ -43,7 +43,8 @@ def test_acts_of_the_demo_begin_with_the_largest_gain():
     found = demo()
     first, *others = found.acts
     assert first.kind == "load" and first.place == "unseen"
-    assert first.removes_um > 90 and first.remains_um < 15 and first.remains_u_um < 0.25 * first.removes_um
+    assert first.removes_um > 90 and first.remains_um < 15
+    assert first.remains_u_um == pytest.approx(19, rel=0.2)  # below 5 with two laps each way
     removed = [act.removes_um for act in found.acts if act.removes_um]
     assert removed == sorted(removed, reverse=True)
     assert any(act.kind == "repair" and act.effect and name_of(act.effect) == "transmission_error 4" for act in others)

@@ -24,7 +24,7 @@ DRAWN = (
     "document.readyState === 'complete' && document.querySelectorAll('.live').length > 0"
     " && document.querySelectorAll('.live .main-svg').length >= document.querySelectorAll('.live').length"
 )
-"""Before the page is there nothing has been drawn, although as many pictures as there are."""
+"""True once the page is loaded and every picture is drawn."""
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +138,7 @@ def test_on_paper_every_picture_is_there_and_no_table_is_wider(opened):
 
 
 def test_a_telephone_scrolls_in_its_tables_and_not_the_page(opened):
-    """Wide first, like a screen that is turned or a window that is made smaller."""
+    """The window is narrowed after the page was drawn wide, as when a screen is turned."""
     opened.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
     try:
         opened.until("innerWidth === 390")
