@@ -1,11 +1,11 @@
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from daq.store import durable
 from tests.support.bench import Bench
+from tests.support.recorders import Gate
 
 
 @pytest.fixture
@@ -15,17 +15,14 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 @pytest.fixture
-def making(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, threading.Event]]:
-    """A disk that makes no directory for a run: set when one is asked for; to be set when it may go on."""
-    asked, done = threading.Event(), threading.Event()
+def gate() -> Iterator[Gate]:
+    made = Gate()
+    yield made
+    made.open()
 
-    def slow(path: Path, make: Callable[[Path], None] = durable.make_directory) -> None:
-        asked.set()
-        assert done.wait(60)
-        make(path)
 
-    monkeypatch.setattr(durable, "make_directory", slow)
-    try:
-        yield asked, done
-    finally:
-        done.set()
+@pytest.fixture
+def making(gate: Gate, monkeypatch: pytest.MonkeyPatch) -> Gate:
+    """A disk that makes no directory for a run before the gate is open."""
+    monkeypatch.setattr(durable, "make_directory", gate.before(durable.make_directory))
+    return gate

@@ -1,20 +1,14 @@
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
 
 from rigs import distribution
-from rigs.distribution import NAME, to_install, version
+from rigs.distribution import to_install, version
 from rigs.entry import MARKS
 
 ROOT = Path(__file__).parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-
-
-def test_name_and_version_are_those_of_the_project():
-    assert (NAME, version()) == (PROJECT["name"], PROJECT["version"])
 
 
 def test_a_missing_package_is_added_to_the_environment_of_rig():

@@ -97,7 +97,6 @@ def test_written_block_is_valid_in_a_rig_file():
 
 def _wanted(text: str, **circle: Any) -> Rig:
     rig = parse(text, "cell")
-    assert rig.tests.circle
     tests = rig.tests.model_copy(update={"circle": rig.tests.circle.model_copy(update=circle)})
     return rig.model_copy(update={"tests": tests})
 

@@ -2,10 +2,8 @@ import pickle
 
 import pytest
 
-from daq.store.manifest import check_operator
 from rigs.errors import FileError, RigPlace
 from rigs.load import load, named_by
-from tests.support.refusals import refused
 
 RIG = load("ur10e")[0]
 
@@ -24,10 +22,3 @@ def test_similar_text_is_kept(where):
     with pytest.raises(FileError) as found, named_by("cell.yaml", RIG):
         raise FileError(where, "is wrong", "correct it")
     assert found.value.where == where
-
-
-@pytest.mark.parametrize("name", ["a; b\nc", "x" * 5000])
-def test_mistake_at_an_operator_does_not_depend_on_the_name(name):
-    with refused("request.operator") as found:
-        check_operator(name)
-    assert found.value.what

@@ -12,7 +12,6 @@ TRUE = np.round(0.3 * np.sin(np.linspace(0, 7, 400)), 3)
 @pytest.mark.parametrize(("bits", "count"), [(12, 0.002), (16, 0.001), (16, 0.0005), (32, 0.0001)])
 def test_a_jump_by_all_counts_is_named(bits, count):
     found = unsigned_readings(np.where(TRUE < 0, TRUE + count * 2.0**bits, TRUE), [count])
-    assert found is not None
     fact, remedy = found
     assert f"2^{bits} " in fact and f"{bits} bits" in remedy
     assert (f"`type: int{bits}`" in remedy) == (f"int{bits}" in get_args(Number))  # the rig file has no int12

@@ -21,10 +21,10 @@ from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.positions import SteadyRate
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import RecordingRequest
-from daq.recording.recorder import Recorder
 from daq.service.client import Client
-from daq.store import RunWriter, new_manifest, verify
+from daq.store import verify
 from tests.support.bench import Bench, rig_text
+from tests.support.recorders import recorder_of
 from tests.support.replugging import Clockwork, swallow
 
 GROWTH_MB = 8.0
@@ -76,7 +76,7 @@ def in_real_time(folder: Path, minutes: float, every_s: float) -> Iterator[Held]
 def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> Iterator[Held]:
     """Record at `times` the real speed, with a fault per second in each stream, without links and readers."""
     buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
-    recorder = Recorder(buffers, lambda label, _: _create(folder, label), lambda: None)
+    recorder = recorder_of(folder, buffers)
     recorder.start()
     _deliver(buffers, {name: SteadyRate(rate, 0) for name, rate in RATES_HZ.items()}, 0)
     path = recorder.start_run(RecordingRequest(RunLabel(name="soak", test="yaw", direction="acw"))).result()
@@ -96,11 +96,6 @@ def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> I
         kept = ended.counters[name]
         assert kept["samples"] == buffer.state().counters["samples"] - 1, f"{name}: {kept}"
     assert verify(path) == []
-
-
-def _create(folder: Path, label: RunLabel) -> RunWriter:
-    about = {"rig_name": "soak", "rig_text": rig_text(), "operator": "", "streams": COLUMNS}
-    return RunWriter.create(folder, new_manifest(name=label.name, test=label.test, direction=label.direction, **about))  # type: ignore[arg-type]
 
 
 def _deliver(buffers: dict[str, StreamBuffer], paces: dict[str, SteadyRate], until_ns: int) -> None:

@@ -1,11 +1,9 @@
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from analysis.diagnosis.evidence.gather import prepare_runs
-from analysis.diagnosis.evidence.setups import folds_of
 from analysis.diagnosis.judge.result import Diagnosis
 from rigs.effects import Backlash, Effect, JointOffset
 from rigs.errors import FileError
@@ -75,22 +73,6 @@ def test_targets_alone_draw_no_name_of_a_healthy_robot(test):
     assert found.condition in ("nothing_unusual", "not_testable_here") and found.effects == ()
     assert _has_doubt(found, "at rest") and not _has_doubt(found, "outlier")
     assert found.maps and not found.curves
-
-
-def test_a_wild_pose_is_left_out_and_judges_no_name():
-    truth = JointOffset(axis=3, offset_deg=0.2)
-    run = poses(2, truth)
-    table = run.table
-    row = int(np.flatnonzero(folds_of(table.q, 5) == 0)[3])
-    wild = table.xyz_mm.copy()
-    wild[row, 0] += 25.0
-    found = found_in([replace(run, table=replace(table, xyz_mm=wild))])
-    assert found.condition == "named" and [name_of(one.effect) for one in found.standing] == ["joint_offset 3"]
-    assert abs(found.effects[0].effect.offset_deg - 0.2) < 0.01
-    (doubt,) = [doubt for doubt in found.doubts if "ignored" in doubt]
-    words = re.match(rf"pose: 1 of 100 poses ignored: row {row + 1} is ([\d.]+) mm from", doubt)
-    assert words and float(words[1]) == pytest.approx(25, abs=0.2)
-    assert found.held_out and max(found.held_out.after_um, found.train.after_um) < 500
 
 
 def test_one_reading_in_a_hundred_that_is_wild_is_counted_and_follows_its_neighbours():

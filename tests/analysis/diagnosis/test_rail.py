@@ -95,7 +95,7 @@ def test_tables_keep_the_rail_position():
     columns = columns_of(touches)
     assert columns["e1_mm"].to_pylist() == [0.0, 1500.0, 3000.0]
     again = table_from(columns, "touch", None, "t")
-    assert isinstance(again, TouchTable) and again.rail and again.came_from is not None
+    assert again.rail and again.came_from is not None
     np.testing.assert_allclose(again.q, q)
     np.testing.assert_allclose(again.came_from, q - 0.1)
 

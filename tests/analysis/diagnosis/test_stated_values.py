@@ -56,11 +56,6 @@ def test_correct_distance_is_not_doubted_despite_a_fault_of_the_arm():
     assert not _found(_TRUE_MM, Fault("zero", 3, 4.0)).contradictions
 
 
-def test_a_scale_of_the_arm_within_its_build_is_no_wrong_distance():
-    """Touches show no common scale of all lengths; a known distance is what shows it."""
-    assert not _found(1.005 * _TRUE_MM).contradictions
-
-
 def test_a_distance_that_was_measured_again_replaces_the_one_recorded_with_the_run():
     run = _run(_rig(_TRUE_MM + 8.0))
     assert not diagnose(_rig(_TRUE_MM), [run], [], [], lambda _: None).contradictions

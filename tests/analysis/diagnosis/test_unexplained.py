@@ -80,15 +80,6 @@ def test_visits_that_differ_come_first():
     assert found.acts[0].why == "visits_differ"
 
 
-def test_an_error_that_a_model_misses_at_other_places_is_unexplained():
-    """A cable that pulls once three joints are far out repeats, but no neighbourhood predicts the next."""
-    q = np.tile(postures("ur10e", 30, np.random.default_rng(7)), (2, 1))
-    pull = 0.04 * np.maximum(np.sin(q[:, 2]) * np.sin(2 * q[:, 3]) * np.cos(q[:, 4]), 0) * np.sign(np.sin(5 * q[:, 5]))
-    found = _visited_twice(pull, q)
-    assert found.condition == "outside_library" and found.residual.share > 0.05
-    assert not found.standing
-
-
 def test_the_share_of_noise_is_about_zero_and_that_of_a_cause_its_size():
     rng = np.random.default_rng(3)
     columns, noise, groups = rng.normal(size=(200, 8)), rng.normal(size=200), np.repeat(np.arange(20), 10)

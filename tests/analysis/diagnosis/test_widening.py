@@ -31,7 +31,7 @@ def missed(variance: np.ndarray) -> _Neighbourhoods:
 def test_misses_proportional_to_the_stated_u_are_a_factor():
     wider = missed(4 * STATED).parted()
     assert 1.6 < wider.factor < 2.7
-    assert wider.unexplained_mm is not None and wider.unexplained_mm < 0.12
+    assert wider.unexplained_mm < 0.12
     assert wider.beyond_mm == pytest.approx(np.sqrt(3 * STATED.mean()), rel=0.3)
 
 

@@ -188,14 +188,6 @@ def test_oversized_bag_names_the_topics_to_keep(tmp_path):
         read_file(tmp_path / "large.mcap", "yaw", rig())
 
 
-@pytest.mark.parametrize("name", ["a\nb", "a\x1b[2Jb", "a\tb"])
-def test_an_operator_with_control_characters_is_refused(tmp_path, name):
-    (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
-    with refused("request.operator"):
-        import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator=name)
-    assert not (tmp_path / "r").exists()
-
-
 @pytest.mark.parametrize("test", ["yaw", "radial", "repeatability"])
 def test_constant_gauge_is_reported_at_import(tmp_path, test):
     rows = plain(test)

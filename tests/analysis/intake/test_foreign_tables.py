@@ -44,7 +44,7 @@ def test_a_table_is_imported_or_asked_about_or_refused(foreign, tmp_path):
 def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path):
     assert tried(named("kuka"), tmp_path).outcome == "without a word"
     kept = read_run(tmp_path / "run").manifest.table
-    assert kept is not None and not kept.assumed
+    assert not kept.assumed
     done = ran(f"export {tmp_path}/run --to map -o {tmp_path}/again.yaml")
     assert done.returncode == 0 and (tmp_path / "again.yaml").read_text() == kept.map
     done = ran(f"import {tmp_path}/kuka.csv --rig ur10e --test pose -o {tmp_path}/b --map {tmp_path}/again.yaml")

@@ -64,7 +64,7 @@ def test_the_difference_of_commanded_and_measured_angles_is_reported(tmp_path, o
     assert not run.has_only_commanded_angles
     second = command_errors(run)[1]
     assert second.rms_deg == pytest.approx(np.sqrt((sags[:, 1] ** 2).mean()), rel=1e-2)
-    assert second.with_load is not None and second.with_load > 0.99
+    assert second.with_load > 0.99
     assert [one.columns for one in findings_of([run]) if one.convention == "commands"] == [("q2_deg",)]
 
 

@@ -57,7 +57,7 @@ def test_a_table_goes_in_comes_out_and_comes_back_the_same(tmp_path, test, direc
             assert list(column) == [plain_lines(text) for text in rows[name]], name
     back = read_file(out, test, rig())
     stored, extra = read_run(run).table, [name for name in rows if name not in known]
-    assert stored is not None and back.table.drop_columns(extra).equals(stored.drop_columns(extra))
+    assert back.table.drop_columns(extra).equals(stored.drop_columns(extra))
     assert pq.read_table(exported(run, "parquet")).equals(stored)
 
 

@@ -79,7 +79,7 @@ def test_new_readings_are_compared_with_the_latest_state_of_the_reference(arm, c
     assert found.reference_names == tuple(f"run_{k}" for k in range(first, len(changes)))
     named = {0: "base", 7: "tool"}
     expected = "+".join(named.get(axis, f"zero {axis}") for axis in changes[-1]) or "nothing"
-    assert found.named is not None and label(found.named.cause) == expected
+    assert label(found.named.cause) == expected
     for axis, size in changes[-1].items():
         assert found.named.size_deg == (pytest.approx(size, abs=0.01) if axis in range(1, 7) else None)
 

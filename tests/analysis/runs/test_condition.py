@@ -72,7 +72,7 @@ def test_mean_and_rise_of_a_joints_temperature():
     columns["temperature2_c"] = np.linspace(30.0, 40.0, len(columns["last_byte_ns"]))
     columns["temperature3_c"] = np.full(len(columns["last_byte_ns"]), math.nan)
     warmth = condition_of(columns).warmth
-    assert warmth is not None and sorted(warmth) == [1, 2, 4, 5, 6]
+    assert sorted(warmth) == [1, 2, 4, 5, 6]
     assert (warmth[2].mean_c, warmth[2].rise_c) == pytest.approx((35.0, 9.0), abs=0.05)
     assert warmth[1].rise_c == 0 and warmth[1].u_mean_c == 0
 

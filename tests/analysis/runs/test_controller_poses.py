@@ -30,9 +30,7 @@ def stream_of(robot: Robot, q: Array, T_flange_tool: Array | None = None) -> dic
 
 
 def poses_of(robot: Robot, T_flange_tool: Array | None = None) -> ControllerPoses:
-    found = controller_poses(stream_of(robot, circle_program(RIG, "acw").q, T_flange_tool))
-    assert found is not None
-    return found
+    return controller_poses(stream_of(robot, circle_program(RIG, "acw").q, T_flange_tool))
 
 
 def apart_mm(rig: Rig, robot: Robot) -> float:

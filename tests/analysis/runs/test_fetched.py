@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from analysis.runs.batch import CompletedItem, FailedItem, each
-from analysis.runs.remote import RemotePath, explained, fetched, location
+from analysis.runs.remote import explained, fetched, location
 from rigs.distribution import to_install
 from rigs.errors import FileError
 
@@ -119,7 +119,6 @@ def test_names_that_lead_out_of_the_directory_are_not_written(run, tmp_path, pla
 def test_errors_of_a_store_hide_secrets():
     said = "no answer from 'https://me:hidden@h/x?X-Amz-Signature=hidden' now"
     url = location("s3://b/x")
-    assert isinstance(url, RemotePath)
     with refused("store.unreadable") as error, explained(url):
         raise RuntimeError(said)
     assert "https://h/x" in error.value.what and "hidden" not in str(error.value)
@@ -151,7 +150,7 @@ def test_a_bad_run_costs_itself_in_any_number_of_processes(jobs, tmp_path, place
 def test_a_process_that_is_killed_over_a_copy_leaves_nothing(tmp_path, run, place):
     signed = tmp_path / "signed"
     (failed,) = each(partial(killed_over, signed), [location(url_of(run))])
-    assert isinstance(failed, FailedItem) and failed.deaths == 2 and signed.exists()
+    assert failed.deaths == 2 and signed.exists()
     assert not list(place.iterdir())
 
 

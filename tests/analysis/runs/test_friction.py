@@ -33,7 +33,7 @@ def robot(rng: np.random.Generator, *, ripple_a: float = 0.015) -> dict[str, np.
 def test_friction_is_half_the_jump_at_a_reversal(seed):
     columns = robot(np.random.default_rng(seed))
     found = condition_of(columns).friction
-    assert found is not None and sorted(found) == [1, 2, 3, 4, 5]  # the sixth never turns back
+    assert sorted(found) == [1, 2, 3, 4, 5]  # the sixth never turns back
     for axis, one in found.items():
         assert abs(one.current_a - COULOMB_A[axis - 1]) < 4 * one.u_a + 0.01 * COULOMB_A[axis - 1], (axis, one)
         assert one.u_a < 0.2 * COULOMB_A[axis - 1]

@@ -20,7 +20,6 @@ from tests.support.refusals import refused
 )
 def test_the_text_is_the_url(given, text, top, steps):
     found = location(given)
-    assert isinstance(found, RemotePath)
     assert (str(found), found.top, found.steps) == (text, top, steps)
     assert str(found / "run") == f"{text}/run" and (found / "run").name == "run"
     assert (found / "run").parent == found and (found / "run").resolve() == (found / "run").absolute() == found / "run"

@@ -28,9 +28,7 @@ def made(path: Path, file: str = "manifest.json") -> None:
 
 
 def at(url: str) -> RemotePath:
-    found = location(url)
-    assert isinstance(found, RemotePath)
-    return found
+    return location(url)
 
 
 def below(url: str) -> list[str]:

@@ -46,7 +46,7 @@ def test_three_readings_of_a_stand_are_one_and_no_visits():
     sound = table(40, turned=True)
     found = average_standstills(read_thrice(sound))
     assert rows_per_standstill(read_thrice(sound)).tolist() == [3] * 40
-    assert isinstance(found, PoseTable) and found.rpy is not None and sound.rpy is not None
+    assert found.rpy is not None and sound.rpy is not None
     np.testing.assert_allclose(found.xyz_mm, sound.xyz_mm, atol=0.02)
     np.testing.assert_allclose(found.rpy, sound.rpy, atol=1e-9)
     assert found.rows.tolist() == list(range(1, 121, 3))

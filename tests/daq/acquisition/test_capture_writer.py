@@ -1,4 +1,3 @@
-import signal
 import time
 from pathlib import Path
 
@@ -9,8 +8,7 @@ from hypothesis import strategies as st
 from daq.acquisition import capture_writer
 from daq.wire import capture
 from daq.wire.capture import HEAD, Capture, CaptureMark, Piece, read_capture
-from rigs.errors import FileError
-from tests.support.bench import BIN, PATIENCE_S, Bench
+from tests.support.bench import PATIENCE_S
 from tests.support.refusals import refused
 
 PIECES = st.builds(
@@ -59,27 +57,6 @@ def test_invalid_capture_names_the_line(text, said):
 def test_a_missing_file_is_one_line(tmp_path):
     with refused("capture.damaged"):
         read_capture(tmp_path / "none")
-
-
-def test_daemon_captures_both_directions_and_keeps_existing_files(tmp_path):
-    with Bench(tmp_path) as bench:
-        bench.start((BIN / "rigd", "--capture", "cell.log")).all_reading()
-        bench.cell.hang_up("robot")
-        lost = bench.until(lambda state: "disconnected" in state["streams"]["robot"]["counters"])
-        before = lost["streams"]["robot"]["counters"]["samples"]
-        bench.until(lambda state: state["streams"]["robot"]["counters"]["samples"] > before)
-        counters = bench.status()["streams"]
-        bench.signalled(signal.SIGTERM)
-        capture = read_capture(tmp_path / "cell.log")
-        assert not capture.cut and set(capture.streams) == set(counters)
-        for name, state in counters.items():
-            came = b"".join(piece.data for piece in capture.of(name) if piece.mark is CaptureMark.CAME)
-            least = 4 if name.startswith("g") else 50
-            assert len(came) > least * state["counters"]["samples"]
-        marks = [piece.mark for piece in capture.of("robot") if piece.mark in (CaptureMark.OPENED, CaptureMark.LOST)]
-        assert marks[:3] == [CaptureMark.OPENED, CaptureMark.LOST, CaptureMark.OPENED]
-        said = bench.fails("rigd", bench.rig, "--capture", "cell.log", code=FileError.exit_code)
-        assert "give --capture a different file" in said
 
 
 def test_oversized_or_failing_capture_ends_with_a_fault(tmp_path, monkeypatch, caplog):

@@ -10,9 +10,9 @@ from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import RecordingRequest
-from daq.recording.recorder import Recorder
-from daq.store import RunWriter, new_manifest, read_run
+from daq.store import read_run
 from daq.store.ledger import Clock
+from tests.support.recorders import recorder_of
 
 S = 1_000_000_000
 START = ClockReadings(100 * S, 1_800_000_000 * S, 150 * S)
@@ -74,21 +74,7 @@ def test_run_keeps_the_step_and_the_right_time_after_it(tmp_path, monkeypatch):
         monkeypatch.setattr(module, "clock_now", lambda: anchor)
     buffer = StreamBuffer("g1", ("g1_mm",))
 
-    def create(label: RunLabel, follows: str) -> RunWriter:
-        return RunWriter.create(
-            tmp_path,
-            new_manifest(
-                name=label.name,
-                test=label.test,
-                direction=None,
-                rig_name="cell",
-                rig_text="name: cell\n",
-                operator="",
-                streams={"g1": ("g1_mm",)},
-            ),
-        )
-
-    recorder = Recorder({"g1": buffer}, create, lambda: None)
+    recorder = recorder_of(tmp_path, {"g1": buffer})
     monkeypatch.setattr(daq.recording.recorder, "require_readings", lambda buffers, test: None)
     path = recorder.start_run(RecordingRequest(RunLabel(name="a", test="radial"))).result()
     now[0] = later(START, 10.0, stepped_s=3600.0)

@@ -12,8 +12,9 @@ from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import RecordingRequest
 from daq.recording.recorder import Recorder
-from daq.store import RunWriter, new_manifest, read_run
+from daq.store import read_run
 from tests.support.drivers import PLAIN, modbus
+from tests.support.recorders import recorder_of
 from tests.support.simulated_line import SimulatedLine
 
 S = 1_000_000_000
@@ -120,7 +121,7 @@ def test_message_without_a_gauge_does_not_end_its_error():
 def _in_error(folder: Path) -> tuple[Recorder, StreamBuffer]:
     """A recorder with a run in which gauge g1 reports errors, and the buffer of the gauge."""
     buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
-    recorder = Recorder(buffers, lambda label, _: _create(folder, label), lambda: None)
+    recorder = recorder_of(folder, buffers)
     now_ns = time.monotonic_ns()
     buffers["g1"].deliver([_sample([0.1], now_ns)])
     buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
@@ -150,12 +151,6 @@ def test_doubt_about_the_last_readings_is_in_their_run(tmp_path):
     assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1
     assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
     assert g1.state().counters[FaultKind.DOUBTFUL] == 1 and g1.drain() == []
-
-
-def _create(folder: Path, label: RunLabel) -> RunWriter:
-    streams = {"g1": G1, "robot": ROBOT}
-    about = {"rig_name": "x", "rig_text": "", "operator": "", "streams": streams}
-    return RunWriter.create(folder, new_manifest(name=label.name, test=label.test, direction=label.direction, **about))
 
 
 @pytest.mark.parametrize("factor", [1 / 25.4, 25.4])

@@ -16,7 +16,7 @@ import daq.acquisition.reader
 import daq.acquisition.streams
 import daq.recording.recorder
 from daq.acquisition.reader import StreamReader
-from daq.acquisition.stream_buffer import StreamBuffer
+from daq.acquisition.stream_buffer import StreamBuffer, faults_of
 from daq.acquisition.streams import Stream, streams_of
 from daq.emulators.simulated_clock import SimulatedClock
 from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Item, Sample
@@ -121,7 +121,7 @@ def test_outage_is_one_fault_with_each_reason_once(monkeypatch):
     assert ended.wait(PATIENCE_S)
     reader.stop()
     reader.join()
-    faults = [item for item in buffer.drain() if isinstance(item, Fault)]
+    faults = faults_of(buffer.drain())
     assert {fault.kind for fault in faults} == {FaultKind.DISCONNECTED}
     told = [(fault.count, fault.detail.split(": ")[-1].split(";")[0].split(" after ")[0]) for fault in faults]
     lost, back = (1, "the protocol failed"), (0, f"{stream.port} reconnected")

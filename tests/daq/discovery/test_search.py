@@ -26,7 +26,6 @@ from daq.emulators.simulated_cell import SimulatedLine
 from daq.emulators.simulated_clock import SimulatedClock
 from daq.protocol.conversation import Device
 from daq.wire.serial_port import port_names
-from rigs.errors import CellError
 from rigs.load import parse
 from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S, ByHand
@@ -242,18 +241,6 @@ def test_attempt_during_a_stall_is_repeated(monkeypatch):
     assert report.gauges and held_up
 
 
-def test_a_port_keeps_the_settings_that_it_had():
-    with switched_on("tesa") as unknown:
-        (port,) = unknown.gauge_ports
-        fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
-        try:
-            before = termios.tcgetattr(fd)
-            searched(port)
-            assert termios.tcgetattr(fd) == before
-        finally:
-            os.close(fd)
-
-
 def test_ctrl_c_ends_the_search_and_restores_the_port():
     # What a shell starts in the background ignores it from the beginning.
     before_test = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -309,14 +296,3 @@ def test_the_gauge_that_is_pushed_is_seen():
             other = _awaited(lambda: watch.pushed_gauge(places[:1]))  # while the finger leaves the second one
     assert other == places[0]
     assert place == report.gauges[1].place and place.endswith("#2")
-
-
-@pytest.mark.real_time
-def test_a_gauge_that_is_lost_while_it_is_watched():
-    with switched_on("tesa") as unknown:
-        (report,) = searched(*unknown.gauge_ports)
-        with PortWatch(report.gauges) as watch:
-            _awaited(watch.readings_mm)
-            unknown.cell.unplug("g1")
-            with pytest.raises(CellError, match="was lost"):
-                _awaited(lambda: watch.readings_mm() and None)

@@ -35,7 +35,6 @@ def _messages(device: Device, read_ns: list[int], count: int) -> list[int]:
     punctual.connected(0)
     step = punctual.received(b"OUT1\r", 10 * MS)
     while len(line.out_ns) < count:
-        assert step.wake_ns is not None
         late_ns = 200 * MS if len(line.out_ns) == 50 else chance.randrange(5 * MS)
         step = punctual.tick(max(step.wake_ns, line.free_ns) + late_ns)
         if step.send:

@@ -88,20 +88,6 @@ def test_library_server_is_read_in_radians_with_source_stamps(robot):
     assert samples(items)[-1].values[6:] == pytest.approx([1, 0, 1, 100, math.nan, *range(31, 37)], nan_ok=True)
 
 
-def test_bad_value_is_a_fault_and_an_uncertain_one_keeps_its_code(robot):
-    codes = iter([0, ua.StatusCodes.BadSensorFailure, ua.StatusCodes.UncertainSensorNotAccurate] * 1000)
-    items = read_until(
-        opc_ua(port=robot.port, rate_hz=50, condition=False),
-        lambda items: len(faults(items)) > 12 and {sample.status for sample in samples(items)} > {0},
-        lambda: robot.drive(ANGLES_DEG, now(), next(codes)),
-    )
-    # A computer that is held up while it writes the axes has a position of two instants, which is doubtful.
-    bad = [fault for fault in faults(items) if fault.kind is not FaultKind.DOUBTFUL]
-    assert {fault.kind for fault in bad} == {FaultKind.DEVICE_ERROR}
-    assert "axis 1: BadSensorFailure" in bad[0].detail
-    assert {sample.status for sample in samples(items)} == {0, ua.StatusCodes.UncertainSensorNotAccurate}
-
-
 def test_a_robot_that_stands_with_stamps_that_stand_is_polled(robot):
     robot.drive(ANGLES_DEG, T0)
     items = read_until(

@@ -3,21 +3,15 @@
 import math
 import random
 import struct
-from collections import Counter
-from collections.abc import Callable, Sequence
-from threading import Event, Thread
-from time import monotonic
+from collections.abc import Sequence
 
 import pytest
 from pymodbus.framer import FramerRTU
 
 import daq.gauges
-from daq.acquisition.stream_buffer import samples_of
-from daq.emulators.pty_line import PtyLine
+from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample
 from daq.protocol.modbus import silent_interval_ns
-from daq.wire.conversation_loop import run_conversation
-from daq.wire.links import open_link
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 from tests.support.drivers import PLAIN, gauge, modbus
@@ -67,7 +61,7 @@ def test_eight_units_are_polled_equally_with_correct_values():
     items = _simulated(daq.gauges.host(_eight()), _eight(), 20, line)
     counts = [len(_samples(items, column)) for column in range(UNITS)]
     assert max(counts) - min(counts) <= 1 and min(counts) > 20 * 15
-    assert not [item for item in items if isinstance(item, Fault)] and line.unheard == 0
+    assert not faults_of(items) and line.unheard == 0
     for column in range(UNITS):
         assert {sample.values[column] for sample in _samples(items, column)} == {_float32((column + 1) / 100)}
 
@@ -132,7 +126,7 @@ def test_a_late_answer_is_never_credited_to_another_gauge_or_request(units):
         for sample in _samples(items, column):
             number = sample.values[column] / 0.25 * sign
             assert number >= 0 and sample.requested_ns <= taken[column][round(number)] <= sample.first_byte_ns
-    assert {item.kind for item in items if isinstance(item, Fault)} == {FaultKind.SILENT, FaultKind.LATE}
+    assert {item.kind for item in faults_of(items)} == {FaultKind.SILENT, FaultKind.LATE}
 
 
 # --- what is named ---
@@ -171,7 +165,7 @@ def test_an_adapter_that_echoes_does_no_harm(framing, count):
     units = [_unit(number, framing=framing) for number in range(1, count + 1)]
     line = SimulatedLine(LINE.character_ns, echo=True)
     items = _simulated(daq.gauges.host(units), units, 10, line)
-    assert len(_samples(items, 0)) > 500 and not [item for item in items if isinstance(item, Fault)]
+    assert len(_samples(items, 0)) > 500 and not faults_of(items)
 
 
 def test_two_probes_of_one_orbit_unit():
@@ -182,34 +176,8 @@ def test_two_probes_of_one_orbit_unit():
     device = daq.gauges.device(probes, lambda now_ns: [0.25, -0.75])
     items = SimulatedLine(LINE.character_ns).run(daq.gauges.host(probes), device, 10 * S)
     assert {s.values[0] for s in _samples(items, 0)} == {0.25} and {s.values[1] for s in _samples(items, 1)} == {-0.75}
-    assert not [item for item in items if isinstance(item, Fault)]
+    assert not faults_of(items)
     assert abs(device.sent - len(samples_of(items))) <= 2
 
 
 # --- on a real line ---
-
-
-def _wired(units: Sequence[ModbusMap], served: Sequence[ModbusMap], seconds: float) -> list[Item]:
-    line, stop, items = PtyLine(LINE), Event(), list[Item]()
-    device = daq.gauges.device(served, lambda now_ns: [unit.unit / 100 for unit in served])
-    serve = Thread(target=run_conversation, args=(line, device, lambda _: None, stop.is_set))
-    serve.start()
-    link = open_link("g1", line.port, LINE)
-    until = monotonic() + seconds
-    ended: Callable[[], bool] = lambda: monotonic() > until  # noqa: E731
-    try:
-        run_conversation(link, daq.gauges.host(units), items.extend, ended)
-    finally:
-        link.close()
-        stop.set()
-        serve.join()
-        line.close()
-    return items
-
-
-@pytest.mark.real_time(held_up_s=TIMEOUT_S)  # a computer that stands still for so long is a unit's silence
-def test_eight_units_on_a_pty_at_115200():
-    items = _wired(_eight(), _eight(), 3.0)
-    counts = Counter({column: len(_samples(items, column)) for column in range(UNITS)})
-    mean = counts.total() / UNITS
-    assert mean > 20 and all(abs(count - mean) <= max(FAIR * mean, 1) for count in counts.values())

@@ -11,11 +11,12 @@ import daq.feedback
 import daq.gauge_drivers
 import daq.gauges
 import daq.robot_drivers
+from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import STIR, STIR_EVERY_NS, STIR_NS
 from rigs.schema.condition import POSE
 from rigs.schema.feedback import columns_beside_joints
-from tests.support.drivers import FEEDBACKS, GAUGES, keyence, modbus, rtde, sylvac
+from tests.support.drivers import FEEDBACKS, GAUGES, keyence, modbus, rtde
 from tests.support.simulated_conversation import S, simulate
 
 CHARACTER_NS = 200_000
@@ -27,8 +28,8 @@ STATUS_SIZE = 11
 
 
 def _samples(items: Sequence[object]) -> list[Sample]:
-    assert [item for item in items if isinstance(item, Fault)] == []
-    return [item for item in items if isinstance(item, Sample)]
+    assert faults_of(items) == []
+    return samples_of(items)
 
 
 @pytest.mark.parametrize(
@@ -79,8 +80,8 @@ def test_gauge_reports_a_head_in_error(name, gauges, resolution_mm):
 
     host, device = daq.gauges.host(gauges), daq.gauges.device(gauges, read)
     items = simulate(host, device, 5 * S, character_ns=CHARACTER_NS)
-    faults = [item for item in items if isinstance(item, Fault)]
-    samples = [item for item in items if isinstance(item, Sample)]
+    faults = faults_of(items)
+    samples = samples_of(items)
     if gauges[0].interface in SILENT_IN_ERROR:
         assert {fault.kind for fault in faults} == {FaultKind.SILENT}
     else:
@@ -127,29 +128,6 @@ def _shown(values: list[float], name: str) -> list[float]:
     return [*values[:6], math.nan, *values[7:]] if without_safety else values
 
 
-def test_nothing_is_lost_in_a_minute_of_rtde():
-    controller = daq.feedback.device(rtde(), lambda now_ns: [now_ns * 1e-9] * 6)
-    samples = _samples(simulate(daq.feedback.host(rtde()), controller, 60 * S))
-    assert controller.sent == len(samples) == 60 * 500 + 1
-    steps = {round((b.values[0] - a.values[0]) * 1e6) for a, b in pairwise(samples)}
-    assert steps == {2000}
-
-
-def test_nothing_is_lost_in_a_minute_of_sylvac():
-    gauge = sylvac(mode="continuous")
-    taken = []
-
-    def read(now_ns: int) -> list[float]:
-        taken.append(now_ns)
-        return [len(taken) * 1e-3]
-
-    cable = daq.gauges.device([gauge], read)
-    items = simulate(daq.gauges.host([gauge]), cable, 60 * S, character_ns=gauge.line.character_ns)
-    samples = _samples(items)
-    assert 2700 < len(samples) <= cable.sent <= len(samples) + 1
-    assert [round(sample.values[0] * 1e3) for sample in samples] == list(range(1, len(samples) + 1))
-
-
 def test_a_skipped_packet_is_counted():
     host, device = daq.feedback.host(rtde()), daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6)
     device.connected(0)
@@ -160,7 +138,7 @@ def test_a_skipped_packet_is_counted():
     kept = [packet for k, packet in enumerate(packets) if k not in {3, 4, 5, 8}]
     items = [item for packet in kept for item in host.received(packet, 0).items]
     assert Counter(type(item) for item in items) == {Sample: 6, Fault: 2}
-    skipped = [item for item in items if isinstance(item, Fault)]
+    skipped = faults_of(items)
     assert [(fault.kind, fault.count) for fault in skipped] == [(FaultKind.SKIPPED, 3), (FaultKind.SKIPPED, 1)]
 
 
@@ -195,7 +173,7 @@ def test_one_head_in_error_leaves_the_other():
     gauges = [keyence(channel=1), keyence(channel=2)]
     device = daq.gauges.device(gauges, lambda now_ns: [math.nan, 2.0])
     items = simulate(daq.gauges.host(gauges), device, 3 * S, character_ns=CHARACTER_NS)
-    samples = [item for item in items if isinstance(item, Sample)]
+    samples = samples_of(items)
     assert all(math.isnan(sample.values[0]) and sample.values[1] == 2.0 for sample in samples)
-    faults = [item for item in items if isinstance(item, Fault)]
+    faults = faults_of(items)
     assert "channel 1" in faults[0].detail and len(samples) > 100 and len(faults) <= 4

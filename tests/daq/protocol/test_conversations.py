@@ -4,6 +4,7 @@ import pytest
 
 import daq.feedback
 import daq.gauges
+from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.acquisition.streams import robot_stream
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.protocol.framing import LIMIT
@@ -16,7 +17,7 @@ def test_repeated_error_is_reported_once_a_second():
     while script.now_ns < 10 * S:
         script.receive(b"ERR0\r")
         script.wake()
-    faults = [item for item in script.taken() if isinstance(item, Fault)]
+    faults = faults_of(script.taken())
     assert 9 <= len(faults) <= 11 and faults[0].count == 1
     assert 85 <= sum(fault.count for fault in faults) <= 95
 
@@ -26,7 +27,7 @@ def test_garbage_without_end_is_one_fault():
     for _ in range(100):
         script.receive(bytes(range(32, 127)) * 10)
     (fault,) = script.taken()
-    assert isinstance(fault, Fault) and (fault.kind, fault.count) == (FaultKind.GARBLED, 1)
+    assert (fault.kind, fault.count) == (FaultKind.GARBLED, 1)
     assert str(LIMIT) in fault.detail
 
 
@@ -44,7 +45,7 @@ def test_late_answers_are_counted_before_a_lost_link():
     script.wake()
     script.receive(b"+1.000\r+2.00")
     (late,) = host.handle_link_loss(script.now_ns)
-    assert isinstance(late, Fault) and (late.kind, late.count) == (FaultKind.LATE, 2)
+    assert (late.kind, late.count) == (FaultKind.LATE, 2)
     script.wake()
     assert script.sent.endswith(b"?\r") and host.handle_link_loss(script.now_ns) == ()
 
@@ -72,12 +73,12 @@ def test_ild1420_finds_its_place_again(damage, position):
     script = _listening()
     script.receive(stream[:at] + between + stream[at + (damage in ("lost", "twice")) :])
     items = script.taken()
-    samples = [item for item in items if isinstance(item, Sample)]
+    samples = samples_of(items)
     distances = [(102 / 65520 * x - 1) / 10 for x in true]
     kept = [min(range(8), key=lambda k: abs(distances[k] - sample.values[0])) for sample in samples]
     assert [distances[k] for k in kept] == pytest.approx([sample.values[0] for sample in samples])
     assert kept[:3] == [0, 1, 2] and kept[-2:] == [6, 7] and len(kept) >= 6
-    assert FaultKind.GARBLED in {item.kind for item in items if isinstance(item, Fault)}
+    assert FaultKind.GARBLED in {item.kind for item in faults_of(items)}
 
 
 def test_ild1420_takes_none_of_several_values():
@@ -95,7 +96,7 @@ def test_late_tick_sends_one_datagram_or_all_missed_ones(feedback, sent):
     assert device.connected(5 * S).wake_ns == 5 * S
     wake_ns = device.tick(5 * S + S // 10).wake_ns
     assert device.sent == sent
-    assert wake_ns is not None and (wake_ns <= 5 * S + S // 10) is (sent == 1)  # the next at once, or in its time
+    assert (wake_ns <= 5 * S + S // 10) is (sent == 1)  # the next at once, or in its time
 
 
 def test_currents_are_those_that_a_rig_file_wants_and_its_robot_has():

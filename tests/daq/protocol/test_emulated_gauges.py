@@ -4,25 +4,22 @@ In simulated time, at the pace of its own line.
 """
 
 import math
-import statistics
 from itertools import pairwise
 from typing import Any
 
 import pytest
 import yaml
 
+from daq.acquisition.stream_buffer import samples_of
 from daq.acquisition.streams import streams_of
 from daq.emulators.instruments import gauge_device
-from daq.protocol.conversation import NO_TIME, Fault, Sample
 from rigs.load import SHIPPED, parse
-from tests.support.drivers import GAUGES, LINE, NEEDED, gauge
+from tests.support.drivers import LINE, NEEDED, gauge
 from tests.support.refusals import refused
 from tests.support.simulated_conversation import S, simulate
 
 INTERFACES = sorted(set(NEEDED) - {"modbus_map"})
 SHARED = [name for name in INTERFACES if gauge(name).shares]
-RESOLUTION_MM = {gauges[0].interface: resolution_mm for _, gauges, resolution_mm in reversed(GAUGES)}
-"""Of the first entry of an interface, which is the one in mm."""
 
 
 class Swinging:
@@ -47,31 +44,6 @@ def _rig_text(interface: str, *, shared: bool) -> str:
     if shared:
         data["gauges"]["g2"]["channel"] = 2
     return yaml.safe_dump(data)
-
-
-@pytest.mark.parametrize(
-    ("interface", "shared"), [(name, False) for name in INTERFACES] + [(name, True) for name in SHARED]
-)
-def test_an_emulated_cell_with_this_gauge_is_read(interface, shared):
-    rig = parse(_rig_text(interface, shared=shared), "cell")
-    motion = Swinging()
-    age_ns = (rig.gauges.g1.timing.cycle_ms or 0.0) * 1e6
-    streams = streams_of(rig)[:-1]
-    assert [stream.columns for stream in streams] == ([("g1_mm", "g2_mm")] if shared else [("g1_mm",), ("g2_mm",)])
-    for stream in streams:
-        names = [column.removesuffix("_mm") for column in stream.columns]
-        device = gauge_device(rig, motion, names)()
-        items = simulate(stream.host(), device, 2 * S, character_ns=stream.line.character_ns)
-        assert [item for item in items if isinstance(item, Fault)] == []
-        samples = [item for item in items if isinstance(item, Sample)]
-        gap_s = statistics.median((b.last_byte_ns - a.last_byte_ns) / S for a, b in pairwise(samples))
-        assert len(samples) > 30 and gap_s < 0.05
-        for sample in samples:
-            taken_ns = sample.first_byte_ns if sample.requested_ns == NO_TIME else sample.requested_ns
-            wire_ns = sample.size * stream.line.character_ns if sample.requested_ns == NO_TIME else 0
-            drift_mm = 0.8 * 4 * math.pi * (wire_ns + age_ns) / S
-            expected = [motion.gauge_mm(name, taken_ns) for name in names]
-            assert sample.values == pytest.approx(expected, abs=max(0.001, RESOLUTION_MM[interface]) + drift_mm)
 
 
 @pytest.mark.parametrize("interface", INTERFACES)
@@ -107,7 +79,7 @@ def test_emulated_gauge_follows_the_timing_of_the_rig_file():
     items = simulate(
         stream.host(), gauge_device(rig, Swinging(), ["g1"])(), 4 * S, character_ns=stream.line.character_ns
     )
-    samples = [item for item in items if isinstance(item, Sample)]
+    samples = samples_of(items)
     assert min(sample.first_byte_ns - sample.requested_ns for sample in samples) > 0.03 * S
     changed = [b for a, b in pairwise(samples) if a.values != b.values]
     assert len(changed) == pytest.approx((samples[-1].requested_ns - samples[0].requested_ns) / (0.2 * S), abs=2)

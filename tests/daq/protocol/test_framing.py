@@ -5,7 +5,7 @@ from daq.protocol.framing import LIMIT, DelimitedLines, Message, Sized
 def test_a_delimiter_cut_in_two_ends_a_line_too_long():
     frames = DelimitedLines(b"\r\n")
     (fault,) = frames.feed(b"x" * LIMIT + b"\r", 1)
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
+    assert fault.kind is FaultKind.GARBLED
     assert frames.feed(b"\nM0\r\n", 2) == [Message(b"M0", 4, 2, 2)]
     assert not frames.pending
 

@@ -11,7 +11,8 @@ from wsproto import ConnectionType, WSConnection
 from wsproto.events import AcceptConnection, TextMessage
 
 import daq.feedback
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+from daq.acquisition.stream_buffer import samples_of
+from daq.protocol.conversation import FaultKind, Item
 from daq.protocol.websocket import LIMIT
 from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import open_link
@@ -36,7 +37,7 @@ def test_a_message_without_end_ends_the_link():
     pieces = [TextMessage("x" * 1000, message_finished=False)] * (LIMIT // 1000 + 1)
     script.receive(b"".join(map(server.send, [AcceptConnection(), *pieces])))
     (fault,) = script.taken()
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED and str(LIMIT) in fault.detail
+    assert fault.kind is FaultKind.GARBLED and str(LIMIT) in fault.detail
     assert script.step.hang_up
 
 
@@ -73,4 +74,4 @@ def test_our_host_reads_a_server_of_the_websockets_library():
         finally:
             link.close()
     assert asked == [SUBSCRIBED]
-    assert [item.device_time_s for item in items if isinstance(item, Sample)] == [sec + 0.25 for sec in range(1, 52)]
+    assert [item.device_time_s for item in samples_of(items)] == [sec + 0.25 for sec in range(1, 52)]

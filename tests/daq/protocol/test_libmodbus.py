@@ -7,7 +7,6 @@ it makes of 123456, 0x47F12000, as libmodbus' own tests do.
 import ctypes
 import ctypes.util
 import os
-import socket
 import threading
 import time
 import tty
@@ -17,7 +16,8 @@ from contextlib import contextmanager
 import pytest
 
 import daq.gauges
-from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample
+from daq.acquisition.stream_buffer import faults_of, samples_of
+from daq.protocol.conversation import FaultKind, Host, Item, Sample
 from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import open_link
 from rigs.schema.links import Line
@@ -113,30 +113,6 @@ def _rtu_unit(unit: int, layout: str, value: float) -> Iterator[str]:
             os.close(descriptor)
 
 
-@contextmanager
-def _tcp_server(layout: str, value: float) -> Iterator[str]:
-    library, stop = _library(), threading.Event()
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    context = ctypes.c_void_p(library.modbus_new_tcp(b"127.0.0.1", port))
-    listening = library.modbus_tcp_listen(context, 1)
-    assert listening >= 0
-
-    def serve() -> None:
-        library.modbus_tcp_accept(context, ctypes.byref(ctypes.c_int(listening)))
-        _serve(library, context, _mapping(library, layout, value), stop)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield f"tcp://127.0.0.1:{port}"
-    finally:
-        stop.set()
-        thread.join()
-        library.modbus_close(context)
-        os.close(listening)
-
-
 def _gauge(port: str, layout: str, **changes: object) -> ModbusMap:
     laid = (ctypes.c_uint16 * 2)()
     getattr(_library(), f"modbus_set_float_{layout}")(ctypes.c_float(123456), laid)
@@ -156,7 +132,7 @@ def _items(host: Host, port: str, enough: int) -> list[Item]:
 
 
 def _values(items: Sequence[Item]) -> set[float]:
-    assert not [item for item in items if isinstance(item, Fault)], items
+    assert not faults_of(items), items
     return {round(item.values[0], 4) for item in items if isinstance(item, Sample)}
 
 
@@ -166,18 +142,12 @@ def test_each_layout_of_a_float_over_rtu(layout):
         assert _values(_items(daq.gauges.host([_gauge(port, layout)]), port, 20)) == {-12.3456}
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_each_layout_of_a_float_over_tcp(layout):
-    with _tcp_server(layout, 69.743) as port:
-        assert _values(_items(daq.gauges.host([_gauge(port, layout)]), port, 20)) == {69.743}
-
-
 def test_missing_unit_on_a_line_with_libmodbus():
     with _rtu_unit(7, "abcd", 1.25) as port:
         gauges = [_gauge(port, "abcd"), _gauge(port, "abcd", unit=8, timeout_s=0.05)]
         items = _items(daq.gauges.host(gauges), port, 60)
-    samples = [item for item in items if isinstance(item, Sample)]
-    faults = [item for item in items if isinstance(item, Fault)]
+    samples = samples_of(items)
+    faults = faults_of(items)
     assert {sample.values[0] for sample in samples} == {1.25} and len(samples) > 20
     silent = [fault.detail.partition(":")[0] for fault in faults if fault.kind is FaultKind.SILENT]
     # A unit of libmodbus takes what follows a request to another unit for that one's answer, so it may miss its own.
@@ -188,4 +158,4 @@ def test_its_refusals_are_understood():
     with _rtu_unit(7, "abcd", 1.25) as port:
         gauge = _gauge(port, "abcd", address=FIRST + REGISTERS, value={"address": FIRST + REGISTERS, "type": "float32"})
         (fault, *_) = _items(daq.gauges.host([gauge]), port, 1)
-    assert isinstance(fault, Fault) and "ILLEGAL_ADDRESS" in fault.detail
+    assert "ILLEGAL_ADDRESS" in fault.detail

@@ -14,7 +14,8 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 import daq.gauges
-from daq.protocol.conversation import Conversation, Fault, FaultKind, Item, Sample
+from daq.acquisition.stream_buffer import samples_of
+from daq.protocol.conversation import Conversation, FaultKind, Item
 from tests.support.drivers import PLAIN, modbus
 
 
@@ -77,7 +78,7 @@ def test_our_host_reads_pymodbus_server():
         gauge = modbus(port=f"tcp://127.0.0.1:{port}", timeout_s=0.05)
         with socket.create_connection(("127.0.0.1", port), timeout=60) as link:
             items = _talk(daq.gauges.host([gauge]), link, 50)
-    samples = [item for item in items if isinstance(item, Sample)]
+    samples = samples_of(items)
     assert len(samples) >= 50 and len(samples) == len(items)
     assert {round(sample.values[0], 3) for sample in samples} == {69.743}
     assert {sample.status for sample in samples} == {1}
@@ -100,7 +101,7 @@ def test_our_host_reads_three_units_behind_one_address_of_pymodbus():
         ]
         with socket.create_connection(("127.0.0.1", port), timeout=60) as link:
             items = _talk(daq.gauges.host(gauges), link, 60)
-    samples = [item for item in items if isinstance(item, Sample)]
+    samples = samples_of(items)
     assert len(samples) == len(items) and {sum(map(math.isfinite, sample.values)) for sample in samples} == {1}
     read = [{s.values[place] for s in samples if math.isfinite(s.values[place])} for place in range(3)]
     assert read == [{value} for value in kinds.values()]
@@ -111,7 +112,7 @@ def test_our_host_understands_pymodbus_refusal():
         gauge = modbus(port=f"tcp://127.0.0.1:{port}", timeout_s=0.05)
         with socket.create_connection(("127.0.0.1", port), timeout=60) as link:
             (fault,) = _talk(daq.gauges.host([gauge]), link, 1)
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.DEVICE_ERROR
+    assert fault.kind is FaultKind.DEVICE_ERROR
     assert "ILLEGAL_ADDRESS" in fault.detail
 
 

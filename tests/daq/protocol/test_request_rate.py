@@ -21,7 +21,6 @@ def _requested_ns(late_ns: int, stall_at_ns: int = -1, stall_ns: int = 0) -> np.
             now_ns += 300_000
             step = conversation.received(step.send[:4] + b"\0\7" + step.send[6:8] + b"\4\0\0\0\0", now_ns)
             continue
-        assert step.wake_ns is not None
         now_ns = max(now_ns, step.wake_ns) + late_ns
         if 0 <= stall_at_ns <= now_ns:
             now_ns, stall_at_ns = now_ns + stall_ns, -1

@@ -13,7 +13,6 @@ from daq.protocol.conversation import (
     Arrival,
     Fault,
     FaultKind,
-    Gathering,
     Item,
     Sample,
     SampleBlock,
@@ -70,7 +69,6 @@ def _cut(data: bytes, cuts: list[int]) -> list[Arrival]:
 def test_array_reader_equals_message_reader(data, cuts, at_once):
     arrivals = _cut(b"\x80" + data, cuts)
     single, gathering = gauges.host([GAUGE]), gauges.host([GAUGE])
-    assert isinstance(gathering, Gathering)
     for conversation in (single, gathering):
         conversation.connected(0)
     one_by_one = [item for piece, at_ns in arrivals for item in single.received(piece, at_ns).items]
@@ -94,25 +92,11 @@ def _plain(items: list[Item]) -> list[object]:
 @pytest.mark.parametrize("damage", [b"", b"\xff", b"\x00"])
 def test_arrays_are_used_again_once_a_stream_is_in_step(begin, damage):
     conversation = gauges.host([GAUGE])
-    assert isinstance(conversation, Gathering)
     conversation.connected(0)
     values = begin + _value(1000) * 5000 + damage + _value(1000) * 5000
     items = conversation.received_all([(values, 1)]).items
-    singly = [item for item in items if isinstance(item, Sample)]
+    singly = samples_of(items)
     assert len(samples_of(items)) >= 9995 and len(singly) < 100
-
-
-def test_arrays_are_used():
-    conversation = gauges.host([GAUGE])
-    assert isinstance(conversation, Gathering)
-    conversation.connected(0)
-    conversation.received(b"\x80", 1)
-    (block, fault, *rest) = conversation.received_all(
-        [(_value(1000) * 100, 2), (_value(1000)[:1], 3), (_value(1000)[1:] + b"\xff", 4), (_value(1000), 5)]
-    ).items
-    assert isinstance(block, SampleBlock) and len(block) == 101 and isinstance(fault, Fault)
-    assert (block[-1].first_byte_ns, block[-1].last_byte_ns) == (3, 4)
-    assert rest == [] and block[0].values[0] == pytest.approx((102 / 65520 * 1000 - 1) / 10)
 
 
 @given(st.lists(st.integers(0, 10_000), max_size=12), st.integers(1, 6))
@@ -121,7 +105,6 @@ def test_packets_of_a_controller_decoded_together_are_the_same_samples(cuts, at_
     device = feedback.device(robot, lambda _: (0.0,) * 6)
     device.connected(0)
     single, gathering = feedback.host(robot), feedback.host(robot)
-    assert isinstance(gathering, Gathering)
     question, sent, now_ns = single.connected(0).send, b"", 0
     gathering.connected(0)
     asked = feedback.host(robot)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 import daq.gauges
+from daq.acquisition.stream_buffer import faults_of
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.protocol.numerals import keep_formats
 from tests.support.drivers import gauge, sylvac
@@ -106,7 +107,7 @@ def test_pulled_plug_does_not_hide_a_changed_unit():
         while not second.asking:
             script.wake()
         script.receive(b"-0.02169\r", script.now_ns + S // 10)
-    faults = [item.kind for item in script.taken() if isinstance(item, Fault)]
+    faults = [item.kind for item in faults_of(script.taken())]
     assert set(faults) == {FaultKind.MISSHAPEN, FaultKind.UNIT_CHANGED}
 
 
@@ -125,4 +126,4 @@ def test_a_gauge_that_scatters_around_zero_is_not_doubted(name, sigma_mm):
             script.receive(device.received(request, now_ns).send, now_ns)
         else:
             script.wake()
-    assert [item for item in script.taken() if isinstance(item, Fault)] == []
+    assert faults_of(script.taken()) == []

@@ -16,9 +16,10 @@ from daq.protocol.conversation import NO_TIME, Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.automatic import Arbiter
 from daq.recording.recorder import Recorder
-from daq.store import Manifest, RunWriter, durable, load_manifest, new_manifest, read_run, verify
+from daq.store import Manifest, durable, load_manifest, read_run, verify
 from rigs.load import parse
 from tests.support.bench import OFF, Bench, rig_text
+from tests.support.recorders import recorder_of
 from tests.support.refusals import refused
 
 RULES = [
@@ -94,23 +95,6 @@ def test_a_program_after_the_other_is_a_run_each(printing):
     assert gauge[0] < robot["last_byte_ns"][began]
 
 
-def test_people_come_first(cell):
-    cell.start().all_reading()
-    cell.until(lambda state: state["automatic"]["signal"] == 0)
-    cell.motion.program = 1
-    cell.until(lambda state: state["recording"])
-    path = cell.record("mine")
-    cell.motion.program = 2
-    state = cell.until(lambda state: state["automatic"]["refused"] == 1)
-    assert state["recording"] == "mine" and "a manual recording, mine, is running" in state["automatic"]["why_not"]
-    assert "not started: yaw acw" in cell.run("rig", "status").stdout
-    cell.motion.program = 0
-    assert cell.run("rig", "record", "stop").stdout == f"{path}\n"
-    (_, taken_over), (_, mine) = sorted(_ended(cell), key=lambda ended: ended[1].name)
-    assert taken_over.exit_status == "interrupted" and "started mine" in taken_over.reason
-    assert mine.exit_status == "complete" and mine.operator != "automatic"
-
-
 def test_a_silent_gauge_is_why_nothing_started(cell):
     cell.motion.mm["g2"] = OFF
     cell.start()
@@ -133,13 +117,7 @@ def _by_hand(tmp_path: Path) -> tuple[Recorder, Arbiter, dict[str, StreamBuffer]
     text = _text("ur_rtde", still_s=0.2)
     rig = parse(text, "bench")
     buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in streams_of(rig)}
-    columns = {name: buffer.columns for name, buffer in buffers.items()}
-
-    def create(label: RunLabel, follows: str) -> RunWriter:
-        more = {"rig_name": rig.name, "rig_text": text, "streams": columns, "follows": follows}
-        return RunWriter.create(tmp_path, new_manifest(**label.model_dump(), **more))
-
-    recorder = Recorder(buffers, create, lambda: None)
+    recorder = recorder_of(tmp_path, buffers, text)
     return recorder, Arbiter(recorder, rig.automatic), buffers
 
 
@@ -192,29 +170,28 @@ def test_a_disk_that_refuses_is_why_nothing_started(tmp_path, monkeypatch):
     recorder._io._creator.submit(lambda: None).result()
     arbiter.after_round()
     state = arbiter.state()
-    assert state is not None and (state["refused"], state["started"], state["recording"]) == (1, 0, None)
+    assert (state["refused"], state["started"], state["recording"]) == (1, 0, None)
     assert "yaw cw" in str(state["why_not"]) and "nearly full" in str(state["why_not"])
     assert recorder.state()["waiting"] is None and list(tmp_path.iterdir()) == []
     recorder._io.shut_down()
 
 
 def test_person_has_priority_while_the_automatic_run_is_created(tmp_path, making):
-    asked, done = making
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 200))
     arbiter.after_round()
-    assert asked.wait(60)
+    assert making.reached.wait(60)
     mine: list[Path] = []
     person = threading.Thread(target=lambda: mine.append(arbiter.start(RunLabel(name="mine", test="radial"))))
     person.start()
     while recorder.state()["beginning"] != "mine":
         person.join(0.01)
-    done.set()
+    making.open()
     person.join(60)
     arbiter.after_round()
     state = arbiter.state()
     assert recorder.state()["recording"] == "mine"
-    assert state is not None and (state["started"], state["refused"], state["recording"]) == (1, 0, None)
+    assert (state["started"], state["refused"], state["recording"]) == (1, 0, None)
     arbiter.stop()
     recorder._io.shut_down()
     (theirs,) = [path for path in tmp_path.iterdir() if path not in mine]
@@ -224,18 +201,17 @@ def test_person_has_priority_while_the_automatic_run_is_created(tmp_path, making
 
 
 def test_lap_begun_before_the_previous_is_on_disk_is_kept(tmp_path, making):
-    asked, done = making
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 80))
     arbiter.after_round()
-    assert asked.wait(60)
+    assert making.reached.wait(60)
     _signal_on(arbiter, buffers, range(50, 200))
     arbiter.after_round()
-    done.set()
+    making.open()
     recorder._io._creator.submit(lambda: None).result()
     arbiter.after_round()
     state = arbiter.state()
-    assert state is not None and (state["started"], state["refused"]) == (2, 0)
+    assert (state["started"], state["refused"]) == (2, 0)
     assert recorder.state()["recording"] == state["recording"]
     arbiter.stop()
     recorder._io.shut_down()

@@ -2,7 +2,6 @@ import errno
 import os
 import shutil
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,19 @@ from daq.protocol.conversation import Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import RecordingRequest, Waiting
 from daq.recording.recorder import Recorder
-from daq.store import RunWriter, durable, load_manifest, new_manifest, read_run, recover, verify
+from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
 from rigs.errors import CellError
+from rigs.schema.vocabulary import TestName
 from tests.support.failing_disk import COLUMNS, failing
+from tests.support.recorders import recorder_of
 from tests.support.refusals import refused
+
+
+def _request(name: str, test: TestName = "yaw") -> RecordingRequest:
+    return RecordingRequest(RunLabel(name=name, test=test, direction="cw" if test == "yaw" else None))
+
+
+NEXT = _request("next")
 
 
 class Written:
@@ -33,23 +41,23 @@ class Written:
     def __init__(self, folder: Path) -> None:
         self.runs = folder / "runs"
         self.buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
-        self.recorder = Recorder(self.buffers, self._create, lambda: None)
+        self.recorder = recorder_of(self.runs, self.buffers)
         self.delivered = 0
         self.deliver()
-        self.path = self.recorder.start_run(RecordingRequest(RunLabel(name="lap", test="yaw", direction="cw"))).result()
+        self.path = self.recorder.start_run(_request("lap")).result()
         self.delivered = 0
-
-    def _create(self, label: RunLabel, follows: str) -> RunWriter:
-        who = {"rig_name": "r", "rig_text": "", "operator": "", "streams": COLUMNS, "follows": follows}
-        return RunWriter.create(
-            self.runs, new_manifest(name=label.name, test=label.test, direction=label.direction, **who)
-        )
 
     def deliver(self, count: int = 10) -> None:
         now = clock.now_ns()
         for buffer in self.buffers.values():
             buffer.deliver([Sample((float(self.delivered + i),), now, now, now, 8) for i in range(count)])
         self.delivered += count
+
+    def rounds(self, count: int) -> None:
+        """Rounds with readings, without waiting for the disk."""
+        for _ in range(count):
+            self.deliver()
+            self.recorder._round()
 
     def round(self, count: int = 10) -> dict[str, Any]:
         self.deliver(count)
@@ -64,7 +72,7 @@ class Written:
     def writer(self) -> RunWriter:
         # private _current, _writers: the writer of the run whose disk fails
         current = self.recorder._current
-        assert current and current.writer
+        assert current.writer
         return current.writer
 
     def retry(self) -> None:
@@ -77,11 +85,14 @@ class Written:
     def begun(self) -> None:
         self.recorder._io._creator.submit(lambda: None).result()
 
+    def stop(self) -> Any:
+        return self.recorder.stop_run().result()
+
     def until_it_goes_on(self) -> None:
         while self.round()["recording"] is None:
             pass
         self.round()
-        self.recorder.stop_run().result()
+        self.stop()
 
     def accounted(self) -> list[Path]:
         """Both runs. Each reading must be in exactly one of them, or counted as dropped."""
@@ -99,16 +110,6 @@ class Written:
         told = {(row["stream"], row["kind"]) for row in read_run(follower).faults}
         assert told == {(name, "dropped") for name, count in missed.items() if count}
         return [former, follower]
-
-
-def test_log_names_the_direction_if_any(tmp_path, caplog):
-    caplog.set_level("INFO", "rigd")
-    written = Written(tmp_path)
-    written.recorder.stop_run().result()
-    written.deliver()
-    written.recorder.start_run(RecordingRequest(RunLabel(name="dome", test="radial"))).result()
-    written.recorder.stop_run().result()
-    assert "recording lap (yaw cw) to" in caplog.text and "recording dome (radial) to" in caplog.text
 
 
 @pytest.fixture
@@ -160,7 +161,7 @@ def test_failing_disk_ends_the_run_and_another_follows(written, number, calls, c
         written.retry()
         assert written.round()["waiting"] == "lap"
         with pytest.raises(CellError):
-            RunWriter.create(written.runs, new_manifest(**_plain()))
+            RunWriter.create(written.runs, load_manifest(written.path))
     written.until_it_goes_on()
     former, _ = written.accounted()
     assert load_manifest(former).exit_status in ("failed", "recovered")
@@ -183,7 +184,7 @@ def test_dropped_samples_are_counted_despite_a_failing_disk(written, monkeypatch
             written.round()
         else:
             with pytest.raises(CellError):
-                written.recorder.stop_run().result()
+                written.stop()
     if resumed:
         written.retry()
         written.until_it_goes_on()
@@ -202,7 +203,7 @@ def test_loss_without_a_following_run_is_logged_and_in_the_status(written, caplo
     written.round()
     written.deliver(7)
     with failing(errno.EIO, "pwrite", "fsync"), refused("recording.failed"):
-        written.recorder.stop_run().result()
+        written.stop()
     assert written.recorder.losses.counts == dict.fromkeys(COLUMNS, 7)
     assert written.buffers["g1"].state().counters["dropped"] == 7
     assert "g1: dropped: 7 samples" in caplog.text
@@ -216,19 +217,13 @@ def test_loss_is_counted_if_the_run_closes_after_it_was_abandoned(written):
     written.round()
     with failing(errno.EIO, "pwrite", "fsync"):
         disk.submit(closing.wait)
-        written.deliver()
-        written.recorder._round()
+        written.rounds(1)
         with refused("recording.none"):
             written.recorder.stop_run()
     closing.set()
     disk.submit(lambda: None).result()
     assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10
     assert written.recorder.losses.counts == dict.fromkeys(COLUMNS, 10)
-
-
-def _plain() -> dict[str, Any]:
-    who = {"name": "x", "test": "yaw", "direction": None, "rig_name": "r"}
-    return {**who, "rig_text": "", "operator": "", "streams": {}}
 
 
 def test_unmounted_disk_gets_nothing_below_its_mount_point(written):
@@ -274,19 +269,10 @@ def test_deleted_run_is_followed_by_another_and_counts_as_dropped(written, monke
     ("end", "code"),
     [
         (Recorder.stop_run, "recording.none"),
-        (
-            lambda recorder: recorder.start_run(RecordingRequest(RunLabel(name="b", test="radial"))).result(),
-            "disk.nearly_full",
-        ),
+        (lambda recorder: recorder.start_run(_request("b")).result(), "disk.nearly_full"),
     ],
 )
-def test_stop_or_start_ends_the_waiting(
-    written,
-    end,
-    code,
-    monkeypatch,
-    caplog,
-):
+def test_stop_or_start_ends_the_waiting(written, end, code, monkeypatch, caplog):
     monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
     written.round()
     written.round(7)
@@ -297,29 +283,18 @@ def test_stop_or_start_ends_the_waiting(
     assert written.round()["waiting"] is None
 
 
-def test_a_slow_sync_keeps_nothing_from_the_disk(written, monkeypatch, caplog):
-    syncing, done = threading.Event(), threading.Event()
-
-    def slow(fd: int) -> None:
-        syncing.set()
-        assert done.wait(60)
-
+def test_a_slow_sync_keeps_nothing_from_the_disk(written, gate, monkeypatch, caplog):
     monkeypatch.setattr(daq.recording.warnings, "_SLOW_S", 0.0)
-    monkeypatch.setattr(os, "fsync", slow)
-    written.deliver()
-    written.recorder._round()
-    try:
-        assert syncing.wait(60)
-        for _ in range(8):  # each would wait for ever, were it to wait for the disk
-            written.deliver()
-            written.recorder._round()
-        state = written.recorder.state()
-        assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)
-        assert written.writer.stored()["g1"] == 90  # with the system, where a kill does not reach it
-    finally:
-        done.set()
+    monkeypatch.setattr(os, "fsync", gate.before())
+    written.rounds(1)
+    assert gate.reached.wait(60)
+    written.rounds(8)  # each would wait for ever, were it to wait for the disk
+    state = written.recorder.state()
+    assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)
+    assert written.writer.stored()["g1"] == 90  # with the system, where a kill does not reach it
+    gate.open()
     written.round(0)
-    written.recorder.stop_run().result()
+    written.stop()
     assert load_manifest(written.path).counters["g1"] == {"samples": 90}
     assert "disk: slow sync: has taken" in caplog.text
 
@@ -333,109 +308,76 @@ def test_run_kept_open_by_a_program_error_is_reported(written, monkeypatch, capl
     assert str(written.recorder.state()["last_end"]).startswith("failed")
 
 
-def test_hanging_sync_bounds_memory_and_counts_the_rest(written, monkeypatch):
+def test_hanging_sync_bounds_memory_and_counts_the_rest(written, gate, monkeypatch):
     """At the end of a chunk, when the next one waits for the disk to have all of it."""
-    syncing, done = threading.Event(), threading.Event()
-
-    def hang(fd: int) -> None:
-        syncing.set()
-        assert done.wait(60)
-
     monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
     monkeypatch.setattr("daq.store.writer.MOST_PENDING", 30)
     monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
-    monkeypatch.setattr(os, "fsync", hang)
-    try:
-        for _ in range(12):
-            written.deliver()
-            written.recorder._round()
-        assert syncing.wait(60)
-        assert len(written.writer._writers["g1"].pending) == 30
-        assert written.buffers["g1"].state().waiting == 40
-    finally:
-        done.set()
-    ended = written.recorder.stop_run().result()
+    monkeypatch.setattr(os, "fsync", gate.before())
+    written.rounds(12)
+    assert gate.reached.wait(60)
+    assert len(written.writer._writers["g1"].pending) == 30
+    assert written.buffers["g1"].state().waiting == 40
+    gate.open()
+    ended = written.stop()
     assert ended.counters["g1"] == {"samples": 80, "dropped": 40}
     assert load_manifest(written.path).counters["g1"] == {"samples": 80, "dropped": 40} and verify(written.path) == []
 
 
 @pytest.fixture
-def stalled(monkeypatch):
-    """A disk that takes no Parquet file: set when one comes; to be set when it may go on."""
-    begun, done = threading.Event(), threading.Event()
-
-    def slow(path: Path, data: bytes, replace: Callable[[Path, bytes], None] = durable.replace) -> None:
-        if path.suffix == ".parquet":
-            begun.set()
-            assert done.wait(60)
-        replace(path, data)
-
-    monkeypatch.setattr(durable, "replace", slow)
-    try:
-        yield begun, done
-    finally:
-        done.set()
+def stalled(gate, monkeypatch):
+    """A disk that takes no Parquet file before the gate is open."""
+    write = durable.replace
+    held = gate.before(write)
+    monkeypatch.setattr(
+        durable, "replace", lambda path, data: (held if path.suffix == ".parquet" else write)(path, data)
+    )
+    return gate
 
 
 def test_closing_a_chunk_keeps_nothing_from_the_disk(written, monkeypatch, stalled):
     monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
-    begun, done = stalled
-    while not begun.is_set():
-        written.deliver()
-        written.recorder._round()
-    for _ in range(4):  # each would wait for ever, were it to wait for the disk
-        written.deliver()
-        written.recorder._round()
+    while not stalled.reached.is_set():
+        written.rounds(1)
+    written.rounds(4)  # each would wait for ever, were it to wait for the disk
     assert written.writer.stored()["g1"] == written.delivered  # with the system, where no kill reaches it
-    done.set()
+    stalled.open()
     written.round()
-    written.recorder.stop_run().result()
+    written.stop()
     assert len([chunk for chunk in load_manifest(written.path).chunks if chunk.stream == "g1"]) > 1
     assert verify(written.path) == []
     assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(written.delivered))
 
 
 def test_slow_close_delays_neither_watchdog_nor_next_run(written, stalled):
-    begun, done = stalled
     written.round()
     closing = written.recorder.stop_run()
-    assert begun.wait(60)
-    written.deliver()
-    written.recorder._round()
-    follower = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw"))).result()
-    written.deliver()
-    written.recorder._round()
+    assert stalled.reached.wait(60)
+    written.rounds(1)
+    follower = written.recorder.start_run(NEXT).result()
+    written.rounds(1)
     assert not closing.done() and written.recorder.state()["recording"] == "next"
-    done.set()
+    stalled.open()
     assert closing.result().counters["g1"] == {"samples": 10}
-    assert written.recorder.stop_run().result().path == follower
+    assert written.stop().path == follower
     assert verify(written.path) == verify(follower) == []
 
 
-def test_a_slow_write_keeps_no_reader_waiting(written, monkeypatch, caplog):
-    begun, done = threading.Event(), threading.Event()
-
-    def slow(fd: int, data: memoryview, offset: int, write: Callable[..., int] = os.pwrite) -> int:
-        begun.set()
-        assert done.wait(60)
-        return write(fd, data, offset)
-
+def test_a_slow_write_keeps_no_reader_waiting(written, gate, monkeypatch, caplog):
     monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 50)
     monkeypatch.setattr(daq.recording.warnings, "_SLOW_S", 0.0)
-    monkeypatch.setattr(os, "pwrite", slow)
+    monkeypatch.setattr(os, "pwrite", gate.before(os.pwrite))
     writing = threading.Thread(target=written.round)
     writing.start()
-    try:
-        assert begun.wait(60)
-        for _ in range(8):  # each would wait for ever, were it to wait for the disk
-            written.deliver()
-        assert written.recorder.state()["recording"] == "lap"
-        assert written.buffers["g1"].state().counters == {"samples": 100, "dropped": 30}
-    finally:
-        done.set()
-        writing.join(60)
+    assert gate.reached.wait(60)
+    for _ in range(8):  # each would wait for ever, were it to wait for the disk
+        written.deliver()
+    assert written.recorder.state()["recording"] == "lap"
+    assert written.buffers["g1"].state().counters == {"samples": 100, "dropped": 30}
+    gate.open()
+    writing.join(60)
     written.round(0)
-    written.recorder.stop_run().result()
+    written.stop()
     assert load_manifest(written.path).counters["g1"] == {"samples": 60, "dropped": 30}
     assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(60))
     assert "disk: slow write: has taken" in caplog.text
@@ -443,21 +385,18 @@ def test_a_slow_write_keeps_no_reader_waiting(written, monkeypatch, caplog):
 
 @pytest.mark.parametrize("stopped", [False, True], ids=["goes on", "stopped meanwhile"])
 def test_slowly_created_run_contains_all_samples_since(written, making, stopped):
-    asked, done = making
-    written.recorder.stop_run().result()
+    written.stop()
     written.delivered = 0
-    beginning = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
-    assert asked.wait(60)
-    for _ in range(4):  # each would wait for ever, were it to wait for the disk
-        written.deliver()
-        written.recorder._round()
+    beginning = written.recorder.start_run(NEXT)
+    assert making.reached.wait(60)
+    written.rounds(4)  # each would wait for ever, were it to wait for the disk
     state = written.recorder.state()
     assert (state["beginning"], state["waiting"], state["recording"]) == ("next", None, None)
     with refused("recording.running"):
-        written.recorder.start_run(RecordingRequest(RunLabel(name="other", test="radial")))
+        written.recorder.start_run(_request("other"))
     ending = written.recorder.stop_run("interrupted", "enough") if stopped else None
     assert written.recorder.state().get("closing", False) == stopped
-    done.set()
+    making.open()
     path = beginning.result()
     written.deliver()
     ended = (ending or written.recorder.stop_run()).result()
@@ -470,62 +409,46 @@ def test_slowly_created_run_contains_all_samples_since(written, making, stopped)
 def test_samples_during_the_start_of_a_run_are_bounded(written, making, monkeypatch):
     monkeypatch.setattr("daq.recording.active_run.MOST_PENDING", 30)
     monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
-    asked, done = making
-    written.recorder.stop_run().result()
-    beginning = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
-    assert asked.wait(60)
-    for _ in range(12):
-        written.deliver()
-        written.recorder._round()
-    done.set()
+    written.stop()
+    beginning = written.recorder.start_run(NEXT)
+    assert making.reached.wait(60)
+    written.rounds(12)
+    making.open()
     beginning.result()
-    assert written.recorder.stop_run().result().counters["g1"] == {"samples": 70, "dropped": 50}
+    assert written.stop().counters["g1"] == {"samples": 70, "dropped": 50}
 
 
-def test_slow_recovery_of_a_former_run_delays_nothing(written, monkeypatch):
-    reviving, done = threading.Event(), threading.Event()
-
-    def slow(path: Path, recover_and_log: Callable[[Path], None] = daq.recording.active_run.recover_and_log) -> None:
-        reviving.set()
-        assert done.wait(60)
-        recover_and_log(path)
-
-    monkeypatch.setattr(daq.recording.active_run, "recover_and_log", slow)
+def test_slow_recovery_of_a_former_run_delays_nothing(written, gate, monkeypatch):
+    reviving = daq.recording.active_run
+    monkeypatch.setattr(reviving, "recover_and_log", gate.before(reviving.recover_and_log))
     written.round()
     with failing(errno.EIO, "fsync"):
         written.round()
     written.retry()
-    while not reviving.is_set():
-        written.deliver()
-        written.recorder._round()
-    for _ in range(4):  # each would wait for ever, were it to wait for the disk
-        written.deliver()
-        written.recorder._round()
+    while not gate.reached.is_set():
+        written.rounds(1)
+    written.rounds(4)  # each would wait for ever, were it to wait for the disk
     assert written.recorder.state()["waiting"] == "lap"
-    done.set()
+    gate.open()
     written.until_it_goes_on()
     written.accounted()
 
 
-def test_stop_during_a_refused_start_ends_the_waiting(written, monkeypatch, caplog):
-    asked, done = threading.Event(), threading.Event()
-
+def test_stop_during_a_refused_start_ends_the_waiting(written, gate, monkeypatch, caplog):
     def refuse(path: Path) -> None:
-        asked.set()
-        assert done.wait(60)
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     written.round()
     with failing(errno.EIO, "fsync"):
         written.round()
-    monkeypatch.setattr(durable, "make_directory", refuse)
+    monkeypatch.setattr(durable, "make_directory", gate.before(refuse))
     written.retry()
-    while not asked.is_set():
+    while not gate.reached.is_set():
         written.recorder._round()
     written.deliver(7)
     written.recorder._round()
     ending = written.recorder.stop_run()
-    done.set()
+    gate.open()
     with refused("run.not_writable"):
         ending.result()
     written.begun()
@@ -536,21 +459,20 @@ def test_stop_during_a_refused_start_ends_the_waiting(written, monkeypatch, capl
 def test_start_during_a_recovery_needs_no_stop_first(written, making, monkeypatch):
     """The missed samples are recorded in the previous run, and none of them in the next."""
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 60.0)  # tried again when this says so
-    asked, done = making
     written.round()
     with failing(errno.EIO, "fsync"):
         written.round()
     written.deliver(7)
     written.recorder._round()
     written.retry()
-    while not asked.is_set():
+    while not making.reached.is_set():
         written.recorder._round()
-    beginning = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="radial")))
+    beginning = written.recorder.start_run(_request("next", "radial"))
     written.deliver(5)
     written.recorder._round()
-    done.set()
+    making.open()
     assert beginning.result().name.endswith("next")
-    written.recorder.stop_run().result()
+    written.stop()
     manifests = {manifest.name + manifest.follows: manifest for manifest in map(load_manifest, written.runs.iterdir())}
     follower = manifests[f"lap{written.path.name}"]
     assert follower.exit_status == "interrupted" and follower.reason.endswith("started next")
@@ -564,30 +486,29 @@ def test_start_during_a_recovery_needs_no_stop_first(written, making, monkeypatc
 
 def test_disk_without_runs_gets_no_further_request(written, making):
     """Samples of all waiting runs stay in memory."""
-    _, done = making
-    written.recorder.stop_run().result()
+    written.stop()
     ending = []
     for _ in range(2):
         written.deliver()
-        written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
+        written.recorder.start_run(NEXT)
         ending.append(written.recorder.stop_run())
     written.deliver()
     with refused("recording.starting"):
-        written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
-    done.set()
+        written.recorder.start_run(NEXT)
+    making.open()
     assert len({end.result().path for end in ending}) == 2
     written.begun()
-    written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw"))).result()
-    written.recorder.stop_run().result()
+    written.recorder.start_run(NEXT).result()
+    written.stop()
 
 
 def test_program_error_during_the_start_of_a_run_ends_the_daemon(written, monkeypatch):
-    written.recorder.stop_run().result()
+    written.stop()
     written.deliver()
     ended: list[type[BaseException]] = []
     monkeypatch.setattr(threading, "excepthook", lambda args: ended.append(args.exc_type))
     monkeypatch.setattr(daq.recording.active_run.PlausibilityCheck, "check", lambda *_: 1 / 0)
-    beginning = written.recorder.start_run(RecordingRequest(RunLabel(name="next", test="yaw", direction="cw")))
+    beginning = written.recorder.start_run(NEXT)
     with pytest.raises(ZeroDivisionError):
         beginning.result(20)
     written.recorder._io.shut_down()

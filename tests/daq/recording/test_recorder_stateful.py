@@ -25,11 +25,11 @@ from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
 from daq.recording.active_run import RunLabel
 from daq.recording.machine import Beginning, RecordingRequest, Waiting
-from daq.recording.recorder import Recorder
-from daq.store import RunWriter, load_manifest, new_manifest, read_run, recover, verify
+from daq.store import load_manifest, read_run, recover, verify
 from rigs.errors import CellError
 from tests.support.failing_disk import COLUMNS, failing
 from tests.support.nightly import cases
+from tests.support.recorders import recorder_of
 
 MINE = RecordingRequest(RunLabel(name="mine", test="yaw", direction="cw"))
 THEIRS = RecordingRequest(RunLabel(name="theirs", test="yaw", direction="acw"), "robot")
@@ -68,7 +68,7 @@ class Recordings(RuleBasedStateMachine):
         super().__init__()
         self.folder = Path(tempfile.mkdtemp(prefix="rig-recorder-"))
         self.buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
-        self.recorder = Recorder(self.buffers, self._create, lambda: None)
+        self.recorder = recorder_of(self.folder, self.buffers, chunk_rows=20)
         # private _io, _thread, _creator, _round: the test takes the place of the recorder's threads
         self.recorder._io.shut_down()
         self.disk, self.creator = ByHand(), ByHand()
@@ -79,11 +79,6 @@ class Recordings(RuleBasedStateMachine):
         """Readings of each stream: delivered in total, not yet drained, and drained during a recording."""
         self.deliver()
         self._start(MINE)
-
-    def _create(self, label: RunLabel, follows: str) -> RunWriter:
-        who: dict[str, Any] = {"rig_name": "r", "rig_text": "", "operator": "", "streams": COLUMNS}
-        about = {"name": label.name, "test": label.test, "direction": label.direction, "follows": follows}
-        return RunWriter.create(self.folder, new_manifest(**about, **who), chunk_rows=20)
 
     def _drained(self) -> None:
         self.taken += self.waiting if self.recorder.recording else 0

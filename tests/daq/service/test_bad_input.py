@@ -89,17 +89,6 @@ def test_gauge_in_error_is_counted_and_prevents_recording(bench):
     assert bench.status()["streams"]["g1"]["counters"]["device_error"] > 0
 
 
-@pytest.mark.real_time(match="no answer within")
-def test_no_head_on_the_second_channel(tmp_path):
-    with Bench(tmp_path, rig_text("keyence")) as bench:
-        bench.motion.mm["g2"] = OFF
-        bench.start().until(lambda state: "g1_mm" in state["streams"]["g1_g2"]["last"])
-        told = bench.fails("rig", "record", "start", "x", "--test", "yaw", "--direction", "cw", code=4)
-        assert "g2: no reading" in told and "channel 2" in told
-        done = bench.run("rig", "record", "start", "x", "--test", "radial")
-        assert done.returncode == 0  # gauge 1 alone is enough for a radial test
-
-
 def test_gauge_silent_during_a_recording_is_counted(bench):
     bench.start().all_reading()
     path = bench.record()
@@ -201,34 +190,11 @@ def test_impossible_requests_are_refused(running, command, code, told):
     assert told in running.fails("rig", *command, code=code)
 
 
-def test_a_second_recording_is_refused_and_the_first_goes_on(bench):
-    bench.start().all_reading()
-    path = bench.record("first")
-    told = bench.fails("rig", "record", "start", "second", "--test", "yaw", "--direction", "cw", code=4)
-    assert "recording first: already running" in told
-    assert bench.run("rig", "record", "stop").returncode == 0
-    assert read_run(path).manifest.name == "first"
-
-
-def test_missing_daemon_is_reported(bench):
-    assert "start rigd: rigd RIG" in bench.fails("rig", "status", code=4)
-
-
 @pytest.mark.parametrize("command", [("interfaces",), ("interfaces", "--json"), ("check", "ur10e")])
 def test_output_onto_a_full_disk_is_one_line(command):
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([BIN / "rig", *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and os.strerror(errno.ENOSPC) in done.stderr
-
-
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8:strict"])
-def test_a_terminal_that_knows_not_every_letter_gets_the_rest(tmp_path, encoding):
-    file = tmp_path / os.fsdecode(b"z\xf6lle.yaml")
-    file.write_text(rig_text())
-    env = os.environ | {"PYTHONIOENCODING": encoding}
-    for command in (("check", file), ("interfaces",)):
-        done = subprocess.run([BIN / "rig", *command], capture_output=True, check=False, env=env)
-        assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_stale_socket_hides_no_other_daemon(bench):
@@ -253,11 +219,6 @@ def test_unusable_runs_directory_is_reported_at_the_start(bench):
     (bench.folder / "runs").touch()
     bench.start()
     assert "give rigd a" in "".join(bench.said)
-
-
-def test_invalid_host_name_is_reported(bench):
-    _edited(bench, feedback=f"tcp://{'a' * 64}:30004")
-    assert "host name" in bench.fails("rigd", bench.rig, code=4)
 
 
 def test_a_socket_that_speaks_nonsense_gets_an_answer(running):
@@ -294,26 +255,3 @@ def test_nothing_listens_on_the_network(running):
         for row in Path(f"/proc/{running.daemon.pid}/net/{table}").read_text().splitlines()[1:]:
             cells = row.split()
             assert not ((table.startswith("udp") or cells[3] == listening) and cells[9] in inodes)
-
-
-def test_help_of_the_installed_command(bench):
-    """The help of each command is checked in the process of the tests (tests/analysis/cli/test_help.py)."""
-    done = bench.run("rig", "status", "--help")
-    assert done.returncode == 0 and "Usage: rig" in done.stdout
-
-
-@pytest.mark.parametrize("alike", ["rig file", "runs"])
-def test_a_second_daemon_with_another_socket_is_refused(bench, alike):
-    """Through a link to the rig file with other runs, and through a copy of it with the same runs."""
-    bench.start().all_reading()
-    other = bench.folder / "other.yaml"
-    if alike == "rig file":
-        other.symlink_to(bench.rig)
-    else:
-        other.write_text(bench.rig.read_text())
-    runs = "other-runs" if alike == "rig file" else "runs"
-    done = bench.run("rigd", other, "--runs", runs, "--socket", bench.folder / "other" / "second.sock")
-    assert done.returncode == 4 and "a different rigd" in done.stderr and "Traceback" not in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    bench.signalled(signal.SIGKILL)
-    bench.start().all_reading()

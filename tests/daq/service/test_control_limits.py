@@ -3,7 +3,6 @@ import errno
 import json
 import os
 import resource
-import shutil
 import socket
 import threading
 import time
@@ -12,12 +11,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from daq.service import control
 from daq.service.control import ControlServer
-from daq.store import read_run
-from tests.support.bench import BIN
 
 PATIENCE_S = 60.0
 
@@ -148,23 +143,3 @@ def fill() -> list[int]:
         while True:
             taken.append(os.dup(0))
     return taken
-
-
-@pytest.mark.real_time  # a run beside a flood has no stalls
-@pytest.mark.skipif(not shutil.which("prlimit"), reason="no prlimit")
-@pytest.mark.parametrize("limit", [1024, 128])
-def test_a_thousand_silent_connections_end_no_recording(bench, limit):
-    bench.start(program=["prlimit", f"--nofile={limit}:{limit}", BIN / "rigd"]).all_reading()
-    path = bench.record()
-    before = bench.recorded(20)["samples"]
-    with ExitStack() as opened:
-        for _ in range(1200):
-            opened.enter_context(connected(bench.socket))
-        bench.recorded(min(before.values()) + 50)
-        done = bench.run("rig", "record", "stop")
-        assert done.returncode == 0 and "while recording" not in done.stderr
-        second = bench.record("second")
-        assert bench.run("rig", "record", "stop").returncode == 0
-    for run in (path, second):
-        assert read_run(run).manifest.exit_status == "complete"
-        assert not any("dropped" in counters for counters in read_run(run).manifest.counters.values())

@@ -10,7 +10,7 @@ import daq.feedback
 from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
-from daq.protocol.conversation import Fault, FaultKind
+from daq.protocol.conversation import FaultKind
 from daq.service.client import Client
 from daq.service.control import ControlServer
 from daq.wire.links import Link
@@ -92,7 +92,7 @@ def test_a_joint_that_is_no_number_gets_through_no_line_feed(joint):
     host = daq.feedback.host(LineFeed(interface="line_feed", port="tcp://robot:1"))
     host.connected(0)
     (fault,) = host.received(f"17,1.5,2,3,{joint},5,6\n".encode(), 1).items
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
+    assert fault.kind is FaultKind.GARBLED
 
 
 @pytest.mark.parametrize("joint", [math.nan, math.inf, -math.inf, 1.7e308, 1e99])
@@ -102,7 +102,7 @@ def test_a_joint_that_is_no_number_gets_through_no_rtde(joint):
     for kind, payload in ((b"V", b"\1"), (b"O", b"\1DOUBLE,VECTOR6D"), (b"S", b"\1")):
         host.received(_packet(kind, payload), 1)
     (fault,) = host.received(_packet(b"U", struct.pack(">B7d", 1, 10.0, 0, 0, joint, 0, 0, 0)), 2).items
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
+    assert fault.kind is FaultKind.GARBLED
 
 
 def _packet(kind: bytes, payload: bytes) -> bytes:

@@ -35,7 +35,7 @@ def _environment_of_the_lock(place: Path, python: str) -> None:
     (packages,) = place.glob("lib/python*/site-packages")
     for name in BUILDING:
         spec = importlib.util.find_spec(name)
-        assert spec and spec.origin
+        assert spec.origin
         (packages / name).symlink_to(Path(spec.origin).parent)
     version = subprocess.run([python, "--version"], capture_output=True, check=True).stdout
     lock = hashlib.sha256((ROOT / "scripts" / "runtime.lock").read_bytes() + version).hexdigest()[:16]

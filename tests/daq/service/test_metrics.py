@@ -99,11 +99,6 @@ def test_daemon_exports_readings_and_recordings(bench):
     assert not target.exists()  # a daemon that has ended tells nothing
 
 
-def test_unwritable_metrics_file_is_reported_at_the_start(bench):
-    told = bench.fails("rigd", bench.rig, "--metrics", bench.folder / "nowhere" / "rig.prom", code=4)
-    assert "nowhere/rig.prom: " in told
-
-
 def test_unwritable_metrics_file_ends_nothing(tmp_path, caplog):
     folder = tmp_path / "there"
     keeper = Maintenance(folder / "rig.prom", lambda: "x 1\n", None)

@@ -8,7 +8,6 @@ import pytest
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample, SampleBlock
 from daq.service.answers import LONGEST_ANSWER, read_answer
-from daq.service.client import Client
 from daq.service.daemon import MOST, recent_samples
 from tests.support.refusals import refused
 
@@ -82,11 +81,3 @@ def test_no_answer_is_longer_than_a_client_takes():
 def test_a_wrong_request_is_refused_in_one_line(request_):
     with refused("daemon.bad_request"):
         recent_samples({"command": "samples", **request_}, {}, "")
-
-
-def test_a_running_daemon_hands_on_its_rig_file_and_its_samples(bench):
-    bench.start().all_reading()
-    with Client(bench.socket) as client:
-        answer = client.ask("samples", rig=True)
-    assert "\n".join(answer["rig_lines"]) == bench.rig.read_text().rstrip("\n")
-    assert set(answer["streams"]) == {"g1", "g2", "robot"} and answer["streams"]["robot"]["rows"]

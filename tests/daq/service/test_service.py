@@ -1,4 +1,3 @@
-import os
 import shutil
 import signal
 import socket
@@ -138,20 +137,3 @@ def test_program_error_fails_the_run_and_ends_the_daemon(bench, patch, thread, e
     assert thread in manifest.reason and error in manifest.reason
     assert bench.run("rig", "verify", path).returncode == 0
     assert "no daemon" in bench.fails("rig", "status", code=4)
-
-
-@pytest.mark.parametrize("command", [["--help"], ["analyse", "--help"], ["record", "start", "--help"]])
-def test_help_loads_nothing_heavy(command):
-    program = (
-        "import sys; sys.argv = ['rig', *sys.argv[1:]]\n"
-        "from analysis.cli import main\n"
-        "try: main()\n"
-        "except SystemExit as end: assert not end.code\n"
-        "heavy = {'numpy', 'scipy', 'matplotlib', 'pyarrow', 'yaml', 'jinja2'} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program, *command], capture_output=True, text=True, check=False, env=dict(os.environ)
-    )
-    assert done.returncode == 0, done.stderr
-    assert "Usage: rig" in done.stdout

@@ -81,14 +81,6 @@ def test_removed_chunk_is_missed_even_with_a_repaired_chain(run, file):
     assert said(run).startswith("not whole") and f"of {file[:-13]} are missing" in said(run)
 
 
-def test_a_stream_that_is_gone_is_missed(run):
-    for file in sorted(run.glob("g1-*")):
-        forget_chunk(run, file.name)
-    verdict, counted, missing = said(run).splitlines()
-    assert verdict == "not whole" and counted.startswith("g1 has 0 rows") and missing.startswith("rows 0 to 19 of g1 ")
-    assert ran("verify", run).returncode == 3
-
-
 def test_faults_that_are_gone_are_missed(run):
     forget_chunk(run, "faults-0001.parquet")
     seal = ledger_records(run)[-1]
@@ -334,13 +326,6 @@ def test_a_run_that_is_being_recorded_is_not_to_be_recovered(tmp_path):
     assert problem.startswith(f"{writer.path}: ") and problem.endswith("rig record stop")
     crash(writer)
     assert any("`rig recover" in line for line in verify(writer.path))
-
-
-def test_a_crash_is_not_whole_until_it_is_recovered(tmp_path):
-    path = crash(record(tmp_path))
-    assert said(path).startswith("not whole")
-    recover(path)
-    assert said(path) == CUT
 
 
 def test_run_with_truncated_end_is_never_called_complete(tmp_path):

@@ -162,12 +162,6 @@ def test_the_oldest_go_until_the_rest_fits():
     assert [str(run.path) for run in decision.delete] == ["2", "3"] and decision.over == 0
 
 
-def test_protected_excess_is_counted():
-    found = [_info(1, 1, 1_500_000_000, exported=False), _info(2, 1, 7)]
-    decision = decide(found, LIMITS, NOW_S)
-    assert [str(run.path) for run in decision.delete] == ["2"] and decision.over == 500_000_000
-
-
 runs = st.lists(st.tuples(st.floats(0, 500), st.integers(0, 10**9), st.booleans(), st.booleans()), max_size=20)
 
 

@@ -7,7 +7,7 @@ import pytest
 import daq.store.run_directory
 import daq.store.writer
 from daq.protocol.conversation import Sample
-from daq.store import NearlyFull, RunWriter, load_manifest, new_manifest, read_run, verify
+from daq.store import NearlyFull, load_manifest, read_run, verify
 from daq.store.run_directory import MARGIN_BYTES
 from tests.support.powercut import BLOCK, watched
 from tests.support.refusals import refused
@@ -91,10 +91,3 @@ def test_a_run_may_have_any_number_of_chunks(tmp_path):
     assert len(load_manifest(writer.path).chunks) == 120
     assert verify(writer.path) == []
     assert_holds(read_run(writer.path), rows)
-
-
-def test_the_run_that_follows_names_the_former(tmp_path):
-    common = {"test": "yaw", "direction": None, "rig_name": "r", "rig_text": "", "operator": "", "streams": {}}
-    writer = RunWriter.create(tmp_path, new_manifest(name="x", follows="20261120T093000Z_x", **common))
-    writer.close("complete", "", {})
-    assert load_manifest(writer.path).follows == "20261120T093000Z_x"

@@ -9,15 +9,12 @@ from typing import Any
 import pytest
 
 import daq.gauges
-from daq.acquisition.streams import streams_of
-from daq.discovery import trial
+from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.emulators.pty_line import PtyLine
-from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Host, Item, Sample
+from daq.protocol.conversation import ConversationStep, FaultKind, Host, Item
 from daq.wire import links, serial_port
 from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import SerialLink, open_link
-from rigs.interfaces import list_interfaces
-from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line, ModemLines
 from tests.support.drivers import gauge, sylvac
 from tests.support.simulated_conversation import S, Script
@@ -65,7 +62,6 @@ def _talk(host: Host, cable: OptoRS, seconds: int) -> list[Item]:
         items += step.items
         if answer := cable.hear(step, now_ns):
             coming.append((now_ns + ANSWER_NS, answer))
-        assert step.wake_ns is not None
         if coming and coming[0][0] <= step.wake_ns:
             now_ns, data = coming.pop(0)
             step = host.received(data, now_ns)
@@ -80,8 +76,8 @@ def test_a_cable_with_its_lines_is_read(cable):
     probe = sylvac(cable=cable)
     model = OptoRS(cable == "simplex", probe.modem.dtr, probe.modem.rts)
     items = _talk(daq.gauges.host([probe]), model, 20)
-    assert {item.values for item in items if isinstance(item, Sample)} == {(1.234,)}
-    assert len(items) > (400 if cable == "duplex" else 60) and not [i for i in items if isinstance(i, Fault)]
+    assert {item.values for item in samples_of(items)} == {(1.234,)}
+    assert len(items) > (400 if cable == "duplex" else 60) and not faults_of(items)
 
 
 @pytest.mark.parametrize("cable", ["duplex", "simplex"])
@@ -90,8 +86,8 @@ def test_a_cable_with_the_lines_of_the_other_is_silent(cable):
     if cable == "simplex":
         wrong.rts = False
     items = _talk(daq.gauges.host([sylvac(cable=cable)]), wrong, 5)
-    assert {item.kind for item in items if isinstance(item, Fault)} == {FaultKind.SILENT}
-    assert not [item for item in items if isinstance(item, Sample)]
+    assert {item.kind for item in faults_of(items)} == {FaultKind.SILENT}
+    assert not samples_of(items)
 
 
 def test_a_simplex_reading_is_requested_when_its_line_goes_off():
@@ -103,7 +99,7 @@ def test_a_simplex_reading_is_requested_when_its_line_goes_off():
     assert on.dtr is True and script.now_ns - requested_ns >= LEAST_OFF_NS
     script.receive(b"+1.000\r", script.now_ns + 5)
     (sample,) = script.taken()
-    assert isinstance(sample, Sample) and sample.requested_ns == requested_ns
+    assert sample.requested_ns == requested_ns
     assert script.wake().dtr is False and script.now_ns - requested_ns >= 2 * LEAST_OFF_NS
 
 
@@ -171,25 +167,7 @@ def test_a_conversation_moves_the_line(calls):
     assert calls[:4] == ["TIOCMBIC DTR", "TIOCMBIS DTR"] * 2
 
 
-def test_a_pty_without_modem_lines_is_opened_all_the_same():
-    line = PtyLine(LINE)
-    link = open_link("g1", line.port, LINE, modem=ModemLines(dtr=True, rts=False))
-    link.set_dtr(False)
-    link.close()
-    line.close()
-
-
 # --- what a person is shown ---
-
-
-def test_interfaces_and_doctor_show_the_lines():
-    (shown,) = [one for one in list_interfaces() if one.name == "sylvac_opto_rs"]
-    assert shown.modem == "duplex DTR on, RTS off; simplex DTR on, RTS on"
-    text = (SHIPPED / "paper-fanuc.yaml").read_text()
-    stream = streams_of(parse(text, "cell"))[0]
-    assert stream.modem == ModemLines(dtr=True, rts=False)
-    finding = trial.check_answers(stream, trial.Trial(received=0), lambda: None)
-    assert "with DTR on, RTS off" in finding.what
 
 
 # --- an echo ---
@@ -213,7 +191,7 @@ def test_a_request_that_is_echoed_is_no_answer(interface, request_, reply, cut):
     for k in range(0, len(heard), cut):
         script.receive(heard[k : k + cut], script.now_ns + 1)
     (sample,) = script.taken()
-    assert isinstance(sample, Sample) and sample.values == (1.5,) and sample.size == len(reply)
+    assert sample.values == (1.5,) and sample.size == len(reply)
 
 
 def test_errors_counted_by_the_port_are_reported(monkeypatch):

@@ -22,14 +22,14 @@ def test_a_planted_swing_is_found(frequency_hz, amplitude_mm):
     phases = np.random.default_rng(1).uniform(0, 2 * np.pi, 4)
     runs = [response(run, frequency_hz, amplitude_mm, phase) for run, phase in zip(circles(), phases, strict=True)]
     found = _swing(runs)
-    assert found and found.gain > SURE
+    assert found.gain > SURE
     assert found.effect.frequency_hz == pytest.approx(frequency_hz, abs=max(0.02, 3 * found.sd["frequency_hz"]))
     assert found.effect.amplitude_mm == pytest.approx(amplitude_mm, abs=4 * found.sd["amplitude_mm"], rel=0.1)
 
 
 def test_noise_does_not_swing():
     found = _swing(circles())
-    assert found and found.gain < SURE
+    assert found.gain < SURE
 
 
 @pytest.mark.parametrize(

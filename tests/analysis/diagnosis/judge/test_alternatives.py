@@ -25,10 +25,6 @@ def test_probabilities_of_name_and_alternatives_sum_to_one():
     assert found.with_rivals == pytest.approx(probability_of(ALTERNATIVES.log_odds(with_rivals=True)))
 
 
-def test_probability_rises_with_the_log_odds():
-    assert probability_of(-20.0) < 0.01 < probability_of(0.0) < CONFIRMED < probability_of(20.0)
-
-
 def _result(added: Array, *effects: Backlash) -> SearchResult:
     linear = holding(healthy(), white(healthy(), 5) + added)
     selection = Selection(linear, healthy_columns())

@@ -24,7 +24,6 @@ def _places(left_mm: list[Array]) -> tuple[ResidualPlace, ...]:
 
 
 def _wave(block: Block, cycles: int, size_mm: float) -> Array:
-    assert block.sampling
     phi = block.sampling.phi
     return block.entries(size_mm * np.cos(cycles * phi)[:, None] * np.ones(2))
 

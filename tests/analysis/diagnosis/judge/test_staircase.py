@@ -13,7 +13,7 @@ PLAY = Backlash(axis=1, width_deg=0.03, transit=0.2)
 def test_its_ends_are_the_gap_and_its_parts_the_calibrated_model():
     found = demo()
     stairs = found.staircase
-    assert stairs and stairs.places == ("used", "unseen")
+    assert stairs.places == ("used", "unseen")
     first, last = stairs.steps[0], stairs.steps[-1]
     assert found.unseen and first.unseen and last.unseen
     assert (first.parts, first.used.um, last.used.um) == ((), found.train.before_um, found.train.calibrated_um)
@@ -27,7 +27,6 @@ def test_its_ends_are_the_gap_and_its_parts_the_calibrated_model():
 
 def test_step_has_the_remaining_error_of_its_model():
     found = demo()
-    assert found.staircase
     step = found.staircase.steps[1]
     (part,) = (found.budget[k] for k in step.parts)
     assert part.index is not None  # a fault is the largest part here
@@ -41,7 +40,7 @@ def test_a_comparison_adds_the_effects_of_the_rig_file_the_largest_first():
     runs = circles((PLAY, small), seed=74, count=1)
     compared = located(compare(runs, rig), rig, runs)
     own = compared.disagreement
-    assert own and own.staircase
+    assert own.staircase
     assert [step.parts for step in own.staircase.steps] == [(), (1,), (0,)]
     um = [step.used.um for step in own.staircase.steps]
     assert um[0] > 10 * um[1] > 10 * um[2] * 0.9
