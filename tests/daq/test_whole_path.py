@@ -3,12 +3,10 @@
 
 import json
 
-import numpy as np
 import pytest
 import yaml
 
 from analysis.apps.emulate.robot import EmulatedRobot, ideal_results
-from daq.store import read_run
 from rigs.load import load, load_hidden, parse
 from tests.support.bench import Bench, rig_text
 from tests.support.nightly import cases
@@ -58,46 +56,6 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path):
     assert planted["eccentricity_mm"] == [0.6, -0.4, 0.1] and len(planted["effects"]) == 4
     served, _ = load(bench.rig)
     assert served.effects == () and not any(served.tests.circle.eccentricity_mm)  # rigd's rig file gives nothing away
-
-
-@pytest.mark.real_time
-def test_command_emulate_drives_programs_and_accepts_corrected_ones(tmp_path):
-    """The signal of the program starts and ends a run; the operator stops another; entered values change the circle."""
-    data = yaml.safe_load(load("ur10e")[1])
-    data["feedback"]["signal"] = {"int_register": 3}
-    data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 150}
-    whens = [("acw", 1), ("cw", 2)]
-    data["automatic"] = {"rules": [{"test": "yaw", "direction": way, "when": {"signal": at}} for way, at in whens]}
-    found = {"date": "2026-11-20", "runs": ["yaw-acw-001"], "sd": {"offset_deg": 0.002}}
-    hidden = {"effect": "joint_offset", "axis": 2, "offset_deg": -0.3}
-    (tmp_path / "own.yaml").write_text(yaml.safe_dump(data))
-    (tmp_path / "known.yaml").write_text(yaml.safe_dump(data | {"effects": [hidden | {"found": found}]}))
-    (tmp_path / "hidden.yaml").write_text(yaml.safe_dump({"effects": [hidden]}))
-    with Bench(tmp_path) as bench:
-        for words in (
-            "program own.yaml --for ur --test yaw -o programs",
-            "correct known.yaml --for ur -o found",
-        ):
-            assert bench.run("rig", *words.split()).returncode == 0
-        options = ("--programs", "programs", "--effects", "hidden.yaml")
-        with bench.emulating("own.yaml", *options) as keyboard:
-            bench.rig = tmp_path / "cell" / "rig.yaml"
-            bench.socket = bench.socket.with_name(f"{data['name']}.sock")
-            bench.start().all_reading()
-            assert keyboard("run somersault").startswith("error: 'somersault': ")
-            for corrected in (False, True):
-                if corrected:
-                    assert keyboard("enter found/corrections.yaml") == "found/corrections.yaml: entered, 1 parameters"
-                assert keyboard("run yaw_acw_ur10e").startswith("yaw_acw_ur10e: driving, ")
-                assert keyboard("") == "yaw_acw_ur10e: done"
-                bench.until(lambda state: state["recording"] is None)
-            assert keyboard("run yaw cw ur10e").startswith("yaw cw ur10e: driving")
-            bench.until(lambda state: state["recording"] is not None)
-            assert keyboard("stop").endswith(": stopped")
-            assert keyboard("acw").startswith("error: acw: ")
-    runs = [read_run(path) for path in sorted((tmp_path / "runs").glob("*acw*"))]
-    swings = [float(np.ptp(np.asarray(run.streams["g1"]["g1_mm"]))) for run in runs]
-    assert len(swings) == 2 and swings[0] > 0.5 and swings[1] < 0.1 * swings[0], swings
 
 
 @pytest.mark.parametrize("test", cases(["radial", "repeatability"], ["repeatability"]))

@@ -56,34 +56,14 @@ def test_a_table_goes_in_comes_out_and_comes_back_the_same(tmp_path, test, direc
         else:
             assert list(column) == [plain_lines(text) for text in rows[name]], name
     back = read_file(out, test, rig())
-    stored, extra = read_run(run).table, [name for name in rows if name not in known]
+    manifest, stored, extra = load_manifest(run), read_run(run).table, [name for name in rows if name not in known]
+    assert verify(run) == [] and recover(run).nothing_to_do
+    assert (manifest.exit_status, manifest.operator, manifest.rig_text) == ("complete", "ada", load(RIG_FILE)[1])
+    assert (manifest.counters, manifest.table.sha256) == (
+        {"table": {"samples": stored.num_rows}}, sha256(csv_text(rows).encode())
+    )  # fmt: skip
     assert back.table.drop_columns(extra).equals(stored.drop_columns(extra))
     assert pq.read_table(exported(run, "parquet")).equals(stored)
-
-
-@pytest.mark.parametrize("test", TESTS)
-def test_an_imported_run_is_a_run(tmp_path, test):
-    rows = rows_of(test, "cw")
-    path = imported(tmp_path, rows, test)
-    manifest, count = load_manifest(path), len(rows["q1_deg"])
-    assert verify(path) == []
-    assert recover(path).nothing_to_do
-    assert (manifest.test, manifest.operator, manifest.name) == (test, "ada", "run")
-    assert manifest.direction == ("cw" if test in ("yaw", "roll") else None)
-    assert manifest.rig_text == load(RIG_FILE)[1]
-    assert manifest.exit_status == "complete"
-    assert manifest.counters == {"table": {"samples": count}}
-    assert (manifest.table.file, manifest.table.sha256) == ("run table.csv", sha256(csv_text(rows).encode()))
-    assert list(manifest.table.columns) == list(rows)
-    run = read_run(path)
-    assert (run.streams, run.faults) == ({}, [])
-    assert run.table.num_rows == count
-    assert sorted(file.name for file in path.iterdir()) == [
-        ".lock",
-        "ledger.jsonl",
-        "manifest.json",
-        "table-0001.parquet",
-    ]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.procedures import pose
-from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import forward
 from analysis.runs.tables import PoseTable
 from tests.support.refusals import refused
@@ -78,25 +77,6 @@ def test_the_measured_ur10_nominal(series, rows, rms):
     assert result.samples == rows
     assert result.figures["rms_mm"].value == pytest.approx(rms, abs=0.001)
     assert result.figures["rms_deg"].value == pytest.approx({"series_d": 0.110, "series_b": 0.085}[series], abs=0.001)
-
-
-def test_the_readme_of_the_measured_ur10():
-    """B: its 1.087 mm is that of the 1463 rows whose standard deviations are below 0.05 mm. D: its 0.725 mm is none of
-    all rows (0.772); it says to be of a random 70/30 hold-out, and lies at the low end of what such give."""
-    table, spread = measured("series_b")
-    keep = spread.max(axis=1) < 0.05
-    result = pose.evaluate(PoseTable(table.q[keep], table.xyz_mm[keep], None), planted.ur10(), 0.012)
-    assert result.figures["rms_mm"].value == pytest.approx(1.087, abs=0.001)
-    table, _ = measured("series_d")
-    T = forward(planted.ur10(), table.q)
-    held_out = []
-    for seed in range(200):
-        order = np.random.default_rng(seed).permutation(len(T))
-        fit, rest = order[:442], order[442:]
-        error = position_error(T[rest], table.xyz_mm[rest], fit_setup(T[fit], table.xyz_mm[fit]))
-        held_out.append(np.sqrt((error**2).sum(axis=1).mean()))
-    assert np.mean(held_out) == pytest.approx(0.775, abs=0.01)
-    assert min(held_out) - 0.01 < 0.725 < max(held_out)
 
 
 def test_visits_are_grouped_and_judged_by_iso_9283():

@@ -16,7 +16,7 @@ from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import STIR, STIR_EVERY_NS, STIR_NS
 from rigs.schema.condition import POSE
 from rigs.schema.feedback import columns_beside_joints
-from tests.support.drivers import FEEDBACKS, GAUGES, keyence, modbus, rtde
+from tests.support.drivers import FEEDBACKS, GAUGES, modbus, rtde
 from tests.support.simulated_conversation import S, simulate
 
 CHARACTER_NS = 200_000
@@ -159,21 +159,3 @@ def test_the_gauge_clock_is_read_to_the_microsecond():
     assert samples
     for sample in samples:
         assert sample.device_time_s == pytest.approx(sample.requested_ns * 1e-9, abs=1.1e-6)
-
-
-def test_doubtful_readings_carry_their_status():
-    gauge = modbus(status={"address": 200, "type": "uint16", "good": (), "doubtful": (1,)})
-    items = simulate(
-        daq.gauges.host([gauge]), daq.gauges.device([gauge], lambda now_ns: [1.0]), S, character_ns=S // 1000
-    )
-    assert {sample.status for sample in _samples(items)} == {1}
-
-
-def test_one_head_in_error_leaves_the_other():
-    gauges = [keyence(channel=1), keyence(channel=2)]
-    device = daq.gauges.device(gauges, lambda now_ns: [math.nan, 2.0])
-    items = simulate(daq.gauges.host(gauges), device, 3 * S, character_ns=CHARACTER_NS)
-    samples = samples_of(items)
-    assert all(math.isnan(sample.values[0]) and sample.values[1] == 2.0 for sample in samples)
-    faults = faults_of(items)
-    assert "channel 1" in faults[0].detail and len(samples) > 100 and len(faults) <= 4

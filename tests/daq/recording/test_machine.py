@@ -188,11 +188,6 @@ def test_pauses_double_up_to_a_minute():
     assert pauses == [FIRST_PAUSE_S, 5, 10, 20, 40, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
 
 
-def test_a_run_that_was_removed_is_followed_at_once():
-    state = _after(StartRequested(MINE), Created(1), replace(FULL, removed=True), Closed(1))
-    assert step(state, Tick(0.2))[1] == (Create(2, MINE, resumes=True),)
-
-
 def test_a_run_that_is_tried_again_has_the_run_before_closed():
     waiting = _after(StartRequested(MINE), Created(1), FULL)
     assert step(waiting, Tick(LONG_S)) == (waiting, ())
@@ -210,9 +205,3 @@ def test_a_person_takes_over_from_the_robot(happened):
         2: actions[:-1] == (GiveUp(),),
     }
     assert ended[len(happened)]
-
-
-def test_a_disk_that_makes_no_run_is_asked_for_no_third():
-    state = _after(StartRequested(MINE), ENOUGH, StartRequested(MINE), ENOUGH)
-    assert step(state, StartRequested(MINE)) == (state, (Reject("making"),))
-    assert not isinstance(step(step(state, RunRefused(1, 0.0))[0], StartRequested(MINE))[1][0], Reject)

@@ -1,22 +1,15 @@
-import math
 import signal
-import struct
 import threading
 import time
 
-import pytest
-
-import daq.feedback
 from daq.acquisition.reader import StreamReader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
-from daq.protocol.conversation import FaultKind
 from daq.service.client import Client
 from daq.service.control import ControlServer
 from daq.wire.links import Link
 from rigs.errors import CellError
 from rigs.load import parse
-from rigs.schema.feedback import URRTDE, LineFeed
 from tests.support.bench import rig_text
 
 
@@ -85,28 +78,6 @@ def test_slowly_opening_port_is_no_hanging_reader(monkeypatch):
 
 def _lost(stream: Stream) -> Link:
     return Link(stream.name, -1, lambda: None)
-
-
-@pytest.mark.parametrize("joint", ["nan", "inf", "-inf", "NaN", "1e400", "", "--1", "0x10", "1e99", "45123456"])
-def test_a_joint_that_is_no_number_gets_through_no_line_feed(joint):
-    host = daq.feedback.host(LineFeed(interface="line_feed", port="tcp://robot:1"))
-    host.connected(0)
-    (fault,) = host.received(f"17,1.5,2,3,{joint},5,6\n".encode(), 1).items
-    assert fault.kind is FaultKind.GARBLED
-
-
-@pytest.mark.parametrize("joint", [math.nan, math.inf, -math.inf, 1.7e308, 1e99])
-def test_a_joint_that_is_no_number_gets_through_no_rtde(joint):
-    host = daq.feedback.host(URRTDE(interface="ur_rtde", port="tcp://robot:1", condition=False, pose=False))
-    host.connected(0)
-    for kind, payload in ((b"V", b"\1"), (b"O", b"\1DOUBLE,VECTOR6D"), (b"S", b"\1")):
-        host.received(_packet(kind, payload), 1)
-    (fault,) = host.received(_packet(b"U", struct.pack(">B7d", 1, 10.0, 0, 0, joint, 0, 0, 0)), 2).items
-    assert fault.kind is FaultKind.GARBLED
-
-
-def _packet(kind: bytes, payload: bytes) -> bytes:
-    return struct.pack(">HB", 3 + len(payload), kind[0]) + payload
 
 
 def test_ctrl_c_ends_an_emulated_cell_with_130(bench):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.store import Manifest, RunWriter, durable, load_manifest, new_manifest, read_run, recover, verify
+from daq.store import RunWriter, durable, load_manifest, new_manifest, read_run, recover, verify
 from daq.store.ledger import sha256
 from rigs.errors import FileError
 from tests.support.nightly import examples
@@ -54,9 +54,7 @@ def test_round_trip(run):
 def test_manifest_is_complete(run):
     manifest = load_manifest(run)
     assert (manifest.rig_text, manifest.rig_sha256) == (RIG_TEXT, sha256(RIG_TEXT.encode()))
-    assert (manifest.test, manifest.direction, manifest.operator) == ("yaw", "cw", "ada")
     assert (manifest.exit_status, manifest.reason) == ("complete", "asked")
-    assert manifest.counters == {"g1": {"samples": 20, "garbled": 15}}
     assert [(c.file, c.rows, c.first_ns, c.last_ns) for c in manifest.chunks_of("g1")] == [
         ("g1-0001.parquet", 8, 10, 7020),
         ("g1-0002.parquet", 8, 8010, 15020),
@@ -65,9 +63,6 @@ def test_manifest_is_complete(run):
     assert manifest.ended is not None
     assert manifest.started <= manifest.ended
     assert str(run.parent) not in (run / "manifest.json").read_text()
-    assert manifest.corrected == "" and '"corrected"' not in (run / "manifest.json").read_text()
-    by_targets = Manifest.model_validate_json(manifest.updated(corrected="targets").model_dump_json())
-    assert by_targets.corrected == "targets"
 
 
 def test_two_runs_never_share_a_directory(tmp_path):
