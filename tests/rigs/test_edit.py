@@ -1,10 +1,12 @@
+import datetime as dt
 import re
 from typing import Any
 
 import pytest
 import yaml
 
-from rigs.edit import block_of, with_test, with_values
+from rigs.edit import block_of, extended, with_test, with_values
+from rigs.effects import Backlash, EffectProvenance, LinkGeometry
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.problems import RigFileError
@@ -149,3 +151,44 @@ def test_a_value_in_one_line_is_read_back(value):
     assert "\n" not in text
     assert read_yaml(f"key: {text}\n", "cell")[1] == {"key": value}
     assert read_yaml(f"{flow({'key': {'in': value}})}\n", "cell")[1] == {"key": {"in": value}}
+
+
+NEW = (
+    Backlash(
+        axis=2,
+        width_deg=0.031,
+        found=EffectProvenance(date=dt.date(2026, 5, 1), runs=("a", "b"), sd={"width_deg": 0.001}),
+    ),
+    LinkGeometry(axis=3, field="a", delta=-1.2),
+)
+WITHOUT = (SHIPPED / "paper-fanuc.yaml").read_text()
+TEXT = (SHIPPED / "paper-errors.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "before"),
+    [
+        (TEXT, 7),
+        (WITHOUT, 0),
+        (WITHOUT + "effects: []\n", 0),
+        (WITHOUT + "effects: [{effect: backlash, axis: 1, width_deg: 0.02}]\n", 1),
+        (WITHOUT + "effects:\n- effect: backlash\n  axis: 1\n  width_deg: 0.02\n# the end\n", 1),
+        ((SHIPPED / "ur10.yaml").read_text(), 0),
+    ],
+)
+def test_effects_are_added_behind_those_there_are(text, before):
+    grown = extended(text, NEW, "cell.yaml")
+    effects = parse(grown, "cell.yaml").effects
+    assert len(effects) == before + 2
+    assert effects[-2:] == NEW
+    assert effects[:before] == parse(text, "cell.yaml").effects
+
+
+def test_comments_stay():
+    grown = extended(TEXT, NEW, "cell.yaml")
+    assert [line for line in TEXT.splitlines() if "#" in line] == [line for line in grown.splitlines() if "#" in line]
+
+
+def test_extending_twice_is_extending_by_both():
+    once = extended(extended(TEXT, NEW[:1], "a"), NEW[1:], "a")
+    assert parse(once, "a").effects == parse(extended(TEXT, NEW, "a"), "a").effects

@@ -1,8 +1,10 @@
 import copy
+import pickle
 
 import pytest
 
-from rigs.errors import CellError, FileError, PathError
+from rigs.errors import CellError, FileError, PathError, RigPlace
+from rigs.load import load, named_by
 
 
 def test_a_message_is_one_line_that_a_terminal_can_bear():
@@ -31,3 +33,22 @@ def test_an_error_has_the_code_of_its_kind_or_its_own(error, code):
     assert error.to_dict() == {
         "code": code, "where": error.where, "what": error.what, "remedy": error.remedy, "exit_code": error.exit_code,
     }  # fmt: skip
+
+
+RIG = load("ur10e")[0]
+
+
+@pytest.mark.parametrize(("part", "named"), [("", "cell.yaml"), ("tests.circle", "cell.yaml, tests.circle")])
+def test_a_place_of_the_rig_is_named_by_its_file(part, named):
+    error = FileError(RigPlace.of(RIG.name, part), "is wrong", "correct it")
+    for one in (error, pickle.loads(pickle.dumps(error))):  # noqa: S301 - our own
+        with pytest.raises(FileError) as found, named_by("cell.yaml", RIG):
+            raise one
+        assert found.value.where == named and found.value.what == "is wrong"
+
+
+@pytest.mark.parametrize("where", [RIG.name, f"{RIG.name}, tests.circle", RigPlace.of("another", "tests.circle")])
+def test_similar_text_is_kept(where):
+    with pytest.raises(FileError) as found, named_by("cell.yaml", RIG):
+        raise FileError(where, "is wrong", "correct it")
+    assert found.value.where == where

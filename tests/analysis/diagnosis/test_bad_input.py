@@ -1,12 +1,16 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
+from analysis.diagnosis import diagnose as module
 from analysis.diagnosis.evidence.gather import prepare_runs
 from analysis.diagnosis.judge.result import Diagnosis
 from rigs.effects import Backlash, Effect, JointOffset
 from rigs.errors import FileError
+from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
 from tests.support.diagnosis_cells import RIG, circles, found_in, measured, poses, table_of
@@ -90,3 +94,21 @@ def test_one_reading_in_a_hundred_that_is_wild_is_counted_and_follows_its_neighb
     for one, other in zip(found, sound, strict=True):
         # Two wild neighbours out of seven still leave their median; more, now and then, do not.
         assert float(np.mean(np.abs(one.values - other.values) > 0.02)) < 0.002
+
+
+def blas_threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+def test_a_diagnosis_uses_one_blas_thread_and_restores_the_number_after_an_error(monkeypatch):
+    class StopError(Exception):
+        pass
+
+    def seen(*arguments: Any) -> None:
+        raise StopError(blas_threads())
+
+    monkeypatch.setattr(module, "gather", seen)
+    with threadpool_limits(limits=2, user_api="blas"):
+        with pytest.raises(StopError) as stopped:
+            module.diagnose(load("ur10e")[0], [], [], [], print)
+        assert stopped.value.args == ({1},) and blas_threads() == {2}

@@ -7,8 +7,9 @@ import pytest
 from analysis.procedures import direction_pair
 from analysis.procedures.checks.places import place_findings, stamp_findings
 from analysis.procedures.circle import CircleResult, Circularity, Roll, Yaw, evaluate_distance
+from analysis.procedures.direction_pair import lag_of
 from analysis.procedures.shared.joint_reversals import MeasuredReversal, angle_difference, turns
-from analysis.procedures.shared.lap_curve import reduced
+from analysis.procedures.shared.lap_curve import LapCurve, curve_of, reduced
 from analysis.procedures.shared.test_kind import evaluate
 from analysis.procedures.simulate import simulate
 from analysis.robot.geometry.circle import CircleFrame, Reversal, frame_of, link_readings, reversals
@@ -16,8 +17,10 @@ from analysis.robot.geometry.driven_programs import circle_of, circle_program
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.laps import Laps, laps_of
 from analysis.runs.tables import CircleTable
-from rigs.load import load, parse
+from rigs.effects import Effect, TimeLag
+from rigs.load import load, load_hidden, parse
 from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction
 from tests.support.refusals import refused
 
 PHI = np.linspace(0, 2 * np.pi, 720, endpoint=False)
@@ -227,3 +230,18 @@ def test_turns_of_the_simulated_lap_are_those_of_the_nominal_path():
         turn = _nearest(found, reversal)
         assert turn is not None, reversal
         assert abs(np.degrees(angle_difference(turn.phi, reversal.phi))) < 0.3, (reversal, turn)
+
+
+def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Effect]) -> LapCurve:
+    laps = laps_of(simulate(rig, "yaw", direction, seed, effects), rig, direction)
+    return curve_of(reduced(laps), lambda g_mm: g_mm.mean(axis=-1), 1.0)
+
+
+@pytest.mark.parametrize("lag_s", [0.005, -0.02, 0.0])
+def test_lag_is_found_without_other_reversals(lag_s):
+    rig = load_hidden("ur10e").apply_to(load("ur10e")[0])
+    effects: list[Effect] = [TimeLag(effect="time_lag", lag_s=lag_s)] if lag_s else []
+    acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
+    found = lag_of([(acw, cw)], [1.0], 100)
+    assert found.value == pytest.approx(1e3 * lag_s, abs=0.2)
+    assert 1 < found.u < 60  # a different run never meets the ball at quite the same place

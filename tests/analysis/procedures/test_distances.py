@@ -9,6 +9,8 @@ from analysis.procedures.simulate import simulate
 from rigs.load import load
 from tests.support.refusals import refused
 from tests.worlds import planted
+from tests.worlds.planted import targets
+from tests.worlds.planted.targets import Stops
 
 TABLE = planted.hemisphere()
 
@@ -153,3 +155,20 @@ def test_repeatability_ignores_one_sided_targets_and_needs_one_two_sided():
     ):
         with refused(code):
             repeatability.evaluate(dataclasses.replace(table, **changes), 0.0005)
+
+
+COARSE = Stops(scatter_mm=(0.002, 0.002), white_mm=0.0003, step_mm=0.010)
+
+
+def test_uncertainties_include_the_step_of_a_coarse_gauge():
+    within: dict[str, list[bool]] = {}
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        expected = targets.draw_errors(rng)
+        twice = np.tile(expected, 2)
+        g_mm = targets.read(rng, COARSE, targets.scattered(rng, COARSE, twice, np.full(len(twice), 0.002)))
+        found = radial.evaluate(targets.visited(2, g_mm), 400.0, 0.0005, orientations=3)
+        assert any(note.startswith("readings step by 10 µm") for note in found.notes)
+        for name, value in targets.true_radial(expected).items():
+            within.setdefault(name, []).append(abs(found.figures[name].value - value) <= 2 * found.figures[name].u)
+    assert {name: float(np.mean(held)) >= 0.85 for name, held in within.items()} == dict.fromkeys(within, True)

@@ -1,5 +1,7 @@
+import gc
 import re
 import signal
+import sys
 import threading
 import time
 from types import SimpleNamespace
@@ -8,7 +10,7 @@ from typing import Any
 import pytest
 
 from daq.acquisition.host_clock import StallWatch
-from daq.acquisition.reader import StreamReader
+from daq.acquisition.reader import StreamReader, keep_stamps_prompt
 from daq.acquisition.stream_buffer import STALL_NS, StreamBuffer, faults_of, samples_of
 from daq.protocol.conversation import ConversationStep, Fault, FaultKind, Sample, SampleBlock
 from daq.store import read_run, verify
@@ -179,3 +181,19 @@ def test_stopped_daemon_reports_it_in_the_run(bench):
         told = re.search(r"run for ([0-9.]+) s", fault["detail"])
         assert told and stopped_s - 0.3 < float(told[1]) < stopped_s + 60
     assert verify(path) == []
+
+
+@pytest.fixture(autouse=True)
+def _as_before():
+    interval_s = sys.getswitchinterval()
+    yield
+    sys.setswitchinterval(interval_s)
+    gc.unfreeze()
+
+
+def test_collector_ignores_existing_objects_and_threads_switch_sooner():
+    before_s, there = 0.005, [[]]
+    sys.setswitchinterval(before_s)  # Python's own; a daemon that ran in this process has changed it
+    keep_stamps_prompt()
+    assert sys.getswitchinterval() < before_s / 5
+    assert not any(found is there for found in gc.get_objects())

@@ -1,5 +1,7 @@
 """Conversations too long to record in tests/daq/conversations, and rules for many values."""
 
+import sys
+
 import pytest
 
 import daq.feedback
@@ -7,8 +9,9 @@ import daq.gauges
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.acquisition.streams import robot_stream
 from daq.protocol.conversation import Fault, FaultKind, Sample
-from daq.protocol.framing import LIMIT
-from tests.support.drivers import egm, gauge, keyence, lines, rsi, rtde, sylvac
+from daq.protocol.framing import LIMIT, DelimitedLines, Message, Sized
+from tests.support.drivers import egm, gauge, keyence, lines, opc_ua, rsi, rtde, sylvac
+from tests.support.refusals import refused
 from tests.support.simulated_conversation import S, Script, asked
 
 
@@ -103,3 +106,28 @@ def test_currents_are_those_that_a_rig_file_wants_and_its_robot_has():
     assert not [name for name in robot_stream(rtde()).columns if name.startswith("current")]
     with pytest.raises(ValueError, match="unknown part 'current1_a'"):
         rsi(condition={"current1_a": "MACur.A1"})
+
+
+def test_a_missing_package_is_named_before_anything_is_opened(monkeypatch):
+    for name in [name for name in sys.modules if name.startswith("daq.opc_ua")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "asyncua", None)
+    with refused("package.missing"):
+        robot_stream(opc_ua())
+
+
+def test_a_delimiter_cut_in_two_ends_a_line_too_long():
+    frames = DelimitedLines(b"\r\n")
+    (fault,) = frames.feed(b"x" * LIMIT + b"\r", 1)
+    assert fault.kind is FaultKind.GARBLED
+    assert frames.feed(b"\nM0\r\n", 2) == [Message(b"M0", 4, 2, 2)]
+    assert not frames.pending
+
+
+def test_a_stream_out_of_step_stays_so_until_cleared():
+    frames = Sized(1, lambda head: 2 if head == b"a" else None)
+    good, fault = frames.feed(b"a1?a2", 1)
+    assert good == Message(b"a1", 2, 1, 1) and isinstance(fault, Fault)
+    assert frames.feed(b"a3", 2) == [] and frames.pending
+    frames.clear()
+    assert frames.feed(b"a4", 3) == [Message(b"a4", 2, 3, 3)]

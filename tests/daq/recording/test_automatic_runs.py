@@ -70,10 +70,7 @@ def test_a_program_after_the_other_is_a_run_each(printing):
         cell.until(_active(direction))
     cell.motion.program = 0
     cell.until(lambda state: state["recording"] is None and not state["closing"])
-    metrics = cell.run("rig", "metrics").stdout.splitlines()
-    assert {f'rig_automatic_{one}_total{{rig="bench"}} {count}' for one, count in (("started", 2), ("refused", 0))} <= {
-        *metrics
-    }
+    assert 'rig_automatic_started_total{rig="bench"} 2' in cell.run("rig", "metrics").stdout.splitlines()
     (first, one), (second, other) = _ended(cell)
     assert [one.direction, other.direction] == ["cw", "acw"] and {one.operator, other.operator} == {"automatic"}
     assert [one.reason.split()[-1], other.reason.split()[-1]] == ["began", "still"]

@@ -1,7 +1,10 @@
 import errno
 import os
+import resource
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -9,8 +12,9 @@ import pytest
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
 from daq.store.ledger import Ledger
 from daq.store.stream_writer import StreamWriter
+from rigs.errors import CellError
 from tests.support.refusals import refused
-from tests.support.store_cases import assert_holds, crash, finished, record, samples, sync, write_and_sync
+from tests.support.store_cases import assert_holds, crash, finished, record, samples, start, sync, write_and_sync
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
 
@@ -346,3 +350,40 @@ def test_start_on_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
 
 def refuse(table: object) -> bytes:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+REMEDY = r"Too many open files.*; close programs or connections with open files"
+
+
+@contextmanager
+def no_descriptor(but: int = 0) -> Iterator[None]:
+    """A process that can open no more files, but so many."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    free = [os.open("/dev/null", os.O_RDONLY) for _ in range(but + 1)]
+    for fd in free:
+        os.close(fd)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free[but], hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.parametrize("but", [0, 1, 2])
+def test_run_without_descriptors_begins_when_there_are_some(tmp_path, but):
+    with no_descriptor(but), pytest.raises(CellError, match=REMEDY) as error:
+        start(tmp_path)
+    assert "make room" not in str(error.value)
+    assert not any(tmp_path.iterdir())  # no directory without a manifest is left
+    start(tmp_path).close("complete", "", {})
+
+
+def test_a_run_that_cannot_go_on_asks_for_descriptors(tmp_path):
+    writer = record(tmp_path)
+    with no_descriptor(), pytest.raises(CellError, match=REMEDY) as error:
+        writer.append("g1", samples(4))
+        sync(writer)
+    assert "disk" not in str(error.value)
+    left = crash(writer)
+    with no_descriptor(), refused("run.not_recovered"):
+        recover(left)

@@ -1,3 +1,6 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -5,6 +8,9 @@ import pytest
 
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
 from analysis.diagnosis.fit.responses import Linearisation, limits_um, linearise, noise_um
+from analysis.diagnosis.plan.further_tests import sigma_between
+from rigs.effects import Effect
+from rigs.effects.backlash import Backlash
 from tests.support.diagnosis_cells import healthy, scatter_um
 
 RUNS = 40
@@ -37,3 +43,22 @@ def test_a_circle_that_was_not_repeated_scatters_as_its_noise_does():
     alone = [replace(block, steady_mm=np.zeros((1, len(block.y_mm)))) for block in linear.blocks]
     noise_um = 1e3 * np.sqrt([block.count * (block.sd_mm[: len(ORDER_OF)] ** 2).sum() / (2 * GRID) for block in alone])
     assert (scatter_um(linearise(alone, linear.setups)) >= noise_um).all()
+
+
+def test_a_rival_of_size_zero_does_not_stop_the_plan():
+    """A play of zero width as a rival was divided by its size."""
+    (effect, absent), test = (Backlash(axis=1, width_deg=width) for width in (0.02, 0.0)), _Told()
+    assert sigma_between(effect, absent)(test) == 7.0 and test.asked == [effect]
+
+
+class _Told:
+    def __init__(self) -> None:
+        self.asked: list[Effect] = []
+
+    @property
+    def expected(self) -> _Told:
+        return self
+
+    def separation_sigma(self, ones: Sequence[Effect], _: Sequence[Effect]) -> float:
+        self.asked += ones
+        return 7.0

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from scipy.signal import find_peaks
 
 from analysis.apps.emulate.robot import trace
-from analysis.robot.geometry.circle import frame_of, reversals
+from analysis.robot.geometry.circle import frame_of, peaks, reversals
 from analysis.robot.geometry.driven_programs import circle_laps, circle_of, circle_program, lap
 from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.load import load, shipped
@@ -62,3 +63,16 @@ def test_a_lap_starts_and_ends_at_rest_and_holds_its_speed():
     assert np.median(speed) == pytest.approx(circle.speed_mm_s, rel=1e-6)
     assert np.degrees(phi[0]) == pytest.approx(circle.start_deg + circle.lead_deg)
     assert np.degrees(phi[-1]) == pytest.approx(circle.start_deg - 360 - circle.lead_deg)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_peaks_are_those_of_scipy(seed):
+    rng = np.random.default_rng(seed)
+    x = np.cumsum(rng.normal(size=400))
+    for prominence in (0.5, 2.0, 5.0, 100.0):
+        np.testing.assert_array_equal(peaks(x, prominence), find_peaks(x, prominence=prominence)[0])
+
+
+def test_a_flat_top_is_at_its_middle():
+    x = np.array([0.0, 1.0, 3.0, 3.0, 3.0, 2.0, 0.0])
+    assert peaks(x, 1.5).tolist() == find_peaks(x, prominence=1.5)[0].tolist() == [3]
