@@ -6,8 +6,6 @@ import zipfile
 
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from daq.acquisition.streams import streams_of
 from rigs.arms import load_arm
@@ -268,18 +266,6 @@ def test_different_settings_of_one_line_are_named(setting, told):
 def test_missing_file_names_shipped_rigs():
     with pytest.raises(FileError, match="paper-fanuc"):
         find("no-such-rig")
-
-
-@settings(max_examples=60)
-@given(st.data())
-def test_a_damaged_file_gives_one_line_and_never_anything_else(data):
-    start = data.draw(st.integers(0, len(TEXT) - 1))
-    length = data.draw(st.integers(0, 60))
-    text = TEXT[:start] + data.draw(st.text(max_size=20)) + TEXT[start + length :]
-    try:
-        parse(text, "cell.yaml")
-    except FileError as error:
-        assert "\n" not in error.where + error.remedy
 
 
 BOMB = "\n".join(["a0: &a0 [x]", *(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 9))])

@@ -111,12 +111,6 @@ class Stated:
     refined: Refined
     posterior: CoefficientPosterior
 
-    @cached_property
-    def names(self) -> list[str]:
-        effects = self.refined.effects
-        fitted = [f"{name_of(effects[one.effect])} {one.field}" for one in self.refined.unknowns]
-        return [*fitted, *(name_of(one) for one in FURTHER_EFFECTS), *(f"placement {k + 1}" for k in range(9))]
-
     @property
     def mean(self) -> Array:
         """Mean (d,) of all values, including the last step of the fit."""
@@ -127,16 +121,6 @@ class Stated:
     def u(self) -> Array:
         """Standard uncertainties (d,) of all values."""
         return np.sqrt(np.concatenate([np.diag(self.refined.covariance), self.posterior.variance]))
-
-    @property
-    def left(self) -> Array:
-        """Remaining step (d,), in standard uncertainties, that the fit rejected because the gain was too
-        small.
-        """
-        return (
-            np.concatenate([self.posterior.term_means[: len(self.refined.values)], np.zeros(len(FURTHER_EFFECTS) + 9)])
-            / self.u
-        )
 
     @cached_property
     def covariance(self) -> Array:

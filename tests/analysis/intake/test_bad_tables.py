@@ -1,18 +1,13 @@
 import re
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
 from analysis.intake.read import MOST_BYTES, parse_csv, read_file
-from analysis.procedures.checks.units import unit_findings
-from analysis.runs.tables import table_from
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
-from tests.support.nightly import examples
 from tests.support.refusals import refused
-from tests.support.table_cases import RIG_FILE, TESTS, circle_values, csv_text, plain, rig, rows_of, texts
+from tests.support.table_cases import RIG_FILE, circle_values, csv_text, plain, rig, rows_of, texts
 from tests.support.written_runs import import_table
 
 
@@ -194,36 +189,3 @@ def test_constant_gauge_is_reported_at_import(tmp_path, test):
     (tmp_path / "t.csv").write_text(csv_text(rows | {"g1_mm": ["0"] * len(rows["g1_mm"])}))
     doubts = import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
     assert any("g1_mm reads 0 mm" in doubt for doubt in doubts), doubts
-
-
-def mutated(draw: st.DrawFn, test: TestName) -> str:
-    text = csv_text(rows_of(test)) if draw(st.booleans()) else csv_text(plain(test)).replace('"', "")
-    for _ in range(draw(st.integers(1, 3))):
-        place = draw(st.integers(0, len(text) - 1))
-        junk = draw(
-            st.sampled_from(["", ",", '"', "\n", "\r", ";", "-", "e9", "nan", "\0", "\ufeff", "1e308", "0", "\u2028"])
-            | st.text(max_size=3)
-        )
-        text = text[:place] + junk + text[place + draw(st.integers(0, 12)) :]
-    return text
-
-
-@examples(50, 150)
-def test_any_mutation_gives_a_table_or_one_of_our_errors(examples):
-    @settings(max_examples=examples)
-    @given(st.data())
-    def holds(data: st.DataObject) -> None:
-        test = data.draw(st.sampled_from(TESTS))
-        text = data.draw(st.composite(mutated)(test))
-        direction: Direction | None = data.draw(st.sampled_from([None, "cw"]))
-        try:
-            columns = parse_csv(text.encode(), "t.csv", test, rig(), direction)
-            words = columns["direction"][0].as_py() if test in ("yaw", "roll") else None
-            list(unit_findings(table_from(columns, test, words, "t.csv"), rig()))
-        except FileError as error:
-            assert all(line.startswith("t.csv") and "\n" not in line for line in error.lines())
-        else:
-            assert columns.num_rows
-            assert not any(column.null_count for column in columns.columns)
-
-    holds()

@@ -4,11 +4,8 @@ import json
 import os
 from pathlib import Path
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from analysis.intake.read import read_file
 from analysis.runs.loading import measured_of
@@ -66,26 +63,6 @@ def test_a_table_goes_in_comes_out_and_comes_back_the_same(tmp_path, test, direc
     assert pq.read_table(exported(run, "parquet")).equals(stored)
 
 
-@pytest.mark.parametrize(
-    ("test", "column", "values"),
-    [
-        ("yaw", "q3_deg", lambda table: np.degrees(table.q[:, 2])),
-        ("yaw", "g2_mm", lambda table: table.g_mm[:, 1]),
-        ("roll", "t_s", lambda table: table.t_s),
-        ("radial", "azimuth_deg", lambda table: np.degrees(table.azimuth)),
-        ("radial", "polar_deg", lambda table: np.degrees(table.polar)),
-        ("radial", "target", lambda table: table.target),
-        ("repeatability", "round", lambda table: table.round),
-        ("pose", "z_mm", lambda table: table.xyz_mm[:, 2]),
-        ("pose", "ry_deg", lambda table: np.degrees(table.rpy[:, 1])),
-    ],
-)
-def test_tables_in_memory_are_in_rad_and_mm(tmp_path, test, column, values):
-    rows = rows_of(test)
-    table = measured_of(read_run(imported(tmp_path, rows, test))).table
-    assert values(table) == pytest.approx([float(text) for text in rows[column]])
-
-
 def test_spreadsheet_formats_are_read(tmp_path):
     rows = plain("repeatability")
     text = "\n".join(",".join(cells) for cells in [tuple(rows), *zip(*rows.values(), strict=True)])
@@ -129,19 +106,3 @@ def test_a_manifest_that_does_not_match_its_table(tmp_path, change):
     manifest.write_text(json.dumps(json.loads(manifest.read_text()) | change))
     with pytest.raises(FileError):
         measured_of(read_run(run))
-
-
-@given(st.lists(st.text(st.characters(exclude_characters="\0", codec="utf-8")), min_size=1, max_size=8))
-def test_extra_columns_hold_any_text(tmp_path_factory, texts):
-    rows = plain("pose")
-    rows = {"extra": [texts[k % len(texts)] for k in range(len(rows["q1_deg"]))], **rows}
-    file = tmp_path_factory.mktemp("any") / "in.csv"
-    file.write_bytes(csv_text(rows).encode())
-    table = read_file(file, "pose", rig()).table
-    assert table["extra"].to_pylist() == rows["extra"]
-    out = file.with_name("out.csv")
-    write_new(out, lambda sink: write_csv(table, sink))
-    back = read_file(out, "pose", rig()).table
-    assert back.drop_columns("extra").equals(table.drop_columns("extra"))
-    assert back["extra"].to_pylist() == [plain_lines(text) for text in rows["extra"]]
-    assert all(line.isprintable() for line in out.read_text().split("\n"))

@@ -131,18 +131,6 @@ def _in_error(folder: Path) -> tuple[Recorder, StreamBuffer]:
     return recorder, buffers["g1"]
 
 
-def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path):
-    recorder, g1 = _in_error(tmp_path)
-    recorder.start()
-    while FaultKind.DOUBTFUL not in g1.state().counters:
-        time.sleep(0.02)
-    assert "of error" in g1.state().last_fault
-    ended = recorder.stop_run().result()
-    recorder.shut_down("complete", "")
-    assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1
-    assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
-
-
 def test_doubt_about_the_last_readings_is_in_their_run(tmp_path):
     recorder, g1 = _in_error(tmp_path)
     ended = recorder.stop_run().result()

@@ -348,8 +348,9 @@ def _read(*values: float) -> list[Sample]:
         ),
         (1, [Fault(FaultKind.SILENT, 5, "silent for 0.1 s")], WRONG, "accepts", ""),
         (1, [Fault(FaultKind.DISCONNECTED, 6, "lost")], WRONG, "nothing arrived", "lost"),
+        (1, [], WRONG, "accepts", ""),
     ],
-    ids=["exceptions", "one of two gauges", "silent host", "gone"],
+    ids=["exceptions", "one of two gauges", "silent host", "gone", "nothing"],
 )
 def test_answers_of_a_trial_are_judged(columns, items, verdict, says, remedy):
     stream = replace(_streams(yaml.safe_load(rig_text("tcp")))["g1"], columns=("g1_mm", "g2_mm")[:columns])

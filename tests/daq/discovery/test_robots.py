@@ -137,11 +137,6 @@ def test_a_controller_that_does_not_call():
     assert report.feedback is None and "nothing arrived" in report.problem and "RSI_ON" in report.remedy
 
 
-def test_an_address_that_is_not_of_this_computer():
-    report = search_robot("udp://192.0.2.1:49152")
-    assert report.feedback is None and "bound" in report.problem
-
-
 def test_joints_of_a_robot_that_has_gone():
     with switched_on("tesa", "fanuc") as unknown:
         report = search_robot(unknown.robot)

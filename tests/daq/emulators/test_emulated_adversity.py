@@ -1,5 +1,4 @@
 import random
-import time
 from itertools import pairwise
 
 from hypothesis import given, settings
@@ -9,7 +8,7 @@ import daq.feedback
 from daq.acquisition.stream_buffer import samples_of
 from daq.emulators.emulated_cell import Adversity
 from daq.emulators.instruments import emulated
-from daq.emulators.pty_line import LateLink, LatencyTimer, PtyLine
+from daq.emulators.pty_line import LatencyTimer, PtyLine
 from daq.emulators.timed import OwnClock, OwnCycle, Unsteady, timed_read
 from daq.protocol.conversation import Item, Sample
 from daq.wire.conversation_loop import run_conversation
@@ -90,33 +89,6 @@ def test_filter_delays_the_mean_by_its_group_delay():
         shown = timed_read(lambda now_ns: [float(now_ns)], timing, Unsteady(), chance)
         late = [now_ms * MS - shown(now_ms * MS)[0] for now_ms in range(0, 2000, 3)][50:]
         assert min(late) >= 40 * MS and max(late) <= 50 * MS
-
-
-class _Kept:
-    def __init__(self) -> None:
-        self.written: list[tuple[int, bytes]] = []
-
-    def read(self, timeout_s: float) -> bytes:
-        time.sleep(timeout_s)
-        return b""
-
-    def write(self, data: bytes) -> None:
-        self.written.append((time.monotonic_ns(), data))
-
-
-def test_a_late_network_loses_nothing_and_keeps_the_order():
-    kept = _Kept()
-    late = LateLink(kept, jitter_ms=5)
-    sent_ns = []
-    for number in range(40):
-        sent_ns.append(time.monotonic_ns())
-        late.write(bytes([number]))
-        late.read(0.001)
-    while len(kept.written) < 40:
-        late.read(0.02)
-    assert [data[0] for _, data in kept.written] == list(range(40))
-    waits_ms = [(at - sent) / MS for (at, _), sent in zip(kept.written, sent_ns, strict=True)]
-    assert sum(waits_ms) / 40 > 2
 
 
 def test_a_controller_on_its_own_clock_stamps_and_paces_by_it():

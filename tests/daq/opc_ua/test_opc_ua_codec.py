@@ -115,11 +115,6 @@ def claiming(claim: bytes) -> bytes:
     return empty[:-8] + i32(1) + b"\1" + claim + i32(0)
 
 
-def test_a_claim_that_holds_is_read():
-    (value,) = decoded(ua.ReadResponse, claiming(bytes([ARRAY | DOUBLE]) + i32(2) + struct.pack("<dd", 1, 2))).Results
-    assert value.Value.Value == [1.0, 2.0]
-
-
 @pytest.mark.parametrize("what", CLAIMS)
 def test_claimed_lengths_allocate_no_memory(what):
     body = claiming(CLAIMS[what])

@@ -16,7 +16,7 @@ from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import STIR, STIR_EVERY_NS, STIR_NS
 from rigs.schema.condition import POSE
 from rigs.schema.feedback import columns_beside_joints
-from tests.support.drivers import FEEDBACKS, GAUGES, modbus, rtde
+from tests.support.drivers import FEEDBACKS, GAUGES, rtde
 from tests.support.simulated_conversation import S, simulate
 
 CHARACTER_NS = 200_000
@@ -151,11 +151,3 @@ def test_a_late_tick_sends_every_period_missed():
         step = host.received(device.received(step.send, 0).send, 0)
     items = host.received(device.tick(S).send, S).items
     assert len(_samples(items)) == device.sent == 501
-
-
-def test_the_gauge_clock_is_read_to_the_microsecond():
-    device = daq.gauges.device([modbus()], lambda now_ns: [1.0])
-    samples = _samples(simulate(daq.gauges.host([modbus()]), device, 2 * S, character_ns=CHARACTER_NS))
-    assert samples
-    for sample in samples:
-        assert sample.device_time_s == pytest.approx(sample.requested_ns * 1e-9, abs=1.1e-6)

@@ -31,18 +31,6 @@ def told(automatic: str, text: str = UR10E.replace("  rate_hz: 500\n", SIGNAL)) 
     return []
 
 
-def test_rules_on_a_signal_and_on_motions_are_good():
-    rules = """
-automatic:
-  rules:
-    - {when: {signal: 1}, test: yaw, direction: cw}
-    - {when: {signal: 0}, test: radial, still_s: 5}
-    - {when: {from_deg: [0, 0, 0, 0, 0, 0], to_deg: [3, 0, 0, 0, 0, 0]}, test: yaw, direction: acw}
-    - {when: {from_deg: [0, 0, 0, 0, 0, 0], to_deg: [-3, 0, 0, 0, 0, 0]}, test: yaw, direction: cw}
-retention: {days: 90, gigabytes: 200}"""
-    assert told(rules) == []
-
-
 def test_the_example_of_the_documents_is_good():
     page = (Path(__file__).parents[3] / "docs" / "recording.md").read_text()
     (example,) = re.findall(r"```yaml\n(feedback: .*?)```", page, re.S)

@@ -239,17 +239,6 @@ def test_unmounted_disk_gets_nothing_below_its_mount_point(written):
     written.accounted()
 
 
-def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(written, caplog):
-    written.round()
-    (written.path / "g1-0001.arrow").unlink()
-    written.round()
-    assert "run ended, failed: " in caplog.text and "g1-0001.arrow: disappeared" in caplog.text
-    written.until_it_goes_on()
-    former, _ = written.accounted()
-    assert load_manifest(former).exit_status == "failed"  # with every row: the open file still had them
-    assert len(read_run(former).streams["g1"]["g1_mm"]) == 20
-
-
 def test_deleted_run_is_followed_by_another_and_counts_as_dropped(written, monkeypatch, caplog):
     """Its disk is there all the time, so nothing has to be mounted and nothing waited for."""
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 1e9)
@@ -432,56 +421,6 @@ def test_slow_recovery_of_a_former_run_delays_nothing(written, gate, monkeypatch
     gate.open()
     written.until_it_goes_on()
     written.accounted()
-
-
-def test_stop_during_a_refused_start_ends_the_waiting(written, gate, monkeypatch, caplog):
-    def refuse(path: Path) -> None:
-        raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-    written.round()
-    with failing(errno.EIO, "fsync"):
-        written.round()
-    monkeypatch.setattr(durable, "make_directory", gate.before(refuse))
-    written.retry()
-    while not gate.reached.is_set():
-        written.recorder._round()
-    written.deliver(7)
-    written.recorder._round()
-    ending = written.recorder.stop_run()
-    gate.open()
-    with refused("run.not_writable"):
-        ending.result()
-    written.begun()
-    assert written.recorder.state()["waiting"] is None
-    assert "was abandoned, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
-
-
-def test_start_during_a_recovery_needs_no_stop_first(written, making, monkeypatch):
-    """The missed samples are recorded in the previous run, and none of them in the next."""
-    monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 60.0)  # tried again when this says so
-    written.round()
-    with failing(errno.EIO, "fsync"):
-        written.round()
-    written.deliver(7)
-    written.recorder._round()
-    written.retry()
-    while not making.reached.is_set():
-        written.recorder._round()
-    beginning = written.recorder.start_run(_request("next", "radial"))
-    written.deliver(5)
-    written.recorder._round()
-    making.open()
-    assert beginning.result().name.endswith("next")
-    written.stop()
-    manifests = {manifest.name + manifest.follows: manifest for manifest in map(load_manifest, written.runs.iterdir())}
-    follower = manifests[f"lap{written.path.name}"]
-    assert follower.exit_status == "interrupted" and follower.reason.endswith("started next")
-    assert (
-        follower.counters["g1"] == {"samples": 0, "dropped": 7}
-        and written.buffers["g1"].state().counters["dropped"] == 7
-    )
-    assert manifests["next"].counters["g1"] == {"samples": 5}
-    assert all(verify(path) == [] for path in written.runs.iterdir())
 
 
 def test_disk_without_runs_gets_no_further_request(written, making):

@@ -61,25 +61,6 @@ def test_every_closed_link_is_reported(bench):
     assert "connection refused" in done.stderr
 
 
-def test_five_mistakes_of_a_rig_file_are_reported(bench):
-    text = bench.rig.read_text() + "effects:\n- {effect: backlash, axis: 1, width_deg: 0.02}\n"
-    for old, new in (
-        ("radius_mm", "radius_mn"),
-        ("name: bench", "name: Bench!"),
-        ("rate_hz: 500", "rate_hz: 5000"),
-        ("effect: backlash", "effect: backlsh"),
-        ("offset_mm: -25", "offset_mm: left"),
-    ):
-        assert old in text
-        text = text.replace(old, new, 1)
-    bench.rig.write_text(text)
-    for command in (("rigd", bench.rig), ("rig", "check", bench.rig), ("rig", "emulate", bench.rig)):
-        done = bench.run(*command)
-        assert done.returncode == 3
-        lines = done.stderr.splitlines()
-        assert len(lines) == 5 and all(line.startswith("error: ") and ", line " in line for line in lines)
-
-
 def test_gauge_in_error_is_counted_and_prevents_recording(bench):
     bench.start().all_reading()
     bench.motion.mm["g1"] = OFF
@@ -219,16 +200,6 @@ def test_unusable_runs_directory_is_reported_at_the_start(bench):
     (bench.folder / "runs").touch()
     bench.start()
     assert "give rigd a" in "".join(bench.said)
-
-
-def test_a_socket_that_speaks_nonsense_gets_an_answer(running):
-    with socket.socket(socket.AF_UNIX) as sock:
-        sock.connect(str(running.socket))
-        sock.sendall(b"nonsense\n[1]\n" + b"[" * 5000 + b'\n{"command": "fly"}\n')
-        answers = sock.makefile("rb")
-        for what in (b"not JSON", b"a request is a JSON object", b"not JSON", b"unknown command"):
-            assert what in answers.readline()
-        answers.close()
 
 
 def test_only_owner_and_group_may_use_the_socket(running):

@@ -18,7 +18,6 @@ from tests.support.command_line import ran
 from tests.support.hostile_peers import serving
 from tests.support.refusals import refused
 
-HOSTILE = "a\x1b]0;title\x07\x1b[31m\nrig: all is well\r\u202e"
 SOMEBODY = 12345
 """A user who is not the one that runs the tests."""
 ROOT_ONLY = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be two users")
@@ -89,37 +88,6 @@ def test_an_answer_that_is_not_rigds_is_one_line(tmp_path, line):
             assert done.returncode == 4 and done.stdout == "", done.stdout
             told = done.stderr.splitlines()
             assert len(told) == 1 and "than rigd" in told[0] and told[0].isprintable(), told
-
-
-@pytest.mark.parametrize(
-    "command", [["status"], ["live"], ["metrics"], ["record", "start", "a", "--test", "pose"], ["record", "stop"]]
-)
-@pytest.mark.parametrize("ok", [True, False])
-def test_a_hostile_answer_reaches_no_terminal_as_it_is(tmp_path, command, ok):
-    stream = {**STATUS["streams"]["g1"], "last_fault": HOSTILE, "counters": {HOSTILE: 3}}
-    answer = {
-        **STATUS,
-        "rig": HOSTILE,
-        "last_end": HOSTILE,
-        "streams": {HOSTILE: stream},
-        "automatic": {"waits_for": [HOSTILE], "why_not": HOSTILE},
-        "run": HOSTILE,
-        "text": f"rig_up 1\n{HOSTILE}\n",
-        "counters": {HOSTILE: {HOSTILE: 1}},
-        "where": HOSTILE,
-        "what": HOSTILE,
-        "remedy": HOSTILE,
-        "exit_code": 3,
-        "ok": ok,
-    }
-    with answering(tmp_path / "rigd" / "cell.sock", json.dumps(answer).encode() + b"\n"):
-        done = ran(*command, XDG_RUNTIME_DIR=str(tmp_path))
-    assert done.returncode == (0 if ok else 3), done.stderr
-    lines = (done.stdout + done.stderr).split("\n")
-    assert all(line.isprintable() for line in lines), lines
-    assert r"\x1b" in done.stdout + done.stderr
-    if command != ["metrics"] or not ok:  # a text of several lines
-        assert not any(line.strip() == "rig: forged" for line in lines)
 
 
 def test_an_endless_line_is_given_up_on_with_little_memory(tmp_path):

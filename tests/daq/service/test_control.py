@@ -14,12 +14,10 @@ from typing import Any
 import pytest
 
 import daq.service.client
-from daq.recording.active_run import RunLabel
 from daq.service import control
 from daq.service.client import Client, find_socket
 from daq.service.control import ControlServer, reply
 from daq.service.trust import InstanceLock
-from daq.store import RunWriter, load_manifest, new_manifest
 from tests.support.refusals import refused
 
 
@@ -67,18 +65,6 @@ def test_hanging_daemon_is_distinguished_from_none(tmp_path, monkeypatch):
             assert find_socket("hanging") == path
             with refused("daemon.busy"), Client(path):
                 pass
-
-
-def test_an_operator_of_another_encoding_is_recorded(tmp_path):
-    """As the command line of a Latin-1 terminal gives him."""
-    operator = json.loads(json.dumps(os.fsdecode("Müller".encode("latin-1"))))
-    label = RunLabel(name="lap", test="radial", operator=operator)
-    who = {"rig_name": "r", "rig_text": "", "streams": {"g1": ("g1_mm",)}}
-    writer = RunWriter.create(
-        tmp_path, new_manifest(name="lap", test="radial", direction=None, operator=operator, **who)
-    )
-    writer.close("interrupted", f"{label.operator} started another", {})
-    assert load_manifest(writer.path).operator == label.operator == r"M\udcfcller"
 
 
 PATIENCE_S = 60.0

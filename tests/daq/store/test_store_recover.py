@@ -39,13 +39,6 @@ def test_crash_is_recovered_once(tmp_path):
     assert load_manifest(path).counters == {"g1": {"samples": 20, "garbled": 15}, "robot": {"samples": 20}}
 
 
-def test_complete_run_needs_nothing(tmp_path):
-    path = finished(tmp_path)
-    before = (path / "manifest.json").read_bytes()
-    assert recover(path).nothing_to_do
-    assert (path / "manifest.json").read_bytes() == before
-
-
 def test_run_of_an_external_test_needs_its_package(tmp_path):
     manifest = finished(tmp_path) / "manifest.json"
     text = manifest.read_text().replace('"yaw"', '"height"')
@@ -67,14 +60,6 @@ def test_torn_chunk_is_kept(tmp_path):
     assert verify(path) == []
     assert len(read_run(path).streams["g1"]["sequence"]) == 8
     assert recover(path).nothing_to_do
-
-
-def test_damaged_head_loses_nothing(tmp_path):
-    path = crash(record(tmp_path))
-    data = (path / "g1-0001.arrow").read_bytes()
-    (path / "g1-0001.arrow").write_bytes(bytes(64) + data[64:])
-    assert "head" in recover(path).losses["g1-0001.arrow"]
-    assert_recovered(path, 12)
 
 
 def test_empty_and_foreign_files(tmp_path):

@@ -167,7 +167,12 @@ def test_a_conversation_moves_the_line(calls):
     assert calls[:4] == ["TIOCMBIC DTR", "TIOCMBIS DTR"] * 2
 
 
-# --- what a person is shown ---
+def test_a_pty_without_modem_lines_is_opened_all_the_same():
+    line = PtyLine(LINE)
+    link = open_link("g1", line.port, LINE, modem=ModemLines(dtr=True, rts=False))
+    link.set_dtr(False)
+    link.close()
+    line.close()
 
 
 # --- an echo ---
