@@ -354,7 +354,8 @@ def _read(*values: float) -> list[Sample]:
 )
 def test_answers_of_a_trial_are_judged(columns, items, verdict, says, remedy):
     stream = replace(_streams(yaml.safe_load(rig_text("tcp")))["g1"], columns=("g1_mm", "g2_mm")[:columns])
-    finding = trial.check_answers(stream, trial.Trial(items, 2.0, 90, 170 * (len(items) > 1)), lambda: None)
+    found = trial.Trial(items, 2.0, *((90, 170) if len(items) > 1 else ()))
+    finding = trial.check_answers(stream, found, lambda: None)
     assert finding.verdict is verdict and says in finding.what and finding.remedy.startswith(remedy)
 
 

@@ -423,6 +423,28 @@ def test_slow_recovery_of_a_former_run_delays_nothing(written, gate, monkeypatch
     written.accounted()
 
 
+def test_stop_during_a_refused_start_ends_the_waiting(written, gate, monkeypatch, caplog):
+    def refuse(path: Path) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    written.round()
+    with failing(errno.EIO, "fsync"):
+        written.round()
+    monkeypatch.setattr(durable, "make_directory", gate.before(refuse))
+    written.retry()
+    while not gate.reached.is_set():
+        written.recorder._round()
+    written.deliver(7)
+    written.recorder._round()
+    ending = written.recorder.stop_run()
+    gate.open()
+    with refused("run.not_writable"):
+        ending.result()
+    written.begun()
+    assert written.recorder.state()["waiting"] is None
+    assert "was abandoned, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
+
+
 def test_disk_without_runs_gets_no_further_request(written, making):
     """Samples of all waiting runs stay in memory."""
     written.stop()
