@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.intake.controller_arm import rig_with_controller
-from analysis.robot.kinematics.arm import arm_of, controller_arm, forward
+from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.arms import load_arm, rig_text_of
 from rigs.errors import FileError
 from rigs.load import parse
@@ -39,15 +39,6 @@ def test_one_pair_confirms_the_data_sheet_of_a_maker_with_options(tmp_path):
     name = "abb-irb-120"
     pair = pendant(tmp_path, load_arm(name).robot, 1)
     assert rig_with_controller(parse(rig_text_of(name), ""), rig_text_of(name), pair)[0].controller == "data_sheet"
-
-
-def test_thirty_pairs_determine_own_constants(tmp_path):
-    text = rig_text_of("ur5e")
-    rig, _, read = rig_with_controller(parse(text, ""), text, pendant(tmp_path, own_arm(), 30, decimals=4))
-    q = np.radians(np.random.default_rng(9).uniform(-100, 100, (50, 6)))
-    apart = forward(controller_arm(rig.robot), q) - forward(arm_of(own_arm()), q)
-    assert read.arm == rig.controller == "constants"
-    assert np.abs(apart[:, :3, 3]).max() < 0.05
 
 
 def test_effects_stay_relative_to_the_axes_they_were_found_with(tmp_path):

@@ -154,20 +154,6 @@ def test_runs_after_a_moved_base_have_a_placement_of_their_own():
     assert any(doubt.startswith("third and later") for doubt in doubts)
 
 
-def test_a_diagnosis_after_a_moved_base_begins_with_it(monkeypatch):
-    """The search for causes takes a minute and is replaced: it gets only the runs without the movement."""
-    searched: list[str] = []
-
-    def diagnosed(_: object, runs: list[Measured], *others: object) -> Diagnosis:
-        searched.extend(run.run.manifest.placement for run in runs)
-        return diagnosis("nothing_unusual", acts=())
-
-    monkeypatch.setattr("analysis.diagnosis.diagnose.diagnose", diagnosed)
-    found = diagnose([_run("before", 40), _run("after", 20, base_mm=(0.5, -1.1, 0.3))])
-    assert searched == ["door", "door from after"]
-    assert [act.why for act in found.acts] == ["moved"] and any("separate placement" in doubt for doubt in found.doubts)
-
-
 def test_zero_of_axis_1_and_rotated_base_are_indistinguishable():
     """The readings of both are equal, and re-mastering a sound axis makes an arm worse."""
     _, (movement,), _ = without_moved(RIG, [_run("before", 40), _run("after", 20, turn_deg=0.1)])

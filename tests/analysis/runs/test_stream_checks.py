@@ -84,15 +84,6 @@ def test_stopped_clock_is_ignored_with_a_doubt(stream, step_s):
     assert measured.u_lag_s == without.u_lag_s and np.array_equal(measured.table.q, without.table.q)
 
 
-def test_a_run_of_a_hundred_years_costs_no_more():
-    run = lap()
-    streams = {}
-    for name, columns in run.streams.items():
-        stamps = np.linspace(0, 2**61 - 1, len(columns["size"])).astype(np.int64)
-        streams[name] = {**columns, "requested_ns": stamps * 0 - 1, "first_byte_ns": stamps, "last_byte_ns": stamps}
-    measured_of(replace(run, streams=streams))
-
-
 def test_run_of_a_replay_out_of_step_is_refused():
     manifest = lap().manifest.model_copy(update={"counters": {"robot": {"out_of_step": 4}}})
     with refused("run.out_of_step"):

@@ -39,16 +39,6 @@ OLD = Path(__file__).parent / "data"
 """Runs as they were recorded before there was a ledger: version-1 of 20 rows, version-1-crashed of 12."""
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    return finished(tmp_path_factory.mktemp("runs"))
-
-
-@pytest.fixture
-def run(whole, tmp_path):
-    return Path(shutil.copytree(whole, tmp_path / "run"))
-
-
 @pytest.fixture
 def old(tmp_path):
     return Path(shutil.copytree(OLD / "version-1", tmp_path / "old"))

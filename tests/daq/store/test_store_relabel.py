@@ -3,7 +3,6 @@ import json
 from pathlib import Path
 
 import pyarrow as pa
-import pytest
 
 from analysis import save_run
 from analysis.runs.loading import load_measured
@@ -13,13 +12,8 @@ from daq.store.manifest import MANIFEST
 from rigs.load import load
 from tests.support.command_line import ran
 from tests.support.refusals import refused
-from tests.support.store_cases import crash, finished, record
+from tests.support.store_cases import crash, record
 from tests.support.written_runs import write_simulated
-
-
-@pytest.fixture
-def run(tmp_path):
-    return finished(tmp_path / "runs")
 
 
 def _files(run: Path) -> dict[str, bytes]:

@@ -24,11 +24,6 @@ NOW_S = 1000 * DAY_S
 LIMITS = Retention(days=90, gigabytes=1)
 
 
-@pytest.fixture
-def run(tmp_path):
-    return finished(tmp_path / "runs")
-
-
 def _exported(runs: Path) -> Path:
     path = finished(runs)
     mark_exported(path, "mcap", Path("copy.mcap"))

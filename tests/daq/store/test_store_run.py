@@ -32,17 +32,6 @@ from tests.support.store_cases import (
 )
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    return finished(tmp_path_factory.mktemp("runs"))
-
-
-@pytest.fixture
-def run(whole, tmp_path):
-    """A complete run of 20 rows in chunks of 8, to be damaged; a copy, so runs are portable too."""
-    return Path(shutil.copytree(whole, tmp_path / "moved"))
-
-
 def test_round_trip(run):
     read = read_run(run)
     assert_holds(read, 20)

@@ -103,13 +103,6 @@ def test_every_part_above_a_tenth_has_an_act_or_a_reason_and_every_remainder_its
     assert all(act.remains_u_um > 0 for act in found.acts if act.kind not in ("measure", "none"))
 
 
-def test_repair_leaves_the_error_without_its_effect():
-    found = one_play()
-    (play,) = found.effects
-    (repair,) = [act for act in found.acts if act.kind == "repair"]
-    assert repair.place == "used" and repair.remains_um == pytest.approx(play.alone_um)
-
-
 def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows():
     found = one_play()
     (play,) = found.effects
@@ -118,6 +111,7 @@ def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows
     today, cause = found.acts[:2]
     assert (today.kind, cause.kind, cause.why) == ("approach", "repair", "not_enough")
     assert cause.effect == play.effect and cause.removes
+    assert cause.place == "used" and cause.remains_um == pytest.approx(play.alone_um)
     # The play of axis 1 turns the whole arm, which a base taught anew absorbs: the error goes with the play.
     assert today.removes_um == pytest.approx(today.gain_um + today.remains_um, rel=0.05)
     assert all((act.removes_um is None) == (act.kind in ("measure", "none")) for act in found.acts)
