@@ -127,7 +127,6 @@ def test_the_reader_of_the_page_gives_the_tool_poses_of_analysis(rig, read):
 
 @pytest.mark.parametrize("k", range(len(TERMS)))
 def test_every_kind_of_term_moves_the_tool(k, read):
-    """A term that both left out would agree, too."""
     arm, effects, _ = read
     others = effects[: len(NAMED) + k] + effects[len(NAMED) + k + 1 :]
     moved = [READER["tool"](arm, effects, q) - READER["tool"](arm, others, q) for q in Q[:5]]

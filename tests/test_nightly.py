@@ -44,7 +44,6 @@ def test_tests_not_begun_in_time_are_counted(tmp_path, ends_s, ended, failed):
 
 
 def test_tests_moved_to_the_night_exist():
-    """A name that no test has would leave a slow test in each commit, and nobody would see it."""
     files = {file: file.read_text() for file in (ROOT / "tests").rglob("test_*.py")}
     for entry in moved():
         texts = [text for file, text in files.items() if file.is_relative_to(ROOT / entry["of"])]

@@ -110,7 +110,6 @@ def test_the_curve_of_a_circle_has_the_figures(results):
 
 
 def test_u_of_the_error_follows_the_noise_within_a_run():
-    """Without scatter from run to run, errors of eight runs lay within 0.83 to 0.96 of it."""
     rig, text = load(RIG)
     still = Noise(scatter_deg=0.0, scatter_mm=0.0)
     exact, noisy = (
@@ -267,7 +266,6 @@ def test_library_arm_is_found_by_name_and_takes_one_posture():
 
 
 def test_columns_determine_the_test_of_a_table(tmp_path):
-    """As `rig import` reads it: joints called as on a pendant, places in mm."""
     rig = load("ur5")[0]
     rng = np.random.default_rng(1)
     q = rng.uniform(-100, 100, (20, 6))

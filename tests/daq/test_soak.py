@@ -1,5 +1,3 @@
-"""A short accelerated `scripts/dev soak`: the recording is complete, and growth is detected."""
-
 from dataclasses import replace
 
 from tests.support.soaking import RATES_HZ, Held, accelerated, wrong

@@ -1,6 +1,3 @@
-"""Calibration files: they are read back as they were written, what is wrong with one is said in one line, and their
-terms become effects that do together what the terms do."""
-
 import base64
 import hashlib
 import json

@@ -1,5 +1,3 @@
-"""A joint that turns by another share than its controller reports: the effect, and its rivals zero, gear and curve."""
-
 import numpy as np
 import pytest
 
@@ -27,7 +25,6 @@ def test_the_link_turns_a_share_of_the_angle_more():
 
 @pytest.mark.parametrize("axis", cases((1, 3, 5), {3}))
 def test_wrong_gear_ratio_is_named_without_zero_or_gear(axis):
-    """97 % of what is reported was told as a zero of -2.5° and a gear error of 13 waves a turn."""
     rng = np.random.default_rng(axis)
     q = postures("ur10e", 30, rng)
     turned = q.copy()

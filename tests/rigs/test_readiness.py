@@ -1,5 +1,3 @@
-"""Tests for which a rig file is ready, by the predicate that commands and test kinds share."""
-
 from typing import get_args
 
 import pytest

@@ -143,7 +143,6 @@ def test_invalid_keys_are_refused(key):
 
 
 def test_a_rate_too_slow_to_record_with_is_refused():
-    """Two of five recordings would find no fresh reading of it."""
     text = (SHIPPED / "ur10e.yaml").read_text().replace("count: 13", "count: 13\n    rate_hz: 0.2")
     assert {message.split("least ")[1] for _, message in _problems(text).values()} == {"0.5, not 0.2"}
 
@@ -422,7 +421,6 @@ def test_maker_follows_from_feedback_or_name():
 
 @pytest.mark.parametrize("name", ["ur10", "ur10e"])
 def test_a_shipped_cell_has_the_arm_of_the_library(name):
-    """One home for each number: what the library says of lengths, limits and masses."""
     cell, arm = load(name)[0].robot, load_arm(name).robot
     assert cell.build == arm.build
     for shipped_axis, axis in zip(cell.axes, arm.axes, strict=True):
@@ -437,7 +435,6 @@ def test_a_shipped_cell_has_the_arm_of_the_library(name):
     ],
 )
 def test_a_place_on_the_flange_in_metres_is_doubted(written, in_metres, place):
-    """A tool of 0.15 mm was valid, and every test around it out of reach."""
     text = shipped()["ur10e"].read_text(encoding="utf-8")
     text = text.replace("tests:\n", "tests:\n  touch: {sockets: [A, B], ball_mm: [0, 0, 120]}\n")
     parse(text, "cell.yaml")
@@ -448,7 +445,6 @@ def test_a_place_on_the_flange_in_metres_is_doubted(written, in_metres, place):
 
 
 def test_a_name_with_capitals_is_refused_in_plain_words():
-    """The message was a regular expression."""
     _, text = load("ur10e")
     with refused("rig_file.value") as told:
         parse(text.replace("name: ur10e", "name: My Cell", 1), "cell.yaml")

@@ -44,7 +44,6 @@ def test_a_usual_gear_error_is_not_called_a_fault_of_the_ball():
 
 
 def test_a_gear_error_once_a_turn_is_not_called_a_fault_of_the_gauges():
-    """Named as a wave of axis 2 of 42 healthy sizes before, at a level that was 2.5 times too high."""
     gear = TransmissionError(axis=6, order=1, amplitude_deg=0.022, phase_deg=-92.2)
     result = _searched((gear,), 2, 500)
     assert [label_of(effect) for effect in result.effects] == ["transmission_error 6 order 1"]

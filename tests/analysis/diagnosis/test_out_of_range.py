@@ -36,7 +36,6 @@ def _found(wrong: Wrong, seed: int) -> Diagnosis:
 
 
 def test_one_parameter_beyond_its_limit_is_the_only_name_with_its_estimate():
-    """A length wrong by -30 mm was three faults, of which two were invented."""
     found = _found(replace(none(), a=np.array([0, 0, -30.0, 0, 0, 0])), seed=3)
     (named,) = found.effects
     assert (found.condition, name_of(named.effect)) == ("out_of_range", "link_geometry 3.a") and named.is_confirmed
@@ -54,7 +53,6 @@ def test_large_difference_from_the_data_sheet_is_no_fault_and_is_checked_in_the_
 
 
 def test_no_model_of_it_is_written(tmp_path):
-    """A rig file with it would be refused: it is beyond the bounds of the schema."""
     found = diagnosis("out_of_range")
     written = write(found, "name: cell\n", tmp_path / "found")
     assert [path.name for path in written] == ["diagnosis.json", "diagnosis.png"]

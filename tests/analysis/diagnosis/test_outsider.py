@@ -1,5 +1,3 @@
-"""Means and uncertainties of a fit are those of the posterior of the forward model."""
-
 import numpy as np
 
 from tests.support.outsider import case, stated

@@ -26,7 +26,6 @@ def _found(count: int, noise_mm: float, *, wander: float = 0.0, seed: int = 1) -
 
 
 def test_plain_noise_is_scatter_and_not_an_unknown_cause():
-    """0.25 mm of noise, no target visited twice: it was an unknown cause that makes 94 % of the error."""
     found = _found(40, 0.25)
     assert found.condition == "nothing_unusual"
     assert found.residual.scatter_um == pytest.approx(250, rel=0.2)
@@ -73,7 +72,6 @@ def _visited_twice(turned_deg: Array, q: Array, noise_mm: float = 0.02, seed: in
 
 
 def test_visits_that_differ_come_first():
-    """Warming or slip between two visits: a scatter of 0.03° of axis 2 on the same postures."""
     q = np.tile(postures("ur10e", 20, np.random.default_rng(4)), (2, 1))
     found = _visited_twice(np.random.default_rng(6).normal(0, 0.03, 40), q)
     assert found.residual.visits_um > 100
@@ -90,7 +88,6 @@ def test_the_share_of_noise_is_about_zero_and_that_of_a_cause_its_size():
 
 
 def test_too_few_poses_prove_no_unknown_cause_and_no_gain_of_a_correction():
-    """Four of 18 sound arms with 10 to 16 poses had an unknown cause: few neighbourhoods show only an upper limit."""
     rng = np.random.default_rng(9)
     small = independent_arm.none()
     small = replace(

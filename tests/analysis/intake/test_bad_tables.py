@@ -53,7 +53,6 @@ def test_a_bad_cell_is_named(test, column, cell, reason):
 
 
 def test_a_table_of_an_arm_with_another_joint_is_refused():
-    """The seventh joint was ignored, and the other six were diagnosed."""
     rows = plain("pose")
     rows["q7_deg"] = ["0"] * len(rows["x_mm"])
     (line, *_) = refusal(csv_text(rows), "pose")

@@ -142,7 +142,6 @@ def _run(name: str, poses: int, *, base_mm: tuple[float, float, float] = (0, 0, 
 
 
 def test_runs_after_a_moved_base_have_a_placement_of_their_own():
-    """A base that moved by 1.3 mm was reported, but fitted as one placement: 0.5 mm then counted as scatter."""
     runs = [_run("before", 40), _run("after", 20, base_mm=(0.5, -1.1, 0.3))]
     runs.append(_run("third", 20, base_mm=(0.5, 0.4, 0.3)))
     sound, movements, doubts = without_moved(RIG, runs)
@@ -155,6 +154,5 @@ def test_runs_after_a_moved_base_have_a_placement_of_their_own():
 
 
 def test_zero_of_axis_1_and_rotated_base_are_indistinguishable():
-    """The readings of both are equal, and re-mastering a sound axis makes an arm worse."""
     _, (movement,), _ = without_moved(RIG, [_run("before", 40), _run("after", 20, turn_deg=0.1)])
     assert (movement.what, movement.axis, movement.alike, movement.odds) == ("zero", 1, "base", MOST_ODDS)

@@ -56,7 +56,6 @@ def test_roll_shows_ball_height_and_no_sine_of_eccentricity():
 
 
 def test_an_eccentricity_alone_is_no_circular_deviation():
-    """The second harmonic e²/4R of an eccentric ball is no error: 16 µm here, of which nothing is left."""
     result = _distance(_ball("yaw", (1.5, -1.5, 0.0)))
     assert result.figures["eccentricity_u_mm"].value == pytest.approx(1.5, abs=2e-3)
     assert result.figures["eccentricity_v_mm"].value == pytest.approx(-1.5, abs=2e-3)

@@ -198,7 +198,6 @@ def test_a_recording_of_something_else_is_refused(scale, cube, code):
 
 
 def test_spike_is_ignored_and_reported():
-    """One of 3.7 mm in 49 000 places made an RT of 0.99 of 0.08 mm."""
     sound = recorded(Errors(scatter_mm=0.02), seed=2, noise_mm=0.01)
     xyz = sound.xyz_mm.copy()
     row = int(np.searchsorted(sound.t_s, 3.3))
@@ -226,6 +225,5 @@ def test_repeated_places_are_ignored_and_reported():
 
 @pytest.mark.parametrize("digits", [1, 4])
 def test_sound_places_are_neither_wild_nor_repeated(digits):
-    """Corners that are cut, small circles, and places that are rounded to 0.1 mm."""
     table = recorded(Errors(cut_mm=2.0, scatter_mm=0.05), seed=3, noise_mm=0.02)
     assert not places_of(replace(table, xyz_mm=np.round(table.xyz_mm, digits))).words

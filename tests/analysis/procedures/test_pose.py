@@ -1,5 +1,3 @@
-"""Pose: a planted set-up, ISO 9283 by hand, and the measured UR10 of ../shared/data."""
-
 from pathlib import Path
 
 import numpy as np

@@ -97,7 +97,6 @@ def test_simulated_sockets_have_the_distances_that_are_known():
 
 @pytest.mark.parametrize("arm", ["ur10e", "kuka-kr-6-r900-2"])
 def test_simulated_touches_stay_within_a_turn_of_each_joint(arm):
-    """They ranged over ±360°, were counted back by whole turns, and the user was told to check an export."""
     rig = rig_with(50.0, arm)
     table = simulated_touches(rig, 3)
     assert np.ptp(table.q, axis=0).max() < 2 * np.pi

@@ -41,7 +41,6 @@ def test_the_sine_is_the_papers_and_its_shift_keeps_the_quadrant():
 
 
 def test_dense_rows_do_not_bias_a_sine():
-    """Half of the lap has ten times the density; the residual there must not bias the sine."""
     phi = np.concatenate(
         [np.linspace(0, np.pi, 2000, endpoint=False), np.linspace(np.pi, 2 * np.pi, 200, endpoint=False)]
     )

@@ -26,7 +26,6 @@ def test_each_row_carries_its_own_uncertainty(tmp_path):
 
 
 def test_a_gauge_is_not_bridged_over_a_hole_in_which_a_play_is_crossed_a_robot_is():
-    """A stall of 20 ms in readings every 2.3 ms made a band 10 u too large."""
     at = np.arange(0.0, 200e6, 2.3e6)
     with_hole, rows = at[(at < 80e6) | (at > 98e6)], at[:-1] + 1e6
     inside = (rows > with_hole[with_hole < 80e6].max()) & (rows < with_hole[with_hole > 98e6].min())

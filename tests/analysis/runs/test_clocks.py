@@ -40,7 +40,6 @@ def test_a_drifting_clock_behind_jitter_is_read_to_a_twentieth_of_a_millisecond(
 
 @pytest.mark.parametrize("off_s", [0.05, 500.0, -0.9])
 def test_wrong_stamps_are_counted_and_drag_nothing(off_s):
-    """Some ahead and some behind; the rows themselves go by their arrival."""
     taken_s, clock_s, host_ns = run()
     wrong = [500, 1700, 1702, 4000]
     clock_s[wrong] += off_s

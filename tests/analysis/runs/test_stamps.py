@@ -1,5 +1,3 @@
-"""Stamps against the emulated truth, in simulated time."""
-
 import numpy as np
 import pytest
 

@@ -57,7 +57,6 @@ def test_suspension_is_reported_and_no_step():
 
 
 def test_run_keeps_the_step_and_the_right_time_after_it(tmp_path, monkeypatch):
-    """The wall clock is set by an hour while a recording runs."""
     now = [START]
     monkeypatch.setattr(daq.recording.warnings, "read_clocks", lambda: now[0])
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)

@@ -1,5 +1,3 @@
-"""Cables unplugged and replugged during a recording, and the reports of the reader."""
-
 import logging
 import os
 import termios
@@ -89,8 +87,6 @@ def test_a_character_of_wrong_parity_is_no_digit():
 
 
 def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch):
-    """The directory of names goes with its last port."""
-
     def gone(self: Path) -> None:
         raise FileNotFoundError(str(self))
 

@@ -84,7 +84,6 @@ def test_recent_sleep_is_one_stall(
 
 
 def test_delivery_ending_with_a_fault_counts_for_the_rate(buffer):
-    """As of a flood whose last line is cut, at every read."""
     now_ns = time.monotonic_ns()
     for round_ in range(11):
         at_ns = now_ns - (10 - round_) * S // 10
@@ -120,7 +119,6 @@ def test_faults_that_find_no_room_keep_their_kind_and_count(buffer, monkeypatch)
 
 
 def test_flooding_stream_leaves_time_to_the_others(monkeypatch):
-    """Its link always has more, and what it brings takes 50 ms of the processor; at last it brings one message."""
     used_s, now_s, paused = 0.0, 1000.0, []
     rounds = [b"flood", b"flood", b"one", b"fast", b"fast"]
 

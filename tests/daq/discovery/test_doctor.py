@@ -222,7 +222,6 @@ def test_nothing_and_something_else_behind_the_robot_s_port():
 
 
 def test_a_cell_that_is_not_there_at_all(tmp_path, monkeypatch):
-    """Each port is told once, and nobody waits for an answer on it."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     with socket.create_server(("127.0.0.1", 0)) as gone:
         data = yaml.safe_load(rig_text())

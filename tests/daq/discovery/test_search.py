@@ -121,7 +121,6 @@ def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch):
 
 
 def test_the_ports_to_choose_from_are_those_of_rig_doctor(tmp_path):
-    """A PC has 32 port names, most of them without hardware."""
     (tmp_path / "dev").mkdir()
     for name, kind in [("ttyS0", "4"), ("ttyS1", "0"), ("ttyUSB0", "")]:
         (tmp_path / "dev" / name).touch()
@@ -391,7 +390,6 @@ def test_over_the_network_a_gauge_speaks_modbus():
 
 @pytest.mark.parametrize("attempt", attempts(PORT)[:30], ids=lambda a: f"{a.interface} {a.line} {a.sends}")
 def test_only_requests_are_sent(attempt):
-    """Driven for seconds of silence and of noise: nothing that sets an instrument leaves."""
     script = Script(host_of(attempt.gauges, attempt.sends, 0.3))
     assert script.sent == b""  # what a conversation opens with is ignored
     for _ in range(20):

@@ -117,8 +117,6 @@ def test_a_controller_on_its_own_clock_stamps_and_paces_by_it():
 
 
 def test_a_cell_can_be_adverse():
-    """Packets of the robot come late, by its own clock, and none is lost."""
-
     class Still:
         def gauge_mm(self, name: str, now_ns: int) -> float:
             return 0.0

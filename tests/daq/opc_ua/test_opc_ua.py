@@ -1,5 +1,3 @@
-"""OPC UA for Robotics: a server of the asyncua library as a peer, and messages that are wrong, late or refused."""
-
 import math
 import threading
 import time

@@ -191,7 +191,6 @@ def test_a_message_of_many_chunks_is_read_whole():
 
 
 def test_a_server_that_shows_more_nodes_than_robots_have_is_left():
-    """The others of its conversations are on record."""
     (paged,) = [one for one in LOGS["opc_ua_robotics"] if one.title.startswith("paged browse")]
     script, channel = replace(paged, inputs=paged.inputs[:-2]).begun(), Channel()
     channel.number, channel.token = 7, 1

@@ -1,5 +1,3 @@
-"""Several Modbus units on one line: a fair share for each, and what disturbs it named."""
-
 import math
 import random
 import struct

@@ -1,5 +1,3 @@
-"""Conversations too long to record in tests/daq/conversations, and rules for many values."""
-
 import sys
 
 import pytest
@@ -68,7 +66,6 @@ def _listening() -> Script:
 @pytest.mark.parametrize("position", range(3))
 @pytest.mark.parametrize("damage", ["lost", "twice", "text", "block"])
 def test_ild1420_finds_its_place_again(damage, position):
-    """No value combines bytes of two messages, whichever bytes are lost or inserted."""
     true = [10_000 + 4_321 * k for k in range(8)]
     stream = b"".join(map(value, true))
     at = 9 + position

@@ -70,7 +70,6 @@ def test_unknown_line_settings_must_be_given(interface):
 
 
 def test_emulated_gauge_follows_the_timing_of_the_rig_file():
-    """A cycle of 200 ms and an answer 30 ms after the request."""
     data = yaml.safe_load(_rig_text("tesa_tt", shared=False))
     for probe in data["gauges"].values():
         probe["timing"] = {"latch": "own_cycle", "cycle_ms": 200, "answer_delay_ms": 30}

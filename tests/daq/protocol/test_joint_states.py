@@ -1,5 +1,3 @@
-"""ROS 2 joint states: an endless message, and the websockets library as a peer."""
-
 import json
 import threading
 from collections.abc import Callable, Iterator

@@ -1,5 +1,3 @@
-"""An answer is never credited to a later request, however late it comes."""
-
 from collections import deque
 
 import pytest

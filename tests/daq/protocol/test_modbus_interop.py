@@ -1,5 +1,3 @@
-"""Our Modbus against pymodbus' own server and client, over real sockets on the loopback."""
-
 import asyncio
 import math
 import socket
@@ -86,7 +84,6 @@ def test_our_host_reads_pymodbus_server():
 
 
 def test_our_host_reads_three_units_behind_one_address_of_pymodbus():
-    """Each in another layout, as pymodbus' own client packs numbers of 64, 32 and 16 bits."""
     kinds = {"float64": -1.25, "int32": -70000, "uint16": 54321}
     types = ModbusTcpClient.DATATYPE
     packed = [

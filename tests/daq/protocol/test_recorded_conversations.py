@@ -1,5 +1,3 @@
-"""Drivers repeat the conversations on record, whatever the pieces in which bytes arrive."""
-
 import pkgutil
 import random
 from collections.abc import Sequence

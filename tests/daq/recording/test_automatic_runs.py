@@ -1,5 +1,3 @@
-"""Recordings that the robot starts, with the real daemon: what they hold, and who may interfere."""
-
 import math
 import threading
 import time
@@ -129,7 +127,6 @@ def test_a_recording_that_cannot_be_ends_none(tmp_path):
 
 
 def test_a_run_of_a_blink_is_kept_and_marked(tmp_path):
-    """Without threads the blink has its length on any machine."""
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 80))
     arbiter.after_round()

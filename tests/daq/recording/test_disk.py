@@ -289,7 +289,6 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(written, gate, monkeypatch, cap
 
 
 def test_run_kept_open_by_a_program_error_is_reported(written, monkeypatch, caplog):
-    """No client waits for the end of a run that the robot ended."""
     monkeypatch.setattr(RunWriter, "close", lambda *_: 1 / 0)
     written.recorder.stop_run()
     written.recorder._io.shut_down()
@@ -446,7 +445,6 @@ def test_stop_during_a_refused_start_ends_the_waiting(written, gate, monkeypatch
 
 
 def test_disk_without_runs_gets_no_further_request(written, making):
-    """Samples of all waiting runs stay in memory."""
     written.stop()
     ending = []
     for _ in range(2):

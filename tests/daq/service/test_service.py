@@ -31,7 +31,6 @@ def test_systemd_hears_ready_watchdog_and_stopping(bench):
 
 
 def test_the_watchdog_is_fed_while_a_gauge_is_gone(bench):
-    """A lost instrument is no reason to restart a daemon that is trying to get it back."""
     address = bench.folder / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(address))

@@ -1,5 +1,3 @@
-"""Recovery at the start of a daemon: after a crash, next to a second daemon, and on a real small disk."""
-
 import os
 import shutil
 import signal

@@ -233,7 +233,6 @@ def test_private_directory_does_not_stop_retention(tmp_path, monkeypatch):
 
 
 def test_vanishing_file_hides_no_run(tmp_path, monkeypatch):
-    """As a run has them that is being recorded."""
     path, listed = finished(tmp_path), Path.iterdir
     before = look(path).size
     monkeypatch.setattr(Path, "iterdir", lambda self: iter([*listed(self), self / "manifest.json.tmp"]))

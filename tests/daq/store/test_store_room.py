@@ -73,7 +73,6 @@ def test_no_run_begins_on_a_disk_that_is_nearly_full(tmp_path):
 
 
 def test_a_run_may_have_any_number_of_chunks(tmp_path):
-    """Each costs a line of the ledger, however many there are, and nothing that was written changes."""
     with watched(tmp_path):
         writer, rows = start(tmp_path, chunk_rows=4), 0
         manifest, ledger, lines = (writer.path / "manifest.json").read_bytes(), b"", []

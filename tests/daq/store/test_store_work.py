@@ -61,7 +61,6 @@ def test_a_crash_with_two_chunks_of_a_stream(ended):
 
 
 def test_clock_step_is_saved_with_the_next_sync(tmp_path, monkeypatch):
-    """An append never waits for the disk, and the manifest is synced."""
     writer = start(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", lambda fd: pytest.fail("waits"))

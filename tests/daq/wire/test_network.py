@@ -1,5 +1,3 @@
-"""Links over the network: peers that vanish without a word, strangers who speak up, and UDP through the real daemon."""
-
 import contextlib
 import os
 import socket

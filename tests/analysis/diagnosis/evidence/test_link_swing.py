@@ -37,7 +37,6 @@ def test_noise_does_not_swing():
     [(15.0, 0.1, []), (25.0, 0.1, [None]), (25.0, 0.008, ["usual"]), (25.0, 0.0105, ["unsure"]), (25.0, 0.001, [])],
 )
 def test_a_vibration_is_a_fault_by_odds_and_size(odds, amplitude_mm, doubts):
-    """Vibrations of up to five times the healthy 0.002 mm are usual."""
     sd = {"amplitude_mm": 0.001, "frequency_hz": 0.01}
     found = FoundVibration(vibration_at(15.8, amplitude_mm), amplitude_mm, sd, float(np.log(odds)))
     assert [named.doubt for named in named_vibration(found, RIG.reference, 1.0)] == doubts

@@ -44,7 +44,6 @@ def _energy(rows: Array) -> float:
 
 @pytest.mark.parametrize("crossed_s", [0.001, 0.03, 0.1])
 def test_noise_of_timestamps_follows_from_late_and_early_readings(crossed_s):
-    """Readings of the play at instants that scatter about their stamps, a thousand times."""
     rng, shown = np.random.default_rng(3), []
     columns = _columns(_crossing(T_S, crossed_s))
     assert 2 <= columns.shape[1] <= 20

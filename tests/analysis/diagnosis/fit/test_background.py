@@ -1,5 +1,3 @@
-"""The posterior beside a background, held against the same normal law written out densely."""
-
 from functools import cache
 
 import numpy as np
@@ -66,7 +64,6 @@ def test_products_and_determinant_are_those_of_the_dense_covariance():
 
 @pytest.mark.parametrize("scale", [1.0, 0.3])
 def test_a_response_has_the_same_products_in_every_background(scale):
-    """The products are stored, and reweighted for the noise of another background, by band and by reading."""
     one, columns = Response(T), BACKGROUND.columns
     for weight in (np.ones(N), WEIGHT, np.where(BAND == 0, scale, 1.0)):
         background = background_of(columns, weight, VARIANCE, EXPECTED)

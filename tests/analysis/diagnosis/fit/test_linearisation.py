@@ -1,5 +1,3 @@
-"""The column of an effect is simulate(model + effect) - simulate(model) without the part that set-ups explain."""
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -121,7 +121,6 @@ def _with(*effects: Effect, level: float = 1.0) -> SelectionState:
 
 
 def test_columns_hold_for_faults_that_hardly_changed():
-    """The healthy effects beside them do not count, and neither does their order in the list."""
     state = _with(GEAR, ServoLag(axis=2, lag_s=0.0005), LAG)
     assert _beside(LAG, GEAR).is_valid_for(state) and _beside(LAG, scaled(GEAR, 1.05)).is_valid_for(state)
     assert not _beside(LAG, scaled(GEAR, 1.2)).is_valid_for(state)

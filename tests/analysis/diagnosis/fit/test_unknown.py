@@ -1,5 +1,3 @@
-"""Unknown causes: the quantity of an unnamed error is found, and named effects and noise leave little to it."""
-
 from collections.abc import Callable
 
 import numpy as np

@@ -66,7 +66,6 @@ def test_mounting_anew_that_changes_nothing_is_not_asked_for():
 
 
 def test_the_one_member_of_a_group_that_is_certain_is_mastered_and_no_test_is_asked_to_name_it():
-    """A zero of 20 sigma among usual constants had no act, and more postures were asked for to name it."""
     zero = JointOffset(axis=2, offset_deg=0.08)
     member = GroupMember(zero, 650.0, 0.9999, u_um=20.0)
     part = BudgetPart("constants", 690.0, 39.0, 0.91, times_usual=1.2, rank="usual", members=(member,))
@@ -82,7 +81,6 @@ def test_the_one_member_of_a_group_that_is_certain_is_mastered_and_no_test_is_as
 
 
 def test_a_sound_arm_within_its_limits_is_left_as_it_is():
-    """For an error of 12 µm and limits of 250 µm, acts for 3 µm were proposed."""
     play = Backlash(axis=5, width_deg=0.002)
     part = BudgetPart("effect", 10.0, 1.0, 0.7, index=0, times_usual=0.4, rank="usual")
     named = replace(diagnosis().effects[0], effect=play, probability=0.9999, doubt="usual")
@@ -122,7 +120,6 @@ def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows
 def test_one_fold_decides_only_where_the_complete_model_predicts_worse_than_the_names_explain(
     predicted_um, names_do_better
 ):
-    """Without this rule, two wrong joint scales suppressed the curves of a WAM, and its 4676 µm were not reduced."""
     train = replace(diagnosis().train, after_um=3100.0, calibrated_um=1900.0)
     fold = replace(train, after_um=2600.0, calibrated_um=3000.0)
     assert Gaps(train, fold, None, predicted_um).names_do_better == names_do_better

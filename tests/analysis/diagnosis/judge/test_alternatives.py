@@ -1,5 +1,3 @@
-"""Alternatives to a named effect, their probabilities, and unknown causes."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -33,7 +33,6 @@ def test_noise_is_no_place():
 
 
 def test_scatter_between_runs_is_no_place():
-    """Beside the noise of the readings alone a true model of circles that do not repeat seemed to lack something."""
     drawn = np.random.default_rng(4).standard_normal(SCATTER[0].shape[1])
     drawn *= 2 / np.sqrt(np.mean(drawn**2))
     shown = [noise + scatter @ drawn for noise, scatter in zip(NOISE, SCATTER, strict=True)]
@@ -42,7 +41,6 @@ def test_scatter_between_runs_is_no_place():
 
 
 def test_a_step_at_a_reversal_is_placed_there_with_its_joint():
-    """Joint 1 reverses far from the reversals of all other joints."""
     found = _places(_shown(ReversalSpike(axis=1, amplitude_deg=0.003, decay_s=0.05)))
     assert {place.direction for place in found} == {"cw", "acw"}
     for block in healthy().blocks:

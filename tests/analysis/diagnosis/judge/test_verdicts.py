@@ -16,7 +16,6 @@ from tests.support.diagnosis_cells import RIG, circles, found_in
 
 
 def test_a_healthy_robot_draws_no_name():
-    """Nor does one that is less accurate than it should be."""
     found = diagnose(RIG, circles(seed=11), (), (), lambda doing: None, 0.0)
     assert (found.accuracy.standing, found.accuracy.limit) == ("fail", "tolerance")
     assert found.condition == "nothing_unusual"
@@ -26,7 +25,6 @@ def test_a_healthy_robot_draws_no_name():
 
 
 def test_a_diagnosis_goes_on_about_effects_that_an_earlier_one_found():
-    """Their origin has uncertainties in a mapping, which nothing can hash."""
     there = (Backlash(axis=1, width_deg=0.02), LinkGeometry(axis=3, field="d", delta=0.1), ClockRate(ppm=200))
     origin = EffectProvenance(date=date(2026, 11, 2), runs=("yaw-cw-0",), sd={"size": 0.001})
     known = tuple(one.model_copy(update={"found": origin}) for one in there)

@@ -46,7 +46,6 @@ def test_a_circle_that_was_not_repeated_scatters_as_its_noise_does():
 
 
 def test_a_rival_of_size_zero_does_not_stop_the_plan():
-    """A play of zero width as a rival was divided by its size."""
     (effect, absent), test = (Backlash(axis=1, width_deg=width) for width in (0.02, 0.0)), _Told()
     assert sigma_between(effect, absent)(test) == 7.0 and test.asked == [effect]
 

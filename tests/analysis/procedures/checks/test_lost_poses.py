@@ -39,7 +39,6 @@ def test_a_wild_turn_is_left_out_too():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_of_sound_poses_none_is_left_out(seed):
-    """Also of an arm that errs by millimetres in places."""
     sound = table(40, seed, turned=True)
     q = sound.q + np.radians(0.1) * np.sin(3 * sound.q)
     assert not any("ignored" in note for one in (sound, replace(sound, q=q)) for note in evaluated(one).notes)

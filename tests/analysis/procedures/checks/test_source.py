@@ -47,7 +47,6 @@ def test_a_tracker_is_an_instrument_in_any_frame(seed):
 
 
 def test_the_controllers_constants_come_out_of_thirty_poses(tmp_path):
-    """The constants found give the controller's positions in 200 other postures."""
     rng = np.random.default_rng(7)
     q, p, R, own = _controller(rng, 230)
     header = ",".join(

@@ -113,7 +113,6 @@ def test_target_that_the_robot_was_not_at_is_doubted(test):
 
 
 def test_wrapped_counts_are_not_called_micrometres():
-    """Readings of a signed 32-bit gauge read as unsigned were refused as µm."""
     true = np.round(0.02 * np.sin(np.linspace(0, 7, 400)), 4)
     wrapped = np.where(true < 0, true + 1e-4 * 2.0**32, true)
     ((_, remedy),) = impossible_travel("g1_mm", wrapped, 70.0)

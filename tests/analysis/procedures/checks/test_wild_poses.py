@@ -74,7 +74,6 @@ def test_the_same_poses_in_another_order_are_no_repeats():
 
 @pytest.mark.parametrize("which", ["from about 31", "every other row"])
 def test_two_reflectors_in_one_run_are_detected(which):
-    """Each row alone is close to an arm fitted to both reflectors."""
     seen = _seen(0)
     later = np.arange(60) >= 30 if "from" in which else np.arange(60) % 2 == 1
     T = forward(without_setup(arm_of(RIG.robot)), seen.q)

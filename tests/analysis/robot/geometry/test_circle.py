@@ -26,7 +26,6 @@ def test_the_circle_is_driven_pose_by_pose_without_a_jump(name, direction):
 @pytest.mark.parametrize("name", RIGS)
 @pytest.mark.parametrize("direction", ["cw", "acw"])
 def test_program_at_any_time_is_that_of_its_controller(name, direction):
-    """Laps, pauses and ways back: at each period of the controller, and between two by a straight line."""
     rig, _ = load(name)
     program, laps = circle_program(rig, direction), circle_laps(rig, direction)
     assert laps.count > 1

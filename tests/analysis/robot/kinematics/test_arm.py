@@ -80,7 +80,6 @@ def test_forward_and_jacobian_are_the_peers(name):
 
 @ANY
 def test_a_large_stack_is_its_rows(name):
-    """A large stack is computed in blocks. Rows at their limits equal those of a separate stack."""
     arm, q = ARMS[name], random_angles(3, 10_001)
     T, J = forward_and_jacobian(arm, q)
     frames = link_frames(arm, q)

@@ -90,7 +90,6 @@ def test_uncertainty_of_certificates():
 
 
 def test_recorded_lap_is_stored_raw_and_corrected_at_analysis(tmp_path):
-    """Readings grow with the distance from the ball for both counting directions of the gauges."""
     data = yaml.safe_load(_text(g1=POLYNOMIAL, g2=TABLE, eccentricity=(0.6, -0.4, 0.1)))
     data["gauges"]["g1"]["counts"], data["gauges"]["g2"]["counts"] = "away", "towards"
     text = yaml.safe_dump(data)
