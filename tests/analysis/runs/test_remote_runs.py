@@ -1,38 +1,16 @@
-from pathlib import Path
-
 import pytest
 
 from analysis.runs.batch import remote_runs, run_directories
-from analysis.runs.remote import RemotePath, listed, location
+from analysis.runs.remote import listed, location
 
 pytest.importorskip("fsspec", reason="fsspec is an extra: pip install s3fs sshfs")
+from tests.analysis.runs.conftest import made
 from tests.support.refusals import refused
 from tests.support.trial_store import url_of
 
-NAMES = ("b/later", "b/early", "a/deep/one", "a-b/first", "a.b/first", "a/[x]*?", ".deleted/gone", "a/deep/one/inner")
-
-
-@pytest.fixture
-def plant(tmp_path):
-    for name in NAMES:
-        made(tmp_path / name)
-    made(tmp_path / "b" / "without-manifest", "ledger.jsonl")
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "a" / "notes.txt").touch()
-    return tmp_path
-
-
-def made(path: Path, file: str = "manifest.json") -> None:
-    path.mkdir(parents=True)
-    (path / file).write_text("{}")
-
-
-def at(url: str) -> RemotePath:
-    return location(url)
-
 
 def below(url: str) -> list[str]:
-    return [str(run.path).removeprefix(f"{url}/") for run in listed(at(url))]
+    return [str(run.path).removeprefix(f"{url}/") for run in listed(location(url))]
 
 
 @pytest.mark.parametrize("protocol", ["file", "trial", "s3"])
@@ -40,16 +18,15 @@ def test_the_runs_are_those_of_the_directory(protocol, plant, monkeypatch):
     url = url_of(plant) if protocol != "file" else f"file://{plant}"
     if protocol == "s3":  # the one listing of an object store
         monkeypatch.setattr("analysis.runs.remote.OBJECT_STORES", ("trial",))
-    expected = [str(run.relative_to(plant)) for run in run_directories([plant])]
-    assert below(url) == expected and len(expected) == 7
-    assert [str(run) for run in run_directories([at(url)])] == [f"{url}/{name}" for name in expected]
+    assert [str(run) for run in run_directories([location(url)])] == [f"{url}/{name}" for name in below(url)]
+    assert below(url) == [str(run.relative_to(plant)) for run in run_directories([plant])]
 
 
 def test_run_or_empty_directory_is_listed_as_itself(plant):
     for name in ("b/later", "empty", "nowhere"):
-        run = at(f"file://{plant}/{name}")
+        run = location(f"file://{plant}/{name}")
         assert run_directories([run]) == [run]
-    (one,) = listed(at(f"file://{plant}/b/later"))
+    (one,) = listed(location(f"file://{plant}/b/later"))
     assert one.files and [(file.name, file.size) for file in one.files] == [("manifest.json", 2)]
     assert all(file.stamp for file in one.files)
 
@@ -57,16 +34,16 @@ def test_run_or_empty_directory_is_listed_as_itself(plant):
 def test_unlistable_directory_is_given_without_files(plant):
     for name in ("denied", "lost+found"):
         made(plant / name / "run")
-    without = [str(run.path) for run in listed(at(url_of(plant))) if run.files is None]
+    without = [str(run.path) for run in listed(location(url_of(plant))) if run.files is None]
     assert without == [f"{url_of(plant)}/denied"]
     with refused("store.denied"):
-        listed(at(url_of(plant / "denied")))
+        listed(location(url_of(plant / "denied")))
 
 
 def test_a_store_that_is_lost_ends_the_listing(plant):
     made(plant / "vanished" / "run")
     with refused("store.silent"):
-        remote_runs(at(url_of(plant)))
+        remote_runs(location(url_of(plant)))
 
 
 def test_links_are_not_followed_and_a_circle_of_them_ends(plant):

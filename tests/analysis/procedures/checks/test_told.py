@@ -25,7 +25,7 @@ def uncoupled(path: Path) -> Path:
     return path
 
 
-def test_missing_coupling_is_reported_at_import_and_evaluation(tmp_path):
+def test_missing_coupling_is_reported_at_import_evaluation_and_check(tmp_path):
     source, run = uncoupled(tmp_path / "poses.csv"), tmp_path / "run"
     done = ran(f"import {source} --rig ur10 --test pose -o {run}")
     said = "(error 0.1"
@@ -36,11 +36,6 @@ def test_missing_coupling_is_reported_at_import_and_evaluation(tmp_path):
     for judge in (diagnose, calibrate):
         with refused("run.convention"):
             judge([measured])
-
-
-def test_rig_check_reports_checks_and_findings(tmp_path):
-    run = tmp_path / "run"
-    assert ran("import", uncoupled(tmp_path / "t.csv"), "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
     done = ran("check", run)
     assert done.returncode == 3
     lines = done.stdout.splitlines()
