@@ -145,13 +145,8 @@ class SimulatedCell:
         motion: MotionSource,
         signal: Callable[[int], float],
         devices: Mapping[str, Callable[[], Device]] | None = None,
-        *,
-        paced: bool = True,
     ) -> None:
-        """Start the instruments of a rig. devices: factories by stream in place of the default instruments.
-
-        paced: False if the data already has the pace of the line, as from a capture.
-        """
+        """Start the instruments of a rig. devices: factories by stream in place of the default instruments."""
         self.time, self.folder, self.text = time, folder, text
         self.rig = parse(text, "simulated")
         self.lines: dict[str, SimulatedLine] = {}
@@ -160,7 +155,7 @@ class SimulatedCell:
         devices = devices or instruments_of(self.rig, motion, signal)
         with time.process("cell"):
             for stream in streams_of(self.rig):
-                pace_ns = 0 if "://" in stream.port or not paced else stream.line.character_ns
+                pace_ns = 0 if "://" in stream.port else stream.line.character_ns
                 by_udp = udp_address(stream.port) is not None
                 line = self.lines[stream.name] = SimulatedLine(stream.name, pace_ns, datagrams=by_udp)
                 made = self.made[stream.name] = []

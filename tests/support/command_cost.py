@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 _KEEPING = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
@@ -35,9 +34,9 @@ class Cost:
         return f"{self.wall_s:.1f} s, {self.cpu_s:.1f} s of processor time, {self.peak_mb:.0f} MB at most"
 
 
-def cost(*command: object, settings: Mapping[str, str] | None = None) -> Cost:
-    """Run a command; `settings` are added to the environment. Raises CalledProcessError if it fails."""
-    begin, env = time.monotonic(), _KEEPING | dict(settings or {})
+def cost(*command: object) -> Cost:
+    """Run a command. Raises CalledProcessError if it fails."""
+    begin = time.monotonic()
     watched = [sys.executable, "-I", "-c", _WATCH, *map(str, command)]
-    done = subprocess.run(watched, stdout=subprocess.PIPE, env=env, check=True, text=True)
+    done = subprocess.run(watched, stdout=subprocess.PIPE, env=_KEEPING, check=True, text=True)
     return Cost(*map(float, done.stdout.split()), time.monotonic() - begin)

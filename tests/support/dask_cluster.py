@@ -24,19 +24,19 @@ class Cluster:
 
 
 @contextmanager
-def cluster(directory: Path, workers: int = 2) -> Iterator[Cluster]:
-    """Start a cluster with its files in a directory. Workers that die are not restarted."""
+def cluster(directory: Path) -> Iterator[Cluster]:
+    """Start a cluster of two workers with its files in a directory. Workers that die are not restarted."""
     file = directory / "scheduler.json"
     with ExitStack() as ends:
         _started(ends, "dask_scheduler", "--port", "0", "--scheduler-file", str(file))
         if not until(lambda: _address(file) != ""):
             raise TimeoutError("no Dask scheduler started")
         options = ("--nthreads", "1", "--no-nanny", "--local-directory", str(directory))
-        started = [_started(ends, "dask_worker", _address(file), *options) for _ in range(workers)]
+        started = [_started(ends, "dask_worker", _address(file), *options) for _ in range(2)]
         from distributed import Client  # noqa: PLC0415 - an extra
 
         with Client(_address(file), set_as_default=False) as client:
-            client.wait_for_workers(workers, timeout=60)
+            client.wait_for_workers(2, timeout=60)
         yield Cluster(_address(file), tuple(started))
 
 

@@ -33,9 +33,9 @@ def run(tree: Path, *command: str, timeout_s: float = PATIENCE_S) -> subprocess.
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tree, env=env, timeout=timeout_s)
 
 
-def output(tree: Path, *command: str, timeout_s: float = PATIENCE_S) -> str:
+def output(tree: Path, *command: str) -> str:
     """Run a command and return its output. Fails if the command fails."""
-    done = run(tree, *command, timeout_s=timeout_s)
+    done = run(tree, *command)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -39,13 +39,12 @@ class Late:
 class Numbered:
     """An instrument whose n-th reading is n steps. It stores the time of each reading."""
 
-    def __init__(self, heads: int = 1) -> None:
+    def __init__(self) -> None:
         self.taken_ns: list[int] = []
-        self._heads = heads
 
     def read(self, now_ns: int) -> list[float]:
         self.taken_ns.append(now_ns)
-        return [(len(self.taken_ns) - 1) * STEP_MM] * self._heads
+        return [(len(self.taken_ns) - 1) * STEP_MM]
 
     def took_ns(self, sample: Sample) -> int:
         """Time at which the reading of a sample was taken."""

@@ -106,9 +106,9 @@ def label(cause: Cause | None) -> str:
     return f"zero {cause.axis}" if cause.what == "zero" else cause.what
 
 
-def moved_cell(folder: Path, cause: str, seed: int = 2, scatter_mm: float = 0.05) -> Case:
+def moved_cell(folder: Path, cause: str, seed: int = 2) -> Case:
     """Write the rig file and the run `before` of a cell in which a cause then moves something."""
-    case = Case(world.SIX, cause, scatter_mm, seed)
+    case = Case(world.SIX, cause, 0.05, seed)
     (folder / "cell.yaml").write_text(case.rig_text, encoding="utf-8")
     write_touches(folder, "before", case.sockets, case.before)
     return case

@@ -17,12 +17,12 @@ def random_angles(seed: int, n: int = RANDOM) -> Array:
     return np.random.default_rng(seed).uniform(-np.pi, np.pi, (n, 6))
 
 
-def at_limits(name: str, n: int = 500) -> Array:
+def at_limits(name: str) -> Array:
     """Return angles (n, 6) rad with each axis at a limit, slightly inside, or anywhere in between."""
     rng = np.random.default_rng(7)
     low, high = ARMS[name].limits.T
-    share = rng.choice([0.0, 1e-12, 1e-6, 0.5, 1 - 1e-6, 1.0], (n, 6))
-    share = np.where(share == 0.5, rng.uniform(size=(n, 6)), share)
+    share = rng.choice([0.0, 1e-12, 1e-6, 0.5, 1 - 1e-6, 1.0], (500, 6))
+    share = np.where(share == 0.5, rng.uniform(size=(500, 6)), share)
     return np.asarray(low + share * (high - low))
 
 

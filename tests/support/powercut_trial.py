@@ -41,7 +41,7 @@ class Outcome:
     beyond: int
 
 
-def recording(root: Path, seed: int, rounds: int = 12) -> Recording:
+def recording(root: Path, seed: int) -> Recording:
     """Record below root. A mark {stream: rows} follows each sync, and `ENDED` the end.
 
     Every third recording reaches a quota that statvfs does not show.
@@ -54,7 +54,7 @@ def recording(root: Path, seed: int, rounds: int = 12) -> Recording:
         if random.random() < 1 / 3:
             watch.limit(watch.used + random.randint(2, 40) * BLOCK)
         try:
-            for _ in range(rounds):
+            for _ in range(12):
                 _one_round(writer, watch, random)
         except CellError:
             full = True

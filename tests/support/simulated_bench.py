@@ -30,7 +30,7 @@ _AFTERWARDS_S = 0.2
 class SimulatedBench(Watched):
     """Cell and daemon in one directory, in simulated time within the context.
 
-    devices, paced: see `SimulatedCell`. options: of the `Daemon`.
+    devices: see `SimulatedCell`. options: of the `Daemon`.
     """
 
     def __init__(
@@ -39,24 +39,23 @@ class SimulatedBench(Watched):
         text: str | None = None,
         motion: MotionSource | None = None,
         *,
-        seed: int = 1,
         devices: Mapping[str, Callable[[], Device]] | None = None,
-        paced: bool = True,
         **options: Any,
     ) -> None:
         self.folder, self.text = folder, text or rig_text()
         self.motion = ByHand()
         driven = motion or self.motion
         signal = getattr(driven, "signal", self.motion.signal)
-        self._make = partial(SimulatedCell, folder=folder, text=self.text, motion=driven, signal=signal)
-        self._make = partial(self._make, devices=devices, paced=paced)
-        self._seed, self._options = seed, options
+        self._make = partial(
+            SimulatedCell, folder=folder, text=self.text, motion=driven, signal=signal, devices=devices
+        )
+        self._options = options
         self._ends = ExitStack()
         self.cell: SimulatedCell
         self.daemon: Daemon
 
     def __enter__(self) -> SimulatedBench:
-        self.time = self._ends.enter_context(SimulatedClock(self._seed).running())
+        self.time = self._ends.enter_context(SimulatedClock(1).running())
         self.cell = self._make(self.time)
         return self
 

@@ -99,17 +99,17 @@ class Timed:
         return errors_of(stamped, gauge_instants(stamped.columns, stated))
 
 
-def gauge_errors(name: str, latency_ms: float, seconds: float, seed: int = 1) -> Errors:
+def gauge_errors(name: str, latency_ms: float, seconds: float) -> Errors:
     """Read a gauge behind an adapter for a time and return the errors."""
     gauge = GAUGES[name]
-    wire = serial(np.random.default_rng(seed), gauge.line.character_ns, latency_ms)
+    wire = serial(np.random.default_rng(1), gauge.line.character_ns, latency_ms)
     stamped = gauge_run(gauge, wire, seconds, ppm=20.0)
     return errors_of(stamped, gauge_instants(stamped.columns, gauge))
 
 
-def robot_errors(seconds: float, seed: int = 1) -> Errors:
+def robot_errors(seconds: float) -> Errors:
     """Read RTDE from a controller with a drifting clock over a network with jitter, and return the errors."""
-    stamped = robot_run(RTDE, network(np.random.default_rng(seed), JITTER_MS), seconds, DRIFT_PPM)
+    stamped = robot_run(RTDE, network(np.random.default_rng(1), JITTER_MS), seconds, DRIFT_PPM)
     return errors_of(stamped, robot_instants(stamped.columns))
 
 

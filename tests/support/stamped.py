@@ -91,7 +91,6 @@ def serial(
     character_ns: int,
     latency_ms: float,
     answer_ms: float = 3.0,
-    slow: float = 1.003,
     latched_ms: float | None = None,
 ) -> Wire:
     """A realistic serial line.
@@ -106,7 +105,7 @@ def serial(
         return round(float(rng.uniform(0, thinking[-1] if latched_ms is None else latched_ms * 1e6)))
 
     return Wire(
-        round(character_ns * slow),
+        round(character_ns * 1.003),
         latency_ms,
         latch_ns,
         lambda: round(thinking.pop()),

@@ -111,12 +111,10 @@ class UnknownCell:
 
 
 @contextmanager
-def switched_on(
-    gauges: str = "sylvac", robot: str = "ur", motion: MotionSource | None = None, *, streaming: bool = True
-) -> Iterator[UnknownCell]:
+def switched_on(gauges: str = "sylvac", robot: str = "ur", *, streaming: bool = True) -> Iterator[UnknownCell]:
     """Run a cell within the context. streaming: whether laser sensors were configured to send continuously."""
     hand = ByHand()
-    made = UnknownCell(emulated(parse(cell_text(gauges, robot), "unknown"), motion or hand), robot, hand)
+    made = UnknownCell(emulated(parse(cell_text(gauges, robot), "unknown"), hand), robot, hand)
     made.cell.start()
     try:
         if robot == "stream motion":

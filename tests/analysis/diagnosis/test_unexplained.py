@@ -62,12 +62,12 @@ def test_gauges_that_differ_from_repeat_to_repeat_are_reported_first():
     assert found.acts[0].why == "gauges_differ"
 
 
-def _visited_twice(turned_deg: Array, q: Array, noise_mm: float = 0.02, seed: int = 5) -> Diagnosis:
-    rng = np.random.default_rng(seed)
+def _visited_twice(turned_deg: Array, q: Array) -> Diagnosis:
+    rng = np.random.default_rng(5)
     off = q.copy()
     off[:, 1] += np.radians(turned_deg)
     seen = cell("ur10e", none(), rng).seen(off, rng)
-    places: Array = seen.xyz_mm + rng.normal(0, noise_mm, seen.xyz_mm.shape)
+    places: Array = seen.xyz_mm + rng.normal(0, 0.02, seen.xyz_mm.shape)
     return found_in([pose_run("ur10e", q, places)], load("ur10e")[0])
 
 

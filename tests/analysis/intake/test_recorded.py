@@ -14,11 +14,9 @@ from tests.support.table_cases import RIG_FILE, circle_values, csv_text, plain, 
 from tests.support.written_runs import import_table, lap_samples, recorded_run
 
 
-def recorded(runs: Path, test: TestName, direction: Direction, *, exchanged: bool = False) -> Path:
-    """A lap as rigd would have recorded it, with the gauges exchanged if asked."""
-    t_s, q, g_mm = circle_values(test, direction)
-    samples = lap_samples(t_s, q, g_mm[:, ::-1] if exchanged else g_mm)
-    return recorded_run(runs, load(RIG_FILE)[1], test, direction, samples)
+def recorded(runs: Path, test: TestName, direction: Direction) -> Path:
+    """A lap as rigd would have recorded it."""
+    return recorded_run(runs, load(RIG_FILE)[1], test, direction, lap_samples(*circle_values(test, direction)))
 
 
 @pytest.mark.parametrize("direction", ["acw", "cw"])

@@ -13,9 +13,9 @@ Array = np.ndarray[Any, Any]
 LEAST_MS = 0.2
 
 
-def arrivals(rng: np.random.Generator, taken_s: Array, jitter_ms: float = 5.0) -> Array:
+def arrivals(rng: np.random.Generator, taken_s: Array) -> Array:
     """(n,) ns of messages in order, each late by LEAST_MS and more."""
-    late_ms = LEAST_MS + rng.exponential(jitter_ms, len(taken_s))
+    late_ms = LEAST_MS + rng.exponential(5.0, len(taken_s))
     return np.maximum.accumulate(taken_s * 1e9 + late_ms * 1e6)
 
 

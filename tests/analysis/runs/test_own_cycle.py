@@ -12,9 +12,9 @@ Array = np.ndarray[Any, Any]
 MS = 1e6
 
 
-def requests(poll_ms: float = 8.0, seconds: float = 30.0, scatter: float = 0.2, seed: int = 0) -> Array:
+def requests(poll_ms: float = 8.0, scatter: float = 0.2) -> Array:
     """Times (n,) ns of requests, as uneven as a share of their distance."""
-    steps = np.random.default_rng(seed).uniform(1 - scatter, 1 + scatter, int(seconds * 1e3 / poll_ms))
+    steps = np.random.default_rng(0).uniform(1 - scatter, 1 + scatter, int(30_000 / poll_ms))
     return np.cumsum(steps) * poll_ms * MS
 
 
@@ -29,10 +29,8 @@ def swing(at_ns: Array, resolution_mm: float = 1e-4, noise_mm: float = 0.0) -> A
     return np.asarray(np.round(value / resolution_mm) * resolution_mm)[place]
 
 
-def grid(cycle_ms: float, seconds: float = 31.0, jitter: float = 0.0) -> Array:
-    count = int(seconds * 1e3 / cycle_ms) + 20
-    early = np.random.default_rng(2).uniform(-jitter, jitter, count)
-    return np.sort(np.arange(-10, count - 10) + 0.37 + early) * cycle_ms * MS
+def grid(cycle_ms: float) -> Array:
+    return (np.arange(-10, int(31_000 / cycle_ms) + 10) + 0.37) * cycle_ms * MS
 
 
 @pytest.mark.parametrize("stated", [100.0, None])

@@ -35,11 +35,11 @@ def test_a_bad_row_in_each_stand_changes_no_stand(off_deg):
         np.testing.assert_allclose(one.q, other.q, atol=1e-6)
 
 
-def read_thrice(one: PoseTable, noise_mm: float = 0.005) -> PoseTable:
+def read_thrice(one: PoseTable) -> PoseTable:
     rng = np.random.default_rng(4)
     rpy = None if one.rpy is None else np.repeat(one.rpy, 3, axis=0)
     xyz = np.repeat(one.xyz_mm, 3, axis=0)
-    return PoseTable(np.repeat(one.q, 3, axis=0), xyz + rng.normal(0, noise_mm, xyz.shape), rpy)
+    return PoseTable(np.repeat(one.q, 3, axis=0), xyz + rng.normal(0, 0.005, xyz.shape), rpy)
 
 
 def test_three_readings_of_a_stand_are_one_and_no_visits():

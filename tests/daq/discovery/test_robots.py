@@ -170,8 +170,8 @@ JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 ANGLES = (1.5, -70.25, 100.0, 55.0, 85.0, 108.0)
 
 
-def printed(line: Callable[[int], str], count: int = 30, period_ms: float = 10.0) -> list[Arrival]:
-    return [(line(k).encode(), round(1e9 + k * period_ms * 1e6)) for k in range(count)]
+def printed(line: Callable[[int], str], count: int = 30) -> list[Arrival]:
+    return [(line(k).encode(), 1_000_000_000 + 10_000_000 * k) for k in range(count)]
 
 
 def joined(values: tuple[float, ...], separator: str = ",") -> str:

@@ -144,8 +144,8 @@ def test_nested_values_end_with_the_bytes_or_the_depth_limit():
 # --- chunks ---
 
 
-def chunk(more: bytes, part: bytes, request: int = 1, kind: bytes = MESSAGE) -> bytes:
-    return kind + more + struct.pack("<IIIII", 24 + len(part), 0, 0, 1, request) + part
+def chunk(more: bytes, part: bytes, request: int = 1) -> bytes:
+    return MESSAGE + more + struct.pack("<IIIII", 24 + len(part), 0, 0, 1, request) + part
 
 
 def test_long_message_is_sent_in_chunks():

@@ -22,8 +22,8 @@ HALVES = [axis / 2 for axis in range(1, 7)]
 SUBSCRIBED = {"op": "subscribe", "topic": "/joint_states", "type": "sensor_msgs/msg/JointState"}
 
 
-def published(sec: int = 7, nanosec: int = 250_000_000, **changes: object) -> str:
-    header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": ""}
+def published(sec: int = 7, **changes: object) -> str:
+    header = {"stamp": {"sec": sec, "nanosec": 250_000_000}, "frame_id": ""}
     state = {"header": header, "name": list(PANDA), "position": HALVES, "velocity": [], "effort": []}
     return json.dumps({"op": "publish", "topic": "/joint_states", "msg": state | changes})
 

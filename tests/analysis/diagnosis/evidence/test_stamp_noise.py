@@ -20,8 +20,8 @@ PLAY = Backlash(axis=1, width_deg=0.5)
 STILL = RunScatter(0.0, 0.0, 0.0, 0.0)
 
 
-def _sampling(t_s: Array = T_S) -> Sampling:
-    return sampling_of(2 * np.pi * t_s / LAP_S, (), np.empty(0)).without_trend()
+def _sampling() -> Sampling:
+    return sampling_of(2 * np.pi * T_S / LAP_S, (), np.empty(0)).without_trend()
 
 
 def _crossing(t_s: Array, crossed_s: float = 0.03) -> Array:
@@ -72,9 +72,9 @@ def test_readings_with_the_same_stamp_have_no_slope():
     assert np.isfinite(found).all() and found.shape[1]
 
 
-def _scattered(size: Array, seed: int = 4) -> Repeated:
+def _scattered(size: Array) -> Repeated:
     """A thousand runs with noise of `size` (N,) mm, of what a crossing shows of stamps, and with no other scatter."""
-    rng, stamps = np.random.default_rng(seed), _columns(_crossing(T_S))
+    rng, stamps = np.random.default_rng(4), _columns(_crossing(T_S))
     noise = size * rng.standard_normal((1000, len(size)))
     none = np.zeros((len(size), 9))
     rows = noise + rng.standard_normal((1000, stamps.shape[1])) @ stamps.T

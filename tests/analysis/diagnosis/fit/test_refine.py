@@ -118,7 +118,7 @@ GEAR = TransmissionError(axis=4, order=20, amplitude_deg=0.02, phase_deg=179)
 STEPS = {"amplitude_deg": 4e-4, "phase_deg": 1.0, "third": 0.002}
 
 
-def _computed(first: Effect, then: Effect, steps: dict[str, float] = STEPS, kind: str = "slopes") -> int:
+def _computed(first: Effect, then: Effect) -> int:
     times: list[int] = []
 
     def compute() -> Array:
@@ -126,8 +126,8 @@ def _computed(first: Effect, then: Effect, steps: dict[str, float] = STEPS, kind
         return np.zeros((3, 2))
 
     near = NearResponses()
-    near.of("slopes", first, steps, compute)
-    near.of(kind, then, steps, compute)
+    near.of("slopes", first, STEPS, compute)
+    near.of("slopes", then, STEPS, compute)
     return len(times)
 
 

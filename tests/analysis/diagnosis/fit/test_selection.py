@@ -115,9 +115,9 @@ def _beside(*known: Effect, moved_mm: float = 0.0) -> Selection:
     return Selection(linearise(blocks_of(runs, setups, known), setups, known), healthy_columns())
 
 
-def _with(*effects: Effect, level: float = 1.0) -> SelectionState:
+def _with(*effects: Effect) -> SelectionState:
     empty = Selection(healthy(), healthy_columns()).initial_state()
-    return replace(empty, level=Level(level), refined=replace(empty.refined, effects=effects))
+    return replace(empty, level=Level(1.0), refined=replace(empty.refined, effects=effects))
 
 
 def test_columns_hold_for_faults_that_hardly_changed():
