@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from analysis.intake.read import read_file
 from analysis.runs.loading import measured_of
@@ -106,3 +108,19 @@ def test_a_manifest_that_does_not_match_its_table(tmp_path, change):
     manifest.write_text(json.dumps(json.loads(manifest.read_text()) | change))
     with pytest.raises(FileError):
         measured_of(read_run(run))
+
+
+@given(st.lists(st.text(st.characters(exclude_characters="\0", codec="utf-8")), min_size=1, max_size=8))
+def test_extra_columns_hold_any_text(tmp_path_factory, texts):
+    rows = plain("pose")
+    rows = {"extra": [texts[k % len(texts)] for k in range(len(rows["q1_deg"]))], **rows}
+    file = tmp_path_factory.mktemp("any") / "in.csv"
+    file.write_bytes(csv_text(rows).encode())
+    table = read_file(file, "pose", rig()).table
+    assert table["extra"].to_pylist() == rows["extra"]
+    out = file.with_name("out.csv")
+    write_new(out, lambda sink: write_csv(table, sink))
+    back = read_file(out, "pose", rig()).table
+    assert back.drop_columns("extra").equals(table.drop_columns("extra"))
+    assert back["extra"].to_pylist() == [plain_lines(text) for text in rows["extra"]]
+    assert all(line.isprintable() for line in out.read_text().split("\n"))
